@@ -1,0 +1,5 @@
+"""``python -m irbcal``."""
+
+from irbcal.cli.main import main
+
+main()

@@ -1,0 +1,33 @@
+"""``irbcal demo``: the main job on the data that ship with the package."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from irbcal import shipped
+from irbcal.cli import calibrate, show
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = Path("irbcal-demo"),
+    model: Annotated[
+        calibrate.Model, typer.Option(help="Level of the error model (thesis, section 5.4).")
+    ] = calibrate.Model["34"],
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+):
+    """Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses."""
+    if not json:
+        show.say("Demonstration on SIMULATED measurements of an IRB 1600 that errs like the one of the thesis.")
+    calibrate.run(
+        shipped.demo_file("demo_identification.csv"),
+        "irb1600",
+        out,
+        json,
+        save={"with_world": False, "with_targets": False},
+        model=model.value,
+        verify=shipped.demo_file("demo_verification.csv"),
+    )
+    if not json:
+        show.say("\nNext, with your own file:")
+        show.say("  irbcal calibrate MEASUREMENTS.csv --robot ROBOT.urdf --out my-robot")

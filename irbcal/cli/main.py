@@ -1,0 +1,34 @@
+"""Entry point of the ``irbcal`` command."""
+
+import os
+import sys
+
+import typer
+
+from irbcal.cli import calibrate, demo, evaluate, fk
+from irbcal.errors import IrbcalError
+
+app = typer.Typer(
+    name="irbcal",
+    help="Calibrate six-axis robots from laser-tracker measurements: corrected URDF, joint map, proof.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("demo")(demo.demo)
+app.command("calibrate")(calibrate.calibrate)
+app.command("evaluate")(evaluate.evaluate)
+app.command("fk")(fk.fk)
+
+
+def main():
+    """Run a command; refusals become one sentence on stderr and exit code 1."""
+    try:
+        app()
+    except IrbcalError as error:
+        print(f"irbcal: {error}", file=sys.stderr)
+        sys.exit(1)
+    except BrokenPipeError:  # the reader of our output, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)

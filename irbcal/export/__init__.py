@@ -1,0 +1,1 @@
+"""What others read: URDF, the calibration folder, Pinocchio, the report."""

@@ -1,0 +1,567 @@
+"""The calibration folder: ``calibrated.urdf``, ``calibration.json`` and ``report.html``."""
+
+import hashlib
+import os
+import platform
+import tempfile
+from contextlib import suppress
+from datetime import datetime, timezone
+from importlib.metadata import version
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from irbcal.errors import CalibrationError
+from irbcal.export import pinocchio_model, urdf
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.dhm import DHMTable
+from irbcal.modeling.jointmap import FORMULA, JointMap
+from irbcal.modeling.robot import Robot
+from irbcal.units import DEG, MM
+from irbcal.validation.accuracy import distances, statistics, statistics_by
+
+SCHEMA = "irbcal-calibration-1"
+URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
+TEST_VECTORS = 5
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Statistics(_Model):
+    """Statistics of distances between measured and predicted points, mm."""
+
+    n: int
+    mean_mm: float
+    sigma_mm: float
+    max_mm: float
+    mean_plus_3sigma_mm: float
+    rms_mm: float
+
+
+class Row(_Model):
+    """One row of a DHM table; ``beta`` is Hayati's tilt about y."""
+
+    alpha_deg: float
+    a_mm: float
+    theta_deg: float
+    d_mm: float
+    beta_deg: float
+
+
+class Pose(_Model):
+    """A frame: position and unit quaternion, scalar first."""
+
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    qw: float
+    qx: float
+    qy: float
+    qz: float
+
+
+class RobotSection(_Model):
+    """The arm: names, limits (null where there is none) and the constant frames around the DHM chain."""
+
+    name: str
+    urdf: str
+    urdf_sha256: str
+    base_link: str
+    tip_link: str
+    joint_names: list[str]
+    lower_deg: list[float | None]
+    upper_deg: list[float | None]
+    base_to_frame0: list[list[float]]
+    frame6_to_tip: list[list[float]]
+    dhm_nominal: list[Row]
+    dhm_calibrated: list[Row]
+
+
+class Parameter(_Model):
+    """One identified, tied or held parameter."""
+
+    name: str
+    value: float
+    unit: str
+    std: float | None
+    state: Literal["identified", "tied", "held"]
+    reason: str
+
+
+class TestVector(_Model):
+    """Commanded joints and the effective joints they give, radians."""
+
+    commanded_rad: list[float]
+    effective_rad: list[float]
+
+
+class JointMapSection(_Model):
+    """The joint map, complete enough to be implemented elsewhere."""
+
+    formula: Literal["irbcal-joint-map-1"]
+    equations: list[str]
+    gain: list[float]
+    stiffness_A_rad: float
+    stiffness_B_rad: float
+    phi2_rad: float
+    phi3_rad: float
+    fourier_a1_rad: float
+    fourier_b1_rad: float
+    fourier_a2_rad: float
+    fourier_b2_rad: float
+    test_vectors: list[TestVector]
+
+
+class Placement(_Model):
+    """Base in the measuring frame and targets (mm) in the tip link."""
+
+    base: Pose
+    targets: dict[str, list[float]]
+
+
+class Errors(_Model):
+    """Statistics of one set of poses, all points and by target."""
+
+    all: Statistics
+    per_target: dict[str, Statistics]
+    per_group: dict[str, Statistics]
+
+
+class PointTable(_Model):
+    """Every used point, column by column: what the report's figures are drawn from."""
+
+    pose: list[str]
+    group: list[str]
+    target: list[str]
+    heldout: list[bool]
+    nominal_mm: list[float]
+    calibrated_mm: list[float]
+
+
+class Exclusion(_Model):
+    """A point that was left out, with the reason."""
+
+    pose: str
+    target: str
+    reason: str
+
+
+class Objective(_Model):
+    """What was minimised and what was reached."""
+
+    name: Literal["rms", "max", "pnorm"]
+    value_mm: float
+    lower_bound_mm: float | None
+
+
+class DataFile(_Model):
+    """A data file and its fingerprint."""
+
+    file: str
+    sha256: str
+
+
+class Check(_Model):
+    """Largest disagreement with Pinocchio on the written URDF."""
+
+    position_m: float
+    rotation_rad: float
+    poses: int
+
+
+class Calibration(_Model):
+    """Content of ``calibration.json``."""
+
+    schema_name: Literal["irbcal-calibration-1"]
+    created: str
+    simulated: bool
+    calibrated_urdf_sha256: str
+    robot: RobotSection
+    model: str
+    objective: Objective
+    rank: int
+    parameter_count: int
+    parameters: list[Parameter]
+    held: list[str]
+    joint_map: JointMapSection
+    placement: Placement
+    placement_nominal: Placement
+    references_mm: dict[str, list[float]]
+    fit: Errors
+    fit_nominal: Errors
+    heldout: Errors | None
+    heldout_nominal: Errors | None
+    poses_fit: int
+    poses_heldout: int
+    poses_excluded: int
+    points: PointTable
+    excluded: list[Exclusion]
+    notes: list[str]
+    data: list[DataFile]
+    pinocchio_check: Check
+    software: dict[str, str]
+    seconds: float
+
+    def arm(self, calibrated=True):
+        """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
+        section = self.robot
+        limits = [
+            [np.inf * sign if value is None else value * DEG for value in values]
+            for sign, values in ((-1, section.lower_deg), (1, section.upper_deg))
+        ]
+        return Arm(
+            section.name,
+            _table(section.dhm_calibrated if calibrated else section.dhm_nominal),
+            np.array(section.base_to_frame0),
+            np.array(section.frame6_to_tip),
+            tuple(section.joint_names),
+            *limits,
+            section.base_link,
+            section.tip_link,
+        )
+
+    def robot_calibrated(self):
+        """The calibrated robot: predicts points and poses from commanded joints."""
+        j = self.joint_map
+        joint_map = JointMap(
+            j.gain,
+            [j.stiffness_A_rad, j.stiffness_B_rad],
+            [j.phi2_rad, j.phi3_rad],
+            [j.fourier_a1_rad, j.fourier_b1_rad, j.fourier_a2_rad, j.fourier_b2_rad],
+        )
+        return Robot(self.arm(), joint_map, *_placed(self.placement))
+
+    def robot_nominal(self):
+        """The nominal robot with base and tool identified from the same poses."""
+        return Robot(self.arm(calibrated=False), JointMap(), *_placed(self.placement_nominal))
+
+    def reference_places(self):
+        """Places of the reference points in the measuring frame, dict of arrays (3,), metres."""
+        return {name: np.array(place) * MM for name, place in self.references_mm.items()}
+
+
+def _table(rows):
+    return DHMTable(
+        *(
+            [getattr(row, name) * unit for row in rows]
+            for name, unit in (
+                ("alpha_deg", DEG),
+                ("a_mm", MM),
+                ("theta_deg", DEG),
+                ("d_mm", MM),
+                ("beta_deg", DEG),
+            )
+        )
+    )
+
+
+def _rows(table):
+    return [
+        Row(
+            alpha_deg=table.alpha[i] / DEG,
+            a_mm=table.a[i] / MM,
+            theta_deg=table.theta[i] / DEG,
+            d_mm=table.d[i] / MM,
+            beta_deg=table.beta[i] / DEG,
+        )
+        for i in range(len(table.a))
+    ]
+
+
+def _pose(T):
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+    return Pose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
+
+
+def _placed(placement):
+    from scipy.spatial.transform import Rotation
+
+    b = placement.base
+    T = frames.transform(
+        Rotation.from_quat([b.qx, b.qy, b.qz, b.qw]).as_matrix(), np.array([b.x_mm, b.y_mm, b.z_mm]) * MM
+    )
+    return T, {name: np.array(xyz) * MM for name, xyz in placement.targets.items()}
+
+
+def _placement(robot):
+    targets = {name: (xyz / MM).tolist() for name, xyz in robot.targets.items()}
+    return Placement(base=_pose(robot.T_world_base), targets=targets)
+
+
+def _joint_map_section(joint_map, arm):
+    q = arm.random_joints(TEST_VECTORS, seed=1)
+    vectors = [
+        TestVector(commanded_rad=row.tolist(), effective_rad=effective.tolist())
+        for row, effective in zip(q, joint_map.effective(q), strict=True)
+    ]
+    a1, b1, a2, b2 = joint_map.fourier
+    return JointMapSection(
+        formula=FORMULA,
+        equations=[
+            "theta_i = q_i + gain_i q_i for i = 1 ... 6 (radians)",
+            "theta_2 += A sin(q_2 + phi2) + B sin(q_2 + q_3 + phi3)",
+            "theta_3 += B sin(q_2 + q_3 + phi3)",
+            "theta_6 += a1 cos(q_6) + b1 sin(q_6) + a2 cos(2 q_6) + b2 sin(2 q_6)",
+        ],
+        gain=joint_map.gain.tolist(),
+        stiffness_A_rad=joint_map.stiffness[0],
+        stiffness_B_rad=joint_map.stiffness[1],
+        phi2_rad=joint_map.phases[0],
+        phi3_rad=joint_map.phases[1],
+        fourier_a1_rad=a1,
+        fourier_b1_rad=b1,
+        fourier_a2_rad=a2,
+        fourier_b2_rad=b2,
+        test_vectors=vectors,
+    )
+
+
+def _limits(values):
+    return [float(value) / DEG if np.isfinite(value) else None for value in values]
+
+
+def _robot_section(outcome):
+    arm = outcome.urdf.arm
+    return RobotSection(
+        name=arm.name,
+        urdf=outcome.robot_file.name,
+        urdf_sha256=hashlib.sha256(outcome.robot_file.read_bytes()).hexdigest(),
+        base_link=arm.base_link,
+        tip_link=arm.tip_link,
+        joint_names=list(arm.joint_names),
+        lower_deg=_limits(arm.lower),
+        upper_deg=_limits(arm.upper),
+        base_to_frame0=arm.T_base_0.tolist(),
+        frame6_to_tip=arm.T_6_tip.tolist(),
+        dhm_nominal=_rows(arm.table),
+        dhm_calibrated=_rows(outcome.fit.robot.table),
+    )
+
+
+def _errors(robot, points):
+    if not len(points):
+        return None
+    distance = distances(robot, points)
+    groups = points.groups[points.pose]
+    return Errors(
+        all=statistics(distance),
+        per_target=statistics_by(distance, points.names()),
+        per_group={name: value for name, value in statistics_by(distance, groups).items() if name},
+    )
+
+
+def _point_table(outcome):
+    columns = {key: [] for key in PointTable.model_fields}
+    for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
+        columns["pose"] += [str(value) for value in points.pose_ids[points.pose]]
+        columns["group"] += [str(value) for value in points.groups[points.pose]]
+        columns["target"] += [str(value) for value in points.names()]
+        columns["heldout"] += [heldout] * len(points)
+        if len(points):
+            columns["nominal_mm"] += (distances(outcome.nominal.robot, points) / MM).tolist()
+            columns["calibrated_mm"] += (distances(outcome.fit.robot, points) / MM).tolist()
+    return PointTable(**columns)
+
+
+def software():
+    """Versions of what a result depends on."""
+    packages = {name: version(name) for name in ("irbcal", "numpy", "scipy", "pandas", "pin")}
+    return {"python": platform.python_version(), **packages}
+
+
+def build(outcome, with_world=False, with_targets=False):
+    """Content of a calibration folder, checked against Pinocchio.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    with_world, with_targets : bool
+        Add the measuring frame and the reflectors to the URDF.
+
+    Returns
+    -------
+    calibration : Calibration
+    urdf_bytes : bytes
+
+    Raises
+    ------
+    CalibrationError
+        If Pinocchio disagrees with the URDF by more than 1e-9.
+    """
+    robot = outcome.fit.robot
+    urdf_bytes = urdf.to_bytes(
+        outcome.urdf,
+        robot.arm,
+        robot.T_world_base if with_world else None,
+        robot.targets if with_targets else None,
+    )
+    check = pinocchio_model.check(urdf_bytes, robot.arm)
+    files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
+    calibration = Calibration(
+        schema_name=SCHEMA,
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        simulated=any(item.simulated for item in files),
+        calibrated_urdf_sha256=hashlib.sha256(urdf_bytes).hexdigest(),
+        robot=_robot_section(outcome),
+        model=outcome.fit.level,
+        objective=Objective(name="rms", value_mm=outcome.fit.rms / MM, lower_bound_mm=None),
+        rank=outcome.fit.rank,
+        parameter_count=outcome.fit.parameter_count,
+        parameters=[vars(parameter) for parameter in outcome.fit.parameters()],
+        held=outcome.fit.held(),
+        joint_map=_joint_map_section(robot.joint_map, robot.arm),
+        placement=_placement(robot),
+        placement_nominal=_placement(outcome.nominal.robot),
+        references_mm={name: (place / MM).tolist() for name, place in outcome.references.items()},
+        fit=_errors(robot, outcome.fit_points),
+        fit_nominal=_errors(outcome.nominal.robot, outcome.fit_points),
+        heldout=_errors(robot, outcome.heldout_points),
+        heldout_nominal=_errors(outcome.nominal.robot, outcome.heldout_points),
+        poses_fit=outcome.fit_points.poses,
+        poses_heldout=outcome.heldout_points.poses,
+        poses_excluded=outcome.poses_asked - outcome.fit_points.poses - outcome.heldout_points.poses,
+        points=_point_table(outcome),
+        excluded=[vars(item) for item in outcome.excluded],
+        notes=outcome.notes,
+        data=[DataFile(file=Path(item.source).name, sha256=item.sha256) for item in files],
+        pinocchio_check=check,
+        software=software(),
+        seconds=outcome.seconds,
+    )
+    return calibration, urdf_bytes
+
+
+def save(outcome, folder, **options):
+    """Write a calibration folder: all three files, or none.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    folder : str or Path
+        Made if absent; other files in it are left alone.
+    **options
+        See `build`.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    CalibrationError
+        If the folder cannot be written or Pinocchio disagrees with the URDF.
+    """
+    from irbcal.export import report
+
+    check_writable(folder)
+    calibration, urdf_bytes = build(outcome, **options)
+    write_together(
+        folder,
+        {
+            URDF_NAME: urdf_bytes,
+            REPORT_NAME: report.render(calibration).encode("utf-8"),
+            JSON_NAME: (calibration.model_dump_json(indent=1) + "\n").encode("utf-8"),
+        },
+    )
+    return calibration
+
+
+def check_writable(folder):
+    """Refuse a folder that cannot be written, before any work is done."""
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=".irbcal-", dir=folder)
+        os.close(handle)
+        os.unlink(name)
+    except FileExistsError:
+        raise CalibrationError(f"{folder}: expected a folder to write to, found a file") from None
+    except OSError as error:
+        raise CalibrationError(f"{folder}: cannot write to this folder: {error.strerror}") from None
+
+
+def write_together(folder, contents):
+    """Write files into a folder so that either all are new or all are as before.
+
+    Each file is written and flushed under a temporary name first; then all are renamed. If a rename
+    fails, those done are taken back.
+
+    Parameters
+    ----------
+    folder : str or Path
+    contents : dict of str to bytes
+
+    Raises
+    ------
+    CalibrationError
+        If the folder cannot be written.
+    """
+    folder = Path(folder)
+    done = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".irbcal-", dir=folder) as temporary:
+            new, old = Path(temporary, "new"), Path(temporary, "old")
+            new.mkdir()
+            old.mkdir()
+            for name, content in contents.items():
+                with open(new / name, "wb") as stream:
+                    stream.write(content)
+                    stream.flush()
+                    os.fsync(stream.fileno())
+            try:
+                for name in contents:
+                    if (folder / name).exists():
+                        os.link(folder / name, old / name)
+                    done.append(name)
+                    os.replace(new / name, folder / name)
+            except BaseException:
+                for name in done:
+                    if (old / name).exists():
+                        os.replace(old / name, folder / name)
+                    elif not (new / name).exists():
+                        with suppress(FileNotFoundError):
+                            os.unlink(folder / name)
+                raise
+    except OSError as error:
+        raise CalibrationError(f"{folder}: cannot write to this folder: {error.strerror}") from None
+
+
+def load(folder):
+    """Read a calibration folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    CalibrationError
+        If a file is missing, damaged, or the URDF is not the one the calibration was written with.
+    """
+    folder = Path(folder)
+    json_path, urdf_path = folder / JSON_NAME, folder / URDF_NAME
+    try:
+        calibration = Calibration.model_validate_json(json_path.read_bytes())
+        urdf_bytes = urdf_path.read_bytes()
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the file"
+        raise CalibrationError(f"{json_path}: {where}: {first['msg']}") from None
+    except OSError as error:
+        path = error.filename or folder
+        raise CalibrationError(f"{path}: not a calibration folder: {error.strerror}") from None
+    if hashlib.sha256(urdf_bytes).hexdigest() != calibration.calibrated_urdf_sha256:
+        raise CalibrationError(f"{urdf_path}: this is not the URDF that {JSON_NAME} was written with")
+    return calibration

@@ -1,0 +1,472 @@
+"""URDF to DHM and back.
+
+Reading takes any serial arm with six revolute joints between a base and a tip link to a DHM table plus the
+constant place of each link frame in its DHM frame. Writing patches the joint origins in the original XML
+tree: with ``F_i`` the link frame in DHM frame i and ``S_i`` the corrected DHM step at zero joints, the
+corrected origin of joint i is ``F_{i-1}^-1 S_i F_i``, so that axes, visuals, collisions and inertials keep
+their place in their links. Everything else in the file stays as it was.
+
+A URDF is untrusted input: document types and entities are refused before parsing, nothing is fetched.
+"""
+
+import copy
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from irbcal import shipped
+from irbcal.errors import RobotError
+from irbcal.modeling import dhm, frames
+from irbcal.modeling.arm import Arm
+
+MAX_BYTES = 20_000_000
+NEARLY_PARALLEL = np.sin(np.radians(5.0))
+"""Sine of the angle below which two axes get Hayati's form instead of a far-away common normal."""
+
+TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfArm:
+    """A parsed URDF and the arm found in it.
+
+    Attributes
+    ----------
+    arm : Arm
+    tree : lxml ElementTree
+        The original document; never changed, writing works on a copy.
+    joint_elements : tuple of int
+        Position of the six moving joints among the document's ``joint`` elements.
+    T_dhm_link : ndarray, shape (7, 4, 4)
+        Link frame in its DHM frame: base link in frame 0, then the child link of each moving joint.
+    T_link_parent : ndarray, shape (6, 4, 4)
+        Parent link of each moving joint in the link frame before it (fixed joints in between).
+    root_link : str
+    T_root_base : ndarray, shape (4, 4)
+    """
+
+    arm: Arm
+    tree: object
+    joint_elements: tuple
+    T_dhm_link: np.ndarray
+    T_link_parent: np.ndarray
+    root_link: str
+    T_root_base: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Joint:
+    name: str
+    kind: str
+    parent: str
+    child: str
+    T_parent_joint: np.ndarray
+    axis: np.ndarray
+    lower: float
+    upper: float
+    mimic: bool
+    position: int
+
+
+def read(path, base=None, tip=None):
+    """Read a robot from a URDF file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, or the name of a shipped robot (``irb1600``, ``irb120``).
+    base, tip : str, optional
+        Link names; by default ``base_link`` (or the root) and ``tool0``, ``flange``, ``ee_link`` or the last link.
+
+    Returns
+    -------
+    UrdfArm
+
+    Raises
+    ------
+    RobotError
+        If the file cannot be read safely or does not hold a serial arm with six revolute joints.
+    """
+    path = shipped.robot_file(path)
+    return from_bytes(path.read_bytes(), str(path), base, tip)
+
+
+def from_bytes(data, source, base=None, tip=None):
+    """As `read`, from the file's content; ``source`` names it in errors."""
+    tree = _parse(data, source)
+    root = tree.getroot()
+    joints = _joints(root, source)
+    links = [link.get("name") for link in root.findall("link")]
+    root_link = _check_structure(links, joints, source)
+    by_child = {joint.child: joint for joint in joints}
+    if base is None:
+        base = "base_link" if "base_link" in links else root_link
+    tip = _choose_tip(tip, links, by_child, source)
+    for name in (base, tip):
+        if name not in links:
+            raise RobotError(f"{source}: there is no link {name!r}; links are {', '.join(links)}")
+    path = _path(base, tip, by_child, source)
+    moving = _six_revolute(path, base, tip, source)
+    return _build(root.get("name") or Path(source).stem, tree, path, moving, base, tip, root_link, by_child, source)
+
+
+def _parse(data, source):
+    from lxml import etree
+
+    if not data.strip():
+        raise RobotError(f"{source}: the file is empty, expected a URDF")
+    if len(data) > MAX_BYTES:
+        raise RobotError(f"{source}: {len(data)} bytes is too large for a URDF (at most {MAX_BYTES})")
+    encoding = re.match(rb"\s*<\?xml[^>]*encoding\s*=\s*['\"]([\w.-]+)['\"]", data.removeprefix(b"\xef\xbb\xbf"))
+    if b"\x00" in data or (encoding and encoding[1].lower() not in (b"utf-8", b"us-ascii", b"ascii", b"iso-8859-1")):
+        raise RobotError(f"{source}: expected UTF-8 text, found another encoding")
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        line = data[: data.find(b"<!")].count(b"\n") + 1
+        raise RobotError(f"{source}: line {line}: document types and entities are refused in a URDF")
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        tree = etree.ElementTree(etree.fromstring(data, parser))
+    except etree.XMLSyntaxError as error:
+        raise RobotError(f"{source}: not well-formed XML: {' '.join(error.msg.split())}") from None
+    if tree.getroot().tag != "robot":
+        raise RobotError(f"{source}: expected a <robot> element at the top, found <{tree.getroot().tag}>")
+    return tree
+
+
+def _numbers(text, count, what, source):
+    try:
+        values = np.array([float(part) for part in text.split()])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != count or not np.isfinite(values).all():
+        raise RobotError(f"{source}: {what}: expected {count} numbers, found {text!r}")
+    return values
+
+
+def _origin(element, what, source):
+    origin = element.find("origin")
+    if origin is None:
+        return np.eye(4)
+    xyz = _numbers(origin.get("xyz", "0 0 0"), 3, f"{what}, origin xyz", source)
+    rpy = _numbers(origin.get("rpy", "0 0 0"), 3, f"{what}, origin rpy", source)
+    return frames.transform(frames.matrix_from_rpy(rpy), xyz)
+
+
+def _limits(element, kind, what, source):
+    limit = element.find("limit")
+    if kind != "revolute" or limit is None:
+        return -np.inf, np.inf
+    return tuple(
+        _numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0] for key in ("lower", "upper")
+    )
+
+
+def _joints(root, source):
+    joints = []
+    for position, element in enumerate(root.findall("joint")):
+        name, kind = element.get("name"), element.get("type")
+        what = f"joint {name!r}"
+        ends = [element.find(tag) for tag in ("parent", "child")]
+        if name is None or kind is None or None in ends or any(end.get("link") is None for end in ends):
+            line = element.sourceline
+            raise RobotError(f"{source}: line {line}: a joint needs a name, a type, a parent and a child link")
+        axis_element = element.find("axis")
+        axis_text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
+        axis = _numbers(axis_text, 3, f"{what}, axis", source)
+        length = np.linalg.norm(axis)
+        if kind in ("revolute", "continuous", "prismatic") and length < 1e-6:
+            raise RobotError(f"{source}: {what}: the axis has no direction: {axis_text!r}")
+        joints.append(
+            _Joint(
+                name,
+                kind,
+                ends[0].get("link"),
+                ends[1].get("link"),
+                _origin(element, what, source),
+                axis / length if length else axis,
+                *_limits(element, kind, what, source),
+                element.find("mimic") is not None,
+                position,
+            )
+        )
+    return joints
+
+
+def _check_structure(links, joints, source):
+    """One root, no cycles, every joint between known links; returns the root link."""
+    for names, what in ((links, "link"), ([joint.name for joint in joints], "joint")):
+        double = sorted({name for name in names if names.count(name) > 1}, key=str)
+        if double:
+            raise RobotError(f"{source}: {what} name {double[0]!r} is used {names.count(double[0])} times")
+    parent = {}
+    for joint in joints:
+        for end in (joint.parent, joint.child):
+            if end not in links:
+                raise RobotError(f"{source}: joint {joint.name!r} names a link {end!r} that does not exist")
+        if joint.child in parent:
+            raise RobotError(f"{source}: link {joint.child!r} has two parent joints: not a tree")
+        parent[joint.child] = joint.parent
+    roots = [link for link in links if link not in parent]
+    if len(roots) != 1:
+        found = ", ".join(roots) or "none: the joints form a cycle"
+        raise RobotError(f"{source}: expected exactly one root link, found {found}")
+    for link in links:
+        seen = {link}
+        while link in parent:
+            link = parent[link]
+            if link in seen:
+                raise RobotError(f"{source}: the joints form a cycle through link {link!r}")
+            seen.add(link)
+    return roots[0]
+
+
+def _choose_tip(tip, links, by_child, source):
+    if tip is not None:
+        return tip
+    for name in TIP_NAMES:
+        if name in links:
+            return name
+    parents = {joint.parent for joint in by_child.values()}
+    leaves = [link for link in links if link not in parents]
+
+    def depth(link):
+        count = 0
+        while link in by_child:
+            count += by_child[link].kind != "fixed"
+            link = by_child[link].parent
+        return count
+
+    deepest = max(map(depth, leaves), default=0)
+    best = [link for link in leaves if depth(link) == deepest]
+    if len(best) != 1:
+        raise RobotError(f"{source}: which link is the tip? candidates are {', '.join(best)}: name one with --tip")
+    return best[0]
+
+
+def _path(base, tip, by_child, source):
+    path, link = [], tip
+    while link != base:
+        if link not in by_child:
+            raise RobotError(f"{source}: there is no chain of joints from link {base!r} to link {tip!r}")
+        path.append(by_child[link])
+        link = by_child[link].parent
+    return path[::-1]
+
+
+def _six_revolute(path, base, tip, source):
+    moving = [joint for joint in path if joint.kind != "fixed"]
+    listed = ", ".join(f"{joint.name} ({joint.kind})" for joint in moving) or "none"
+    other = [joint for joint in moving if joint.kind not in ("revolute", "continuous")]
+    if len(moving) != 6 or other:
+        raise RobotError(
+            f"{source}: expected six revolute joints between {base!r} and {tip!r}, "
+            f"found {len(moving)} moving joints: {listed}"
+        )
+    for joint in moving:
+        if joint.mimic:
+            raise RobotError(f"{source}: joint {joint.name!r} mimics another joint, expected six independent ones")
+    return moving
+
+
+def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
+    """DHM table and link offsets of the chain at zero joints."""
+    T = np.eye(4)
+    link_frames, parent_frames = [np.eye(4)], []
+    for joint in path:
+        if joint in moving:
+            parent_frames.append(frames.inverse(link_frames[-1]) @ T)
+        T = T @ joint.T_parent_joint
+        if joint in moving:
+            link_frames.append(T)
+    points = np.array([link[:3, 3] for link in link_frames[1:]])
+    axes = np.array([link[:3, :3] @ joint.axis for link, joint in zip(link_frames[1:], moving, strict=True)])
+    table, T_base_0, T_6_tip = dhm_from_axes(points, axes, T)
+    arm = Arm(
+        name,
+        table,
+        T_base_0,
+        T_6_tip,
+        tuple(joint.name for joint in moving),
+        [joint.lower for joint in moving],
+        [joint.upper for joint in moving],
+        base,
+        tip,
+    )
+    T_base_dhm = [T_base_0]
+    for i in range(6):
+        T_base_dhm.append(T_base_dhm[-1] @ table.step(i))
+    T_dhm_link = np.array([frames.inverse(D) @ L for D, L in zip(T_base_dhm, link_frames, strict=True)])
+    if np.abs(T_base_dhm[-1] @ T_6_tip - T).max() > 1e-9 or np.abs(T_dhm_link[1:, :2, 3]).max() > 1e-9:
+        raise AssertionError(f"{source}: the DHM table does not give the URDF's zero pose back")
+    T_root_base, link = np.eye(4), base
+    while link in by_child:
+        T_root_base = by_child[link].T_parent_joint @ T_root_base
+        link = by_child[link].parent
+    positions = tuple(joint.position for joint in moving)
+    return UrdfArm(arm, tree, positions, T_dhm_link, np.array(parent_frames), root_link, T_root_base)
+
+
+def dhm_from_axes(points, axes, T_base_tip):
+    """DHM table of six joint axes and a tip frame at zero joints (Nubiola 2011, section 3.1.2).
+
+    The x axis of each frame runs along the common normal to the next axis; where the axes intersect, its
+    sign is the one nearer to the previous x axis. Nearly parallel axes get Hayati's form: the next axis is
+    met where it pierces the plane normal to this one, so that no frame is thrown far away.
+
+    Parameters
+    ----------
+    points : ndarray, shape (6, 3)
+        A point on each axis, in the base link, metres.
+    axes : ndarray, shape (6, 3)
+        Unit direction of each axis.
+    T_base_tip : ndarray, shape (4, 4)
+
+    Returns
+    -------
+    table : DHMTable
+    T_base_0, T_6_tip : ndarray, shape (4, 4)
+    """
+    z, across = axes[0], np.array([1.0, 0.0, 0.0])
+    if abs(z @ across) > 0.9:
+        across = np.array([0.0, 1.0, 0.0])
+    x = _unit(across - z * (z @ across))
+    entry = points[0] - z * (z @ points[0])  # where the chain arrives on this axis
+    T_base_0 = frames.transform(np.column_stack([x, np.cross(z, x), z]), entry)
+    alpha, a, theta, d, beta = (np.zeros(6) for _ in range(5))
+    for i in range(6):
+        z = axes[i]
+        if i < 5:
+            origin, next_entry, next_x = _common_normal(entry, z, points[i + 1], axes[i + 1], x)
+        else:
+            origin, next_x = _last_frame(entry, z, x, T_base_tip)
+        d[i] = z @ (origin - entry)
+        theta[i] = np.arctan2(z @ np.cross(x, next_x), x @ next_x)
+        if i < 5:
+            x = next_x
+            a[i + 1] = x @ (next_entry - origin)
+            ahead = np.array([x, np.cross(z, x), z]) @ axes[i + 1]  # next axis seen in this frame
+            if np.linalg.norm(np.cross(z, axes[i + 1])) < NEARLY_PARALLEL:
+                beta[i + 1] = np.arcsin(ahead[0])
+                x = _carried_x(next_x, z, axes[i + 1], beta[i + 1])
+            alpha[i + 1] = np.arctan2(-ahead[1], ahead[2])
+            entry = next_entry
+    T_base_6 = frames.transform(np.column_stack([next_x, np.cross(axes[5], next_x), axes[5]]), origin)
+    for column in (alpha, a, theta, d, beta):
+        column[np.abs(column) < 1e-14] = 0.0
+    T_6_tip = frames.inverse(T_base_6) @ T_base_tip
+    if np.abs(T_6_tip - np.eye(4)).max() < 1e-12:
+        T_6_tip = np.eye(4)
+    return dhm.DHMTable(alpha, a, theta, d, beta), T_base_0, T_6_tip
+
+
+def _unit(v):
+    return v / np.linalg.norm(v)
+
+
+def _carried_x(x, z, z_next, beta):
+    """The x axis after Hayati's tilt: Rot(x, alpha) Rot(y, beta) applied to x."""
+    # z_next = sin(beta) x + cos(beta) w with w the tilted z before beta, and x' = cos(beta) x - sin(beta) w
+    w = (z_next - np.sin(beta) * x) / np.cos(beta)
+    return np.cos(beta) * x - np.sin(beta) * w
+
+
+def _common_normal(entry, z, next_point, z_next, x):
+    """Origin on this axis, entry point on the next one, and the x axis between them."""
+    cross = np.cross(z, z_next)
+    sine = np.linalg.norm(cross)
+    if sine < NEARLY_PARALLEL:
+        origin = entry
+        next_entry = next_point + z_next * (z @ (origin - next_point)) / (z @ z_next)
+        along = next_entry - origin
+        return origin, next_entry, _unit(along) if np.linalg.norm(along) > 1e-9 else x
+    gap = next_point - entry
+    origin = entry + z * (np.cross(gap, z_next) @ cross) / sine**2
+    next_entry = next_point + z_next * (np.cross(gap, z) @ cross) / sine**2
+    length = (next_entry - origin) @ cross / sine
+    direction = cross / sine
+    if abs(length) > 1e-9:
+        return origin, next_entry, direction * np.sign(length)
+    near = direction @ x
+    return origin, next_entry, direction if near > -1e-9 else -direction
+
+
+def _last_frame(entry, z, x, T_base_tip):
+    """Frame 6: the tip itself where its z axis lies on axis 6, else the foot of the tip's origin on it."""
+    tip = T_base_tip[:3, 3]
+    origin = entry + z * (z @ (tip - entry))
+    if np.linalg.norm(T_base_tip[:3, 2] - z) < 1e-9 and np.linalg.norm(tip - origin) < 1e-9:
+        tip_x = T_base_tip[:3, 0]
+        return tip, _unit(tip_x - z * (z @ tip_x))
+    return origin, x
+
+
+def to_bytes(urdf, arm, T_world_base=None, targets=None):
+    """The URDF with corrected joint origins.
+
+    Parameters
+    ----------
+    urdf : UrdfArm
+        As read.
+    arm : Arm
+        The corrected arm: same frames 0 and tip, another DHM table.
+    T_world_base : ndarray, shape (4, 4), optional
+        Adds a link ``world`` (the measuring frame) and a fixed joint to the root.
+    targets : dict of str to ndarray, shape (3,), optional
+        Adds a link ``target_NAME`` for each reflector, fixed to the tip; metres.
+
+    Returns
+    -------
+    bytes
+    """
+    from lxml import etree
+
+    tree = copy.deepcopy(urdf.tree)
+    root = tree.getroot()
+    elements = root.findall("joint")
+    for i, position in enumerate(urdf.joint_elements):
+        T = frames.inverse(urdf.T_link_parent[i]) @ frames.inverse(urdf.T_dhm_link[i])
+        before = T @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        after = T @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        if not np.array_equal(before, after):
+            _set_origin(elements[position], after, etree)
+    names = {element.get("name") for element in root.iter("link", "joint")}
+    if T_world_base is not None:
+        world = next(name for name in ("world", "measuring_frame", "irbcal_world") if name not in names)
+        T_world_root = T_world_base @ frames.inverse(urdf.T_root_base)
+        _add_fixed(root, world, urdf.root_link, world, T_world_root, etree)
+    for name, xyz in (targets or {}).items():
+        link = f"target_{name}"
+        _add_fixed(root, urdf.arm.tip_link, link, link, frames.transform(None, xyz), etree)
+    # lxml drops the line ends between the comments before and after the root element: write them one a line
+    around = [*reversed(list(root.itersiblings(preceding=True))), root, *root.itersiblings()]
+    parts = [b'<?xml version="1.0" encoding="utf-8"?>']
+    parts += [etree.tostring(node, encoding="utf-8", with_tail=False) for node in around]
+    return b"\n".join(parts) + b"\n"
+
+
+def _text(values):
+    # adding zero turns -0 into 0
+    return " ".join(format(float(value) + 0.0, ".17g") for value in values)
+
+
+def _set_origin(joint, T, etree):
+    origin = joint.find("origin")
+    if origin is None:
+        origin = etree.Element("origin")
+        origin.tail = joint.text
+        joint.insert(0, origin)
+    origin.set("xyz", _text(T[:3, 3]))
+    origin.set("rpy", _text(frames.rpy_from_matrix(T[:3, :3])))
+
+
+def _add_fixed(root, parent, child, new_link, T, etree):
+    link = etree.SubElement(root, "link", name=new_link)
+    joint = etree.SubElement(root, "joint", name=f"{parent}-{child}", type="fixed")
+    etree.SubElement(joint, "parent", link=parent)
+    etree.SubElement(joint, "child", link=child)
+    _set_origin(joint, T, etree)
+    etree.indent(joint, level=1)
+    link.getprevious().tail = link.tail = "\n  "
+    joint.tail = "\n"

@@ -1,0 +1,265 @@
+"""One identification from start to finish: level in, robot and parameter report out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from irbcal.errors import IdentificationError
+from irbcal.identification import least_squares, start
+from irbcal.identification.residuals import Problem
+from irbcal.modeling import frames
+from irbcal.modeling.jointmap import Stiffness
+from irbcal.modeling.parameters import level_parameters, thesis_count
+from irbcal.modeling.robot import Robot
+from irbcal.units import UNIT_OUTSIDE
+
+MIN_POSES = 3
+HELD, TIED = 0.99, 0.01
+"""Share of a parameter in held directions above which it counts as held, and as tied."""
+
+
+@dataclass(frozen=True)
+class ParameterReport:
+    """One parameter as it is reported.
+
+    Attributes
+    ----------
+    name : str
+    value, std : float
+        At the surface's unit; ``std`` is None where the parameter was not identified by itself.
+    unit : str
+    state : str
+        ``identified``, ``tied`` (only a combination with others was seen) or ``held``.
+    reason : str
+        Why it is not simply identified, in words; empty otherwise.
+    """
+
+    name: str
+    value: float
+    unit: str
+    std: float | None
+    state: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """An identified robot and what the identification knows about itself.
+
+    Attributes
+    ----------
+    robot : Robot
+    level : str
+    problem : Problem
+    solution : Solution
+    stiffness_guess : Stiffness or None
+        Physical guess that names the stiffness parameters; None for levels without stiffness.
+    """
+
+    robot: Robot
+    level: str
+    problem: Problem
+    solution: least_squares.Solution
+    stiffness_guess: Stiffness | None
+
+    @property
+    def rank(self):
+        """Number of identified combinations, base and targets included."""
+        return self.solution.information.rank
+
+    @property
+    def parameter_count(self):
+        """Number of parameters as the thesis counts them, targets included."""
+        return thesis_count(self.problem.parameters) + 3 * self.problem.targets
+
+    @property
+    def rms(self):
+        """Root mean square distance of the fitted points, metres."""
+        return float(np.sqrt(self.solution.rss / len(self.problem.points)))
+
+    def parameters(self):
+        """Every parameter with value, unit, standard deviation, state and reason.
+
+        Standard deviations of the base's angles are those of small turns about the base's own axes.
+
+        Returns
+        -------
+        list of ParameterReport
+        """
+        return _report(self)
+
+    def held(self):
+        """The held combinations in sentences, one for each direction the data do not show."""
+        return [sentence for _, sentence in _held_sentences(self)]
+
+
+def identify(arm, points, level="34", progress=None):
+    """Identify base, targets and the error parameters of a level by least squares.
+
+    No first guess is needed: base and targets come in closed form from the nominal arm, then the level
+    ``nominal`` and the level itself are fitted with analytic derivatives.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    points : PointSet
+    level : str
+        ``nominal``, ``11``, ``16``, ``26`` or ``34`` (Nubiola 2011, section 5.4).
+    progress : callable, optional
+        Called with (iteration, rms distance in metres).
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    IdentificationError
+        If the data do not allow it.
+    """
+    parameters = level_parameters(level)
+    guess, phases = None, (0.0, np.pi / 2)
+    if any(p.kind == "stiffness" for p in parameters):
+        phases, guess = arm.stiffness_geometry()
+    if points.poses < MIN_POSES:
+        raise IdentificationError(
+            f"{points.poses} pose{'s' if points.poses != 1 else ''} cannot determine a robot: "
+            f"at least {MIN_POSES} are needed for base and tool alone, 20 or more for a calibration"
+        )
+    problem = Problem(arm, points, parameters, phases)
+    spare = 3 * len(points) - problem.unknowns
+    if spare < 1:
+        raise IdentificationError(
+            f"{len(points)} points of {points.poses} poses give {3 * len(points)} equations for the "
+            f"{problem.unknowns} unknowns of level {level} with {problem.targets} targets: measure at least "
+            f"{-(-(1 - spare) // 3)} more points or choose a smaller model"
+        )
+    solution = least_squares.solve(problem, _start(arm, points, len(parameters)), progress)
+    arm_found, joint_map = problem.model(solution.state)
+    targets = dict(zip(points.target_names, solution.state.targets, strict=True))
+    robot = Robot(arm_found, joint_map, solution.state.T_world_base, targets)
+    return Fit(robot, level, problem, solution, guess)
+
+
+def _start(arm, points, errors):
+    """Closed form; where the data leave it open, the best of a turn of nominal fits."""
+    state, spread = start.closed_form(arm, points, errors)
+    if spread > 1e-5:
+        return state
+    nominal = Problem(arm, points, ())
+    best, failure = None, None
+    for candidate in [start.closed_form(arm, points)[0], *start.turned_starts(arm, points)]:
+        try:
+            solution = least_squares.solve(nominal, candidate)
+        except IdentificationError as error:
+            failure = error
+            continue
+        if best is None or solution.rss < best.rss:
+            best = solution
+    if best is None:
+        raise failure
+    return type(best.state)(best.state.T_world_base, best.state.targets, np.zeros(errors))
+
+
+def _outside(value, unit):
+    """Value in the surface's unit."""
+    name, factor = UNIT_OUTSIDE[unit]
+    return float(value) / factor, name
+
+
+def _held_sentences(fit):
+    """(indices of the error parameters involved, sentence) for each held direction."""
+    information, problem = fit.solution.information, fit.problem
+    names = [p.name for p in problem.parameters]
+    out = []
+    for leading, errors, others in information.held_directions():
+        partners = [j for j in np.flatnonzero(np.abs(errors) > 0.05) if j != leading]
+        tied = [names[j] for j in partners]
+        # base and targets move too: translations and targets against 1 % of a plausible size
+        base_moves = np.abs(others[:6]).max() > 0.01 * information.scale[leading]
+        if base_moves:
+            tied.append("the base")
+        blocks = np.abs(others[6:].reshape(-1, 3)).max(axis=1)
+        if blocks.max(initial=0.0) > 1e-5:
+            tied.append("the targets' coordinates")
+        if tied:
+            sentence = f"{names[leading]} cannot be told from {_and(tied)} with these poses: held at the smallest change"
+        else:
+            sentence = f"{names[leading]} has no effect on these poses: held at nominal"
+        out.append(([leading, *partners], sentence))
+    return out
+
+
+def _and(words):
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+
+
+def _report(fit):
+    information, state = fit.solution.information, fit.solution.state
+    covariance = information.covariance()
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    rows = []
+
+    def add(name, value, unit, deviation, state_name="identified", reason=""):
+        value, outside = _outside(value, unit)
+        deviation = None if deviation is None else _outside(deviation, unit)[0]
+        rows.append(ParameterReport(name, value, outside, deviation, state_name, reason))
+
+    T = state.T_world_base
+    moved = T[:3, :3] @ covariance[3:6, 3:6] @ T[:3, :3].T
+    base = frames.to_xyz_angles(T)
+    for k, name in enumerate("xyz"):
+        add(f"base_{name}", base[k], "m", np.sqrt(moved[k, k]))
+    for k, name in enumerate(("rx", "ry", "rz")):
+        add(f"base_{name}", base[3 + k], "rad", std[k])
+    b = 6
+    for name, target in zip(fit.problem.points.target_names, state.targets, strict=True):
+        for k in range(3):
+            add(f"target_{name}_{'xyz'[k]}", target[k], "m", std[b + k])
+        b += 3
+    held = information.held_fraction()
+    sentences = _held_sentences(fit)
+    for j, parameter in enumerate(fit.problem.parameters):
+        reason = "; ".join(text for members, text in sentences if j in members)
+        if held[j] > HELD:
+            add(parameter.name, state.errors[j], parameter.unit, None, "held", reason)
+        elif held[j] > TIED:
+            add(parameter.name, state.errors[j], parameter.unit, None, "tied", reason)
+        else:
+            add(parameter.name, state.errors[j], parameter.unit, std[b + j])
+    if fit.stiffness_guess is not None:
+        _add_physical_stiffness(fit, covariance[b:, b:], add)
+    return rows
+
+
+def _add_physical_stiffness(fit, covariance, add):
+    """The four named parameters of section 5.3: two follow from A and B, two stay at their guess."""
+    guess = fit.stiffness_guess
+    kinds = [p.kind for p in fit.problem.parameters]
+    pair = [j for j, kind in enumerate(kinds) if kind == "stiffness"]
+    A, B = fit.solution.state.errors[pair]
+    found = guess.with_coefficients(A, B)
+    physical = "acts only through stiffness_A and stiffness_B: held at the physical guess"
+    if found is None:
+        reason = "no physical stiffness gives these A and B: the joint map uses A and B themselves"
+        for name, unit in (("delta_L", "m"), ("L_G2", "m"), ("L_G1", "m"), ("m", "1")):
+            add(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason)
+        return
+    C = covariance[np.ix_(pair, pair)]
+    for name in ("delta_L", "L_G2"):
+        gradient = []
+        for dA, dB in ((1e-7, 0.0), (0.0, 1e-7)):
+            ends = [guess.with_coefficients(A + s * dA, B + s * dB) for s in (1, -1)]
+            gradient.append((getattr(ends[0], name) - getattr(ends[1], name)) / 2e-7)
+        deviation = float(np.sqrt(np.array(gradient) @ C @ np.array(gradient)))
+        add(
+            f"stiffness_{name}",
+            getattr(found, name),
+            "m",
+            deviation,
+            "identified",
+            "from stiffness_A and stiffness_B with L_G1 and m at their guess",
+        )
+    for name, unit in (("L_G1", "m"), ("m", "1")):
+        add(f"stiffness_{name}", getattr(found, name), unit, None, "held", physical)

@@ -1,0 +1,135 @@
+"""What the data can show: rank, held directions by name, standard deviations.
+
+Base and targets have no nominal values, so they are eliminated first (Schur complement). What is left is
+the information about the robot's own error parameters, scaled by their plausible sizes. A direction in
+that space is *seen* if its standard deviation, given the residuals at hand, is smaller than the plausible
+size; every other direction is *held*: the parameters keep the smallest change from nominal along it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+
+from irbcal.errors import IdentificationError
+
+ROUNDING = 1e-13
+"""Information below this fraction of the largest is rounding, whatever the residuals."""
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Information about the error parameters after base and targets are eliminated.
+
+    Attributes
+    ----------
+    eigenvalues : ndarray, shape (k,)
+        Of the scaled information matrix, m^2 (change of the sum of squares for one plausible size), ascending.
+    directions : ndarray, shape (k, k)
+        Their eigenvectors, columns, in plausible sizes.
+    seen : ndarray of bool, shape (k,)
+    scale : ndarray, shape (k,)
+        Plausible sizes, SI units.
+    H_nn_inverse : ndarray, shape (b, b)
+        Inverse information of base and targets for known error parameters.
+    follow : ndarray, shape (b, k)
+        How base and targets follow the (unscaled) error parameters: ``dn = -follow @ de``.
+    sigma : float
+        Standard deviation of one coordinate residual, metres.
+    """
+
+    eigenvalues: np.ndarray
+    directions: np.ndarray
+    seen: np.ndarray
+    scale: np.ndarray
+    H_nn_inverse: np.ndarray
+    follow: np.ndarray
+    sigma: float
+
+    @property
+    def rank(self):
+        """Number of seen directions, base and targets included."""
+        return len(self.H_nn_inverse) + int(self.seen.sum())
+
+    def covariance(self):
+        """Covariance of base (rotation vector, translation), targets and error parameters, SI units.
+
+        Held directions add nothing: standard deviations are those of the parameters with the held
+        combinations fixed. Shape (b + k, b + k).
+        """
+        V = self.directions[:, self.seen] * self.scale[:, None]
+        C_rr = (V / self.eigenvalues[self.seen]) @ V.T
+        C_nr = -self.follow @ C_rr
+        C_nn = self.H_nn_inverse - C_nr @ self.follow.T
+        return self.sigma**2 * np.block([[C_nn, C_nr], [C_nr.T, C_rr]])
+
+    def held_fraction(self):
+        """Share of each error parameter that lies in held directions, 0 (identified) to 1 (held), shape (k,)."""
+        held = self.directions[:, ~self.seen]
+        return np.clip(np.sum(held**2, axis=1), 0.0, 1.0)
+
+    def held_directions(self):
+        """A readable basis of the held directions.
+
+        Each basis vector has its own leading error parameter that no other vector contains.
+
+        Returns
+        -------
+        list of tuple
+            ``(leading, errors, base_and_targets)``: index of the leading error parameter; the direction in
+            plausible sizes of the error parameters, shape (k,), one at the leading one; and how base and
+            targets move along, SI units, shape (b,).
+        """
+        held = self.directions[:, ~self.seen]
+        if not held.shape[1]:
+            return []
+        _, _, order = qr(held.T, pivoting=True, mode="economic")
+        leading = order[: held.shape[1]]
+        basis = held @ np.linalg.inv(held[leading])
+        return [(int(j), v, -self.follow @ (self.scale * v)) for j, v in zip(leading, basis.T, strict=True)]
+
+
+def information(problem, H, rss):
+    """Information about the error parameters from the normal matrix.
+
+    Parameters
+    ----------
+    problem : Problem
+    H : ndarray, shape (unknowns, unknowns)
+    rss : float
+        Sum of squared residuals, m^2.
+
+    Returns
+    -------
+    Information
+
+    Raises
+    ------
+    IdentificationError
+        If the poses do not determine base and targets, or if there are no equations to spare.
+    """
+    b = 6 + 3 * problem.targets
+    equations = 3 * len(problem.points)
+    values, vectors = np.linalg.eigh(H[:b, :b])
+    if values[0] < 1e-9 * values[-1]:
+        raise IdentificationError(
+            f"the {problem.points.poses} poses do not determine base and tool: they are too alike; "
+            "measure poses that turn the tool about at least two directions"
+        )
+    H_nn_inverse = (vectors / values) @ vectors.T
+    follow = H_nn_inverse @ H[:b, b:]
+    scale = np.array([p.scale for p in problem.parameters])
+    S = (H[b:, b:] - H[b:, :b] @ follow) * scale[:, None] * scale
+    eigenvalues, directions = np.linalg.eigh(0.5 * (S + S.T)) if len(scale) else (np.zeros(0), np.zeros((0, 0)))
+    largest = eigenvalues[-1] if len(scale) else 0.0
+    solid = eigenvalues > ROUNDING * max(largest, 0.0)
+    spare = equations - b - int(solid.sum())
+    if spare < 1:
+        raise IdentificationError(
+            f"{len(problem.points)} points of {problem.points.poses} poses give {equations} equations for "
+            f"{b + int(solid.sum())} unknowns: measure at least {-(-(1 - spare) // 3)} more points or choose a "
+            "smaller model"
+        )
+    sigma = np.sqrt(rss / spare)
+    seen = solid & (eigenvalues > sigma**2)
+    return Information(eigenvalues, directions, seen, scale, H_nn_inverse, follow, float(sigma))

@@ -1,0 +1,1 @@
+"""Measurement: what was seen (tables, cleaning, registration)."""

@@ -1,0 +1,159 @@
+"""Registration: bring every pose's points into the frame of the reference points.
+
+References are reflectors fixed to the ground. What moves them between poses is the tracker (drift, a changed
+station), so the rigid motion that takes them back to their common places takes it out of the targets too.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from irbcal.errors import MeasurementError
+from irbcal.modeling import frames
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Motion of the measuring frame over the poses.
+
+    Attributes
+    ----------
+    references : dict of str to ndarray, shape (3,)
+        Common place of each reference, metres; the measuring frame is defined by them.
+    T_frame_pose : ndarray, shape (n, 4, 4)
+        From coordinates as measured in a pose to the measuring frame.
+    own : ndarray of bool, shape (n,)
+        Whether a pose saw three references itself; other poses are interpolated between their neighbours.
+    residual : float
+        Root mean square distance of the references from their places after registration, metres.
+    """
+
+    references: dict
+    T_frame_pose: np.ndarray
+    own: np.ndarray
+    residual: float
+
+    @property
+    def largest_shift(self):
+        """Largest motion of the references' centre between any pose and the measuring frame, metres."""
+        centre = np.mean(list(self.references.values()), axis=0)
+        moved = self.T_frame_pose[:, :3, :3] @ centre + self.T_frame_pose[:, :3, 3]
+        return float(np.linalg.norm(moved - centre, axis=1).max())
+
+
+def register(seen, names, source, places=None):
+    """Rigid motion of every pose from its reference points.
+
+    Parameters
+    ----------
+    seen : ndarray, shape (n, k, 3)
+        References as measured in each pose, metres; NaN where not seen.
+    names : sequence of str, length k
+    source : str
+        File name for messages.
+    places : dict of str to ndarray, optional
+        Places of the references in an earlier calibration, to register to; by default the common places in
+        these data.
+
+    Returns
+    -------
+    Registration or None
+        None if no pose saw three references.
+
+    Raises
+    ------
+    MeasurementError
+        If the references lie on a line: the rotation about it would be unknown.
+    """
+    if places is not None:
+        use = [k for k, name in enumerate(names) if name in places]
+        seen, names = seen[:, use], [names[k] for k in use]
+    visible = np.isfinite(seen).all(axis=2)
+    own = visible.sum(axis=1) >= 3
+    if not own.any():
+        return None
+    if places is not None:
+        common = np.array([places[name] for name in names])
+    else:
+        common = _common_places(seen, visible, own)
+    known = np.isfinite(common).all(axis=1)
+    visible = visible & known
+    own = visible.sum(axis=1) >= 3
+    spread = np.linalg.svd(common[known] - common[known].mean(axis=0), compute_uv=False)
+    if spread[1] < 0.02 * spread[0]:
+        raise MeasurementError(
+            f"{source}: the reference points {', '.join(names)} lie on a line: the rotation about it is unknown"
+        )
+    T = _motions(seen, visible, own, common)
+    error = _moved(T[own], seen[own]) - common
+    residual = float(np.sqrt(np.nanmean(np.sum(error**2, axis=2))))
+    places = {name: place for name, place, ok in zip(names, common, known, strict=True) if ok}
+    return Registration(places, _interpolated(T, own), own, residual)
+
+
+def _moved(T, points):
+    return np.einsum("nij,nkj->nki", T[:, :3, :3], points) + T[:, None, :3, 3]
+
+
+def _common_places(seen, visible, own):
+    """Mean place of each reference once all poses are laid over one another (generalised Procrustes).
+
+    The iteration starts from the middle of the poses as measured; where the tracker changed its station, so
+    that there is no such middle, from the pose that saw most references. References that no registered pose
+    saw stay NaN.
+    """
+    fullest = np.flatnonzero(own)[np.argmax(visible[own].sum(axis=1))]
+    middle = np.full(seen.shape[1:], np.nan)
+    for k in np.flatnonzero(visible[own].any(axis=0)):
+        middle[k] = np.median(seen[own & visible[:, k], k], axis=0)
+    common = middle.copy() if _same_shape(middle, seen[fullest]) else seen[fullest].copy()
+    # converges at once where every pose saw every reference, slowly where each saw different ones
+    for _ in range(min(1000, max(50, 2_000_000 // len(seen)))):
+        usable = visible & np.isfinite(common).all(axis=1)
+        enough = usable.sum(axis=1) >= 3
+        places = _moved(_motions(seen, usable, enough, common), seen)
+        found = np.isfinite(places).all(axis=2).any(axis=0)
+        new = np.full_like(common, np.nan)
+        new[found] = np.nanmean(places[:, found], axis=0)
+        change = np.nanmax(np.abs(new - common)) if np.array_equal(np.isnan(new), np.isnan(common)) else np.inf
+        common = new
+        if change < 1e-12:
+            break
+    ok = np.isfinite(common).all(axis=1)
+    return frames.apply(frames.rigid_fit(common[ok], middle[ok]), common)
+
+
+def _same_shape(places, other, tolerance=5e-3):
+    """Whether two sets of points have the same distances, within 5 mm, where both are known."""
+    both = np.isfinite(places).all(axis=1) & np.isfinite(other).all(axis=1)
+    distances = [np.linalg.norm(p[both][:, None] - p[both], axis=2) for p in (places, other)]
+    return np.abs(distances[0] - distances[1]).max() < tolerance
+
+
+def _motions(seen, visible, own, common):
+    """Rigid motions of the poses with three references, one batch for each pattern of visibility."""
+    T = np.full((len(seen), 4, 4), np.nan)
+    patterns, which = np.unique(visible, axis=0, return_inverse=True)
+    which = which.ravel()
+    for k, pattern in enumerate(patterns):
+        rows = np.flatnonzero((which == k) & own)
+        if len(rows):
+            target = np.broadcast_to(common[pattern], (len(rows), pattern.sum(), 3))
+            T[rows] = frames.rigid_fit(seen[rows][:, pattern], target)
+    return T
+
+
+def _interpolated(T, own):
+    """Fill poses without their own registration linearly between their neighbours in time."""
+    from scipy.spatial.transform import Rotation
+
+    if own.all():
+        return T
+    at, have = np.arange(len(T)), np.flatnonzero(own)
+    vectors = np.column_stack([Rotation.from_matrix(T[own, :3, :3]).as_rotvec(), T[own, :3, 3]])
+    filled = np.column_stack([np.interp(at[~own], have, column) for column in vectors.T])
+    T = T.copy()
+    T[~own] = np.eye(4)
+    T[~own, :3, :3] = Rotation.from_rotvec(filled[:, :3]).as_matrix()
+    T[~own, :3, 3] = filled[:, 3:]
+    return T

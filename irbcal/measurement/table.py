@@ -1,0 +1,245 @@
+"""Measurement and joint files: reading, checking, and the table as it was measured.
+
+A measurement file has one row for each point that the tracker was asked for::
+
+    pose,q1_deg,...,q6_deg,target,x_mm,y_mm,z_mm[,group,payload_kg,time_s,cycle,u95_mm,qw,qx,qy,qz,...]
+
+Column order is free and unknown columns are kept. A position that is empty, NaN or exactly 0,0,0 is a lost
+point. A column ``simulated`` (yes) marks data that no tracker measured. Errors name the file, the row (line of the file, the header being line 1) and the column.
+"""
+
+import csv
+import hashlib
+import warnings
+from dataclasses import dataclass
+from io import BytesIO, StringIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from irbcal.errors import MeasurementError
+from irbcal.units import DEG, MM
+
+JOINTS = [f"q{i}_deg" for i in range(1, 7)]
+POSITION = ["x_mm", "y_mm", "z_mm"]
+REQUIRED = ["pose", *JOINTS, "target", *POSITION]
+NUMERIC_EXTRAS = ["payload_kg", "time_s", "u95_mm", "qw", "qx", "qy", "qz"]
+REFERENCE_PREFIX = "ref"
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementSet:
+    """Measurements as read: one row per asked-for point.
+
+    Attributes
+    ----------
+    table : DataFrame
+        Checked columns of the file format; ``row`` is the line in the file. Lost points have NaN positions.
+    source : str
+        File name for messages.
+    sha256 : str
+        Of the file's content.
+    """
+
+    table: pd.DataFrame
+    source: str
+    sha256: str
+
+    @property
+    def simulated(self):
+        """Whether the file says so itself: any value but ``no`` in a column ``simulated``."""
+        if "simulated" not in self.table.columns:
+            return False
+        return bool((~self.table["simulated"].astype(str).str.lower().isin(["", "no", "0", "false"])).any())
+
+    @property
+    def poses(self):
+        """Number of poses asked for."""
+        return int(self.table["pose_index"].nunique())
+
+    def joints(self):
+        """Joints of each pose in the order of the file, shape (n, 6), radians."""
+        return self.table.groupby("pose_index", sort=True)[JOINTS].first().to_numpy() * DEG
+
+    def is_reference(self):
+        """Mask of the rows that are reference points fixed to the ground."""
+        return self.table["target"].str.startswith(REFERENCE_PREFIX).to_numpy()
+
+    def positions(self):
+        """Positions of all rows, shape (rows, 3), metres; NaN where lost."""
+        return self.table[POSITION].to_numpy() * MM
+
+
+def read(path):
+    """Read a measurement file.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV, or Parquet where pyarrow is installed.
+
+    Returns
+    -------
+    MeasurementSet
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read or does not keep the format.
+    """
+    raw, source, digest = _read_columns(path, REQUIRED)
+    table = pd.DataFrame({"row": raw.index})
+    for name in JOINTS:
+        table[name] = _numbers(raw, name, source, "a joint angle in degrees")
+    for name in POSITION:
+        table[name] = _numbers(raw, name, source, "a position in mm or nothing", lost=True)
+    for name in ("pose", "target"):
+        values = raw[name].astype(str).str.strip()
+        if (values == "").any():
+            row = values.index[values == ""][0]
+            raise MeasurementError(f"{source}: row {row}, column {name}: expected a name, found nothing")
+        table[name] = values.to_numpy()
+    for name in [c for c in raw.columns if c not in table.columns]:
+        if name in NUMERIC_EXTRAS:
+            table[name] = _numbers(raw, name, source, "a number or nothing", lost=True)
+        else:
+            table[name] = raw[name].to_numpy()
+    xyz = table[POSITION].to_numpy()
+    lost = np.isnan(xyz).any(axis=1) | (xyz == 0.0).all(axis=1)
+    table.loc[lost, POSITION] = np.nan
+    table["pose_index"] = _pose_index(table, source)
+    return MeasurementSet(table, source, digest)
+
+
+def read_joints(path):
+    """Read a file of joints with columns ``q1_deg`` to ``q6_deg``.
+
+    Returns
+    -------
+    q : ndarray, shape (n, 6)
+        Radians.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read or does not keep the format.
+    """
+    raw, source, _ = _read_columns(path, JOINTS)
+    columns = [_numbers(raw, name, source, "a joint angle in degrees") for name in JOINTS]
+    return np.column_stack(columns) * DEG
+
+
+def _read_columns(path, required):
+    path = Path(path)
+    source = str(path)
+    try:
+        data = path.read_bytes()
+    except IsADirectoryError:
+        raise MeasurementError(f"{source}: expected a file, found a folder") from None
+    except FileNotFoundError:
+        raise MeasurementError(f"{source}: there is no such file") from None
+    except PermissionError:
+        raise MeasurementError(f"{source}: no permission to read this file") from None
+    if not data.strip():
+        raise MeasurementError(f"{source}: the file is empty, expected a header and rows")
+    parse = _parse_parquet if path.suffix == ".parquet" else _parse_csv
+    raw = parse(data, source, required)
+    if raw.empty:
+        raise MeasurementError(f"{source}: the file has a header but no rows")
+    return raw, source, hashlib.sha256(data).hexdigest()
+
+
+def _check_header(names, required, source):
+    """Refuse a header that lacks a required column or names one twice."""
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise MeasurementError(f"{source}: row 1: column {double[0]!r} stands there more than once")
+    missing = [name for name in required if name not in names]
+    if missing:
+        hint = ""
+        if any(name.removesuffix("_deg") + "_rad" in names for name in missing):
+            hint = "; joints are expected in degrees (q1_deg … q6_deg), found radians"
+        elif any(name.removesuffix("_mm") + "_m" in names for name in missing):
+            hint = "; positions are expected in millimetres (x_mm, y_mm, z_mm), found metres"
+        found = ", ".join(name if len(name) < 40 else name[:40] + "…" for name in names[:40])
+        raise MeasurementError(f"{source}: row 1: missing column {', '.join(missing)}; found {found}{hint}")
+
+
+def _parse_csv(data, source, required):
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        raise MeasurementError(f"{source}: row {line}: expected UTF-8 text, found other bytes") from None
+    if not text.strip():
+        raise MeasurementError(f"{source}: the file is empty, expected a header and rows")
+    if "\x00" in text:
+        raise MeasurementError(f"{source}: expected a text file with commas, found binary data")
+    header = next(line for line in text.splitlines() if line.strip())
+    if "," not in header and (";" in header or "\t" in header):
+        found = "semicolons" if ";" in header else "tabs"
+        raise MeasurementError(f"{source}: row 1: expected commas between the columns, found {found}")
+    names = [name.strip() for name in next(csv.reader([header]), [])]
+    _check_header(names, required, source)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            raw = pd.read_csv(
+                StringIO(text), dtype=str, header=None, keep_default_na=False, skip_blank_lines=False, index_col=False
+            )
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning) as error:
+        reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
+        raise MeasurementError(f"{source}: not a table with as many values in each row as names: {reason}") from None
+    raw = raw.fillna("")
+    raw.index = raw.index + 1  # lines of the file
+    raw = raw[(raw != "").any(axis=1)]
+    raw = raw.iloc[1:]
+    raw.columns = names
+    return raw
+
+
+def _parse_parquet(data, source, required):
+    try:
+        raw = pd.read_parquet(BytesIO(data))
+    except ImportError:
+        raise MeasurementError(f"{source}: reading Parquet needs the package pyarrow, which is absent") from None
+    except Exception as error:  # whatever pyarrow raises on a damaged file
+        raise MeasurementError(f"{source}: not a Parquet file: {error}") from None
+    raw.columns = [str(name).strip() for name in raw.columns]
+    _check_header(list(raw.columns), required, source)
+    raw.index = range(1, len(raw) + 1)
+    return raw.astype(str)
+
+
+def _numbers(raw, name, source, expected, lost=False):
+    text = raw[name].str.strip()
+    values = pd.to_numeric(text, errors="coerce")
+    absent = text.str.lower().isin(["", "nan", "<na>", "none"])
+    bad = ~absent & values.isna() | np.isinf(values)
+    if not lost:
+        bad |= absent
+    if bad.any():
+        row = bad.index[bad][0]
+        found = repr(text[row]) if text[row] else "nothing"
+        raise MeasurementError(f"{source}: row {row}, column {name}: expected {expected}, found {found}")
+    return values.to_numpy(dtype=float)
+
+
+def _pose_index(table, source):
+    """Number poses in the order of the file; one pose (and cycle) has one set of joints."""
+    key = table["pose"]
+    if "cycle" in table.columns:
+        key = key + " / " + table["cycle"].astype(str)
+    index = pd.factorize(key)[0]
+    joints = table[JOINTS].to_numpy()
+    first = np.unique(index, return_index=True)[1]
+    differ = np.abs(joints - joints[first][index]).max(axis=1) > 1e-6
+    if differ.any():
+        k = int(np.flatnonzero(differ)[0])
+        column = JOINTS[int(np.argmax(np.abs(joints[k] - joints[first[index[k]]])))]
+        raise MeasurementError(
+            f"{source}: row {table['row'][k]}, column {column}: expected the joints of pose {table['pose'][k]} as in "
+            f"row {table['row'][first[index[k]]]}, found {joints[k, JOINTS.index(column)]:g}"
+        )
+    return index

@@ -1,0 +1,1 @@
+"""Modelling: what a robot is (DHM geometry, joint map, base, targets)."""

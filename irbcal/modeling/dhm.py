@@ -1,0 +1,206 @@
+"""Modified Denavit-Hartenberg geometry (Craig) and its forward kinematics for batches.
+
+One row of the table is the step from frame i-1 to frame i (Nubiola 2011, eq. 5.1), with Hayati's tilt
+``beta`` about y in between for nearly parallel axes (zero in a plain DHM table)::
+
+    A_i = Rot(x, alpha_i) Trans(a_i, 0, 0) Rot(y, beta_i) Rot(z, theta_i) Trans(0, 0, d_i)
+
+``beta_i`` tilts axis i about the point where it meets the common normal. Forward kinematics walks the
+chain with the axes of the moving frame held as arrays of shape (3, poses), a block of poses at a time:
+no 4x4 products and no loop over poses.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from irbcal.modeling import frames
+
+BLOCK = 2048
+"""Poses per block: the working set of a block stays in the processor's cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class DHMTable:
+    """DHM parameters of a serial arm with ``n`` revolute joints.
+
+    Parameters
+    ----------
+    alpha, a, theta, d : array_like, shape (n,)
+        Radians and metres; ``theta`` is the joint's offset, added to the effective joint angle.
+    beta : array_like, shape (n,), optional
+        Hayati tilt about y, radians; zero unless given.
+
+    Notes
+    -----
+    The arrays are copied and locked; use `dataclasses.replace` for a changed table.
+    """
+
+    alpha: np.ndarray
+    a: np.ndarray
+    theta: np.ndarray
+    d: np.ndarray
+    beta: np.ndarray = None
+
+    def __post_init__(self):
+        if self.beta is None:
+            object.__setattr__(self, "beta", np.zeros(np.shape(self.alpha)))
+        for field in fields(self):
+            value = np.array(getattr(self, field.name), dtype=float)
+            if value.shape != np.shape(self.alpha) or value.ndim != 1:
+                raise ValueError(f"DHM column {field.name} has shape {value.shape}, expected (n,)")
+            value.setflags(write=False)
+            object.__setattr__(self, field.name, value)
+
+    def step(self, i, angle=0.0):
+        """Transform ``T_{i-1}_i`` of row ``i`` (counted from 0) at an effective joint angle in radians."""
+        turn = frames.rot_y(self.beta[i]) @ frames.rot_z(self.theta[i] + angle)
+        before = frames.transform(frames.rot_x(self.alpha[i])) @ frames.transform(None, [self.a[i], 0.0, 0.0])
+        return before @ frames.transform(turn) @ frames.transform(None, [0.0, 0.0, self.d[i]])
+
+
+@dataclass(frozen=True, eq=False)
+class ChainFrames:
+    """Axes and origins along the chain for a block of poses, all in the base frame.
+
+    Attributes
+    ----------
+    x_before, o_before : ndarray, shape (joints, 3, n)
+        x axis and origin of frame i-1: what alpha_i turns about and a_i moves along.
+    z, o : ndarray, shape (joints, 3, n)
+        z axis and origin of frame i: what theta_i turns about and d_i moves along.
+    y_tilt, o_tilt : ndarray, shape (joints, 3, n)
+        Axis and point that Hayati's beta_i turns about.
+    tip : ndarray, shape (4, 3, n)
+        x, y, z axes and origin of the tip frame.
+    """
+
+    x_before: np.ndarray
+    o_before: np.ndarray
+    z: np.ndarray
+    o: np.ndarray
+    y_tilt: np.ndarray
+    o_tilt: np.ndarray
+    tip: np.ndarray
+
+
+
+def _turn(first, second, c, s):
+    """Axes (first, second) turned towards one another by the angle with cosine c and sine s."""
+    return c * first + s * second, c * second - s * first
+
+
+def _walk(table, angles, T_base_0, T_last_tip, store):
+    """Walk the chain; ``angles`` (joints, n) are effective joint angles. ``store`` receives each joint's axes."""
+    n = angles.shape[1]
+    # columns of constant transforms have one column: they cost nothing until the first joint turns them
+    x, y, z, o = (T_base_0[:3, k : k + 1] for k in range(4))
+    cosines, sines = np.cos(angles), np.sin(angles)
+    for i in range(len(table.a)):
+        x_before, o_before = x, o
+        if table.a[i] != 0.0:
+            o = o + table.a[i] * x
+        if table.alpha[i] != 0.0:
+            y, z = _turn(y, z, np.cos(table.alpha[i]), np.sin(table.alpha[i]))
+        y_tilt, o_tilt = y, o
+        if table.beta[i] != 0.0:
+            z, x = _turn(z, x, np.cos(table.beta[i]), np.sin(table.beta[i]))
+        x, y = _turn(x, y, cosines[i], sines[i])
+        if table.d[i] != 0.0:
+            o = o + table.d[i] * z
+        if store is not None:
+            for array, value in zip(store, (x_before, o_before, z, o, y_tilt, o_tilt), strict=True):
+                array[i] = value
+    if T_last_tip is None:
+        return x, y, z, np.broadcast_to(o, (3, n))
+    R, p = T_last_tip[:3, :3], T_last_tip[:3, 3]
+    return [R[0, k] * x + R[1, k] * y + R[2, k] * z for k in range(3)] + [o + p[0] * x + p[1] * y + p[2] * z]
+
+
+def chain_frames(table, angles, T_base_0, T_last_tip=None):
+    """Axes and origins of every joint for a block of poses: all that derivatives need.
+
+    Parameters
+    ----------
+    table : DHMTable
+    angles : ndarray, shape (joints, n)
+        Effective joint angles plus the table's theta offsets, radians.
+    T_base_0 : ndarray, shape (4, 4)
+    T_last_tip : ndarray, shape (4, 4), optional
+        Identity unless given.
+
+    Returns
+    -------
+    ChainFrames
+    """
+    joints, n = angles.shape
+    store = np.empty((6, joints, 3, n))
+    return ChainFrames(*store, tip_columns(table, angles, T_base_0, T_last_tip, store))
+
+
+def tip_columns(table, angles, T_base_0, T_last_tip=None, store=None):
+    """The tip frame's x, y, z axes and origin in the base frame, shape (4, 3, n); arguments as `chain_frames`."""
+    tip = np.empty((4, 3, angles.shape[1]))
+    for k, column in enumerate(_walk(table, angles, T_base_0, T_last_tip, store)):
+        tip[k] = column
+    return tip
+
+
+def forward(table, theta, T_base_0=None, T_last_tip=None):
+    """Forward kinematics for a batch (Nubiola 2011, eq. 6.39 with eq. 5.1).
+
+    Parameters
+    ----------
+    table : DHMTable
+    theta : ndarray, shape (n, joints)
+        Effective joint angles, radians (the table's offsets are added here).
+    T_base_0, T_last_tip : ndarray, shape (4, 4), optional
+        Constant transforms before frame 0 and after the last frame; identity unless given.
+
+    Returns
+    -------
+    ndarray, shape (n, 4, 4)
+        ``T_base_tip`` of each pose.
+    """
+    theta = np.asarray(theta, dtype=float)
+    T_base_0 = np.eye(4) if T_base_0 is None else T_base_0
+    if T_last_tip is not None and np.array_equal(T_last_tip, np.eye(4)):
+        T_last_tip = None
+    n = len(theta)
+    # rows of the 4x4 matrices: filled column by column, transposed once per block
+    out = np.empty((n, 4, 4))
+    out[:, 3] = (0.0, 0.0, 0.0, 1.0)
+    offsets = table.theta[:, None]
+    for start in range(0, n, BLOCK):
+        block = slice(start, min(start + BLOCK, n))
+        angles = np.ascontiguousarray(theta[block].T) + offsets
+        for k, column in enumerate(_walk(table, angles, T_base_0, T_last_tip, None)):
+            out[block, :3, k] = column.T
+    return out
+
+
+def from_transform(T):
+    """DHM parameters of one step (Nubiola 2011, eqs. 5.3 to 5.7).
+
+    Parameters
+    ----------
+    T : ndarray, shape (4, 4)
+        A transform of the form ``Rot(x, alpha) Trans(a, 0, 0) Rot(z, theta) Trans(0, 0, d)``.
+
+    Returns
+    -------
+    tuple of float
+        alpha, a, theta, d in radians and metres.
+
+    Raises
+    ------
+    ValueError
+        If the transform is not of that form (it would need Hayati's beta or another frame).
+    """
+    alpha = np.arctan2(-T[1, 2], T[2, 2])
+    theta = np.arctan2(-T[0, 1], T[0, 0])
+    d = -T[1, 3] * np.sin(alpha) + T[2, 3] * np.cos(alpha)
+    row = DHMTable([alpha], [T[0, 3]], [theta], [d])
+    if np.abs(row.step(0) - T).max() > 1e-9:
+        raise ValueError("the transform is not one DHM step: axis z is not perpendicular to the previous x axis")
+    return alpha, T[0, 3], theta, d

@@ -1,0 +1,269 @@
+"""The main job from measurements to a proven calibration, as plain functions."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from irbcal.errors import MeasurementError
+from irbcal.export import urdf as urdf_module
+from irbcal.identification import outliers
+from irbcal.identification.fit import Fit, identify
+from irbcal.measurement import cleaning, table
+from irbcal.measurement.points import PointSet
+from irbcal.modeling import frames
+from irbcal.modeling.robot import Robot
+from irbcal.units import MM
+from irbcal.validation.accuracy import distances, statistics, statistics_by
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Everything that came out of a calibration, ready to be saved.
+
+    Attributes
+    ----------
+    urdf : UrdfArm
+        The nominal robot as read.
+    robot_file : Path
+    fit, nominal : Fit
+        The level asked for, and base and tool alone, both on the poses of the fit.
+    fit_points, heldout_points : PointSet
+        ``heldout_points`` may be empty.
+    measurements : MeasurementSet
+    verification : MeasurementSet or None
+        Where the held-out poses come from a file of their own.
+    poses_asked : int
+    excluded : list of Exclusion
+    references : dict of str to ndarray
+        Places of the reference points, metres; empty without references.
+    notes : list of str
+    seconds : float
+    """
+
+    urdf: urdf_module.UrdfArm
+    robot_file: Path
+    fit: Fit
+    nominal: Fit
+    fit_points: PointSet
+    heldout_points: PointSet
+    measurements: table.MeasurementSet
+    verification: table.MeasurementSet | None
+    poses_asked: int
+    excluded: list
+    references: dict
+    notes: list
+    seconds: float
+
+
+def split(points, holdout, order="random", seed=0):
+    """Which poses are held out.
+
+    Parameters
+    ----------
+    points : PointSet
+    holdout : float or int
+        A fraction below 1, or a number of poses.
+    order : str
+        ``random``: drawn with the seed; ``last``: the last poses of the file.
+    seed : int
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True for held-out poses.
+
+    Raises
+    ------
+    MeasurementError
+        If the wish cannot be met.
+    """
+    n = points.poses
+    count = round(holdout * n) if holdout < 1 else int(holdout)
+    if holdout < 0 or count >= n:
+        raise MeasurementError(f"cannot hold out {count} of {n} usable poses: some must be left for the fit")
+    mask = np.zeros(n, dtype=bool)
+    if order == "last":
+        mask[n - count :] = True
+    else:
+        mask[np.random.default_rng(seed).permutation(n)[:count]] = True
+    return mask
+
+
+def calibrate(
+    measurements,
+    robot="irb1600",
+    model="34",
+    holdout=0.25,
+    order="random",
+    seed=0,
+    verify=None,
+    base=None,
+    tip=None,
+    progress=None,
+):
+    """Identify a robot from measurements and keep poses aside to prove it.
+
+    Parameters
+    ----------
+    measurements : str, Path or MeasurementSet
+    robot : str or Path
+        URDF file or a shipped robot's name.
+    model : str
+        Level: ``nominal``, ``11``, ``16``, ``26`` or ``34``.
+    holdout : float or int
+        Fraction or number of poses that the fit does not see (not used with ``verify``).
+    order, seed
+        See `split`.
+    verify : str, Path or MeasurementSet, optional
+        A file of its own for the held-out poses, measured with the same tool; it is registered to the
+        reference points of the first.
+    base, tip : str, optional
+        Link names, see `irbcal.export.urdf.read`.
+    progress : callable, optional
+        Called with a short text at each step.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    IrbcalError
+        If an input is refused.
+    """
+    started = time.perf_counter()
+    say = progress or (lambda text: None)
+    robot_urdf = urdf_module.read(robot, base, tip)
+    arm = robot_urdf.arm
+    say("reading and cleaning the measurements")
+    seen = _read(measurements)
+    cleaned = cleaning.clean(seen)
+    points, excluded = _without_gross_errors(arm, cleaned, seen.source)
+    notes, poses_asked = list(cleaned.notes), seen.poses
+    references = cleaned.registration.references if cleaned.registration else {}
+    check = None
+    if verify is None:
+        aside = split(points, holdout, order, seed)
+        fit_points, heldout = points.select(~aside), points.select(aside)
+    else:
+        check = _read(verify)
+        other = cleaning.clean(check, references or None, points.target_names)
+        fit_points = points
+        heldout, left_out = _without_gross_errors(arm, other, check.source)
+        excluded, poses_asked = excluded + left_out, poses_asked + check.poses
+        notes += [f"{check.source}: {note}" for note in other.notes]
+    say(f"identifying base and tool from {fit_points.poses} poses")
+    nominal = identify(arm, fit_points, "nominal")
+    say(f"identifying model {model}")
+    fit = nominal if model == "nominal" else identify(arm, fit_points, model)
+    unseen = [name for name in heldout.target_names if name not in fit.robot.targets]
+    if unseen:
+        raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
+    return Outcome(
+        robot_urdf,
+        urdf_module.shipped.robot_file(robot),
+        fit,
+        nominal,
+        fit_points,
+        heldout,
+        seen,
+        check,
+        poses_asked,
+        excluded,
+        references,
+        notes,
+        time.perf_counter() - started,
+    )
+
+
+def evaluate(calibration, measurements, refit_base=False):
+    """Errors of a saved calibration and of its nominal robot on other measurements.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        As `irbcal.load` gives it.
+    measurements : str, Path or MeasurementSet
+        Registered to the calibration's reference points where both have them.
+    refit_base : bool
+        Place the base anew for each model (for measurements from another tracker station without references).
+
+    Returns
+    -------
+    dict
+        ``nominal``, ``calibrated``, ``per_target``, ``per_group``, ``excluded``, ``notes``, ``simulated``.
+
+    Raises
+    ------
+    IrbcalError
+        If an input is refused.
+    """
+    seen = _read(measurements)
+    robots = {"nominal": calibration.robot_nominal(), "calibrated": calibration.robot_calibrated()}
+    cleaned = cleaning.clean(seen, calibration.reference_places() or None, robots["calibrated"].targets)
+    points = cleaned.points
+    if refit_base:
+        robots = {name: _with_base_on(robot, points) for name, robot in robots.items()}
+    errors = {name: distances(robot, points) for name, robot in robots.items()}
+    _refuse_far_points(robots["calibrated"], points, errors["calibrated"], seen.source, refit_base)
+    notes = list(cleaned.notes)
+    if seen.sha256 in {item.sha256 for item in calibration.data}:
+        notes.append("This file was used for the calibration: fitted poses among these are no proof of accuracy.")
+    names, groups = points.names(), points.groups[points.pose]
+    by_target = {name: statistics_by(error, names) for name, error in errors.items()}
+    by_group = {name: statistics_by(error, groups) for name, error in errors.items()}
+    return {
+        **{name: statistics(error) for name, error in errors.items()},
+        "per_target": {t: {name: by_target[name][t] for name in errors} for t in by_target["nominal"]},
+        "per_group": {g: {name: by_group[name][g] for name in errors} for g in by_group["nominal"] if g},
+        "excluded": [vars(item) for item in cleaned.excluded],
+        "notes": notes,
+        "simulated": seen.simulated or calibration.simulated,
+    }
+
+
+def _read(measurements):
+    return measurements if isinstance(measurements, table.MeasurementSet) else table.read(measurements)
+
+
+def _without_gross_errors(arm, cleaned, source):
+    points = cleaned.points
+    keep, distance = outliers.find_gross_errors(arm, points, source)
+    names = points.names()
+    found = [
+        cleaning.Exclusion(
+            str(points.pose_ids[points.pose[k]]),
+            str(names[k]),
+            f"gross error: {distance[k] / MM:.4g} mm from the nominal robot",
+        )
+        for k in np.flatnonzero(~keep)
+    ]
+    return outliers.select_points(points, keep), cleaned.excluded + found
+
+
+def _with_base_on(robot: Robot, points):
+    """The robot with its base where the points say (closed form, least squares)."""
+    predicted = np.empty_like(points.xyz)
+    at_origin = robot.replace(T_world_base=np.eye(4))
+    for k, name in enumerate(points.target_names):
+        mine = points.target == k
+        predicted[mine] = at_origin.points(points.q[points.pose[mine]], name)
+    return robot.replace(T_world_base=frames.rigid_fit(predicted, points.xyz))
+
+
+def _refuse_far_points(robot, points, error, source, refit_base):
+    """Points that are nowhere near their predictions: another unit, another place, another robot."""
+    spread = outliers.spread(robot.arm, points)
+    median = np.median(error)
+    if points.poses < 3 or median <= outliers.TOO_FAR * max(spread, 0.1):
+        return
+    for reading, factors in outliers.READINGS.items():
+        if np.median(distances(robot, outliers.scaled(points, *factors))) < 0.1 * median:
+            raise MeasurementError(f"{source}: these look like {reading}")
+    hint = "" if refit_base else "; if the tracker or the base was moved, evaluate with --refit-base"
+    raise MeasurementError(
+        f"{source}: the calibrated robot misses these points by {median / MM:.4g} mm (median): not measured in its "
+        f"frame, with its tool or on this robot{hint}"
+    )

@@ -1,0 +1,103 @@
+# Sourced by scripts/demo and scripts/test: `set_up` or `set_up test` makes .venv ready and sets $root and $venv.
+#
+# .venv/.irbcal-stamp holds a fingerprint of what was installed and is written last; .venv/.irbcal-unfinished is there
+# from before the first step until then. So an interrupted set-up is seen, and starts again from nothing.
+
+root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd -P)
+venv=$root/.venv
+
+fail() {
+    printf '%s\n' "$1" >&2
+    exit 1
+}
+
+# Prints the path of the interpreter behind $1 (behind a virtual environment, if it is in one); fails if it will not do.
+suitable() {
+    "$1" -I -c '
+import sys
+if sys.version_info < (3, 10):
+    sys.exit(1)
+import ensurepip, venv
+print(getattr(sys, "_base_executable", sys.executable))' 2>/dev/null
+}
+
+choose_python() {
+    local candidate
+    if [[ -n ${PYTHON:-} ]]; then
+        suitable "$PYTHON" || fail "PYTHON=$PYTHON is not a Python 3.10 or newer with the modules venv and ensurepip."
+        return
+    fi
+    for candidate in python3 python3.13 python3.12 python3.11 python3.10; do
+        if suitable "$candidate"; then return; fi
+    done
+    fail "irbcal needs Python 3.10 or newer with the modules venv and ensurepip (Debian: python3-venv); set PYTHON to one."
+}
+
+version_of() {
+    "$1" -I -c 'import sys; print(sys.version)'
+}
+
+# Fingerprint of the project's place, its requirements, the interpreter and the extras $1.
+fingerprint() {
+    "$venv/bin/python" -I -c '
+import hashlib, pathlib, sys
+root, extras = pathlib.Path(sys.argv[1]), sys.argv[2]
+digest = hashlib.sha256(repr((str(root), sys.version, extras)).encode())
+for name in ("pyproject.toml", "scripts/constraints.txt"):
+    digest.update(hashlib.sha256((root / name).read_bytes()).digest())
+print(digest.hexdigest())' "$root" "$1"
+}
+
+# Is .venv whole, in its own place, and of the wanted interpreter?
+venv_is_sound() {
+    [[ ! -e $venv/.irbcal-unfinished && -f $venv/.irbcal-root && $(<"$venv/.irbcal-root") == "$root" ]] &&
+        [[ $("$venv/bin/python" -I -c 'import pip, sys; print(sys.version)' 2>/dev/null) == "$1" ]]
+}
+
+up_to_date() {
+    local stamp
+    [[ -f $venv/.irbcal-stamp && ! -e $venv/.irbcal-unfinished && -x $venv/bin/python ]] || return 1
+    stamp=$(<"$venv/.irbcal-stamp")
+    # What the tests need includes what the demo needs.
+    [[ $stamp == "$(fingerprint test)" || ( $1 != test && $stamp == "$(fingerprint '')" ) ]] || return 1
+    [[ -z ${PYTHON:-} || $(version_of "$PYTHON") == "$(version_of "$venv/bin/python")" ]]
+}
+
+pip_install() {
+    "$venv/bin/python" -I -m pip install -qq --no-input --disable-pip-version-check -c "$root/scripts/constraints.txt" "$@" ||
+        fail "The set-up of irbcal failed in pip (see above); the next run starts it again."
+}
+
+install() {
+    local python
+    if up_to_date "$1"; then return; fi
+    python=$(choose_python)
+    echo "Setting up irbcal in $venv with pip; this happens once and takes about a minute ..." >&2
+    if ! venv_is_sound "$(version_of "$python")"; then
+        rm -rf -- "$venv"
+        mkdir -- "$venv"
+        touch -- "$venv/.irbcal-unfinished"
+        "$python" -I -m venv "$venv" || fail "$python could not make the virtual environment $venv."
+        printf '%s\n' "$root" >"$venv/.irbcal-root"
+    fi
+    touch -- "$venv/.irbcal-unfinished"
+    rm -f -- "$venv/.irbcal-stamp"
+    # The build backend comes first, in its pinned version; pip would take the newest one otherwise.
+    pip_install pip hatchling editables
+    pip_install --no-build-isolation -e "$root${1:+[$1]}"
+    fingerprint "$1" >"$venv/.irbcal-stamp"
+    rm -f -- "$venv/.irbcal-unfinished"
+}
+
+set_up() {
+    local lock
+    # Two runs at a time take turns, where flock exists; the folder itself is the lock.
+    if command -v flock >/dev/null; then
+        exec {lock}<"$root"
+        flock "$lock"
+        install "${1:-}"
+        exec {lock}<&-
+    else
+        install "${1:-}"
+    fi
+}

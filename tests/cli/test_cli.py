@@ -1,0 +1,235 @@
+"""The command line as a user meets it: real files in, files and figures out, one sentence for bad input."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from support import arm, measured, random_robot, write_measurements
+
+import irbcal
+from irbcal import shipped
+
+
+def run(*arguments, cwd=None):
+    """Run irbcal as a program; returns the finished process."""
+    return subprocess.run(
+        [sys.executable, "-W", "error::DeprecationWarning:irbcal", "-m", "irbcal", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=120,
+        env=os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"},
+    )
+
+
+def refused(*arguments):
+    """The one sentence of a refusal."""
+    done = run(*arguments)
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+    return done.stderr
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """A folder with good measurements of a simulated IRB 120."""
+    folder = tmp_path_factory.mktemp("cli")
+    nominal = arm("irb120")
+    rng = np.random.default_rng(3)
+    truth = random_robot(nominal, "34", rng)
+    points = measured(truth, nominal.random_joints(60, 1), 3e-5, rng)
+    write_measurements(folder / "good.csv", points)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def calibration(data):
+    """The same calibrated by the program."""
+    done = run("calibrate", data / "good.csv", "--robot", "irb120", "--out", data / "cal", "--json")
+    assert done.returncode == 0, done.stderr
+    return data / "cal", json.loads(done.stdout)
+
+
+def edited(data, name, change):
+    """A copy of the good file with its table changed."""
+    table = pd.read_csv(data / "good.csv")
+    change(table).to_csv(data / name, index=False)
+    return data / name
+
+
+def test_help_names_the_commands():
+    done = run("--help")
+    assert done.returncode == 0
+    for command in ("demo", "calibrate", "evaluate", "fk"):
+        assert command in done.stdout
+
+
+@pytest.mark.parametrize("arguments", [["calibrate"], ["fk"], ["nonsense"], ["calibrate", "x.csv", "--robot", "irb120", "--out", "y", "--model", "35"]])
+def test_wrong_calls_exit_with_2(arguments):
+    assert run(*arguments).returncode == 2
+
+
+def test_calibrate_json_keeps_its_contract(calibration):
+    folder, result = calibration
+    assert result["out"] == str(folder)
+    assert result["poses"] == {"fit": 45, "heldout": 15, "excluded": 0}
+    assert result["objective"]["name"] == "rms"
+    assert result["objective"]["lower_bound_mm"] is None
+    assert (result["rank"], result["parameters"]) == (38, 43)
+    assert result["heldout"]["mean_mm"] < 0.2 < result["nominal_heldout"]["mean_mm"]
+    for key in ("fit", "heldout", "nominal_heldout"):
+        assert set(result[key]) == {"n", "mean_mm", "sigma_mm", "max_mm", "mean_plus_3sigma_mm", "rms_mm"}
+    assert 0 <= result["pinocchio_check"]["position_m"] < 1e-9
+    assert 0 <= result["pinocchio_check"]["rotation_rad"] < 1e-9
+    assert sorted(path.name for path in folder.iterdir()) == ["calibrated.urdf", "calibration.json", "report.html"]
+
+
+def test_evaluate_json_keeps_its_contract(calibration, data):
+    done = run("evaluate", calibration[0], data / "good.csv", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert set(result["per_target"]) == {"smr1", "smr2", "smr3"}
+    assert result["per_target"]["smr1"]["calibrated"]["n"] == 60
+    assert result["calibrated"]["rms_mm"] < 0.1 * result["nominal"]["rms_mm"]
+    assert result["excluded"] == []
+    assert "used for the calibration" in result["notes"][-1]
+
+
+def test_tables_for_people(calibration, data):
+    done = run("evaluate", calibration[0], data / "good.csv")
+    assert done.returncode == 0
+    assert "model 34" in done.stdout
+    assert "no proof of accuracy" in done.stdout
+    assert max(map(len, done.stdout.splitlines()[:12])) <= 100
+
+
+def test_moved_tracker_is_noticed_and_can_be_placed_anew(calibration, data):
+    def moved(table):
+        table["x_mm"] += 5000
+        return table
+
+    path = edited(data, "moved.csv", moved)
+    assert "evaluate with --refit-base" in refused("evaluate", calibration[0], path)
+    done = run("evaluate", calibration[0], path, "--refit-base", "--json")
+    assert json.loads(done.stdout)["calibrated"]["mean_mm"] < 0.1
+
+
+def test_fk_of_urdf_and_calibration(calibration, data):
+    folder, _ = calibration
+    joints = data / "joints.csv"
+    joints.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,0,0,0,0,0\n10,20,30,40,50,60\n")
+    done = run("fk", "irb1600", "--joints", joints)
+    lines = done.stdout.splitlines()
+    assert lines[0] == "x_mm,y_mm,z_mm,qw,qx,qy,qz"
+    assert np.abs(np.array(lines[1].split(","), float)[:3] - [815, 0, 1186.5]).max() < 1e-6
+    assert np.abs(np.array(lines[1].split(","), float)[3:] - [np.sqrt(0.5), 0, np.sqrt(0.5), 0]).max() < 1e-8
+    robot = irbcal.load(folder).robot_calibrated()
+    q = np.radians([[0, 0, 0, 0, 0, 0], [10, 20, 30, 40, 50, 60]])
+    done = run("fk", folder, "--joints", joints, "--json")
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert np.abs([[r["x_mm"], r["y_mm"], r["z_mm"]] for r in rows] - robot.poses(q)[:, :3, 3] * 1e3).max() < 1e-9
+    done = run("fk", folder, "--joints", joints, "--target", "smr2", "--json")
+    rows = [json.loads(line) for line in done.stdout.splitlines()]
+    assert np.abs([[r["x_mm"], r["y_mm"], r["z_mm"]] for r in rows] - robot.points(q, "smr2") * 1e3).max() < 1e-9
+    assert "unknown target 'smr9'" in refused("fk", folder, "--joints", joints, "--target", "smr9")
+
+
+def test_demo_calls_its_data_simulated(tmp_path):
+    done = run("demo", "--out", tmp_path / "demo")
+    assert done.returncode == 0, done.stderr
+    assert "SIMULATED" in done.stdout
+    loaded = irbcal.load(tmp_path / "demo")
+    assert loaded.simulated
+    assert loaded.poses_heldout == 1000
+    assert loaded.heldout.all.mean_mm < 0.4 < 0.9 < loaded.heldout_nominal.all.mean_mm
+    assert "simulated" in (tmp_path / "demo" / "report.html").read_text().lower()
+
+
+def test_same_input_gives_the_same_calibration(data, tmp_path):
+    results = []
+    for name in ("one", "two"):
+        run("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / name)
+        results.append((tmp_path / name / "calibrated.urdf").read_bytes())
+    assert results[0] == results[1]
+
+
+# --- bad input -----------------------------------------------------------------------------------------
+
+
+def test_bad_measurement_files(data, tmp_path):
+    def calibrate(path):
+        message = refused("calibrate", path, "--robot", "irb120", "--out", tmp_path / "out")
+        assert not (tmp_path / "out" / "calibration.json").exists()
+        return message
+
+    def lost(table):
+        table[["x_mm", "y_mm", "z_mm"]] = 0.0
+        return table
+
+    def text(table):
+        table["q4_deg"] = table["q4_deg"].astype(object)
+        table.loc[7, "q4_deg"] = "forty"
+        return table
+
+    def nan(table):
+        table.loc[3, "q2_deg"] = np.nan
+        return table
+
+    def radians(table):
+        joints = [f"q{i}_deg" for i in range(1, 7)]
+        table[joints] = np.radians(table[joints])
+        return table
+
+    def metres(table):
+        table[["x_mm", "y_mm", "z_mm"]] /= 1000
+        return table
+
+    def swapped(table):
+        return table.rename(columns={"q2_deg": "q3_deg", "q3_deg": "q2_deg"})
+
+    assert "row 1: missing column target" in calibrate(edited(data, "b1.csv", lambda t: t.drop(columns="target")))
+    assert "row 9, column q4_deg: expected a joint angle in degrees, found 'forty'" in calibrate(edited(data, "b2.csv", text))
+    assert "row 5, column q2_deg: expected a joint angle in degrees, found nothing" in calibrate(edited(data, "b3.csv", nan))
+    assert "joints in radians instead of degrees" in calibrate(edited(data, "b4.csv", radians))
+    assert "positions in metres instead of millimetres" in calibrate(edited(data, "b5.csv", metres))
+    assert "both" not in calibrate(edited(data, "b6.csv", lambda t: radians(metres(t))))
+    assert "no usable point is left of 180: lost: no position" in calibrate(edited(data, "b7.csv", lost))
+    assert "2 poses cannot determine a robot" in calibrate(edited(data, "b8.csv", lambda t: t[t["pose"] < 2]))
+    assert "wrong robot file, joint order or joint signs?" in calibrate(edited(data, "b9.csv", swapped))
+    (data / "empty.csv").write_text("")
+    assert "the file is empty" in calibrate(data / "empty.csv")
+    assert "there is no such file" in calibrate(data / "none.csv")
+
+
+def test_bad_robots_and_folders(data, tmp_path):
+    def robot(path):
+        return refused("calibrate", data / "good.csv", "--robot", path, "--out", tmp_path / "out")
+
+    text = shipped.robot_file("irb120").read_text()
+    (tmp_path / "trick.urdf").write_text('<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + text.split("?>")[1])
+    (tmp_path / "seven.urdf").write_text(text.replace('name="flange-tool0" type="fixed"', 'name="flange-tool0" type="continuous"'))
+    assert "'nothing.urdf' does not exist; shipped robots are irb1600, irb120" in robot("nothing.urdf")
+    assert "document types and entities are refused" in robot(tmp_path / "trick.urdf")
+    assert "found 7 moving joints: joint_1 (revolute)" in robot(tmp_path / "seven.urdf")
+    (tmp_path / "file").write_text("")
+    message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "file")
+    assert "expected a folder to write to, found a file" in message
+    message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", "/proc/irbcal")
+    assert "cannot write to this folder" in message
+    assert "cannot hold out 70 of 60" in refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--holdout", 70)
+    assert "not a calibration folder" in refused("evaluate", tmp_path, data / "good.csv")
+
+
+def test_a_folder_without_write_permission_is_refused_before_any_work(data, tmp_path):
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0o500)
+    if os.access(locked, os.W_OK):
+        pytest.skip("this user may write anywhere; the refusal is tested on /proc as well")
+    message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", locked)
+    assert "cannot write to this folder: Permission denied" in message

@@ -1,0 +1,89 @@
+"""Base and tool without a guess."""
+
+import numpy as np
+import pytest
+from support import arm, measured, random_robot, random_rotation
+
+from irbcal.errors import IdentificationError
+from irbcal.identification import start
+from irbcal.identification.fit import identify
+from irbcal.modeling import frames
+
+
+def anywhere(rng, robot):
+    """The same robot with tracker and tool somewhere else."""
+    targets = {f"t{k}": rng.uniform(-0.4, 0.4, 3) for k in range(3)}
+    return robot.replace(T_world_base=frames.transform(random_rotation(rng), rng.uniform(-8, 8, 3)), targets=targets)
+
+
+def test_a_thousand_tracker_places_and_tools_reach_the_same_minimum():
+    """20 poses, 3 targets, 0.05 mm of noise in the base link: base and tool are free, so the minimum is the same."""
+    nominal = arm()
+    rng = np.random.default_rng(11)
+    robot = random_robot(nominal, "34", rng)
+    q = nominal.random_joints(20, 3)
+    noise = 5e-5 * rng.standard_normal((60, 3))
+    reference = measured(robot, q)
+    corners = frames.apply(frames.inverse(robot.T_world_base), reference.xyz)  # true points in the base link
+    rss, errors = [], []
+    for _ in range(1000):
+        T = frames.transform(random_rotation(rng), rng.uniform(-8, 8, 3))
+        points = type(reference)(
+            q, reference.pose, reference.target, frames.apply(T, corners + noise), reference.target_names,
+            reference.pose_ids, reference.groups,
+        )  # fmt: skip
+        fit = identify(nominal, points, "34")
+        rss.append(fit.solution.rss)
+        errors.append(fit.solution.state.errors)
+    spread = np.ptp(np.array(rss)) / np.mean(rss)
+    assert spread < 1e-9
+    assert np.ptp(np.array(errors), axis=0).max() < 1e-9
+
+
+def test_three_hundred_tool_geometries_are_found_too():
+    nominal = arm()
+    rng = np.random.default_rng(12)
+    robot = random_robot(nominal, "11", rng)
+    q = nominal.random_joints(20, 4)
+    worst = 0.0
+    for _ in range(300):
+        other = anywhere(rng, robot)
+        fit = identify(nominal, measured(other, q), "11")
+        predicted = np.concatenate([fit.robot.points(q, name) - other.points(q, name) for name in other.targets])
+        worst = max(worst, np.abs(predicted).max())
+    assert worst < 1e-9
+
+
+def test_closed_form_is_exact_for_a_nominal_robot():
+    nominal = arm()
+    robot = random_robot(nominal, "nominal", np.random.default_rng(0))
+    state, spread = start.closed_form(nominal, measured(robot, nominal.random_joints(10, 0)))
+    assert spread > 1e-3
+    assert np.abs(state.T_world_base - robot.T_world_base).max() < 1e-10
+    assert np.abs(state.targets - np.array(list(robot.targets.values()))).max() < 1e-10
+
+
+def test_data_on_which_the_closed_form_is_open_still_find_the_minimum():
+    """Three poses of two targets: as many equations as the linear start has unknowns, and those dependent."""
+    nominal = arm()
+    rng = np.random.default_rng(1)
+    robot = random_robot(nominal, "nominal", rng, targets={"a": [0.1, 0, 0.2], "b": [0, 0.1, 0.1]})
+    q = nominal.random_joints(3, 5)
+    fit = identify(nominal, measured(robot, q), "nominal")
+    assert max(np.abs(fit.robot.points(q, t) - robot.points(q, t)).max() for t in robot.targets) < 1e-9
+
+
+def test_too_few_points_for_a_start_are_counted():
+    nominal = arm()
+    robot = random_robot(nominal, "nominal", np.random.default_rng(0), targets={"a": [0.1, 0, 0.2]})
+    with pytest.raises(IdentificationError, match="3 points of 3 poses"):
+        identify(nominal, measured(robot, nominal.random_joints(3, 1)), "nominal")
+
+
+def test_poses_that_only_turn_one_joint_are_refused():
+    nominal = arm()
+    robot = random_robot(nominal, "nominal", np.random.default_rng(0))
+    q = np.zeros((20, 6))
+    q[:, 0] = np.linspace(-1, 1, 20)
+    with pytest.raises(IdentificationError, match="do not determine base and tool"):
+        identify(nominal, measured(robot, q), "nominal")

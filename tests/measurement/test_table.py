@@ -1,0 +1,153 @@
+"""The reader: what it takes, and the one sentence for everything that it does not."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from irbcal.errors import MeasurementError
+from irbcal.measurement import table
+
+HEADER = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,target,x_mm,y_mm,z_mm"
+ROW = "1,10,20,30,40,50,60,smr1,100,200,300"
+
+
+def write(tmp_path, *lines, name="m.csv", newline="\n"):
+    path = tmp_path / name
+    path.write_bytes((newline.join(lines) + newline).encode())
+    return path
+
+
+def refused(path):
+    with pytest.raises(MeasurementError) as caught:
+        table.read(path)
+    text = str(caught.value)
+    assert str(path) in text
+    assert "\n" not in text
+    return text
+
+
+def test_values_units_and_lost_points(tmp_path):
+    path = write(
+        tmp_path,
+        HEADER + ",operator",
+        ROW + ",Åsa",
+        "1,10,20,30,40,50,60,smr2,,,,x",
+        "2,11,20,30,40,50,60,smr1,0,0,0,",
+        "2,11,20,30,40,50,60,smr2,NaN,1,2,",
+        "2,11,20,30,40,50,60,ref1,0,1,2,",
+    )
+    seen = table.read(path)
+    assert seen.poses == 2
+    assert np.abs(seen.joints() - np.radians([[10, 20, 30, 40, 50, 60], [11, 20, 30, 40, 50, 60]])).max() < 1e-15
+    assert np.isnan(seen.positions()).any(axis=1).tolist() == [False, True, True, True, False]
+    assert np.abs(seen.positions()[0] - [0.1, 0.2, 0.3]).max() < 1e-15
+    assert seen.table["operator"][0] == "Åsa"
+    assert seen.is_reference().tolist() == [False] * 4 + [True]
+    assert not seen.simulated
+
+
+def test_column_order_line_ends_and_byte_order_mark(tmp_path):
+    columns = HEADER.split(",")
+    values = ROW.split(",")
+    order = np.random.default_rng(0).permutation(len(columns))
+    path = write(
+        tmp_path,
+        "\ufeff" + ",".join(f" {columns[k]} " for k in order),
+        ",".join(values[k] for k in order),
+        "",
+        newline="\r\n",
+    )
+    straight = table.read(write(tmp_path, HEADER, ROW, name="s.csv"))
+    mixed = table.read(path)
+    assert np.array_equal(mixed.joints(), straight.joints())
+    assert np.array_equal(mixed.positions(), straight.positions())
+
+
+def test_simulated_column_speaks_for_the_file(tmp_path):
+    assert table.read(write(tmp_path, HEADER + ",simulated", ROW + ",yes")).simulated
+    assert not table.read(write(tmp_path, HEADER + ",simulated", ROW + ",no")).simulated
+
+
+def test_cycles_are_poses_of_their_own(tmp_path):
+    path = write(tmp_path, HEADER + ",cycle", ROW + ",1", ROW.replace("10", "12", 1) + ",2")
+    assert table.read(path).poses == 2
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        ([HEADER.replace(",q3_deg", ""), ROW], "row 1: missing column q3_deg; found pose, q1_deg"),
+        ([HEADER.replace("_deg", "_rad"), ROW], "joints are expected in degrees"),
+        ([HEADER.replace("_mm", "_m"), ROW], "positions are expected in millimetres"),
+        ([HEADER, ROW, "2,a b,0,0,0,0,0,smr1,1,2,3"], "row 3, column q1_deg: expected a joint angle in degrees, found 'a b'"),
+        ([HEADER, ROW, "2,,0,0,0,0,0,smr1,1,2,3"], "row 3, column q1_deg: expected a joint angle in degrees, found nothing"),
+        ([HEADER, "2,0,0,0,0,0,nan,smr1,1,2,3"], "row 2, column q6_deg: expected a joint angle in degrees, found 'nan'"),
+        ([HEADER, "2,0,0,0,0,0,inf,smr1,1,2,3"], "row 2, column q6_deg: expected a joint angle in degrees, found 'inf'"),
+        ([HEADER, ROW, "", "2,0,0,0,0,0,0,smr1,1,2,3.4.5"], "row 4, column z_mm: expected a position in mm or nothing, found '3.4.5'"),
+        ([HEADER, "2,0,0,0,0,0,0,,1,2,3"], "row 2, column target: expected a name, found nothing"),
+        ([HEADER, ROW, ROW.replace("20", "21", 1)], "row 3, column q2_deg: expected the joints of pose 1 as in row 2, found 21"),
+        ([HEADER], "the file has a header but no rows"),
+        ([""], "the file is empty"),
+        ([HEADER.replace(",", ";"), ROW.replace(",", ";")], "expected commas between the columns, found semicolons"),
+        ([HEADER, ROW, ROW + ",7,8"], "not a table with as many values in each row as names: Expected 11 fields in line 3, saw 13"),
+        ([HEADER + ",q1_deg", ROW + ",3"], "column 'q1_deg' stands there more than once"),
+        ([HEADER, ROW.replace("smr1", "a\x00b")], "found binary data"),
+    ],
+)  # fmt: skip
+def test_refusals_name_file_row_and_column(tmp_path, lines, expected):
+    assert expected in refused(write(tmp_path, *lines))
+
+
+def test_not_a_file_and_not_text(tmp_path):
+    assert "there is no such file" in refused(tmp_path / "none.csv")
+    assert "found a folder" in refused(tmp_path)
+    path = tmp_path / "latin.csv"
+    path.write_bytes((HEADER + "\n" + ROW + "\n").encode() + b"2,0,0,0,0,0,0,Z\xfcrich,1,2,3\n")
+    assert "row 3: expected UTF-8 text" in refused(path)
+
+
+def test_joint_files(tmp_path):
+    path = write(tmp_path, "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg", "a,0,0,0,0,0,180")
+    assert np.abs(table.read_joints(path) - [[0, 0, 0, 0, 0, np.pi]]).max() < 1e-15
+    with pytest.raises(MeasurementError, match="missing column q6_deg"):
+        table.read_joints(write(tmp_path, "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg", "1,2,3,4,5", name="f.csv"))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=300))
+def test_any_bytes_are_read_or_refused_in_one_sentence(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("fuzz") / "m.csv"
+    path.write_bytes(data)
+    with pytest.raises(MeasurementError):
+        table.read(path)
+
+
+CELL = st.sampled_from(["", "0", "1.5", "-3e2", "nan", "inf", "x", "0x10", " 7 ", "1,5", "é", "smr1", "ref1", '"', "1e999"])
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.lists(CELL, min_size=11, max_size=11), min_size=1, max_size=5))
+def test_any_cells_are_read_or_refused_in_one_sentence(tmp_path_factory, rows):
+    path = tmp_path_factory.mktemp("fuzz") / "m.csv"
+    path.write_text("\n".join([HEADER, *(",".join(row) for row in rows)]), encoding="utf-8")
+    try:
+        seen = table.read(path)
+    except MeasurementError as error:
+        assert "\n" not in str(error)
+    else:
+        assert np.isfinite(seen.joints()).all()
+        xyz = seen.positions()
+        assert not (xyz == 0).all(axis=1).any()
+        assert not np.isinf(xyz).any()
+
+
+@given(st.lists(st.floats(-1e4, 1e4), min_size=9, max_size=9))
+def test_numbers_come_through_to_the_last_digits(tmp_path_factory, values):
+    path = tmp_path_factory.mktemp("digits") / "m.csv"
+    cells = [repr(v) for v in values]
+    path.write_text(f"{HEADER}\np,{','.join(cells[:6])},t,{','.join(cells[6:])}\n")
+    seen = table.read(path)
+    assert np.abs(np.degrees(seen.joints()[0]) - values[:6]).max() <= 1e-11
+    if any(values[6:]):
+        assert np.abs(seen.positions()[0] * 1e3 - values[6:]).max() <= 1e-11

@@ -1,0 +1,107 @@
+"""Forward kinematics against the printed matrix of eq. 5.2 and known poses of the thesis."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support import arm, assert_same_poses
+
+from irbcal.modeling import dhm, frames
+
+
+def printed_matrix(alpha, a, theta, d):
+    """Nubiola 2011, eq. 5.2."""
+    ca, sa, ct, st_ = np.cos(alpha), np.sin(alpha), np.cos(theta), np.sin(theta)
+    return np.array(
+        [
+            [ct, -st_, 0, a],
+            [st_ * ca, ct * ca, -sa, -d * sa],
+            [st_ * sa, ct * sa, ca, d * ca],
+            [0, 0, 0, 1],
+        ]
+    )
+
+
+def product_of_printed_matrices(table, q):
+    T = np.eye(4)
+    for i in range(len(table.a)):
+        T = T @ printed_matrix(table.alpha[i], table.a[i], table.theta[i] + q[i], table.d[i])
+    return T
+
+
+COLUMN = st.lists(st.floats(-2, 2), min_size=6, max_size=6)
+
+
+@settings(max_examples=200)
+@given(COLUMN, COLUMN, COLUMN, COLUMN, COLUMN)
+def test_forward_is_the_product_of_the_printed_matrices(alpha, a, theta, d, q):
+    table = dhm.DHMTable(alpha, a, theta, d)
+    assert_same_poses(dhm.forward(table, [q])[0], product_of_printed_matrices(table, q), 1e-13, 1e-13)
+
+
+@given(st.floats(-3, 3), st.floats(-1, 1), st.floats(-3, 3), st.floats(-1, 1))
+def test_parameters_of_a_step_come_back(alpha, a, theta, d):
+    T = printed_matrix(alpha, a, theta, d)
+    row = dhm.from_transform(T)
+    assert_same_poses(printed_matrix(*row), T, 1e-14, 1e-14)
+
+
+def test_a_step_that_is_not_dhm_is_refused():
+    with pytest.raises(ValueError, match="not one DHM step"):
+        dhm.from_transform(frames.transform(frames.rot_y(0.1)))
+
+
+def test_blocks_do_not_change_the_result(monkeypatch):
+    robot = arm()
+    q = robot.random_joints(101, 0)
+    whole = robot.forward(q)
+    monkeypatch.setattr(dhm, "BLOCK", 10)
+    assert np.array_equal(robot.forward(q), whole)
+    assert robot.forward(np.zeros((0, 6))).shape == (0, 4, 4)
+
+
+def test_step_of_a_row_is_the_chain_of_elementary_motions():
+    table = dhm.DHMTable([0.3], [0.2], [0.4], [0.5], [0.1])
+    expected = (
+        frames.transform(frames.rot_x(0.3))
+        @ frames.transform(None, [0.2, 0, 0])
+        @ frames.transform(frames.rot_y(0.1))
+        @ frames.transform(frames.rot_z(0.4 + 0.7))
+        @ frames.transform(None, [0, 0, 0.5])
+    )
+    assert_same_poses(table.step(0, 0.7), expected, 1e-15, 1e-15)
+    assert_same_poses(dhm.forward(table, [[0.7]])[0], expected, 1e-15, 1e-15)
+
+
+def test_tables_are_locked_copies():
+    column = np.zeros(6)
+    table = dhm.DHMTable(column, column, column, column)
+    column[0] = 1.0
+    assert table.a[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        table.a[0] = 1.0
+
+
+# --- facts of the thesis -------------------------------------------------------------------------------
+
+
+def test_zero_pose_of_the_irb1600():
+    T = arm().forward(np.zeros((1, 6)))[0]
+    expected = frames.transform(np.array([[0, 0, 1.0], [0, 1, 0], [-1, 0, 0]]), [0.815, 0, 1.1865])
+    assert_same_poses(T, expected, 1e-12, 1e-12)
+
+
+def test_ballbar_centre_of_annex_vi():
+    T = arm().forward(np.radians([[-3.984, 5.733483, 4.519, -0.017, 79.885, -273.988]]))[0]
+    assert np.abs(T[:3, 3] - [0.808234, -0.056311, 1.011205]).max() < 1e-5
+
+
+def test_five_poses_of_table_a_i_1():
+    p2, p4 = [17.690, 18.084, -46.521, -33.814, 33.095, 29.298], [-41.374, -24.789, 47.145, -66.643, -46.052, 58.108]
+    mirror = np.array([-1, 1, 1, -1, 1, -1])
+    joints = np.radians([[0, -14, 14, 0, 0, 0], p2, mirror * p2, p4, mirror * p4])
+    T = arm().forward(joints)
+    assert np.abs(T[0, :3, 3] - [0.64565, 0, 1.1657]).max() < 2e-5
+    offsets = (T[1:, :3, 3] - T[0, :3, 3]) / 0.27193
+    assert np.abs(offsets - [[1, 1, 1], [1, -1, 1], [-1, -1, -1], [-1, 1, -1]]).max() < 2e-4
+    assert np.abs(T[:, 0, 2] - 1).max() < 1e-4, "the tool axis points along +X in all five"

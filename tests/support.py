@@ -1,0 +1,84 @@
+"""What several tests need: comparators with metre and radian tolerances, central differences, simulation."""
+
+import numpy as np
+
+from irbcal.export import urdf
+from irbcal.measurement.points import PointSet
+from irbcal.modeling import frames, parameters
+from irbcal.modeling.arm import relative_difference
+from irbcal.modeling.jointmap import JointMap
+from irbcal.modeling.robot import Robot
+
+TARGETS = {"smr1": [-0.08737, 0.087202, 0.11002], "smr2": [0.084419, 0.08426, 0.109928], "smr3": [0.08599, -0.085788, 0.109959]}
+"""Targets 1 to 3 of Nubiola 2011, Table 3.1 (real), metres."""
+
+
+def arm(name="irb1600"):
+    """A shipped nominal arm."""
+    return urdf.read(name).arm
+
+
+def assert_same_poses(T_1, T_2, metres, radians):
+    """Poses agree within separate tolerances for position and rotation."""
+    position, rotation = relative_difference(np.asarray(T_1), np.asarray(T_2))
+    assert position <= metres, f"positions differ by {position:.3g} m"
+    assert rotation <= radians, f"rotations differ by {rotation:.3g} rad"
+
+
+def central_differences(function, x, step=1e-5):
+    """Derivative of a vector function by fourth-order central differences, shape (outputs, inputs)."""
+    x = np.asarray(x, dtype=float)
+    columns = []
+    for k in range(len(x)):
+        e = np.zeros(len(x))
+        e[k] = step
+        columns.append(
+            (8 * (function(x + e) - function(x - e)) - (function(x + 2 * e) - function(x - 2 * e))) / (12 * step)
+        )
+    return np.array(columns).T
+
+
+def random_robot(nominal, level, rng, size=0.3, targets=None, T_world_base=None):
+    """A robot with random errors of a level (``size`` times the plausible sizes), base and targets anywhere."""
+    chosen = parameters.level_parameters(level)
+    errors = size * np.array([p.scale for p in chosen]) * rng.uniform(-1, 1, len(chosen))
+    phases = nominal.stiffness_geometry()[0]
+    table, joint_map = parameters.apply(chosen, errors, nominal.table, JointMap(phases=phases))
+    if T_world_base is None:
+        T_world_base = frames.transform(random_rotation(rng), rng.uniform(-4, 4, 3))
+    return Robot(nominal.with_table(table), joint_map, T_world_base, TARGETS if targets is None else targets)
+
+
+def random_rotation(rng):
+    """Uniform random rotation matrix."""
+    w, x, y, z = (q := rng.standard_normal(4)) / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def measured(robot, q, noise=0.0, rng=None, groups=None):
+    """Simulated points of all the robot's targets at joints (n, 6), with Gaussian noise in metres."""
+    names = tuple(robot.targets)
+    n, k = len(q), len(names)
+    xyz = np.stack([robot.points(q, name) for name in names], axis=1).reshape(-1, 3)
+    if noise:
+        xyz = xyz + noise * rng.standard_normal(xyz.shape)
+    groups = np.full(n, "", dtype=object) if groups is None else np.asarray(groups, dtype=object)
+    return PointSet(q, np.repeat(np.arange(n), k), np.tile(np.arange(k), n), xyz, names, np.arange(n), groups)
+
+
+def write_measurements(path, points, extra=None):
+    """Write a point set as a measurement file; ``extra`` are lines to append."""
+    rows = ["pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,target,x_mm,y_mm,z_mm"]
+    q, xyz = np.degrees(points.joints()), points.xyz * 1e3
+    for k in range(len(points)):
+        joints = ",".join(f"{v:.12g}" for v in q[k])
+        position = ",".join(f"{v:.12g}" for v in xyz[k])
+        rows.append(f"{points.pose_ids[points.pose[k]]},{joints},{points.target_names[points.target[k]]},{position}")
+    path.write_text("\n".join([*rows, *(extra or [])]) + "\n")
+    return path
