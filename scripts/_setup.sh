@@ -33,6 +33,16 @@ choose_python() {
     fail "irbcal needs Python 3.10 or newer with the modules venv and ensurepip (Debian: python3-venv); set PYTHON to one."
 }
 
+# Empties .venv, if it is ours, with the mark of the unfinished there from first to last.
+make_room() {
+    if [[ -e $venv && ! -e $venv/.irbcal-unfinished && ! -e $venv/.irbcal-root ]] && ! rmdir -- "$venv" 2>/dev/null; then
+        fail "$venv was not made by irbcal's scripts: move it away, or run irbcal and pytest in it yourself."
+    fi
+    mkdir -p -- "$venv"
+    touch -- "$venv/.irbcal-unfinished"
+    find "$venv" -mindepth 1 ! -name .irbcal-unfinished -delete
+}
+
 version_of() {
     "$1" -I -c 'import sys; print(sys.version)'
 }
@@ -74,9 +84,7 @@ install() {
     python=$(choose_python)
     echo "Setting up irbcal in $venv with pip; this happens once and takes about a minute ..." >&2
     if ! venv_is_sound "$(version_of "$python")"; then
-        rm -rf -- "$venv"
-        mkdir -- "$venv"
-        touch -- "$venv/.irbcal-unfinished"
+        make_room
         "$python" -I -m venv "$venv" || fail "$python could not make the virtual environment $venv."
         printf '%s\n' "$root" >"$venv/.irbcal-root"
     fi

@@ -9,7 +9,11 @@ from irbcal.modeling.arm import relative_difference
 from irbcal.modeling.jointmap import JointMap
 from irbcal.modeling.robot import Robot
 
-TARGETS = {"smr1": [-0.08737, 0.087202, 0.11002], "smr2": [0.084419, 0.08426, 0.109928], "smr3": [0.08599, -0.085788, 0.109959]}
+TARGETS = {
+    "smr1": [-0.08737, 0.087202, 0.11002],
+    "smr2": [0.084419, 0.08426, 0.109928],
+    "smr3": [0.08599, -0.085788, 0.109959],
+}
 """Targets 1 to 3 of Nubiola 2011, Table 3.1 (real), metres."""
 
 

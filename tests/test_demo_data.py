@@ -26,9 +26,7 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 def make(folder):
     """Run the script."""
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    subprocess.run(
-        [sys.executable, SCRIPT, "--out", folder], check=True, env=os.environ | {"PYTHONPATH": path}
-    )
+    subprocess.run([sys.executable, SCRIPT, "--out", folder], check=True, env=os.environ | {"PYTHONPATH": path})
     return folder
 
 

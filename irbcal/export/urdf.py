@@ -158,9 +158,7 @@ def _limits(element, kind, what, source):
     limit = element.find("limit")
     if kind != "revolute" or limit is None:
         return -np.inf, np.inf
-    return tuple(
-        _numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0] for key in ("lower", "upper")
-    )
+    return tuple(_numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0] for key in ("lower", "upper"))
 
 
 def _joints(root, source):

@@ -184,7 +184,9 @@ def _held_sentences(fit):
         if blocks.max(initial=0.0) > 1e-5:
             tied.append("the targets' coordinates")
         if tied:
-            sentence = f"{names[leading]} cannot be told from {_and(tied)} with these poses: held at the smallest change"
+            sentence = (
+                f"{names[leading]} cannot be told from {_and(tied)} with these poses: held at the smallest change"
+            )
         else:
             sentence = f"{names[leading]} has no effect on these poses: held at nominal"
         out.append(([leading, *partners], sentence))

@@ -113,7 +113,8 @@ def clean(measurements, places=None, only_targets=None):
 
     keep = ~reference & (reason == "")
     excluded = [
-        Exclusion(p, t, r) for p, t, r in zip(table["pose"][reason != ""], target[reason != ""], reason[reason != ""], strict=True)
+        Exclusion(p, t, r)
+        for p, t, r in zip(table["pose"][reason != ""], target[reason != ""], reason[reason != ""], strict=True)
     ]
     if not keep.any():
         why = excluded[0].reason if excluded else "there are only reference points"

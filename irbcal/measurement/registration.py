@@ -72,10 +72,7 @@ def register(seen, names, source, places=None):
     own = visible.sum(axis=1) >= 3
     if not own.any():
         return None
-    if places is not None:
-        common = np.array([places[name] for name in names])
-    else:
-        common = _common_places(seen, visible, own)
+    common = _common_places(seen, visible, own) if places is None else np.array([places[name] for name in names])
     known = np.isfinite(common).all(axis=1)
     visible = visible & known
     own = visible.sum(axis=1) >= 3

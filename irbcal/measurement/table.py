@@ -5,7 +5,8 @@ A measurement file has one row for each point that the tracker was asked for::
     pose,q1_deg,...,q6_deg,target,x_mm,y_mm,z_mm[,group,payload_kg,time_s,cycle,u95_mm,qw,qx,qy,qz,...]
 
 Column order is free and unknown columns are kept. A position that is empty, NaN or exactly 0,0,0 is a lost
-point. A column ``simulated`` (yes) marks data that no tracker measured. Errors name the file, the row (line of the file, the header being line 1) and the column.
+point. A column ``simulated`` (yes) marks data that no tracker measured. Errors name the file, the row (line of
+the file, the header being line 1) and the column.
 """
 
 import csv

@@ -93,10 +93,7 @@ class Arm:
             )
         upper = o[2] - o[1] - axis * (axis @ (o[2] - o[1]))
         # the forearm runs along axis 4 where that lies in the arm's plane (spherical wrist), else to axis 4
-        if abs(axis @ z[3]) < 0.5:
-            fore = z[3] * self.table.d[3]
-        else:
-            fore = o[3] - o[2]
+        fore = z[3] * self.table.d[3] if abs(axis @ z[3]) < 0.5 else o[3] - o[2]
         fore = fore - axis * (axis @ fore)
         up = np.array([0.0, 0.0, 1.0])
         phases = np.array([np.arctan2(axis @ np.cross(up, v), up @ v) for v in (upper, fore)])

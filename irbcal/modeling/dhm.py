@@ -84,7 +84,6 @@ class ChainFrames:
     tip: np.ndarray
 
 
-
 def _turn(first, second, c, s):
     """Axes (first, second) turned towards one another by the angle with cosine c and sine s."""
     return c * first + s * second, c * second - s * first

@@ -53,11 +53,7 @@ class Stiffness:
         return Stiffness(1.5 * MM, L_1 / 2, L_2 / 2, 1.0, L_1, L_2)
 
     def _lever(self):
-        return (
-            self.L_G1
-            + self.m * (self.L_1 + self.L_G2)
-            + self.m * self.L_2 / (self.L_1 + self.L_2) * self.L_G2
-        )
+        return self.L_G1 + self.m * (self.L_1 + self.L_G2) + self.m * self.L_2 / (self.L_1 + self.L_2) * self.L_G2
 
     @property
     def k_F1(self):

@@ -1,1 +1,1 @@
-"""Validation: is it true?"""
+"""Validation: is the calibrated robot true."""

@@ -70,7 +70,10 @@ def test_help_names_the_commands():
         assert command in done.stdout
 
 
-@pytest.mark.parametrize("arguments", [["calibrate"], ["fk"], ["nonsense"], ["calibrate", "x.csv", "--robot", "irb120", "--out", "y", "--model", "35"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["calibrate"], ["fk"], ["nonsense"], ["calibrate", "x.csv", "--robot", "irb120", "--out", "y", "--model", "35"]],
+)
 def test_wrong_calls_exit_with_2(arguments):
     assert run(*arguments).returncode == 2
 
@@ -194,8 +197,12 @@ def test_bad_measurement_files(data, tmp_path):
         return table.rename(columns={"q2_deg": "q3_deg", "q3_deg": "q2_deg"})
 
     assert "row 1: missing column target" in calibrate(edited(data, "b1.csv", lambda t: t.drop(columns="target")))
-    assert "row 9, column q4_deg: expected a joint angle in degrees, found 'forty'" in calibrate(edited(data, "b2.csv", text))
-    assert "row 5, column q2_deg: expected a joint angle in degrees, found nothing" in calibrate(edited(data, "b3.csv", nan))
+    assert "row 9, column q4_deg: expected a joint angle in degrees, found 'forty'" in calibrate(
+        edited(data, "b2.csv", text)
+    )
+    assert "row 5, column q2_deg: expected a joint angle in degrees, found nothing" in calibrate(
+        edited(data, "b3.csv", nan)
+    )
     assert "joints in radians instead of degrees" in calibrate(edited(data, "b4.csv", radians))
     assert "positions in metres instead of millimetres" in calibrate(edited(data, "b5.csv", metres))
     assert "both" not in calibrate(edited(data, "b6.csv", lambda t: radians(metres(t))))
@@ -212,8 +219,12 @@ def test_bad_robots_and_folders(data, tmp_path):
         return refused("calibrate", data / "good.csv", "--robot", path, "--out", tmp_path / "out")
 
     text = shipped.robot_file("irb120").read_text()
-    (tmp_path / "trick.urdf").write_text('<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + text.split("?>")[1])
-    (tmp_path / "seven.urdf").write_text(text.replace('name="flange-tool0" type="fixed"', 'name="flange-tool0" type="continuous"'))
+    (tmp_path / "trick.urdf").write_text(
+        '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + text.split("?>")[1]
+    )
+    (tmp_path / "seven.urdf").write_text(
+        text.replace('name="flange-tool0" type="fixed"', 'name="flange-tool0" type="continuous"')
+    )
     assert "'nothing.urdf' does not exist; shipped robots are irb1600, irb120" in robot("nothing.urdf")
     assert "document types and entities are refused" in robot(tmp_path / "trick.urdf")
     assert "found 7 moving joints: joint_1 (revolute)" in robot(tmp_path / "seven.urdf")
@@ -222,7 +233,9 @@ def test_bad_robots_and_folders(data, tmp_path):
     assert "expected a folder to write to, found a file" in message
     message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", "/proc/irbcal")
     assert "cannot write to this folder" in message
-    assert "cannot hold out 70 of 60" in refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--holdout", 70)
+    assert "cannot hold out 70 of 60" in refused(
+        "calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--holdout", 70
+    )
     assert "not a calibration folder" in refused("evaluate", tmp_path, data / "good.csv")
 
 

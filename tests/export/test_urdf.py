@@ -36,9 +36,9 @@ def test_shipped_robots_give_their_printed_tables(name):
 
 def example_robot(name):
     """A file of the package example-robot-data, found under the prefix of the installed package."""
-    import pinocchio
-
     from pathlib import Path
+
+    import pinocchio
 
     prefix = Path(pinocchio.__file__).parents[4]
     path = prefix / "share/example-robot-data/robots" / name
@@ -77,9 +77,7 @@ def test_no_link_frame_is_thrown_away_from_its_link(name):
     again = urdf.from_bytes(urdf.to_bytes(found, robot), "written", robot.base_link, robot.tip_link)
     moved = [
         np.linalg.norm((a @ b)[:3, 3] - (c @ d)[:3, 3])
-        for a, b, c, d in zip(
-            _steps(robot), found.T_dhm_link[1:], _steps(found.arm), found.T_dhm_link[1:], strict=True
-        )
+        for a, b, c, d in zip(_steps(robot), found.T_dhm_link[1:], _steps(found.arm), found.T_dhm_link[1:], strict=True)
     ]
     assert max(moved) < 0.02
     q = robot.random_joints(100, 0)

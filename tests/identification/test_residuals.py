@@ -14,7 +14,12 @@ from irbcal.modeling.parameters import Parameter
 
 def every_parameter():
     geometric = [f"delta_{kind}{i}" for kind in parameters.GEOMETRIC for i in range(1, 7)]
-    others = ["stiffness_A", "stiffness_B", *(f"fourier_{n}" for n in parameters.FOURIER), *(f"gain{i}" for i in range(1, 7))]
+    others = [
+        "stiffness_A",
+        "stiffness_B",
+        *(f"fourier_{n}" for n in parameters.FOURIER),
+        *(f"gain{i}" for i in range(1, 7)),
+    ]
     return [parameters._parameter(name) for name in geometric + others]
 
 
@@ -47,7 +52,9 @@ def test_jacobian_agrees_with_central_differences():
     problem, state = problem_and_state()
     analytic = problem.jacobian(state)
     # residual = measured - predicted, so its derivative is the negative of the point's
-    numeric = -central_differences(lambda x: problem.residuals(state.moved(x)).ravel(), np.zeros(problem.unknowns), 1e-3)
+    numeric = -central_differences(
+        lambda x: problem.residuals(state.moved(x)).ravel(), np.zeros(problem.unknowns), 1e-3
+    )
     scale = np.abs(analytic).max(axis=0)
     assert scale.min() > 1e-3, "every parameter must move some point"
     # the base moves after the prediction: its columns are exact for the point, first order for the residual
@@ -97,5 +104,7 @@ def test_residuals_do_not_depend_on_the_arm_being_shipped():
     points = measured(robot, model.random_joints(5, 2))
     problem = residuals.Problem(model, points, (Parameter("delta_a3", "a", 2, "m", 5e-3),))
     state = residuals.State(robot.T_world_base, np.array(list(TARGETS.values())), np.zeros(1))
-    numeric = -central_differences(lambda x: problem.residuals(state.moved(np.r_[np.zeros(15), x])).ravel(), np.zeros(1), 1e-3)
+    numeric = -central_differences(
+        lambda x: problem.residuals(state.moved(np.r_[np.zeros(15), x])).ravel(), np.zeros(1), 1e-3
+    )
     assert np.abs(problem.jacobian(state)[:, 15:] - numeric).max() < 1e-10

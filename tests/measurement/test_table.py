@@ -123,7 +123,9 @@ def test_any_bytes_are_read_or_refused_in_one_sentence(tmp_path_factory, data):
         table.read(path)
 
 
-CELL = st.sampled_from(["", "0", "1.5", "-3e2", "nan", "inf", "x", "0x10", " 7 ", "1,5", "é", "smr1", "ref1", '"', "1e999"])
+CELL = st.sampled_from(
+    ["", "0", "1.5", "-3e2", "nan", "inf", "x", "0x10", " 7 ", "1,5", "é", "smr1", "ref1", '"', "1e999"]
+)
 
 
 @settings(max_examples=300, deadline=None)

@@ -47,7 +47,9 @@ def test_rotation_vector_agrees_with_the_exponential_map(vector):
     assert np.abs(frames.rotation_from_vector(vector) - pin.exp3(vector)).max() < 5e-15
 
 
-@pytest.mark.parametrize(("angle", "tolerance"), [(0.0, 1e-15), (1e-12, 1e-15), (1e-6, 1e-15), (0.5, 1e-14), (3.0, 1e-13), (np.pi, 1e-7)])
+@pytest.mark.parametrize(
+    ("angle", "tolerance"), [(0.0, 1e-15), (1e-12, 1e-15), (1e-6, 1e-15), (0.5, 1e-14), (3.0, 1e-13), (np.pi, 1e-7)]
+)
 def test_rotation_distance_is_the_angle(angle, tolerance):
     R = random_rotation(np.random.default_rng(1))
     assert abs(frames.rotation_distance(R, R @ frames.rot_y(angle)) - angle) < tolerance

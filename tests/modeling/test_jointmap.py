@@ -83,7 +83,9 @@ def test_jacobian_agrees_with_central_differences():
 @given(st.integers(0, 2**32 - 1))
 def test_inverse_gives_the_command_back(seed):
     rng = np.random.default_rng(seed)
-    joint_map = JointMap(0.01 * rng.normal(size=6), 0.01 * rng.normal(size=2), (0.0, np.pi / 2), 0.01 * rng.normal(size=4))
+    joint_map = JointMap(
+        0.01 * rng.normal(size=6), 0.01 * rng.normal(size=2), (0.0, np.pi / 2), 0.01 * rng.normal(size=4)
+    )
     q = rng.uniform(-7, 7, (100, 6))
     theta = joint_map.effective(q)
     assert np.abs(joint_map.effective(joint_map.commanded(theta)) - theta).max() < 2e-15 * 4
