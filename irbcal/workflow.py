@@ -240,7 +240,7 @@ def _without_gross_errors(arm, cleaned, source):
         )
         for k in np.flatnonzero(~keep)
     ]
-    return outliers.select_points(points, keep), cleaned.excluded + found
+    return points.take(keep).without_empty_poses(), cleaned.excluded + found
 
 
 def _with_base_on(robot: Robot, points):

@@ -1,12 +1,13 @@
 """One identification from start to finish: level in, robot and parameter report out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from irbcal.errors import IdentificationError
 from irbcal.identification import least_squares, start
 from irbcal.identification.residuals import Problem
+from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.jointmap import Stiffness
 from irbcal.modeling.parameters import level_parameters, thesis_count
@@ -70,17 +71,53 @@ class Fit:
     @property
     def parameter_count(self):
         """Number of parameters as the thesis counts them, targets included."""
-        return thesis_count(self.problem.parameters) + 3 * self.problem.targets
+        return thesis_count(self.problem.parameters) + self.problem.outer - 6
 
     @property
     def rms(self):
         """Root mean square distance of the fitted points, metres."""
-        return float(np.sqrt(self.solution.rss / len(self.problem.points)))
+        residuals = self.problem.residuals(self.solution.state)[: len(self.problem.points)]
+        return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
+
+    def predicted_covariance(self, q, target):
+        """Covariance of a predicted reflector position from the identified parameters' uncertainty.
+
+        Held combinations add nothing, and what the model cannot describe is not in it.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n, 6)
+            Commanded joints, radians.
+        target : str
+            One of the fit's targets.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, 3)
+            In the measuring frame, m^2.
+        """
+        names = self.problem.points.target_names
+        n = len(q)
+        there = PointSet(
+            q, np.arange(n), np.full(n, names.index(target)), np.zeros((n, 3)), names, np.arange(n), np.full(n, "")
+        )
+        state = self.solution.state
+        problem = Problem(
+            self.problem.arm, there, self.problem.parameters, self.problem.joint_map.phases, self.problem.known
+        )
+        J = problem.jacobian(state).reshape(n, 3, -1)
+        C = self.solution.information.covariance()
+        # orientations of target frames do not move its position: the new problem has no columns for them
+        turns = np.arange(problem.outer, self.problem.outer)
+        C = np.delete(np.delete(C, turns, axis=0), turns, axis=1)
+        J = state.T_world_base[:3, :3] @ J
+        return J @ C @ J.transpose(0, 2, 1)
 
     def parameters(self):
         """Every parameter with value, unit, standard deviation, state and reason.
 
-        Standard deviations of the base's angles are those of small turns about the base's own axes.
+        Standard deviations of the base's angles are those of small turns about the base's own axes, those of a
+        target frame's angles of small turns about the tip link's.
 
         Returns
         -------
@@ -93,11 +130,11 @@ class Fit:
         return [sentence for _, sentence in _held_sentences(self)]
 
 
-def identify(arm, points, level="34", progress=None):
+def identify(arm, points, level="34", progress=None, known_targets=None, parameters=None):
     """Identify base, targets and the error parameters of a level by least squares.
 
-    No first guess is needed: base and targets come in closed form from the nominal arm, then the level
-    ``nominal`` and the level itself are fitted with analytic derivatives.
+    No first guess is needed: base and targets come in closed form from the nominal arm, and the fit starts
+    from there with analytic derivatives.
 
     Parameters
     ----------
@@ -105,9 +142,13 @@ def identify(arm, points, level="34", progress=None):
         Nominal arm.
     points : PointSet
     level : str
-        ``nominal``, ``11``, ``16``, ``26`` or ``34`` (Nubiola 2011, section 5.4).
+        ``nominal``, ``11``, ``16``, ``26``, ``34`` (Nubiola 2011, section 5.4) or ``34b``.
     progress : callable, optional
         Called with (iteration, rms distance in metres).
+    known_targets : dict of str to array_like, shape (3,), optional
+        Targets whose places in the tip link are known (from a CMM), metres.
+    parameters : sequence of Parameter, optional
+        Error parameters in place of the level's own.
 
     Returns
     -------
@@ -118,7 +159,21 @@ def identify(arm, points, level="34", progress=None):
     IdentificationError
         If the data do not allow it.
     """
-    parameters = level_parameters(level)
+    problem, guess = make_problem(arm, points, level, known_targets, parameters)
+    solution = least_squares.solve(problem, first_state(problem), progress)
+    return fit_of(problem, solution, level, guess)
+
+
+def make_problem(arm, points, level="34", known_targets=None, parameters=None):
+    """The problem of a level, refused with a sentence where the data are too few.
+
+    Returns
+    -------
+    problem : Problem
+    guess : Stiffness or None
+        Physical guess that names the stiffness parameters, for levels that have them.
+    """
+    parameters = level_parameters(level) if parameters is None else tuple(parameters)
     guess, phases = None, (0.0, np.pi / 2)
     if any(p.kind == "stiffness" for p in parameters):
         phases, guess = arm.stiffness_geometry()
@@ -127,29 +182,42 @@ def identify(arm, points, level="34", progress=None):
             f"{points.poses} pose{'s' if points.poses != 1 else ''} cannot determine a robot: "
             f"at least {MIN_POSES} are needed for base and tool alone, 20 or more for a calibration"
         )
-    problem = Problem(arm, points, parameters, phases)
-    spare = 3 * len(points) - problem.unknowns
+    problem = Problem(arm, points, parameters, phases, known_targets)
+    spare = 3 * problem.rows - problem.unknowns
     if spare < 1:
         raise IdentificationError(
-            f"{len(points)} points of {points.poses} poses give {3 * len(points)} equations for the "
-            f"{problem.unknowns} unknowns of level {level} with {problem.targets} targets: measure at least "
-            f"{-(-(1 - spare) // 3)} more points or choose a smaller model"
+            f"{len(points)} points of {points.poses} poses give {3 * problem.rows} equations for the "
+            f"{problem.unknowns} unknowns of level {level} with {len(points.target_names)} targets: measure at least "
+            f"{_poses_missing(problem, spare)} more poses or choose a smaller model"
         )
-    solution = least_squares.solve(problem, _start(arm, points, len(parameters)), progress)
-    arm_found, joint_map = problem.model(solution.state)
-    targets = dict(zip(points.target_names, solution.state.targets, strict=True))
-    robot = Robot(arm_found, joint_map, solution.state.T_world_base, targets)
+    return problem, guess
+
+
+def _poses_missing(problem, spare):
+    """How many more poses like these give one equation to spare."""
+    per_pose = 3 * problem.rows / problem.points.poses
+    return int(np.ceil((1 - spare) / per_pose))
+
+
+def fit_of(problem, solution, level, guess):
+    """The robot that a solution describes, with what the fit knows of itself."""
+    arm, joint_map = problem.model(solution.state)
+    names = problem.points.target_names
+    targets = dict(zip(names, solution.state.targets, strict=True))
+    rotations = {names[k]: solution.state.rotations[k] for k in problem.framed}
+    robot = Robot(arm, joint_map, solution.state.T_world_base, targets, rotations)
     return Fit(robot, level, problem, solution, guess)
 
 
-def _start(arm, points, errors):
+def first_state(problem):
     """Closed form; where the data leave it open, the best of a turn of nominal fits."""
-    state, spread = start.closed_form(arm, points, errors)
+    state, spread = start.closed_form(problem)
     if spread > 1e-5:
         return state
-    nominal = Problem(arm, points, ())
+    nominal = Problem(problem.arm, problem.points, (), known_targets=problem.known)
+    first, _ = start.closed_form(nominal)
     best, failure = None, None
-    for candidate in [start.closed_form(arm, points)[0], *start.turned_starts(arm, points)]:
+    for candidate in [first, *start.turned_starts(nominal, first)]:
         try:
             solution = least_squares.solve(nominal, candidate)
         except IdentificationError as error:
@@ -159,7 +227,7 @@ def _start(arm, points, errors):
             best = solution
     if best is None:
         raise failure
-    return type(best.state)(best.state.T_world_base, best.state.targets, np.zeros(errors))
+    return replace(best.state, errors=np.zeros(len(problem.parameters)))
 
 
 def _outside(value, unit):
@@ -180,8 +248,7 @@ def _held_sentences(fit):
         base_moves = np.abs(others[:6]).max() > 0.01 * information.scale[leading]
         if base_moves:
             tied.append("the base")
-        blocks = np.abs(others[6:].reshape(-1, 3)).max(axis=1)
-        if blocks.max(initial=0.0) > 1e-5:
+        if np.abs(others[6:]).max(initial=0.0) > 1e-5:
             tied.append("the targets' coordinates")
         if tied:
             sentence = (
@@ -215,10 +282,15 @@ def _report(fit):
         add(f"base_{name}", base[k], "m", np.sqrt(moved[k, k]))
     for k, name in enumerate(("rx", "ry", "rz")):
         add(f"base_{name}", base[3 + k], "rad", std[k])
-    b = 6
-    for name, target in zip(fit.problem.points.target_names, state.targets, strict=True):
+    names, b = fit.problem.points.target_names, 6
+    for j in fit.problem.free:
         for k in range(3):
-            add(f"target_{name}_{'xyz'[k]}", target[k], "m", std[b + k])
+            add(f"target_{names[j]}_{'xyz'[k]}", state.targets[j, k], "m", std[b + k])
+        b += 3
+    for j in fit.problem.framed:
+        angles = frames.to_xyz_angles(frames.transform(state.rotations[j]))[3:]
+        for k in range(3):
+            add(f"target_{names[j]}_r{'xyz'[k]}", angles[k], "rad", std[b + k])
         b += 3
     held = information.held_fraction()
     sentences = _held_sentences(fit)

@@ -69,11 +69,11 @@ def solve(problem, state, progress=None):
         step = _step(seen, g, state)
         size = np.abs(step).max()
         if size < STEP_TOLERANCE:
-            moved = state.moved(step)
+            moved = problem.moved(state, step)
             return Solution(moved, seen, problem.rss(moved), iteration, history)
         shrink = 1.0
         while True:
-            moved = state.moved(shrink * step)
+            moved = problem.moved(state, shrink * step)
             H, g, new_rss = problem.normal_equations(moved)
             # a step that is lost in rounding, or only puts held directions back, need not lower the sum
             if new_rss <= rss * (1 + 1e-6) or size * shrink < 1e-7:

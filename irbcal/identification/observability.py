@@ -63,6 +63,72 @@ class Information:
         C_nn = self.H_nn_inverse - C_nr @ self.follow.T
         return self.sigma**2 * np.block([[C_nn, C_nr], [C_nr.T, C_rr]])
 
+    @property
+    def singular_values(self):
+        """Singular values of the scaled Jacobian of the error parameters, descending, metres.
+
+        How far all points move together (root of the summed squares) for one plausible size along each
+        direction, base and targets following.
+        """
+        return np.sqrt(np.maximum(self.eigenvalues[::-1], 0.0))
+
+    def indices(self, poses):
+        """Observability indices O1 to O5 and the condition number, over the seen directions.
+
+        O1 = (s_1 ... s_r)^(1/r) / sqrt(poses) (Borm and Menq 1989), O2 = s_r / s_1 (Driels and Pathre 1990),
+        O3 = s_r (Nahvi, Hollerbach and Hayward 1994), O4 = s_r^2 / s_1 (Nahvi and Hollerbach 1996),
+        O5 = 1 / (1/s_1 + ... + 1/s_r) (Sun and Hollerbach 2008); s in metres for a plausible size.
+
+        Parameters
+        ----------
+        poses : int
+
+        Returns
+        -------
+        dict of str to float
+            ``O1`` ... ``O5``, ``condition``; empty where no error parameter is seen.
+        """
+        s = np.sqrt(self.eigenvalues[self.seen])[::-1]
+        if not len(s):
+            return {}
+        return {
+            "O1": float(np.exp(np.mean(np.log(s))) / np.sqrt(poses)),
+            "O2": float(s[-1] / s[0]),
+            "O3": float(s[-1]),
+            "O4": float(s[-1] ** 2 / s[0]),
+            "O5": float(1.0 / np.sum(1.0 / s)),
+            "condition": float(s[0] / s[-1]),
+        }
+
+    def correlations(self, above=0.9):
+        """Pairs of error parameters that the data can hardly tell apart.
+
+        Returns
+        -------
+        list of tuple
+            (index, index, correlation coefficient), strongest first; held parameters are left out.
+        """
+        b = len(self.H_nn_inverse)
+        C = self.covariance()[b:, b:]
+        free = np.flatnonzero(self.held_fraction() < 0.01)
+        std = np.sqrt(np.diag(C))
+        pairs = [
+            (int(i), int(j), float(C[i, j] / (std[i] * std[j]))) for k, i in enumerate(free) for j in free[k + 1 :]
+        ]
+        return sorted((pair for pair in pairs if abs(pair[2]) > above), key=lambda pair: -abs(pair[2]))
+
+    def basis(self):
+        """Directions in which the data speak: base and targets, then the seen combinations of error parameters.
+
+        Returns
+        -------
+        ndarray, shape (b + k, rank)
+            Columns are steps in SI units (`Problem.moved`), a plausible size long each.
+        """
+        b, k = self.follow.shape
+        seen = self.directions[:, self.seen] * self.scale[:, None]
+        return np.block([[np.eye(b), np.zeros((b, seen.shape[1]))], [np.zeros((k, b)), seen]])
+
     def held_fraction(self):
         """Share of each error parameter that lies in held directions, 0 (identified) to 1 (held), shape (k,)."""
         held = self.directions[:, ~self.seen]
@@ -108,8 +174,8 @@ def information(problem, H, rss):
     IdentificationError
         If the poses do not determine base and targets, or if there are no equations to spare.
     """
-    b = 6 + 3 * problem.targets
-    equations = 3 * len(problem.points)
+    b = problem.outer
+    equations = 3 * problem.rows
     values, vectors = np.linalg.eigh(H[:b, :b])
     if values[0] < 1e-9 * values[-1]:
         raise IdentificationError(

@@ -1,10 +1,11 @@
 """Gross errors and mixed-up units, seen against the nominal robot before anything is identified."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification.fit import identify
-from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import distances
@@ -27,15 +28,7 @@ READINGS = {
 
 def scaled(points, q_factor, xyz_factor):
     """The same points with joints and positions multiplied."""
-    return PointSet(
-        points.q * q_factor,
-        points.pose,
-        points.target,
-        points.xyz * xyz_factor,
-        points.target_names,
-        points.pose_ids,
-        points.groups,
-    )
+    return replace(points, q=points.q * q_factor, xyz=points.xyz * xyz_factor)
 
 
 def spread(arm, points):
@@ -84,22 +77,10 @@ def find_gross_errors(arm, points, source="the measurements"):
     return keep, distance
 
 
-def _without(points, keep):
-    return PointSet(
-        points.q,
-        points.pose[keep],
-        points.target[keep],
-        points.xyz[keep],
-        points.target_names,
-        points.pose_ids,
-        points.groups,
-    )
-
-
 def _nominal_distances(arm, points, keep, source):
     failure = None
     try:
-        robot = identify(arm, _without(points, keep), "nominal").robot
+        robot = identify(arm, points.take(keep), "nominal").robot
         distance = distances(robot, points)
     except IdentificationError as error:
         failure, distance = error, np.full(len(points), np.inf)
@@ -123,11 +104,3 @@ def _nominal_distances(arm, points, keep, source):
         f"{source}: {arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base "
         "and tool: wrong robot file, joint order or joint signs?"
     )
-
-
-def select_points(points, keep):
-    """The points that a mask of shape (m,) keeps; poses without points go."""
-    rest = _without(points, keep)
-    used = np.zeros(points.poses, dtype=bool)
-    used[rest.pose] = True
-    return rest.select(used)

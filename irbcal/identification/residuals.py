@@ -21,7 +21,7 @@ base               rotation ``e x p``, translation ``e``
 =================  ==========================================
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from irbcal.modeling.jointmap import JointMap, fourier_terms, stiffness_terms
 
 BLOCK = 2048
 """Poses whose Jacobian is in memory at a time."""
+
+ORIENTATION_LENGTH = 0.3
+"""Metres per radian: a rotation of the target frame counts as the motion of a point this far away."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,28 +46,29 @@ class State:
         In the tip link, metres.
     errors : ndarray, shape (k,)
         Error parameters, SI units.
+    rotations : ndarray, shape (T, 3, 3)
+        Target frames in the tip link; identity for targets without measured orientation.
     """
 
     T_world_base: np.ndarray
     targets: np.ndarray
     errors: np.ndarray
+    rotations: np.ndarray = field(default=None)
 
-    def moved(self, step):
-        """The state after a step (6 base, 3 T targets, k errors).
-
-        The base moves by a rotation vector and a translation given in the base link.
-        """
-        shift = frames.transform(frames.rotation_from_vector(step[:3]), step[3:6])
-        count = self.targets.size
-        return State(
-            self.T_world_base @ shift,
-            self.targets + step[6 : 6 + count].reshape(-1, 3),
-            self.errors + step[6 + count :],
-        )
+    def __post_init__(self):
+        if self.rotations is None:
+            object.__setattr__(self, "rotations", np.tile(np.eye(3), (len(self.targets), 1, 1)))
 
 
 class Problem:
-    """Measured points against an arm with given error parameters.
+    """Measured points and orientations against an arm with given error parameters.
+
+    A measured orientation is one more row of three residuals: the rotation vector from the predicted to the
+    measured target frame, times `ORIENTATION_LENGTH`. Rows are ordered: all positions, then all orientations.
+
+    The unknowns are ordered: base (rotation vector, translation, in the base link), positions of the targets
+    that are not known, orientations of the targets that were measured with one, error parameters. The first
+    three kinds have no nominal value and are called *outer*.
 
     Parameters
     ----------
@@ -74,37 +78,89 @@ class Problem:
     error_parameters : sequence of Parameter
     phases : array_like, shape (2,)
         Of the stiffness terms, see `irbcal.modeling.jointmap`.
+    known_targets : dict of str to array_like, shape (3,), optional
+        Positions in the tip link that are not identified, metres.
+    orientation_length : float
+        Metres per radian.
+
+    Attributes
+    ----------
+    rows : int
+        Number of measured vectors, positions and orientations.
+    outer : int
+        Number of outer unknowns.
+    weights : ndarray, shape (rows,)
+        Factor on each row: median uncertainty over the row's own; 1 where no uncertainty is given.
     """
 
-    def __init__(self, arm, points, error_parameters, phases=(0.0, np.pi / 2)):
+    def __init__(
+        self,
+        arm,
+        points,
+        error_parameters,
+        phases=(0.0, np.pi / 2),
+        known_targets=None,
+        orientation_length=ORIENTATION_LENGTH,
+    ):
         self.arm = arm
         self.points = points
         self.parameters = tuple(error_parameters)
         self.joint_map = JointMap(phases=phases)
-        self.targets = len(points.target_names)
-        self._plan = [(slot, p.kind, p.index) for slot, p in enumerate(self.parameters)]
+        self.known = {k: np.asarray(v, float) for k, v in (known_targets or {}).items() if k in points.target_names}
+        self.orientation_length = orientation_length
+        names = points.target_names
+        oriented = points.oriented()
+        self.free = np.array([k for k, name in enumerate(names) if name not in self.known], dtype=int)
+        self.framed = np.unique(points.target[oriented])
+        self.outer = 6 + 3 * len(self.free) + 3 * len(self.framed)
+        self.rows = len(points) + int(oriented.sum())
+        self.weights = _weights(points, oriented)
+        self._blocks = self._cut(points, oriented)
+
+    def _cut(self, points, oriented):
+        """Per block of poses: joints, points, and where its rows stand."""
         starts = range(0, points.poses, BLOCK)
         edges = np.searchsorted(points.pose, [*starts, points.poses])
-        self._blocks = []
+        before = np.concatenate([[0], np.cumsum(oriented)])
+        blocks = []
         for k, start in enumerate(starts):
             rows = slice(edges[k], edges[k + 1])
             q = points.q[start : start + BLOCK]
-            upper, fore = stiffness_terms(q, self.joint_map.phases)
-            self._blocks.append(
+            turned = np.flatnonzero(oriented[rows])
+            o = len(points) + before[edges[k]]
+            blocks.append(
                 {
                     "q": q,
                     "pose": points.pose[rows] - start,
                     "target": points.target[rows],
                     "xyz": np.ascontiguousarray(points.xyz[rows].T),
-                    "stiffness": (upper, fore),
+                    "turned": turned,
+                    "rotation": points.rotation[rows][turned] if len(turned) else None,
+                    "rows": np.r_[rows, o : o + len(turned)],
+                    "stiffness": stiffness_terms(q, self.joint_map.phases),
                     "fourier": fourier_terms(q),
                 }
             )
+        return blocks
 
     @property
     def unknowns(self):
         """Number of unknowns: base, targets and error parameters."""
-        return 6 + 3 * self.targets + len(self.parameters)
+        return self.outer + len(self.parameters)
+
+    def moved(self, state, step):
+        """The state after a step in the order of the unknowns.
+
+        The base moves by a rotation vector and a translation given in the base link, a target frame by a
+        rotation vector given in the tip link.
+        """
+        shift = frames.transform(frames.rotation_from_vector(step[:3]), step[3:6])
+        targets, rotations = state.targets.copy(), state.rotations.copy()
+        k = 6 + 3 * len(self.free)
+        targets[self.free] += step[6:k].reshape(-1, 3)
+        for j, turn in zip(self.framed, step[k : self.outer].reshape(-1, 3), strict=True):
+            rotations[j] = frames.rotation_from_vector(turn) @ rotations[j]
+        return State(state.T_world_base @ shift, targets, state.errors + step[self.outer :], rotations)
 
     def model(self, state):
         """Arm and joint map with the state's error parameters added."""
@@ -112,21 +168,32 @@ class Problem:
         return self.arm.with_table(table), joint_map
 
     def residuals(self, state):
-        """Residuals of all points in the base link, shape (m, 3), metres."""
+        """Residuals of all rows in the base link, shape (rows, 3), metres; not weighted."""
         arm, joint_map = self.model(state)
-        return np.concatenate([self._block(block, arm, joint_map, state, False)[0].T for block in self._blocks])
+        out = np.empty((self.rows, 3))
+        for block in self._blocks:
+            out[block["rows"]] = self._block(block, arm, joint_map, state, False)[0].T
+        return out
 
     def jacobian(self, state):
-        """Derivative of all predicted points, shape (3 m, unknowns), points' x, y, z side by side.
+        """Derivative of all predictions, shape (3 rows, unknowns), x, y, z of a row side by side; not weighted.
 
-        For tests and small problems; fits use `normal_equations`.
+        For small problems; least squares uses `normal_equations`.
         """
         arm, joint_map = self.model(state)
-        parts = [self._block(block, arm, joint_map, state, True)[1] for block in self._blocks]
-        return np.concatenate([J.transpose(2, 1, 0).reshape(-1, self.unknowns) for J in parts])
+        out = np.empty((self.rows, 3, self.unknowns))
+        for block in self._blocks:
+            out[block["rows"]] = self._block(block, arm, joint_map, state, True)[1].transpose(2, 1, 0)
+        return out.reshape(-1, self.unknowns)
 
-    def normal_equations(self, state):
-        """Sums over all points, a block of poses at a time.
+    def normal_equations(self, state, weights=None):
+        """Weighted sums over all rows, a block of poses at a time.
+
+        Parameters
+        ----------
+        state : State
+        weights : ndarray, shape (rows,), optional
+            Factors on residuals and derivatives, `self.weights` unless given.
 
         Returns
         -------
@@ -137,10 +204,16 @@ class Problem:
         rss : float
             Sum of squared residuals, m^2.
         """
+        weights = self.weights if weights is None else weights
+        uniform = np.all(weights == 1.0)
         arm, joint_map = self.model(state)
         H, g, rss = 0.0, 0.0, 0.0
         for block in self._blocks:
             r, J = self._block(block, arm, joint_map, state, True)
+            if not uniform:
+                w = weights[block["rows"]]
+                r *= w
+                J *= w
             flat = J.reshape(self.unknowns, -1)
             r = r.ravel()
             H = H + flat @ flat.T
@@ -148,13 +221,15 @@ class Problem:
             rss += r @ r
         return H, g, rss
 
-    def rss(self, state):
-        """Sum of squared residuals, m^2."""
-        return float(np.sum(self.residuals(state) ** 2))
+    def rss(self, state, weights=None):
+        """Weighted sum of squared residuals, m^2."""
+        weights = self.weights if weights is None else weights
+        return float(np.sum((weights[:, None] * self.residuals(state)) ** 2))
 
     def _block(self, block, arm, joint_map, state, with_jacobian):
-        """Residuals (3, m) and, on request, derivatives of the points (unknowns, 3, m) of one block."""
-        table, pose, target = arm.table, block["pose"], block["target"]
+        """Residuals (3, rows) and, on request, derivatives (unknowns, 3, rows) of one block."""
+        table, pose, target, turned = arm.table, block["pose"], block["target"], block["turned"]
+        m = len(pose)
         theta = joint_map.effective(block["q"]).T + table.theta[:, None]
         if with_jacobian:
             chain = dhm.chain_frames(table, theta, arm.T_base_0, arm.T_6_tip)
@@ -164,24 +239,46 @@ class Problem:
         local = state.targets[target].T
         p = tip[3] + tip[0] * local[0] + tip[1] * local[1] + tip[2] * local[2]
         T_base_world = frames.inverse(state.T_world_base)
-        r = T_base_world[:3, :3] @ block["xyz"] + T_base_world[:3, 3:] - p
+        r = np.empty((3, m + len(turned)))
+        r[:, :m] = T_base_world[:3, :3] @ block["xyz"] + T_base_world[:3, 3:] - p
+        if len(turned):
+            predicted = tip[:3, :, turned].transpose(2, 1, 0) @ state.rotations[target[turned]]
+            measured = T_base_world[:3, :3] @ block["rotation"]
+            r[:, m:] = self.orientation_length * _rotation_vectors(measured @ predicted.transpose(0, 2, 1)).T
         if not with_jacobian:
             return r, None
-        J = np.zeros((self.unknowns, 3, len(pose)))
-        J[0, 1], J[0, 2] = -p[2], p[1]
-        J[1, 0], J[1, 2] = p[2], -p[0]
-        J[2, 0], J[2, 1] = -p[1], p[0]
-        J[3, 0] = J[4, 1] = J[5, 2] = 1.0
-        for k in range(self.targets):
-            mine = target == k
-            J[6 + 3 * k : 9 + 3 * k, :, mine] = tip[:3, :, mine]
-        self._robot_columns(J[6 + 3 * self.targets :], chain, p, block)
+        J = np.zeros((self.unknowns, 3, r.shape[1]))
+        J[0, 1, :m], J[0, 2, :m] = -p[2], p[1]
+        J[1, 0, :m], J[1, 2, :m] = p[2], -p[0]
+        J[2, 0, :m], J[2, 1, :m] = -p[1], p[0]
+        J[3, 0, :m] = J[4, 1, :m] = J[5, 2, :m] = 1.0
+        for slot, k in enumerate(self.free):
+            mine = np.flatnonzero(target == k)
+            J[6 + 3 * slot : 9 + 3 * slot, :, mine] = tip[:3, :, mine]
+        self._robot_columns(J[self.outer :, :, :m], chain, p, block)
+        if len(turned):
+            self._orientation_columns(J[:, :, m:], chain, tip, block)
         return r, J
+
+    def _orientation_columns(self, J, chain, tip, block):
+        """Fill derivatives of the predicted rotation vectors, (unknowns, 3, o)."""
+        turned = block["turned"]
+        pose, target = block["pose"][turned], block["target"][turned]
+        length = self.orientation_length
+        for k in range(3):
+            J[k, k] = length
+        start = 6 + 3 * len(self.free)
+        for slot, k in enumerate(self.framed):
+            mine = np.flatnonzero(target == k)
+            J[start + 3 * slot : start + 3 * slot + 3, :, mine] = length * tip[:3, :, turned[mine]]
+        axes = {"theta": chain.z, "alpha": chain.x_before, "beta": chain.y_tilt}
+        spin = {kind: length * array[..., pose] for kind, array in axes.items()}
+        self._fill(J[self.outer :], spin, block, pose)
 
     def _robot_columns(self, J, chain, p, block):
         """Fill derivatives by the robot's error parameters, (k, 3, m)."""
         pose = block["pose"]
-        kinds = {kind for _, kind, _ in self._plan}
+        kinds = {parameter.kind for parameter in self.parameters}
         columns = {}
         if "a" in kinds or "alpha" in kinds:
             columns["a"] = chain.x_before[..., pose]
@@ -192,17 +289,38 @@ class Problem:
             columns["theta"] = _turned(columns["d"], chain.o[..., pose], p)
         if "beta" in kinds:
             columns["beta"] = _turned(chain.y_tilt[..., pose], chain.o_tilt[..., pose], p)
-        for slot, kind, index in self._plan:
+        self._fill(J, columns, block, pose)
+
+    def _fill(self, J, columns, block, pose):
+        """Derivatives by every error parameter from those by the DHM columns; absent columns have no effect."""
+        for slot, parameter in enumerate(self.parameters):
+            kind, index = parameter.kind, parameter.index
             if kind in columns:
                 J[slot] = columns[kind][index]
             elif kind == "gain":
                 J[slot] = columns["theta"][index] * block["q"][pose, index]
             elif kind == "fourier":
                 J[slot] = columns["theta"][5] * block["fourier"][index, pose]
-            elif index == 0:  # stiffness A
+            elif kind == "stiffness" and index == 0:  # A
                 J[slot] = columns["theta"][1] * block["stiffness"][0][pose]
-            else:  # stiffness B
+            elif kind == "stiffness":  # B
                 J[slot] = (columns["theta"][1] + columns["theta"][2]) * block["stiffness"][1][pose]
+
+
+def _weights(points, oriented):
+    """Row weights from the points' uncertainties: the median uncertainty over the row's own."""
+    if points.u95 is None or not np.isfinite(points.u95).any():
+        return np.ones(len(points) + int(oriented.sum()))
+    typical = np.nanmedian(points.u95)
+    weights = typical / np.where(np.isfinite(points.u95), points.u95, typical)
+    return np.concatenate([weights, weights[oriented]])
+
+
+def _rotation_vectors(R):
+    """Rotation vectors (n, 3) of rotations (n, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(R).as_rotvec()
 
 
 def _turned(axis, origin, p):

@@ -13,15 +13,13 @@ from irbcal.identification.residuals import State
 from irbcal.modeling import dhm, frames
 
 
-def closed_form(arm, points, errors=0):
+def closed_form(problem):
     """First guess of base and targets from nominal kinematics.
 
     Parameters
     ----------
-    arm : Arm
-    points : PointSet
-    errors : int
-        Number of error parameters of the state to make (they start at zero).
+    problem : Problem
+        Its error parameters start at zero; known targets stay where they are known to be.
 
     Returns
     -------
@@ -35,47 +33,73 @@ def closed_form(arm, points, errors=0):
     IdentificationError
         If there are fewer equations than the 12 + 3 T unknowns.
     """
-    count = len(points.target_names)
-    unknowns = 12 + 3 * count
+    points, free = problem.points, problem.free
+    unknowns = 12 + 3 * len(free)
     if 3 * len(points) < unknowns:
         raise IdentificationError(
             f"{len(points)} points of {points.poses} poses are too few to find base and tool: "
-            f"{count} unknown targets need at least {-(-unknowns // 3)} points"
+            f"{len(free)} unknown targets need at least {-(-unknowns // 3)} points"
         )
-    theta = points.q.T + arm.table.theta[:, None]
-    tip = dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_6_tip)[..., points.pose]
+    tip = nominal_tip(problem)
     y = points.xyz.T
     center = y.mean(axis=1, keepdims=True)
     size = max(np.abs(y - center).max(), 1e-9)
     m = len(points)
+    targets = np.zeros((len(points.target_names), 3))
+    for k, name in enumerate(points.target_names):
+        targets[k] = problem.known.get(name, targets[k])
+    right = tip[3] + np.einsum("kcm,mk->cm", tip[:3], targets[points.target])
     # equations of base-link component k stand in rows k m .. (k+1) m
     M = np.zeros((3, m, unknowns))
     for k in range(3):
         M[k, :, 3 * k : 3 * k + 3] = ((y - center) / size).T
         M[k, :, 9 + k] = 1.0
-        for t in range(count):
+        for slot, t in enumerate(free):
             mine = points.target == t
-            M[k, mine, 12 + 3 * t : 15 + 3 * t] = -tip[:3, k, mine].T
+            M[k, mine, 12 + 3 * slot : 15 + 3 * slot] = -tip[:3, k, mine].T
     M = M.reshape(3 * m, unknowns)
-    H = M.T @ M
-    eigenvalues, V = np.linalg.eigh(H)
+    eigenvalues, V = np.linalg.eigh(M.T @ M)
     keep = eigenvalues > 1e-12 * eigenvalues[-1]
-    solution = V[:, keep] @ ((V[:, keep].T @ (M.T @ tip[3].ravel())) / eigenvalues[keep])
+    solution = V[:, keep] @ ((V[:, keep].T @ (M.T @ right.ravel())) / eigenvalues[keep])
     W = frames.nearest_rotation(solution[:9].reshape(3, 3) / size)
     # with the rotation fixed, translation and targets again by least squares
     left = M[:, 9:]
-    right = tip[3].ravel() - (W @ (y - center)).ravel()
-    rest = np.linalg.lstsq(left, right, rcond=1e-9)[0]
-    T_base_world = frames.transform(W, rest[:3] - W @ center[:, 0])
-    state = State(frames.inverse(T_base_world), rest[3:].reshape(-1, 3), np.zeros(errors))
+    normal = left.T @ left
+    right_side = left.T @ (right - W @ (y - center)).ravel()
+    rest = np.linalg.lstsq(normal, right_side, rcond=1e-12)[0]
+    targets[free] = rest[3:].reshape(-1, 3)
+    state = State(
+        frames.inverse(frames.transform(W, rest[:3] - W @ center[:, 0])),
+        targets,
+        np.zeros(len(problem.parameters)),
+        _target_rotations(problem, tip, W),
+    )
     return state, float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
 
 
-def turned_starts(arm, points, errors=0):
-    """Starts for every one of the 24 turns of a cube, for data on which `closed_form` is not determined."""
+def nominal_tip(problem):
+    """Tip frames of the nominal arm at each point's joints: axes and origin, shape (4, 3, m)."""
+    arm, points = problem.arm, problem.points
     theta = points.q.T + arm.table.theta[:, None]
-    tip = dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_6_tip)[..., points.pose]
-    middle_base, middle_world = tip[3].mean(axis=1), points.xyz.mean(axis=0)
+    return dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_6_tip)[..., points.pose]
+
+
+def _target_rotations(problem, tip, W):
+    """Mean orientation of each measured target frame in the tip link; identity without measurements."""
+    points = problem.points
+    rotations = np.tile(np.eye(3), (len(points.target_names), 1, 1))
+    oriented = points.oriented()
+    for k in problem.framed:
+        mine = oriented & (points.target == k)
+        R_tip_base = tip[:3, :, mine].transpose(2, 0, 1)
+        rotations[k] = frames.nearest_rotation((R_tip_base @ (W @ points.rotation[mine])).mean(axis=0))
+    return rotations
+
+
+def turned_starts(problem, state):
+    """Starts for every one of the 24 turns of a cube, for data on which `closed_form` is not determined."""
+    tip = nominal_tip(problem)
+    middle_base, middle_world = tip[3].mean(axis=1), problem.points.xyz.mean(axis=0)
     states = []
     for permutation in ((0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)):
         for signs in range(8):
@@ -83,5 +107,6 @@ def turned_starts(arm, points, errors=0):
             R[range(3), permutation] = [1.0 if signs >> k & 1 else -1.0 for k in range(3)]
             if np.linalg.det(R) > 0:
                 T = frames.transform(R, middle_world - R @ middle_base)
-                states.append(State(T, np.zeros((len(points.target_names), 3)), np.zeros(errors)))
+                targets = np.where(np.isin(range(len(state.targets)), problem.free)[:, None], 0.0, state.targets)
+                states.append(State(T, targets, state.errors, _target_rotations(problem, tip, R.T)))
     return states

@@ -75,6 +75,7 @@ def clean(measurements, places=None, only_targets=None):
     source = measurements.source
     pose = table["pose_index"].to_numpy()
     xyz = measurements.positions()
+    rotation, u95 = measurements.rotations(), measurements.uncertainties()
     target = table["target"].to_numpy(dtype=object)
     reference = measurements.is_reference()
     reason = np.full(len(table), "", dtype=object)
@@ -99,6 +100,7 @@ def clean(measurements, places=None, only_targets=None):
     if registration is not None:
         T = registration.T_frame_pose[pose]
         xyz = np.einsum("nij,nj->ni", T[:, :3, :3], xyz) + T[:, :3, 3]
+        rotation = None if rotation is None else T[:, :3, :3] @ rotation
         missing = int((~registration.own).sum())
         if missing:
             notes.append(
@@ -134,6 +136,8 @@ def clean(measurements, places=None, only_targets=None):
         tuple(target_names),
         table["pose"].to_numpy(dtype=object)[first][used],
         groups[first][used],
+        None if rotation is None else rotation[rows],
+        None if u95 is None else u95[rows],
     )
     return Cleaned(points, excluded, registration, notes)
 

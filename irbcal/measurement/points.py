@@ -1,6 +1,6 @@
 """Measured points as arrays: what identification and validation compute with."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,10 @@ class PointSet:
         The user's pose numbers.
     groups : ndarray of str, shape (n,)
         Group of each pose, empty where none was given.
+    rotation : ndarray, shape (m, 3, 3), optional
+        Measured orientation of a target frame in the measuring frame; NaN for points without one.
+    u95 : ndarray, shape (m,), optional
+        Expanded uncertainty of each point, metres; NaN where not given.
     """
 
     q: np.ndarray
@@ -35,6 +39,8 @@ class PointSet:
     target_names: tuple
     pose_ids: np.ndarray
     groups: np.ndarray
+    rotation: np.ndarray | None = None
+    u95: np.ndarray | None = None
 
     def __len__(self):
         return len(self.pose)
@@ -52,17 +58,34 @@ class PointSet:
         """Target name of each point, shape (m,)."""
         return np.array(self.target_names, dtype=object)[self.target]
 
-    def select(self, keep):
-        """The points of the poses that a mask of shape (n,) keeps."""
-        keep = np.asarray(keep, dtype=bool)
-        rows = keep[self.pose]
-        number = np.cumsum(keep) - 1
-        return PointSet(
-            self.q[keep],
-            number[self.pose[rows]],
-            self.target[rows],
-            self.xyz[rows],
-            self.target_names,
-            self.pose_ids[keep],
-            self.groups[keep],
+    def oriented(self):
+        """Which points carry a measured orientation, shape (m,)."""
+        if self.rotation is None:
+            return np.zeros(len(self), dtype=bool)
+        return np.isfinite(self.rotation).all(axis=(1, 2))
+
+    def take(self, keep):
+        """The points that a mask of shape (m,) keeps; the poses stay, even without points."""
+        return replace(
+            self,
+            pose=self.pose[keep],
+            target=self.target[keep],
+            xyz=self.xyz[keep],
+            rotation=None if self.rotation is None else self.rotation[keep],
+            u95=None if self.u95 is None else self.u95[keep],
         )
+
+    def select(self, keep):
+        """The poses that a mask of shape (n,) keeps, with their points."""
+        keep = np.asarray(keep, dtype=bool)
+        rest = self.take(keep[self.pose])
+        number = np.cumsum(keep) - 1
+        return replace(
+            rest, q=self.q[keep], pose=number[rest.pose], pose_ids=self.pose_ids[keep], groups=self.groups[keep]
+        )
+
+    def without_empty_poses(self):
+        """The same points without poses that have none."""
+        used = np.zeros(self.poses, dtype=bool)
+        used[self.pose] = True
+        return self.select(used)

@@ -25,7 +25,8 @@ from irbcal.units import DEG, MM
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
 POSITION = ["x_mm", "y_mm", "z_mm"]
 REQUIRED = ["pose", *JOINTS, "target", *POSITION]
-NUMERIC_EXTRAS = ["payload_kg", "time_s", "u95_mm", "qw", "qx", "qy", "qz"]
+QUATERNION = ["qw", "qx", "qy", "qz"]
+NUMERIC_EXTRAS = ["payload_kg", "time_s", "u95_mm", *QUATERNION]
 REFERENCE_PREFIX = "ref"
 
 
@@ -66,6 +67,23 @@ class MeasurementSet:
     def is_reference(self):
         """Mask of the rows that are reference points fixed to the ground."""
         return self.table["target"].str.startswith(REFERENCE_PREFIX).to_numpy()
+
+    def rotations(self):
+        """Measured orientations of all rows, shape (rows, 3, 3), NaN where there is none; None without columns."""
+        from scipy.spatial.transform import Rotation
+
+        if QUATERNION[0] not in self.table.columns:
+            return None
+        w, x, y, z = self.table[QUATERNION].to_numpy().T
+        have = np.isfinite(w)
+        out = np.full((len(w), 3, 3), np.nan)
+        if have.any():
+            out[have] = Rotation.from_quat(np.column_stack([x, y, z, w])[have]).as_matrix()
+        return out
+
+    def uncertainties(self):
+        """Expanded uncertainties of all rows, shape (rows,), metres, NaN where not given; None without a column."""
+        return self.table["u95_mm"].to_numpy() * MM if "u95_mm" in self.table.columns else None
 
     def positions(self):
         """Positions of all rows, shape (rows, 3), metres; NaN where lost."""
@@ -110,6 +128,7 @@ def read(path):
     lost = np.isnan(xyz).any(axis=1) | (xyz == 0.0).all(axis=1)
     table.loc[lost, POSITION] = np.nan
     table["pose_index"] = _pose_index(table, source)
+    _check_quaternions(table, source)
     return MeasurementSet(table, source, digest)
 
 
@@ -225,6 +244,27 @@ def _numbers(raw, name, source, expected, lost=False):
         found = repr(text[row]) if text[row] else "nothing"
         raise MeasurementError(f"{source}: row {row}, column {name}: expected {expected}, found {found}")
     return values.to_numpy(dtype=float)
+
+
+def _check_quaternions(table, source):
+    """Orientations are whole unit quaternions or absent; made exactly unit here."""
+    present = [name for name in QUATERNION if name in table.columns]
+    if not present:
+        return
+    if len(present) < 4:
+        missing = ", ".join(name for name in QUATERNION if name not in present)
+        raise MeasurementError(f"{source}: row 1: missing column {missing}; an orientation needs qw, qx, qy, qz")
+    q = table[QUATERNION].to_numpy()
+    given = np.isfinite(q)
+    norm = np.linalg.norm(np.where(given, q, 0.0), axis=1)
+    bad = (given.any(axis=1) & ~given.all(axis=1)) | (given.all(axis=1) & (np.abs(norm - 1) > 1e-3))
+    if bad.any():
+        k = int(np.flatnonzero(bad)[0])
+        found = ", ".join(f"{value:g}" for value in q[k])
+        raise MeasurementError(
+            f"{source}: row {table['row'][k]}, columns qw, qx, qy, qz: expected a unit quaternion or nothing, found {found}"
+        )
+    table[QUATERNION] = q / np.where(norm > 0, norm, 1.0)[:, None]
 
 
 def _pose_index(table, source):

@@ -4,6 +4,7 @@ A level is a list of error parameters of the robot itself; base (6) and targets 
 identified beside them and have no nominal values.
 """
 
+import fnmatch
 import re
 from dataclasses import dataclass, replace
 
@@ -69,6 +70,7 @@ LEVELS = {
     "16": _THETA + _LENGTHS,
     "26": _LINKS,
     "34": _LINKS + _JOINT_MAP,
+    "34b": ["delta_beta3" if name == "delta_d3" else name for name in _LINKS + _JOINT_MAP],
 }
 """Level -> names of its error parameters. Level 34 counts four stiffness parameters in the thesis; they
 act through two numbers, which are what is identified (see `irbcal.modeling.jointmap`)."""
@@ -93,6 +95,46 @@ def level_parameters(level):
     if level not in LEVELS:
         raise IdentificationError(f"unknown model {level!r}: choose one of {', '.join(LEVELS)}")
     return tuple(_parameter(name) for name in LEVELS[level])
+
+
+ALL_NAMES = (
+    *(f"delta_{kind}{i}" for i in range(1, 7) for kind in GEOMETRIC),
+    "stiffness_A",
+    "stiffness_B",
+    *(f"fourier_{name}" for name in FOURIER),
+    *(f"gain{i}" for i in range(1, 7)),
+)
+"""Names of all error parameters that exist."""
+
+
+def selected_parameters(level, free=(), hold=()):
+    """Error parameters of a level with some added and some left out.
+
+    Parameters
+    ----------
+    level : str
+    free, hold : sequence of str
+        Names or shell patterns (``gain*``, ``delta_alpha[45]``); ``hold`` has the last word.
+
+    Returns
+    -------
+    tuple of Parameter
+        In the order of the level, added ones last.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no such level, or a pattern matches nothing.
+    """
+    names = [parameter.name for parameter in level_parameters(level)]
+    for pattern in (*free, *hold):
+        if not fnmatch.filter(ALL_NAMES, pattern):
+            raise IdentificationError(f"no error parameter is called {pattern!r}: names are {', '.join(ALL_NAMES)}")
+    for pattern in free:
+        names += [name for name in fnmatch.filter(ALL_NAMES, pattern) if name not in names]
+    for pattern in hold:
+        names = [name for name in names if not fnmatch.fnmatchcase(name, pattern)]
+    return tuple(_parameter(name) for name in names)
 
 
 def thesis_count(parameters):

@@ -23,12 +23,15 @@ class Robot:
         The base link in the measuring frame ("world").
     targets : dict of str to ndarray, shape (3,)
         Reflector positions in the tip link, metres.
+    target_rotations : dict of str to ndarray, shape (3, 3)
+        Orientation in the tip link of the targets that have one.
     """
 
     arm: Arm
     joint_map: JointMap = field(default_factory=JointMap)
     T_world_base: np.ndarray = field(default_factory=lambda: np.eye(4))
     targets: dict = field(default_factory=dict)
+    target_rotations: dict = field(default_factory=dict)
 
     def __post_init__(self):
         T = np.array(self.T_world_base, dtype=float)

@@ -53,7 +53,7 @@ def test_jacobian_agrees_with_central_differences():
     analytic = problem.jacobian(state)
     # residual = measured - predicted, so its derivative is the negative of the point's
     numeric = -central_differences(
-        lambda x: problem.residuals(state.moved(x)).ravel(), np.zeros(problem.unknowns), 1e-3
+        lambda x: problem.residuals(problem.moved(state, x)).ravel(), np.zeros(problem.unknowns), 1e-3
     )
     scale = np.abs(analytic).max(axis=0)
     assert scale.min() > 1e-3, "every parameter must move some point"
@@ -66,7 +66,7 @@ def test_base_columns_are_the_derivative_of_the_moved_prediction():
     predicted = problem.points.xyz - problem.residuals(state) @ state.T_world_base[:3, :3].T  # in the measuring frame
 
     def moved_prediction(step):
-        shifted = state.moved(np.concatenate([step, np.zeros(problem.unknowns - 6)]))
+        shifted = problem.moved(state, np.concatenate([step, np.zeros(problem.unknowns - 6)]))
         base = frames.apply(frames.inverse(state.T_world_base), predicted)
         return frames.apply(frames.inverse(state.T_world_base), frames.apply(shifted.T_world_base, base)).ravel()
 
@@ -105,6 +105,6 @@ def test_residuals_do_not_depend_on_the_arm_being_shipped():
     problem = residuals.Problem(model, points, (Parameter("delta_a3", "a", 2, "m", 5e-3),))
     state = residuals.State(robot.T_world_base, np.array(list(TARGETS.values())), np.zeros(1))
     numeric = -central_differences(
-        lambda x: problem.residuals(state.moved(np.r_[np.zeros(15), x])).ravel(), np.zeros(1), 1e-3
+        lambda x: problem.residuals(problem.moved(state, np.r_[np.zeros(15), x])).ravel(), np.zeros(1), 1e-3
     )
     assert np.abs(problem.jacobian(state)[:, 15:] - numeric).max() < 1e-10

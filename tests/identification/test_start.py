@@ -7,6 +7,7 @@ from support import arm, measured, random_robot, random_rotation
 from irbcal.errors import IdentificationError
 from irbcal.identification import start
 from irbcal.identification.fit import identify
+from irbcal.identification.residuals import Problem
 from irbcal.modeling import frames
 
 
@@ -57,7 +58,8 @@ def test_three_hundred_tool_geometries_are_found_too():
 def test_closed_form_is_exact_for_a_nominal_robot():
     nominal = arm()
     robot = random_robot(nominal, "nominal", np.random.default_rng(0))
-    state, spread = start.closed_form(nominal, measured(robot, nominal.random_joints(10, 0)))
+    problem = Problem(nominal, measured(robot, nominal.random_joints(10, 0)), ())
+    state, spread = start.closed_form(problem)
     assert spread > 1e-3
     assert np.abs(state.T_world_base - robot.T_world_base).max() < 1e-10
     assert np.abs(state.targets - np.array(list(robot.targets.values()))).max() < 1e-10

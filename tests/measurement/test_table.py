@@ -153,3 +153,19 @@ def test_numbers_come_through_to_the_last_digits(tmp_path_factory, values):
     assert np.abs(np.degrees(seen.joints()[0]) - values[:6]).max() <= 1e-11
     if any(values[6:]):
         assert np.abs(seen.positions()[0] * 1e3 - values[6:]).max() <= 1e-11
+
+
+def test_orientations_and_uncertainties(tmp_path):
+    header = HEADER + ",qw,qx,qy,qz,u95_mm"
+    path = write(tmp_path, header, ROW + ",0.70710678,0,0,0.70710678,0.02", ROW.replace("smr1", "smr2") + ",,,,,")
+    seen = table.read(path)
+    R = seen.rotations()
+    assert np.abs(R[0] - [[0, -1, 0], [1, 0, 0], [0, 0, 1]]).max() < 1e-8
+    assert np.abs(R[0] @ R[0].T - np.eye(3)).max() < 1e-15
+    assert np.isnan(R[1]).all()
+    assert seen.uncertainties()[0] == pytest.approx(2e-5)
+    assert "missing column qz" in refused(write(tmp_path, HEADER + ",qw,qx,qy", ROW + ",1,0,0"))
+    assert "row 2, columns qw, qx, qy, qz: expected a unit quaternion or nothing, found 2, 0, 0, 0" in refused(
+        write(tmp_path, header, ROW + ",2,0,0,0,")
+    )
+    assert "found 1, nan, 0, 0" in refused(write(tmp_path, header, ROW + ",1,,0,0,"))
