@@ -9,10 +9,14 @@ import numpy as np
 from irbcal.errors import MeasurementError
 from irbcal.export import urdf as urdf_module
 from irbcal.identification import outliers
+from irbcal.identification.axes import GROUPS
 from irbcal.identification.fit import Fit, identify
+from irbcal.identification.methods import identify_by
+from irbcal.identification.selection import Choice, choose_level
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
+from irbcal.modeling.parameters import selected_parameters
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 from irbcal.validation.accuracy import distances, statistics, statistics_by
@@ -38,6 +42,8 @@ class Outcome:
     excluded : list of Exclusion
     references : dict of str to ndarray
         Places of the reference points, metres; empty without references.
+    choice : Choice or None
+        The comparison of levels, where the level was chosen by it.
     notes : list of str
     seconds : float
     """
@@ -53,6 +59,7 @@ class Outcome:
     poses_asked: int
     excluded: list
     references: dict
+    choice: Choice | None
     notes: list
     seconds: float
 
@@ -101,6 +108,13 @@ def calibrate(
     verify=None,
     base=None,
     tip=None,
+    method="least-squares",
+    objective="rms",
+    power=8.0,
+    loss="linear",
+    free=(),
+    hold=(),
+    known_targets=None,
     progress=None,
 ):
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -111,7 +125,8 @@ def calibrate(
     robot : str or Path
         URDF file or a shipped robot's name.
     model : str
-        Level: ``nominal``, ``11``, ``16``, ``26`` or ``34``.
+        Level: ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b``; or ``auto``: chosen by cross-validation over the
+        poses of the fit.
     holdout : float or int
         Fraction or number of poses that the fit does not see (not used with ``verify``).
     order, seed
@@ -121,6 +136,13 @@ def calibrate(
         reference points of the first.
     base, tip : str, optional
         Link names, see `irbcal.export.urdf.read`.
+    method, objective, power, loss
+        See `irbcal.identification.methods.identify_by`. With method ``axes`` the fit sees the one-joint moves (groups
+        ``axis1`` ... ``axis6``) only, and all other poses are held out.
+    free, hold : sequence of str
+        Error parameters added to the level and taken from it, by name or pattern.
+    known_targets : str, Path or dict, optional
+        Targets measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm, or places in metres.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -137,6 +159,7 @@ def calibrate(
     say = progress or (lambda text: None)
     robot_urdf = urdf_module.read(robot, base, tip)
     arm = robot_urdf.arm
+    known = table.read_targets(known_targets) if isinstance(known_targets, (str, Path)) else known_targets
     say("reading and cleaning the measurements")
     seen = _read(measurements)
     cleaned = cleaning.clean(seen)
@@ -145,7 +168,8 @@ def calibrate(
     references = cleaned.registration.references if cleaned.registration else {}
     check = None
     if verify is None:
-        aside = split(points, holdout, order, seed)
+        moves = np.isin(points.groups.astype(str), GROUPS)
+        aside = ~moves if method == "axes" and moves.any() else split(points, holdout, order, seed)
         fit_points, heldout = points.select(~aside), points.select(aside)
     else:
         check = _read(verify)
@@ -155,9 +179,24 @@ def calibrate(
         excluded, poses_asked = excluded + left_out, poses_asked + check.poses
         notes += [f"{check.source}: {note}" for note in other.notes]
     say(f"identifying base and tool from {fit_points.poses} poses")
-    nominal = identify(arm, fit_points, "nominal")
+    nominal = identify(arm, fit_points, "nominal", known_targets=known)
+    choice = None
+    if model == "auto":
+        choice = choose_level(arm, fit_points, seed, progress=say, known_targets=known)
+        model = choice.level
     say(f"identifying model {model}")
-    fit = nominal if model == "nominal" else identify(arm, fit_points, model)
+    fit = identify_by(
+        arm,
+        fit_points,
+        model,
+        method,
+        objective,
+        power,
+        loss,
+        known_targets=known,
+        parameters=selected_parameters(model, free, hold),
+        watched={"held-out poses": heldout} if heldout.poses else {},
+    )
     unseen = [name for name in heldout.target_names if name not in fit.robot.targets]
     if unseen:
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
@@ -173,6 +212,7 @@ def calibrate(
         poses_asked,
         excluded,
         references,
+        choice,
         notes,
         time.perf_counter() - started,
     )

@@ -9,10 +9,22 @@ import typer
 from irbcal.cli import show
 from irbcal.modeling.parameters import LEVELS
 
+METHODS = ("least-squares", "axes", "nelder-mead")
+OBJECTIVES = ("rms", "max", "pnorm")
+LOSSES = ("linear", "soft_l1", "huber")
+
 STEPS = 6
 
-Model = Enum("Model", {name: name for name in LEVELS}, type=str)
-Split = Enum("Split", {"random": "random", "last": "last"}, type=str)
+
+def _choices(name, values):
+    return Enum(name, {value: value for value in values}, type=str)
+
+
+Model = _choices("Model", (*LEVELS, "auto"))
+Split = _choices("Split", ("random", "last"))
+Method = _choices("Method", METHODS)
+Objective = _choices("Objective", OBJECTIVES)
+Loss = _choices("Loss", LOSSES)
 
 
 def calibrate(
@@ -21,7 +33,24 @@ def calibrate(
         str, typer.Option(help="URDF of the nominal robot, or a shipped one: irb1600, irb120.", show_default=False)
     ],
     out: Annotated[Path, typer.Option(help="Folder for the calibration.", show_default=False)],
-    model: Annotated[Model, typer.Option(help="Level of the error model (thesis, section 5.4).")] = Model["34"],
+    model: Annotated[
+        Model, typer.Option(help="Level of the error model (thesis, section 5.4); auto: by cross-validation.")
+    ] = Model["34"],
+    method: Annotated[
+        Method, typer.Option(help="How to identify: axes needs one-joint moves in groups axis1 … axis6.")
+    ] = Method["least-squares"],
+    objective: Annotated[
+        Objective, typer.Option(help="What to minimise: rms, the largest error (max) or between (pnorm).")
+    ] = Objective.rms,
+    power: Annotated[float, typer.Option(min=2.0, help="Power of pnorm.")] = 8.0,
+    loss: Annotated[Loss, typer.Option(help="With rms: soft_l1 or huber bend less to gross errors.")] = Loss.linear,
+    free: Annotated[
+        list[str] | None, typer.Option(help="Add error parameters by name or pattern, such as 'gain*'.")
+    ] = None,
+    hold: Annotated[list[str] | None, typer.Option(help="Hold error parameters at nominal, likewise.")] = None,
+    targets: Annotated[
+        Path | None, typer.Option(help="Known reflector places on the tool: target,x_mm,y_mm,z_mm.", show_default=False)
+    ] = None,
     holdout: Annotated[
         float, typer.Option(min=0.0, help="Poses kept from the fit to prove it: a fraction below 1, or a number.")
     ] = 0.25,
@@ -52,6 +81,13 @@ def calibrate(
         verify=verify,
         base=base_link,
         tip=tip_link,
+        method=method.value,
+        objective=objective.value,
+        power=power,
+        loss=loss.value,
+        free=free or (),
+        hold=hold or (),
+        known_targets=targets,
     )
 
 
@@ -81,6 +117,7 @@ def summary(calibration, out):
         "out": str(out),
         "robot": calibration.robot.name,
         "model": calibration.model,
+        "method": calibration.method,
         "simulated": calibration.simulated,
         "objective": calibration.objective.model_dump(),
         "poses": {
@@ -95,11 +132,27 @@ def summary(calibration, out):
         "rank": calibration.rank,
         "parameters": calibration.parameter_count,
         "held": calibration.held,
+        "choice": calibration.choice.model_dump() if calibration.choice else None,
         "excluded": [item.model_dump() for item in calibration.excluded],
         "notes": calibration.notes,
         "pinocchio_check": calibration.pinocchio_check.model_dump(),
         "seconds": calibration.seconds,
     }
+
+
+def _reached(calibration):
+    """What the method reached, in words."""
+    objective = calibration.objective
+    names = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
+    text = f"{names[objective.name]} {objective.value_mm:.3f} mm"
+    if objective.lower_bound_mm is not None:
+        text += f", certified: not below {objective.lower_bound_mm:.3f} mm with this model"
+    if calibration.method != "least-squares":
+        text = f"method {calibration.method}, {text}"
+    orientation = (calibration.heldout or calibration.fit).orientation
+    if orientation:
+        text += f"; orientation errors mean {orientation.mean_deg:.4f}, max {orientation.max_deg:.4f} degrees"
+    return text
 
 
 def _print(calibration, out):
@@ -111,6 +164,8 @@ def _print(calibration, out):
     for label, nominal, calibrated in parts:
         rows.append((label, "nominal", nominal.all.model_dump(), False))
         rows.append((label, f"model {calibration.model}", calibrated.all.model_dump(), True))
+        if proven and calibration.heldout_least_squares:
+            rows.append((label, "… by rms", calibration.heldout_least_squares.all.model_dump(), False))
         for name in calibrated.per_target if len(calibrated.per_target) > 1 else ():
             rows.append((name, "nominal", nominal.per_target[name].model_dump(), False))
             rows.append((name, f"model {calibration.model}", calibrated.per_target[name].model_dump(), False))
@@ -123,8 +178,10 @@ def _print(calibration, out):
     show.say(
         f"{calibration.robot.name}, model {calibration.model}: {calibration.rank} independent combinations of "
         f"{calibration.parameter_count} parameters identified from {calibration.poses_fit} poses "
-        f"(fitted rms {calibration.objective.value_mm:.3f} mm)"
+        f"({_reached(calibration)})"
     )
+    if calibration.choice:
+        show.say(calibration.choice.explanation)
     for sentence in calibration.held:
         show.say(f"  held: {sentence}")
     if calibration.excluded:

@@ -21,11 +21,18 @@ from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.jointmap import FORMULA, JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
-from irbcal.validation.accuracy import distances, statistics, statistics_by
+from irbcal.validation.accuracy import (
+    distances,
+    rotation_distances,
+    rotation_statistics,
+    statistics,
+    statistics_by,
+)
 
 SCHEMA = "irbcal-calibration-1"
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
 TEST_VECTORS = 5
+NORMAL_95 = 1.959964
 
 
 class _Model(BaseModel):
@@ -83,12 +90,14 @@ class RobotSection(_Model):
 
 
 class Parameter(_Model):
-    """One identified, tied or held parameter."""
+    """One identified, tied or held parameter; ``low`` to ``high`` is its 95 % interval."""
 
     name: str
     value: float
     unit: str
     std: float | None
+    low: float | None
+    high: float | None
     state: Literal["identified", "tied", "held"]
     reason: str
 
@@ -118,16 +127,27 @@ class JointMapSection(_Model):
 
 
 class Placement(_Model):
-    """Base in the measuring frame and targets (mm) in the tip link."""
+    """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
 
     base: Pose
     targets: dict[str, list[float]]
+    target_quaternions: dict[str, list[float]]
+
+
+class RotationStatistics(_Model):
+    """Statistics of the angles between measured and predicted target frames, degrees."""
+
+    n: int
+    mean_deg: float
+    sigma_deg: float
+    max_deg: float
 
 
 class Errors(_Model):
-    """Statistics of one set of poses, all points and by target."""
+    """Statistics of one set of poses, all points, by target and by group; of orientations where measured."""
 
     all: Statistics
+    orientation: RotationStatistics | None
     per_target: dict[str, Statistics]
     per_group: dict[str, Statistics]
 
@@ -159,6 +179,46 @@ class Objective(_Model):
     lower_bound_mm: float | None
 
 
+class Correlation(_Model):
+    """Two parameters that the data can hardly tell apart."""
+
+    first: str
+    second: str
+    coefficient: float
+
+
+class Observability(_Model):
+    """What the poses can show of the error parameters, base and targets eliminated.
+
+    Singular values (mm) are those of the Jacobian scaled by plausible sizes; ``indices`` are O1 to O5 and the condition
+    number over the seen directions.
+    """
+
+    singular_values_mm: list[float]
+    seen: int
+    indices: dict[str, float]
+    correlations: list[Correlation]
+
+
+class Candidate(_Model):
+    """A level in the comparison by cross-validation."""
+
+    level: str
+    mean_mm: float | None
+    gain_mm: float | None
+    gain_std_mm: float | None
+    chosen: bool
+    refused: str
+
+
+class Choice(_Model):
+    """How the level was chosen."""
+
+    level: str
+    table: list[Candidate]
+    explanation: str
+
+
 class DataFile(_Model):
     """A data file and its fingerprint."""
 
@@ -183,11 +243,15 @@ class Calibration(_Model):
     calibrated_urdf_sha256: str
     robot: RobotSection
     model: str
+    method: str
     objective: Objective
+    choice: Choice | None
     rank: int
     parameter_count: int
     parameters: list[Parameter]
     held: list[str]
+    observability: Observability
+    history: dict[str, list[float]]
     joint_map: JointMapSection
     placement: Placement
     placement_nominal: Placement
@@ -196,6 +260,7 @@ class Calibration(_Model):
     fit_nominal: Errors
     heldout: Errors | None
     heldout_nominal: Errors | None
+    heldout_least_squares: Errors | None
     poses_fit: int
     poses_heldout: int
     poses_excluded: int
@@ -287,12 +352,64 @@ def _placed(placement):
     T = frames.transform(
         Rotation.from_quat([b.qx, b.qy, b.qz, b.qw]).as_matrix(), np.array([b.x_mm, b.y_mm, b.z_mm]) * MM
     )
-    return T, {name: np.array(xyz) * MM for name, xyz in placement.targets.items()}
+    rotations = {
+        name: Rotation.from_quat([x, y, z, w]).as_matrix()
+        for name, (w, x, y, z) in placement.target_quaternions.items()
+    }
+    return T, {name: np.array(xyz) * MM for name, xyz in placement.targets.items()}, rotations
 
 
 def _placement(robot):
     targets = {name: (xyz / MM).tolist() for name, xyz in robot.targets.items()}
-    return Placement(base=_pose(robot.T_world_base), targets=targets)
+    frames_of = {name: _pose(frames.transform(R)) for name, R in robot.target_rotations.items()}
+    quaternions = {name: [q.qw, q.qx, q.qy, q.qz] for name, q in frames_of.items()}
+    return Placement(base=_pose(robot.T_world_base), targets=targets, target_quaternions=quaternions)
+
+
+def _objective(fit):
+    bound = fit.lower_bound
+    return Objective(
+        name=fit.objective,
+        value_mm=(fit.rms if fit.value is None else fit.value) / MM,
+        lower_bound_mm=None if bound is None else bound / MM,
+    )
+
+
+def _parameters(fit):
+    return [
+        Parameter(
+            **vars(row),
+            low=None if row.std is None else row.value - NORMAL_95 * row.std,
+            high=None if row.std is None else row.value + NORMAL_95 * row.std,
+        )
+        for row in fit.parameters()
+    ]
+
+
+def _observability(fit):
+    information = fit.solution.information
+    names = [p.name for p in fit.problem.parameters]
+    return Observability(
+        singular_values_mm=(information.singular_values / MM).tolist(),
+        seen=int(information.seen.sum()),
+        indices=information.indices(fit.problem.points.poses),
+        correlations=[
+            Correlation(first=names[i], second=names[j], coefficient=c) for i, j, c in information.correlations()
+        ],
+    )
+
+
+def _choice(choice):
+    if choice is None:
+        return None
+    return Choice(level=choice.level, table=[vars(row) for row in choice.table], explanation=choice.explanation)
+
+
+def _history(history):
+    if history is None:
+        return {}
+    columns = history.to_frame()
+    return {str(name): [float(value) for value in columns[name]] for name in columns.columns}
 
 
 def _joint_map_section(joint_map, arm):
@@ -352,6 +469,7 @@ def _errors(robot, points):
     groups = points.groups[points.pose]
     return Errors(
         all=statistics(distance),
+        orientation=rotation_statistics(rotation_distances(robot, points)),
         per_target=statistics_by(distance, points.names()),
         per_group={name: value for name, value in statistics_by(distance, groups).items() if name},
     )
@@ -411,11 +529,15 @@ def build(outcome, with_world=False, with_targets=False):
         calibrated_urdf_sha256=hashlib.sha256(urdf_bytes).hexdigest(),
         robot=_robot_section(outcome),
         model=outcome.fit.level,
-        objective=Objective(name="rms", value_mm=outcome.fit.rms / MM, lower_bound_mm=None),
+        method=outcome.fit.method,
+        objective=_objective(outcome.fit),
+        choice=_choice(outcome.choice),
         rank=outcome.fit.rank,
         parameter_count=outcome.fit.parameter_count,
-        parameters=[vars(parameter) for parameter in outcome.fit.parameters()],
+        parameters=_parameters(outcome.fit),
         held=outcome.fit.held(),
+        observability=_observability(outcome.fit),
+        history=_history(outcome.fit.history),
         joint_map=_joint_map_section(robot.joint_map, robot.arm),
         placement=_placement(robot),
         placement_nominal=_placement(outcome.nominal.robot),
@@ -424,6 +546,9 @@ def build(outcome, with_world=False, with_targets=False):
         fit_nominal=_errors(outcome.nominal.robot, outcome.fit_points),
         heldout=_errors(robot, outcome.heldout_points),
         heldout_nominal=_errors(outcome.nominal.robot, outcome.heldout_points),
+        heldout_least_squares=_errors(outcome.fit.least_squares.robot, outcome.heldout_points)
+        if outcome.fit.least_squares
+        else None,
         poses_fit=outcome.fit_points.poses,
         poses_heldout=outcome.heldout_points.poses,
         poses_excluded=outcome.poses_asked - outcome.fit_points.poses - outcome.heldout_points.poses,

@@ -1,13 +1,13 @@
 """``report.html``: one self-contained page that shows what a calibration is worth and how to use it.
 
-The page says what ``calibration.json`` says: nothing is computed here beyond differences and counts. It runs no
-script and loads nothing.
+The page says what ``calibration.json`` says: nothing is computed here beyond differences and counts. It
+runs no script and loads nothing.
 """
 
 from io import BytesIO
 
 NOMINAL, CALIBRATED = "#dd7d11", "#1f72bd"
-"""Colours of the two models, the same in every figure and table; told apart in every kind of colour vision."""
+"""Colours of the two models, the same in every figure and table; safe for the colour-blind."""
 INK = "#010203"
 """Stands for the text's colour in figures until the page's own takes its place."""
 
@@ -16,7 +16,7 @@ STATISTICS = (
     ("mean", "mean_mm"),
     ("sigma", "sigma_mm"),
     ("max", "max_mm"),
-    ("mean + 3 sigma", "mean_plus_3sigma_mm"),
+    ("mean+3σ", "mean_plus_3sigma_mm"),
     ("rms", "rms_mm"),
 )
 MOST_LISTED = 2000
@@ -43,7 +43,8 @@ def render(calibration):
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"fixed": fixed, "unit": _in_unit, "std": _deviation, "count": _count, "repr": repr}
+    environment.filters |= {"fixed": fixed, "unit": _in_unit, "std": _deviation, "count": _count}
+    environment.filters["repr"] = repr
     robot = calibration.robot
     return environment.get_template("report.html.j2").render(
         c=calibration,
@@ -75,17 +76,18 @@ def verdict(calibration):
     c = calibration
     if c.heldout is None:
         opening = "Nothing is proven: no poses were held out, so the accuracy of this robot is unknown. "
-        return opening + _change(f"On the {_count(c.poses_fit, 'fitted pose')}", c.model, c.fit_nominal, c.fit)
+        poses = f"On the {_count(c.poses_fit, 'fitted pose')}"
+        return opening + _change(poses, c.model, c.fit_nominal, c.fit)
     poses = f"On {_count(c.poses_heldout, 'pose')} the fit never saw"
     return _change(poses, c.model, c.heldout_nominal, c.heldout)
 
 
 def _change(poses, model, nominal, calibrated):
-    mean, largest = fixed(calibrated.all.mean_mm, 3), fixed(calibrated.all.max_mm, 3)
+    before, largest_before = fixed(nominal.all.mean_mm, 3), fixed(nominal.all.max_mm, 3)
     if model == "nominal":
         start = f"{poses}, the mean position error of the nominal robot with base and targets identified is"
-        return f"{start} {mean} mm (largest {largest} mm)."
-    before, largest_before = fixed(nominal.all.mean_mm, 3), fixed(nominal.all.max_mm, 3)
+        return f"{start} {before} mm (largest {largest_before} mm)."
+    mean, largest = fixed(calibrated.all.mean_mm, 3), fixed(calibrated.all.max_mm, 3)
     ends = f"(largest {largest_before} to {largest} mm)."
     if mean == before:
         return f"{poses}, the mean position error stays at {mean} mm {ends}"
@@ -133,14 +135,18 @@ def _error_tables(c):
     ):
         if calibrated is None:
             continue
-        parts = {"": {"all points": _models(c, nominal.all, calibrated.all)}}
+        overall = _models(c, nominal.all, calibrated.all)
+        if proves and c.heldout_least_squares:
+            overall["calibrated by rms"] = c.heldout_least_squares.all
+        parts = {"": {"": overall}}
         for name, before, after, least in (
             ("target", nominal.per_target, calibrated.per_target, 2),
             ("group", nominal.per_group, calibrated.per_group, 1),
         ):
             if len(after) >= least:
                 parts[name] = {label: _models(c, before[label], after[label]) for label in after}
-        out.append({"title": title, "proves": proves, "poses": poses, "parts": parts})
+        turned = _models(c, nominal.orientation, calibrated.orientation) if calibrated.orientation else {}
+        out.append({"title": title, "proves": proves, "poses": poses, "parts": parts, "orientation": turned})
     return out
 
 
@@ -190,7 +196,7 @@ def _left_out(excluded):
 
 
 def _figures(c):
-    """Per set of poses: errors in order of measurement and their histogram (Nubiola 2011, Figures 7.4 to 7.7).
+    """Per set of poses: errors in order of measurement and their histogram (Nubiola 2011, Figures 7.4-7.7).
 
     No name from the data goes into a figure.
     """
@@ -204,7 +210,7 @@ def _figures(c):
                 "svg.fonttype": "none",
                 "svg.hashsalt": "irbcal",
                 "text.parse_math": False,
-                "font.size": 11,
+                "font.size": 12,
                 "axes.labelcolor": INK,
                 "axes.edgecolor": INK,
                 "text.color": INK,
@@ -245,17 +251,15 @@ def _draw(draw, errors, key, text):
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-    figure = Figure(figsize=(5.8, 3.3), layout="constrained")
-    axes = figure.add_subplot()
-    draw(axes, errors)
+    figure = Figure(figsize=(5.8, 3.6), layout="constrained")
+    draw(figure, errors)
     handles = [
         Patch(color=_colour(name), label=f"{name} (mean {fixed(all_.mean_mm, 3)} mm)")
         for name, (_, all_) in errors.items()
     ]
-    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
-    axes.legend(handles=handles, ncols=2, frameon=False, handlelength=1.0, columnspacing=1.4, **place)
+    figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, handlelength=1.0)
     stream = BytesIO()
-    figure.savefig(stream, format="svg", transparent=True, dpi=220, metadata={"Date": None})
+    figure.savefig(stream, format="svg", transparent=True, dpi=180, metadata={"Date": None})
     return _inline(stream.getvalue(), key, text)
 
 
@@ -263,31 +267,35 @@ def _colour(name):
     return NOMINAL if name == "nominal" else CALIBRATED
 
 
-def _in_order(axes, errors):
-    for name, (distance, _) in errors.items():
+def _in_order(figure, errors):
+    """A panel for each model, one above the other, so that neither hides the other."""
+    panels = figure.subplots(len(errors), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for axes, (name, (distance, _)) in zip(panels, errors.items(), strict=True):
         n = len(distance)
         size = min(6.0, max(2.6, 90 / n**0.5))
         style = {"color": _colour(name), "alpha": 0.75, "markersize": size, "markeredgewidth": 0}
         axes.plot(range(1, n + 1), distance, "o", rasterized=True, **style)
+        axes.set_ylabel("error (mm)")
+        axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlim(1 - 0.02 * n, n + 0.02 * n)
     axes.set_ylim(bottom=0)
-    axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("point, in order of measurement")
-    axes.set_ylabel("position error (mm)")
 
 
-def _histogram(axes, errors):
+def _histogram(figure, errors):
     import numpy as np
 
+    axes = figure.add_subplot()
     largest = max(max(distance) for distance, _ in errors.values())
     edges = np.linspace(0.0, largest or 1.0, 41)
     for name, (distance, all_) in errors.items():
         colour = _colour(name)
-        axes.hist(distance, edges, histtype="stepfilled", facecolor=(colour, 0.3), edgecolor=colour, linewidth=1.2)
+        style = {"facecolor": (colour, 0.3), "edgecolor": colour, "linewidth": 1.2}
+        axes.hist(distance, edges, histtype="stepfilled", **style)
         axes.axvline(all_.mean_mm, color=colour, linewidth=1.4, linestyle=(0, (4, 2)))
     axes.set_xlim(0, edges[-1])
     axes.yaxis.get_major_locator().set_params(integer=True)
-    axes.set_xlabel("position error (mm); dashed: mean")
+    axes.set_xlabel("error (mm); dashed: mean")
     axes.set_ylabel("points")
 
 

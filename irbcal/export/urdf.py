@@ -18,13 +18,11 @@ import numpy as np
 
 from irbcal import shipped
 from irbcal.errors import RobotError
-from irbcal.modeling import dhm, frames
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.extraction import dhm_from_axes
 
 MAX_BYTES = 20_000_000
-NEARLY_PARALLEL = np.sin(np.radians(5.0))
-"""Sine of the angle below which two axes get Hayati's form instead of a far-away common normal."""
-
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
 
 
@@ -304,100 +302,6 @@ def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
         link = by_child[link].parent
     positions = tuple(joint.position for joint in moving)
     return UrdfArm(arm, tree, positions, T_dhm_link, np.array(parent_frames), root_link, T_root_base)
-
-
-def dhm_from_axes(points, axes, T_base_tip):
-    """DHM table of six joint axes and a tip frame at zero joints (Nubiola 2011, section 3.1.2).
-
-    The x axis of each frame runs along the common normal to the next axis; where the axes intersect, its
-    sign is the one nearer to the previous x axis. Nearly parallel axes get Hayati's form: the next axis is
-    met where it pierces the plane normal to this one, so that no frame is thrown far away.
-
-    Parameters
-    ----------
-    points : ndarray, shape (6, 3)
-        A point on each axis, in the base link, metres.
-    axes : ndarray, shape (6, 3)
-        Unit direction of each axis.
-    T_base_tip : ndarray, shape (4, 4)
-
-    Returns
-    -------
-    table : DHMTable
-    T_base_0, T_6_tip : ndarray, shape (4, 4)
-    """
-    z, across = axes[0], np.array([1.0, 0.0, 0.0])
-    if abs(z @ across) > 0.9:
-        across = np.array([0.0, 1.0, 0.0])
-    x = _unit(across - z * (z @ across))
-    entry = points[0] - z * (z @ points[0])  # where the chain arrives on this axis
-    T_base_0 = frames.transform(np.column_stack([x, np.cross(z, x), z]), entry)
-    alpha, a, theta, d, beta = (np.zeros(6) for _ in range(5))
-    for i in range(6):
-        z = axes[i]
-        if i < 5:
-            origin, next_entry, next_x = _common_normal(entry, z, points[i + 1], axes[i + 1], x)
-        else:
-            origin, next_x = _last_frame(entry, z, x, T_base_tip)
-        d[i] = z @ (origin - entry)
-        theta[i] = np.arctan2(z @ np.cross(x, next_x), x @ next_x)
-        if i < 5:
-            x = next_x
-            a[i + 1] = x @ (next_entry - origin)
-            ahead = np.array([x, np.cross(z, x), z]) @ axes[i + 1]  # next axis seen in this frame
-            if np.linalg.norm(np.cross(z, axes[i + 1])) < NEARLY_PARALLEL:
-                beta[i + 1] = np.arcsin(ahead[0])
-                x = _carried_x(next_x, z, axes[i + 1], beta[i + 1])
-            alpha[i + 1] = np.arctan2(-ahead[1], ahead[2])
-            entry = next_entry
-    T_base_6 = frames.transform(np.column_stack([next_x, np.cross(axes[5], next_x), axes[5]]), origin)
-    for column in (alpha, a, theta, d, beta):
-        column[np.abs(column) < 1e-14] = 0.0
-    T_6_tip = frames.inverse(T_base_6) @ T_base_tip
-    if np.abs(T_6_tip - np.eye(4)).max() < 1e-12:
-        T_6_tip = np.eye(4)
-    return dhm.DHMTable(alpha, a, theta, d, beta), T_base_0, T_6_tip
-
-
-def _unit(v):
-    return v / np.linalg.norm(v)
-
-
-def _carried_x(x, z, z_next, beta):
-    """The x axis after Hayati's tilt: Rot(x, alpha) Rot(y, beta) applied to x."""
-    # z_next = sin(beta) x + cos(beta) w with w the tilted z before beta, and x' = cos(beta) x - sin(beta) w
-    w = (z_next - np.sin(beta) * x) / np.cos(beta)
-    return np.cos(beta) * x - np.sin(beta) * w
-
-
-def _common_normal(entry, z, next_point, z_next, x):
-    """Origin on this axis, entry point on the next one, and the x axis between them."""
-    cross = np.cross(z, z_next)
-    sine = np.linalg.norm(cross)
-    if sine < NEARLY_PARALLEL:
-        origin = entry
-        next_entry = next_point + z_next * (z @ (origin - next_point)) / (z @ z_next)
-        along = next_entry - origin
-        return origin, next_entry, _unit(along) if np.linalg.norm(along) > 1e-9 else x
-    gap = next_point - entry
-    origin = entry + z * (np.cross(gap, z_next) @ cross) / sine**2
-    next_entry = next_point + z_next * (np.cross(gap, z) @ cross) / sine**2
-    length = (next_entry - origin) @ cross / sine
-    direction = cross / sine
-    if abs(length) > 1e-9:
-        return origin, next_entry, direction * np.sign(length)
-    near = direction @ x
-    return origin, next_entry, direction if near > -1e-9 else -direction
-
-
-def _last_frame(entry, z, x, T_base_tip):
-    """Frame 6: the tip itself where its z axis lies on axis 6, else the foot of the tip's origin on it."""
-    tip = T_base_tip[:3, 3]
-    origin = entry + z * (z @ (tip - entry))
-    if np.linalg.norm(T_base_tip[:3, 2] - z) < 1e-9 and np.linalg.norm(tip - origin) < 1e-9:
-        tip_x = T_base_tip[:3, 0]
-        return tip, _unit(tip_x - z * (z @ tip_x))
-    return origin, x
 
 
 def to_bytes(urdf, arm, T_world_base=None, targets=None):

@@ -302,16 +302,17 @@ def _gauss_newton(direction, point, xyz, index, name):
         point = point + direction * (direction @ (center - point))
         basis, _, _, r, J = _equations(direction, point, xyz, index)
         step = np.linalg.lstsq(J, -r, rcond=1e-13)[0]
-        if np.abs(step).max() < 1e-11:
+        size, shrink = np.abs(step).max(), 1.0
+        if size < 1e-11:
             return direction, point
-        shrink = 1.0
         while True:
             trial = _moved(direction, point, basis, shrink * step)
             rest = _equations(*trial, xyz, index)[3]
-            if rest @ rest <= r @ r:
+            # what a short step gains is lost in rounding
+            if rest @ rest <= r @ r or size < 1e-7:
                 break
             shrink *= 0.5
-            if shrink < 1e-6:  # nothing left but rounding
+            if shrink < 1e-6:
                 return direction, point
         direction, point = trial
     raise IdentificationError(f"group {name}: no circles fit the points: check the targets' names and the joints")

@@ -55,6 +55,16 @@ class Fit:
     solution : Solution
     stiffness_guess : Stiffness or None
         Physical guess that names the stiffness parameters; None for levels without stiffness.
+    method, objective : str
+        How it was identified and what was minimised.
+    value : float or None
+        The objective reached, metres; None for the root mean square, see `rms`.
+    lower_bound : float or None
+        Certified: no parameters give less, metres (objective ``max``).
+    least_squares : Fit or None
+        The least-squares fit that another objective started from, for comparison.
+    history : History or None
+        Course of an iterative method, where it was recorded.
     """
 
     robot: Robot
@@ -62,6 +72,12 @@ class Fit:
     problem: Problem
     solution: least_squares.Solution
     stiffness_guess: Stiffness | None
+    method: str = "least-squares"
+    objective: str = "rms"
+    value: float | None = None
+    lower_bound: float | None = None
+    least_squares: "Fit | None" = None
+    history: object = None
 
     @property
     def rank(self):
@@ -130,7 +146,7 @@ class Fit:
         return [sentence for _, sentence in _held_sentences(self)]
 
 
-def identify(arm, points, level="34", progress=None, known_targets=None, parameters=None):
+def identify(arm, points, level="34", known_targets=None, parameters=None):
     """Identify base, targets and the error parameters of a level by least squares.
 
     No first guess is needed: base and targets come in closed form from the nominal arm, and the fit starts
@@ -143,8 +159,6 @@ def identify(arm, points, level="34", progress=None, known_targets=None, paramet
     points : PointSet
     level : str
         ``nominal``, ``11``, ``16``, ``26``, ``34`` (Nubiola 2011, section 5.4) or ``34b``.
-    progress : callable, optional
-        Called with (iteration, rms distance in metres).
     known_targets : dict of str to array_like, shape (3,), optional
         Targets whose places in the tip link are known (from a CMM), metres.
     parameters : sequence of Parameter, optional
@@ -160,7 +174,7 @@ def identify(arm, points, level="34", progress=None, known_targets=None, paramet
         If the data do not allow it.
     """
     problem, guess = make_problem(arm, points, level, known_targets, parameters)
-    solution = least_squares.solve(problem, first_state(problem), progress)
+    solution = least_squares.solve(problem, first_state(problem))
     return fit_of(problem, solution, level, guess)
 
 

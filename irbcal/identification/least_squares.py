@@ -41,7 +41,7 @@ class Solution:
     history: list
 
 
-def solve(problem, state, progress=None):
+def solve(problem, state, record=None):
     """Minimise the sum of squared distances from a start.
 
     Parameters
@@ -49,8 +49,8 @@ def solve(problem, state, progress=None):
     problem : Problem
     state : State
         Start; its errors are normally zero.
-    progress : callable, optional
-        Called with (iteration, rms distance in metres) after each step.
+    record : callable, optional
+        Called with (iteration, state) for the start and after each step, see `irbcal.identification.history`.
 
     Returns
     -------
@@ -64,6 +64,8 @@ def solve(problem, state, progress=None):
     m = len(problem.points)
     H, g, rss = problem.normal_equations(state)
     history = [np.sqrt(rss / m)]
+    if record:
+        record(0, state)
     for iteration in range(1, MAX_ITERATIONS + 1):
         seen = observability.information(problem, H, rss)
         step = _step(seen, g, state)
@@ -83,8 +85,8 @@ def solve(problem, state, progress=None):
                 break
         state, rss = moved, new_rss
         history.append(np.sqrt(rss / m))
-        if progress:
-            progress(iteration, history[-1])
+        if record:
+            record(iteration, state)
     raise IdentificationError(
         f"the fit did not converge in {MAX_ITERATIONS} iterations (last step {size:.2g}, rms "
         f"{1e3 * history[-1]:.3g} mm): check units, joint order and the robot file"

@@ -108,7 +108,7 @@ def solve(problem, solution, start=None, tolerance=TOLERANCE, inner="numpy", rec
     if record:
         record(0, state)
     for iteration in range(MAX_ITERATIONS + 1):
-        Q, back = _orthonormal(problem.jacobian(state) @ basis)
+        Q, back = _orthonormal(problem.jacobian(state) @ basis, 1e-3 * np.sqrt(np.mean(r**2)))
         # the multipliers of the last model often prove this one too, which saves the solution of one more
         w, bound = certificate(r, Q, w)
         if not _closed(value, bound, tolerance):
@@ -155,7 +155,14 @@ def certificate(r, Q, w=None):
     bound : float
         Metres.
     """
-    w = (r if w is None else w).ravel()
+    if w is None:
+        w = r
+    else:
+        # first move mainly those that carry weight: a change across the residual hardly costs bound there
+        share = np.repeat(np.linalg.norm(w, axis=1), 3)
+        share = np.maximum(share / max(share.max(), 1e-300), 1e-8)
+        w = w.ravel() - share * (Q @ np.linalg.solve(Q.T @ (share[:, None] * Q), Q.T @ w.ravel()))
+    w = w.ravel()
     for _ in range(2):  # the second time removes what rounding left
         w = w - Q @ (Q.T @ w)
     w = w.reshape(r.shape)
@@ -166,10 +173,16 @@ def certificate(r, Q, w=None):
     return w, max(float(np.vdot(w, r)), 0.0)
 
 
-def _orthonormal(A):
-    """Orthonormal basis of the columns and the matrix that brings its coordinates back to theirs."""
+def _orthonormal(A, cut):
+    """Orthonormal basis of the columns and the matrix that brings its coordinates back to theirs.
+
+    Directions along which a whole unit moves all predictions by less than ``cut`` together are not moved: far from
+    the least-squares state there may be such among the seen ones.
+    """
     Q, R = np.linalg.qr(A)
-    return Q, np.linalg.inv(R)
+    U, size, Vt = np.linalg.svd(R)
+    keep = size > cut
+    return Q @ U[:, keep], Vt[keep].T / size[keep]
 
 
 def _closed(value, bound, tolerance):
@@ -213,98 +226,102 @@ def cone_program(r, Q, tolerance=1e-5):
     """
     m, n = len(r), Q.shape[1]
     unit = largest(r)
-    r = r / unit
+    r = np.ascontiguousarray(r.T) / unit
+    A = np.ascontiguousarray(Q.reshape(m, 3, n).transpose(1, 0, 2))
+    flat_A, stack = A.reshape(3 * m, n), np.empty((4, m, n))
     y, t = np.zeros(n), 1.5
-    s, z = np.empty((m, 4)), np.zeros((m, 4))
-    z[:, 0] = 1.0 / m
-    slices = Q.reshape(m, 3, n)
-    stack = np.empty((4, m, n))
+    s, z = np.empty((4, m)), np.zeros((4, m))
+    z[0] = 1.0 / m
     for _ in range(MAX_CONE_ITERATIONS):
-        s[:, 0], s[:, 1:] = t, r - (Q @ y).reshape(m, 3)
-        gap = float(np.vdot(s, z))
-        if gap <= tolerance * max(np.sqrt((s[:, 1:] ** 2).sum(1).max()), tolerance):
+        s[0], s[1:] = t, r - (flat_A @ y).reshape(3, m)
+        gap = np.vdot(s, z)
+        if gap <= tolerance * max(t - gap, tolerance):
             break
-        size_s, size_z = _cone_norm(s), _cone_norm(z)
-        sn, zn = s / size_s[:, None], z / size_z[:, None]
-        gamma = np.sqrt(0.5 * (1.0 + np.einsum("jk,jk->j", sn, zn)))
-        v = sn.copy()
-        v[:, 0] += zn[:, 0]
-        v[:, 1:] -= zn[:, 1:]
-        v /= 2.0 * gamma[:, None]
-        beta = np.sqrt(size_s / size_z)
-        a = np.einsum("jk,jkn->jn", v[:, 1:], slices)
+        v, beta = _scaling(s, z)
+        lam = _scaled(v, beta, z)
         # sum of the scaled cones' normal matrices: beta^-2 (2 g g^T - G^T diag(1, -1, -1, -1) G), g = G^T (v0, -v1)
-        stack[:3] = slices.transpose(1, 0, 2)
-        stack[3] = np.sqrt(2.0) * a
-        stack /= beta[None, :, None]
-        flat = stack.reshape(-1, n)
+        a = np.einsum("kj,kjn->jn", v[1:], A)
+        np.divide(A, beta[:, None], out=stack[:3])
+        np.multiply(a, (np.sqrt(2.0) / beta)[:, None], out=stack[3])
+        flat = stack.reshape(4 * m, n)
         H = np.empty((n + 1, n + 1))
         H[:n, :n] = flat.T @ flat
-        H[:n, n] = H[n, :n] = (2.0 * v[:, 0] / beta**2) @ a
-        H[n, n] = np.sum((2.0 * v[:, 0] ** 2 - 1.0) / beta**2)
-        factor = np.linalg.inv(H)
-        lam = _scaled(v, beta, z)
-        mu = gap / m
+        H[:n, n] = H[n, :n] = (2.0 * v[0] / beta**2) @ a
+        H[n, n] = np.sum((2.0 * v[0] ** 2 - 1.0) / beta**2)
+        inverse = np.linalg.inv(H)
+        # what rounding left of the equality constraints; without its correction the multipliers drift
+        drift = np.append(z[1:].ravel() @ flat_A, 1.0 - z[0].sum())
 
-        def newton(q, v=v, beta=beta, factor=factor):
-            """Steps for the right-hand side ``W dz + W^-1 ds = q``: dy, dt and both in scaled coordinates."""
+        def newton(q, v=v, beta=beta, inverse=inverse, drift=drift):
+            """Step of (y, t), and of s and z in scaled coordinates, for the right-hand side ``W dz + W^-1 ds = q``."""
             back = _scaled(v, 1.0 / beta, q, -1.0)
-            right = -np.concatenate([Q.T @ back[:, 1:].ravel(), [-back[:, 0].sum()]])
-            dx = factor @ right
-            Gdx = np.column_stack([np.full(m, -dx[n]), (Q @ dx[:n]).reshape(m, 3)])
+            dx = inverse @ (np.append(-(back[1:].ravel() @ flat_A), back[0].sum()) - drift)
+            Gdx = np.concatenate([np.full(m, -dx[n]), flat_A @ dx[:n]]).reshape(4, m)
             dz = _scaled(v, 1.0 / beta, Gdx, -1.0) + q
             return dx, q - dz, dz
 
         _, ds, dz = newton(-lam)
         alpha = min(1.0, _to_boundary(lam, ds), _to_boundary(lam, dz))
-        centring = (1.0 - alpha) ** 3
         right = -_product(lam, lam) - _product(ds, dz)
-        right[:, 0] += centring * mu
+        right[0] += (1.0 - alpha) ** 3 * gap / m
         dx, ds, dz = newton(_quotient(lam, right))
         alpha = min(1.0, 0.99 * min(_to_boundary(lam, ds), _to_boundary(lam, dz)))
         y, t = y + alpha * dx[:n], t + alpha * dx[n]
         z = z + alpha * _scaled(v, 1.0 / beta, dz, -1.0)
-    return unit * y, z[:, 1:]
+    return unit * y, -z[1:].T
+
+
+def _dot(x, y):
+    return np.einsum("kj,kj->j", x, y)
 
 
 def _cone_norm(x):
     """Root of ``x0^2 - |x1|^2``, written so that it stays positive near the cone's boundary."""
-    length = np.sqrt(np.einsum("jk,jk->j", x[:, 1:], x[:, 1:]))
-    return np.sqrt(np.maximum((x[:, 0] - length) * (x[:, 0] + length), 1e-300))
+    length = np.sqrt(_dot(x[1:], x[1:]))
+    return np.sqrt(np.maximum((x[0] - length) * (x[0] + length), 1e-300))
+
+
+def _scaling(s, z):
+    """Point and size of the scaling ``W`` of Nesterov and Todd: ``W z = W^-1 s``."""
+    size_s, size_z = _cone_norm(s), _cone_norm(z)
+    s, z = s / size_s, z / size_z
+    v = s - z
+    v[0] += 2.0 * z[0]
+    return v / np.sqrt(2.0 + 2.0 * _dot(s, z)), np.sqrt(size_s / size_z)
 
 
 def _scaled(v, beta, x, sign=1.0):
-    """Scaling ``W x`` of Nesterov and Todd with point ``v`` and size ``beta``; its inverse with sign -1 and 1/beta."""
-    dot = sign * np.einsum("jk,jk->j", v[:, 1:], x[:, 1:])
+    """``W x``; its inverse with sign -1 and 1/beta."""
+    dot = sign * _dot(v[1:], x[1:])
     out = np.empty_like(x)
-    out[:, 0] = v[:, 0] * x[:, 0] + dot
-    out[:, 1:] = x[:, 1:] + (sign * (x[:, 0] + dot / (1.0 + v[:, 0])))[:, None] * v[:, 1:]
-    return beta[:, None] * out
+    out[0] = v[0] * x[0] + dot
+    out[1:] = x[1:] + (sign * x[0] + dot * sign / (1.0 + v[0])) * v[1:]
+    out *= beta
+    return out
 
 
 def _product(x, y):
-    """Jordan product of the second-order cone, row by row."""
-    out = x[:, :1] * y + y[:, :1] * x
-    out[:, 0] = np.einsum("jk,jk->j", x, y)
+    """Jordan product of the second-order cone, column by column."""
+    out = x[0] * y + y[0] * x
+    out[0] = _dot(x, y)
     return out
 
 
 def _quotient(x, b):
     """The ``y`` with ``_product(x, y) = b``."""
-    det = _cone_norm(x) ** 2
-    first = (x[:, 0] * b[:, 0] - np.einsum("jk,jk->j", x[:, 1:], b[:, 1:])) / det
-    out = (b - first[:, None] * x) / x[:, :1]
-    out[:, 0] = first
+    first = (x[0] * b[0] - _dot(x[1:], b[1:])) / _cone_norm(x) ** 2
+    out = (b - first * x) / x[0]
+    out[0] = first
     return out
 
 
 def _to_boundary(x, step):
-    """Largest factor by which all rows may be stepped inside the cone."""
+    """Largest factor by which all columns may be stepped inside the cone."""
     size = _cone_norm(x)
-    xn = x / size[:, None]
-    lead = xn[:, 0] * step[:, 0] - np.einsum("jk,jk->j", xn[:, 1:], step[:, 1:])
-    rest = step[:, 1:] - ((lead + step[:, 0]) / (xn[:, 0] + 1.0))[:, None] * xn[:, 1:]
-    reach = ((np.sqrt(np.einsum("jk,jk->j", rest, rest)) - lead) / size).max()
+    x = x / size
+    lead = x[0] * step[0] - _dot(x[1:], step[1:])
+    rest = step[1:] - ((lead + step[0]) / (x[0] + 1.0)) * x[1:]
+    reach = ((np.sqrt(_dot(rest, rest)) - lead) / size).max()
     return 1.0 / reach if reach > 0 else np.inf
 
 
@@ -326,4 +343,4 @@ def cone_program_clarabel(r, Q, tolerance=1e-5):
     objective = np.append(np.zeros(n), 1.0)
     program = (sparse.csc_matrix((n + 1, n + 1)), objective, sparse.csc_matrix(G.reshape(4 * m, n + 1)), h, cones)
     found = clarabel.DefaultSolver(*program, settings).solve()
-    return unit * np.array(found.x)[:n], np.array(found.z).reshape(m, 4)[:, 1:]
+    return unit * np.array(found.x)[:n], -np.array(found.z).reshape(m, 4)[:, 1:]

@@ -6,9 +6,9 @@ import numpy as np
 
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification.fit import identify
+from irbcal.measurement.points import distances
 from irbcal.modeling import dhm
 from irbcal.units import DEG, MM
-from irbcal.validation.accuracy import distances
 
 FLOOR = 10 * MM
 """Distance from the nominal robot below which no point is called a gross error, metres."""

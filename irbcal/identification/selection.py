@@ -6,9 +6,9 @@ import numpy as np
 
 from irbcal.errors import IdentificationError
 from irbcal.identification.fit import identify
+from irbcal.measurement.points import distances
 from irbcal.modeling.parameters import LEVELS
 from irbcal.units import MM
-from irbcal.validation.accuracy import distances
 
 FOLDS = 5
 

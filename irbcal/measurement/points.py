@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from irbcal.modeling import frames
+
 
 @dataclass(frozen=True, eq=False)
 class PointSet:
@@ -89,3 +91,47 @@ class PointSet:
         used = np.zeros(self.poses, dtype=bool)
         used[self.pose] = True
         return self.select(used)
+
+
+def distances(robot, points):
+    """Distance of each measured point from its prediction.
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+        In the robot's measuring frame; every target must be one of the robot's.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Metres.
+    """
+    local = np.array([robot.targets[name] for name in points.target_names])[points.target]
+    T = robot.poses(points.q)
+    R, p = T[points.pose, :3, :3], T[points.pose, :3, 3]
+    base = np.einsum("mij,mj->mi", R, local) + p
+    predicted = base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
+    return np.linalg.norm(points.xyz - predicted, axis=1)
+
+
+def rotation_distances(robot, points):
+    """Angle between each measured and predicted target frame.
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+
+    Returns
+    -------
+    ndarray, shape (o,)
+        Radians, for the points that carry an orientation and whose target frame the robot knows.
+    """
+    known = np.isin(points.names().astype(str), list(robot.target_rotations))
+    rows = np.flatnonzero(points.oriented() & known)
+    if not len(rows):
+        return np.zeros(0)
+    R_tip = (robot.T_world_base @ robot.poses(points.q[points.pose[rows]]))[:, :3, :3]
+    local = np.array([robot.target_rotations[name] for name in points.names()[rows]])
+    return frames.rotation_distance(R_tip @ local, points.rotation[rows])

@@ -150,6 +150,28 @@ def read_joints(path):
     return np.column_stack(columns) * DEG
 
 
+def read_targets(path):
+    """Read a file of known reflector positions with columns ``target``, ``x_mm``, ``y_mm``, ``z_mm``.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (3,)
+        Positions in the tip link, metres.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read or does not keep the format.
+    """
+    raw, source, _ = _read_columns(path, ["target", *POSITION])
+    columns = [_numbers(raw, name, source, "a position in mm") for name in POSITION]
+    names = raw["target"].str.strip()
+    if names.duplicated().any():
+        row = names.index[names.duplicated()][0]
+        raise MeasurementError(f"{source}: row {row}, column target: {names[row]!r} stands there more than once")
+    return dict(zip(names, np.column_stack(columns) * MM, strict=True))
+
+
 def _read_columns(path, required):
     path = Path(path)
     source = str(path)
@@ -262,7 +284,8 @@ def _check_quaternions(table, source):
         k = int(np.flatnonzero(bad)[0])
         found = ", ".join(f"{value:g}" for value in q[k])
         raise MeasurementError(
-            f"{source}: row {table['row'][k]}, columns qw, qx, qy, qz: expected a unit quaternion or nothing, found {found}"
+            f"{source}: row {table['row'][k]}, columns qw, qx, qy, qz: expected a unit quaternion or nothing, "
+            f"found {found}"
         )
     table[QUATERNION] = q / np.where(norm > 0, norm, 1.0)[:, None]
 

@@ -43,7 +43,14 @@ class Parameter:
     scale: float
 
 
-def _parameter(name):
+def parameter(name):
+    """The error parameter of a name.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no such parameter.
+    """
     match = re.fullmatch(r"delta_(alpha|a|theta|d|beta)([1-6])", name)
     if match:
         kind, joint = match.groups()
@@ -94,7 +101,7 @@ def level_parameters(level):
     """
     if level not in LEVELS:
         raise IdentificationError(f"unknown model {level!r}: choose one of {', '.join(LEVELS)}")
-    return tuple(_parameter(name) for name in LEVELS[level])
+    return tuple(parameter(name) for name in LEVELS[level])
 
 
 ALL_NAMES = (
@@ -126,7 +133,7 @@ def selected_parameters(level, free=(), hold=()):
     IdentificationError
         If there is no such level, or a pattern matches nothing.
     """
-    names = [parameter.name for parameter in level_parameters(level)]
+    names = [item.name for item in level_parameters(level)]
     for pattern in (*free, *hold):
         if not fnmatch.filter(ALL_NAMES, pattern):
             raise IdentificationError(f"no error parameter is called {pattern!r}: names are {', '.join(ALL_NAMES)}")
@@ -134,7 +141,7 @@ def selected_parameters(level, free=(), hold=()):
         names += [name for name in fnmatch.filter(ALL_NAMES, pattern) if name not in names]
     for pattern in hold:
         names = [name for name in names if not fnmatch.fnmatchcase(name, pattern)]
-    return tuple(_parameter(name) for name in names)
+    return tuple(parameter(name) for name in names)
 
 
 def thesis_count(parameters):
@@ -160,8 +167,8 @@ def apply(parameters, values, table, joint_map):
     """
     columns = {kind: getattr(table, kind).copy() for kind in GEOMETRIC}
     columns |= {kind: getattr(joint_map, kind).copy() for kind in ("gain", "stiffness", "fourier")}
-    for parameter, value in zip(parameters, np.asarray(values, dtype=float), strict=True):
-        columns[parameter.kind][parameter.index] += value
+    for item, value in zip(parameters, np.asarray(values, dtype=float), strict=True):
+        columns[item.kind][item.index] += value
     return (
         replace(table, **{kind: columns[kind] for kind in GEOMETRIC}),
         replace(joint_map, **{kind: columns[kind] for kind in ("gain", "stiffness", "fourier")}),

@@ -2,29 +2,19 @@
 
 import numpy as np
 
-from irbcal.units import MM
+from irbcal.measurement.points import distances, rotation_distances
+from irbcal.units import DEG, MM
+
+__all__ = ["distances", "rotation_distances", "rotation_statistics", "statistics", "statistics_by"]
 
 
-def distances(robot, points):
-    """Distance of each measured point from its prediction.
-
-    Parameters
-    ----------
-    robot : Robot
-    points : PointSet
-        In the robot's measuring frame; every target must be one of the robot's.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Metres.
-    """
-    local = np.array([robot.targets[name] for name in points.target_names])[points.target]
-    T = robot.poses(points.q)
-    R, p = T[points.pose, :3, :3], T[points.pose, :3, 3]
-    base = np.einsum("mij,mj->mi", R, local) + p
-    predicted = base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
-    return np.linalg.norm(points.xyz - predicted, axis=1)
+def rotation_statistics(angles):
+    """Mean, standard deviation and maximum of angles in radians, in degrees; None for none."""
+    a = np.asarray(angles, dtype=float) / DEG
+    if not len(a):
+        return None
+    sigma = float(a.std(ddof=1)) if len(a) > 1 else 0.0
+    return {"n": len(a), "mean_deg": float(a.mean()), "sigma_deg": sigma, "max_deg": float(a.max())}
 
 
 def statistics(distance):

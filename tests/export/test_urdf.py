@@ -257,5 +257,5 @@ def test_levels_name_existing_parameters():
     for level, names in parameters.LEVELS.items():
         assert len(parameters.level_parameters(level)) == len(names)
     counts = {level: parameters.thesis_count(parameters.level_parameters(level)) for level in parameters.LEVELS}
-    assert counts == {"nominal": 6, "11": 11, "16": 16, "26": 26, "34": 34}
+    assert counts == {"nominal": 6, "11": 11, "16": 16, "26": 26, "34": 34, "34b": 34}
     assert arm().name == "irb1600_6_145"

@@ -28,7 +28,7 @@ def test_orientation_rows_of_the_jacobian_agree_with_central_differences():
     points, _ = with_orientations(robot, measured(robot, nominal.random_joints(6, 1)), rng, share=0.6)
     names = [f"delta_{kind}{i}" for kind in parameters.GEOMETRIC for i in range(1, 7)]
     names += ["stiffness_A", "stiffness_B", "fourier_a1", "fourier_b2", "gain2", "gain5"]
-    problem = residuals.Problem(nominal, points, [parameters._parameter(name) for name in names])
+    problem = residuals.Problem(nominal, points, [parameters.parameter(name) for name in names])
     state, _ = __import__("irbcal.identification.start", fromlist=["closed_form"]).closed_form(problem)
     state = dataclasses.replace(state, errors=1e-3 * rng.normal(size=len(names)))
     assert problem.rows == len(points) + points.oriented().sum()

@@ -20,7 +20,7 @@ def every_parameter():
         *(f"fourier_{n}" for n in parameters.FOURIER),
         *(f"gain{i}" for i in range(1, 7)),
     ]
-    return [parameters._parameter(name) for name in geometric + others]
+    return [parameters.parameter(name) for name in geometric + others]
 
 
 def skewed_arm():
