@@ -19,7 +19,13 @@ from irbcal.modeling import frames
 from irbcal.modeling.parameters import selected_parameters
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
-from irbcal.validation.accuracy import distances, statistics, statistics_by
+from irbcal.validation.accuracy import (
+    distances,
+    rotation_distances,
+    rotation_statistics,
+    statistics,
+    statistics_by,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +239,8 @@ def evaluate(calibration, measurements, refit_base=False):
     Returns
     -------
     dict
-        ``nominal``, ``calibrated``, ``per_target``, ``per_group``, ``excluded``, ``notes``, ``simulated``.
+        ``nominal``, ``calibrated``, ``per_target``, ``per_group``, ``orientation`` (None without measured orientations),
+        ``excluded``, ``notes``, ``simulated``.
 
     Raises
     ------
@@ -247,6 +254,7 @@ def evaluate(calibration, measurements, refit_base=False):
     if refit_base:
         robots = {name: _with_base_on(robot, points) for name, robot in robots.items()}
     errors = {name: distances(robot, points) for name, robot in robots.items()}
+    turns = {name: rotation_statistics(rotation_distances(robot, points)) for name, robot in robots.items()}
     _refuse_far_points(robots["calibrated"], points, errors["calibrated"], seen.source, refit_base)
     notes = list(cleaned.notes)
     if seen.sha256 in {item.sha256 for item in calibration.data}:
@@ -258,6 +266,7 @@ def evaluate(calibration, measurements, refit_base=False):
         **{name: statistics(error) for name, error in errors.items()},
         "per_target": {t: {name: by_target[name][t] for name in errors} for t in by_target["nominal"]},
         "per_group": {g: {name: by_group[name][g] for name in errors} for g in by_group["nominal"] if g},
+        "orientation": turns if turns["nominal"] else None,
         "excluded": [vars(item) for item in cleaned.excluded],
         "notes": notes,
         "simulated": seen.simulated or calibration.simulated,

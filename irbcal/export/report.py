@@ -243,21 +243,26 @@ def _figures(c):
                 text = text.format(title)
                 drawings.append((text, _draw(draw, errors, f"{key}-{name}", text)))
             out.append({"title": f"{title.capitalize()} points", "drawings": drawings})
+        drawings = []
+        if c.observability.singular_values_mm:
+            text = "Singular values of the scaled Jacobian: how far all points move together for a plausible error"
+            drawings.append((text, _draw(_singular_values, c.observability, "singular-values", text)))
+        if len(c.history.get("iteration", ())) > 1:
+            text = "Course of the identification: objective, and mean and largest error of poses that took no part"
+            drawings.append((text, _draw(_course, c.history, "course", text)))
+        if drawings:
+            out.append({"title": "Identification", "drawings": drawings})
     return out
 
 
-def _draw(draw, errors, key, text):
-    """One figure as inline SVG."""
+def _draw(draw, data, key, text):
+    """One figure as inline SVG; ``draw`` returns the handles of a legend, if there is one."""
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
 
     figure = Figure(figsize=(5.8, 3.6), layout="constrained")
-    draw(figure, errors)
-    handles = [
-        Patch(color=_colour(name), label=f"{name} (mean {fixed(all_.mean_mm, 3)} mm)")
-        for name, (_, all_) in errors.items()
-    ]
-    figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, handlelength=1.0)
+    handles = draw(figure, data)
+    if handles:
+        figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, handlelength=1.0)
     stream = BytesIO()
     figure.savefig(stream, format="svg", transparent=True, dpi=180, metadata={"Date": None})
     return _inline(stream.getvalue(), key, text)
@@ -265,6 +270,58 @@ def _draw(draw, errors, key, text):
 
 def _colour(name):
     return NOMINAL if name == "nominal" else CALIBRATED
+
+
+def _models_legend(errors):
+    from matplotlib.patches import Patch
+
+    return [
+        Patch(color=_colour(name), label=f"{name} (mean {fixed(all_.mean_mm, 3)} mm)")
+        for name, (_, all_) in errors.items()
+    ]
+
+
+def _singular_values(figure, observability):
+    axes = figure.add_subplot()
+    values = observability.singular_values_mm
+    seen = range(1, observability.seen + 1)
+    axes.semilogy(seen, values[: observability.seen], "o", color=CALIBRATED, label="seen")
+    held = range(observability.seen + 1, len(values) + 1)
+    floor = min(values[: observability.seen], default=1.0) / 10
+    shown = [max(value, floor) for value in values[observability.seen :]]
+    if shown:
+        axes.semilogy(held, shown, "v", color=NOMINAL, label=f"held (below {floor:.2g} mm drawn there)")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.set_xlabel("direction")
+    axes.set_ylabel("singular value (mm)")
+    _plain_numbers(axes)
+    return axes.get_legend_handles_labels()[0]
+
+
+def _plain_numbers(axes):
+    """A logarithmic axis labelled 0.1, 1, 10 where it spans decades, and at every tick where it does not."""
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}" if high < 20 * low else "")
+    axes.tick_params(axis="y", which="minor", labelsize=9)
+
+
+def _course(figure, history):
+    axes = figure.add_subplot()
+    iteration = history["iteration"]
+    axes.semilogy(iteration, history["objective_mm"], "-o", color=CALIBRATED, markersize=4, label="objective")
+    styles = iter((("-s", 0.9), ("--s", 0.9), (":d", 0.6), ("-.d", 0.6)))
+    for name in history:
+        if name.endswith(("_mean_mm", "_max_mm")):
+            marker, alpha = next(styles, ("-", 0.5))
+            what = "mean" if name.endswith("_mean_mm") else "max"
+            axes.semilogy(iteration, history[name], marker, color=NOMINAL, alpha=alpha, markersize=4)
+            axes.lines[-1].set_label(f"unused poses, {what}")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.set_xlabel("iteration")
+    axes.set_ylabel("error (mm)")
+    _plain_numbers(axes)
+    return axes.get_legend_handles_labels()[0]
 
 
 def _in_order(figure, errors):
@@ -280,6 +337,7 @@ def _in_order(figure, errors):
     axes.set_xlim(1 - 0.02 * n, n + 0.02 * n)
     axes.set_ylim(bottom=0)
     axes.set_xlabel("point, in order of measurement")
+    return _models_legend(errors)
 
 
 def _histogram(figure, errors):
@@ -297,6 +355,7 @@ def _histogram(figure, errors):
     axes.yaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("error (mm); dashed: mean")
     axes.set_ylabel("points")
+    return _models_legend(errors)
 
 
 def _inline(svg, key, text):

@@ -86,7 +86,7 @@ def identify_by(
     solution = least_squares.solve(problem, first, record=course.record if objective == "rms" else None)
     base = fit_of(problem, solution, level, guess)
     if method == "nelder-mead":
-        return _by_nelder_mead(base, first, known_targets)
+        return _by_nelder_mead(base, first, known_targets, watched)
     if objective == "rms" and loss == "linear":
         return replace(base, history=course)
     if objective == "max":
@@ -114,7 +114,7 @@ def _moved(base, state, course, **changes):
     return replace(found, history=course, least_squares=base, **changes)
 
 
-def _by_nelder_mead(base, first, known_targets):
+def _by_nelder_mead(base, first, known_targets, watched):
     """The thesis's search: from the axes' model where there are one-joint moves, else from the nominal robot."""
     problem = base.problem
     start = first
@@ -129,7 +129,7 @@ def _by_nelder_mead(base, first, known_targets):
                 errors[k] = getattr(found.corrections, item.kind)[item.index]
         targets = np.array([found.robot.targets[name] for name in problem.points.target_names])
         start = replace(first, T_world_base=found.robot.T_world_base, targets=targets, errors=errors)
-    course = history.History(problem, every=nelder_mead.EVERY)
+    course = history.History(problem, watched, every=nelder_mead.EVERY)
     found = nelder_mead.solve(problem, start, record=course.record)
     return _moved(base, found.state, course, method="nelder-mead", objective="max", value=found.value)
 

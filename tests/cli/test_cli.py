@@ -246,3 +246,52 @@ def test_a_folder_without_write_permission_is_refused_before_any_work(data, tmp_
         pytest.skip("this user may write anywhere; the refusal is tested on /proc as well")
     message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", locked)
     assert "cannot write to this folder: Permission denied" in message
+
+
+# --- ways of identifying -------------------------------------------------------------------------------
+
+
+def calibrated(data, out, *options):
+    done = run("calibrate", data / "good.csv", "--robot", "irb120", "--out", out, "--json", *options)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), irbcal.load(out)
+
+
+def test_largest_error_with_its_certificate(data, tmp_path):
+    result, loaded = calibrated(data, tmp_path / "out", "--objective", "max")
+    objective = result["objective"]
+    assert objective["name"] == "max"
+    assert objective["lower_bound_mm"] <= objective["value_mm"] <= 1.0001 * objective["lower_bound_mm"]
+    assert objective["value_mm"] == pytest.approx(result["fit"]["max_mm"], abs=1e-6)
+    assert loaded.heldout_least_squares is not None
+    assert "calibrated by rms" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_level_chosen_by_cross_validation(data, tmp_path):
+    result, loaded = calibrated(data, tmp_path / "out", "--model", "auto")
+    assert result["model"] == "34"
+    assert [row["level"] for row in result["choice"]["table"]][:2] == ["nominal", "11"]
+    assert loaded.choice.explanation in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_parameters_freed_and_held_and_known_targets(data, tmp_path):
+    table = tmp_path / "targets.csv"
+    table.write_text(
+        "target,x_mm,y_mm,z_mm\nsmr1,-87.37,87.202,110.02\nsmr2,84.419,84.26,109.928\nsmr3,85.99,-85.788,109.959\n"
+    )
+    _, loaded = calibrated(data, tmp_path / "out", "--free", "gain*", "--hold", "delta_d5", "--targets", table)
+    rows = {row.name: row for row in loaded.parameters}
+    assert "gain3" in rows
+    assert "delta_d5" not in rows
+    assert rows["delta_d6"].state == "identified"
+    assert not any(name.startswith("target_") for name in rows)
+    assert loaded.placement.targets["smr1"] == pytest.approx([-87.37, 87.202, 110.02], abs=1e-9)
+    message = refused(
+        "calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--free", "delta_x9"
+    )
+    assert "no error parameter is called 'delta_x9'" in message
+
+
+def test_axes_method_needs_its_groups(data, tmp_path):
+    message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--method", "axes")
+    assert "the method axes needs one-joint moves in the groups axis1 ... axis6; found no groups" in message

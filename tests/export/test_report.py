@@ -236,7 +236,7 @@ def test_without_heldout_poses_it_says_that_nothing_is_proven(calibration):
     assert "Nothing is proven: no poses were held out" in seen
     assert "never saw" not in seen
     assert "Held-out" not in seen
-    assert len(html.document_fromstring(page).xpath("//svg")) == 2
+    assert len(html.document_fromstring(page).xpath("//svg")) == 4
 
 
 def test_what_other_methods_add(calibration):
@@ -284,7 +284,7 @@ def test_any_number_of_points(calibration, poses, targets, groups):
     page = report.render(with_points(calibration, poses, targets, groups))
     assert_harmless(page)
     assert len(page.encode()) < 1_500_000
-    assert len(html.document_fromstring(page).xpath("//svg")) == 4
+    assert len(html.document_fromstring(page).xpath("//svg")) == 6
     assert ("Held-out poses by group" in page) == bool(groups)
     assert ("Held-out poses by target" in page) == (targets > 1)
 
@@ -359,7 +359,7 @@ def test_a_browser_shows_it_without_complaint(calibration, tmp_path):
 
     page = report.render(everywhere(calibration, NASTY))
     dom, complaints = visit("report.html", page)
-    assert dom.count("<svg") == 2
+    assert dom.count("<svg") == 4
     assert complaints == []
     _, complaints = visit("control.html", page.replace("</body>", "<script>alert(1)</script></body>"))
     assert complaints, "a script that the page's policy refuses went unnoticed"
