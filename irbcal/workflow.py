@@ -239,7 +239,7 @@ def evaluate(calibration, measurements, refit_base=False):
     Returns
     -------
     dict
-        ``nominal``, ``calibrated``, ``per_target``, ``per_group``, ``orientation`` (None without measured orientations),
+        ``nominal``, ``calibrated``, ``per_target``, ``per_group``, ``orientation`` (None where none was measured),
         ``excluded``, ``notes``, ``simulated``.
 
     Raises

@@ -95,6 +95,7 @@ def identify_by(
         found = pnorm.solve(problem, solution, power, record=course.record)
     else:
         found = pnorm.robust(problem, solution, loss, record=course.record)
+        base = replace(base, solution=replace(base.solution, information=found.information))
     bound = found.lower_bound if objective == "max" else None
     value = found.value if objective != "rms" else None
     return _moved(base, found.state, course, objective=objective, value=value, lower_bound=bound)

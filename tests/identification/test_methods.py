@@ -64,7 +64,7 @@ def test_axes_method_is_exact_without_noise_and_lists_its_parameters():
 
 def test_axes_method_says_what_it_needs(data):
     nominal, _, check = data
-    with pytest.raises(IdentificationError, match="one-joint moves in the groups axis1 ... axis6; found check"):
+    with pytest.raises(IdentificationError, match=r"one-joint moves in the groups axis1 \.\.\. axis6; found check"):
         identify_by(nominal, check, "26", method="axes")
 
 
