@@ -15,6 +15,7 @@ from irbcal.identification.methods import identify_by
 from irbcal.identification.selection import Choice, choose_level
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import PointSet
+from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.modeling import frames
 from irbcal.modeling.parameters import selected_parameters
 from irbcal.modeling.robot import Robot
@@ -48,6 +49,8 @@ class Outcome:
     excluded : list of Exclusion
     references : dict of str to ndarray
         Places of the reference points, metres; empty without references.
+    tool_shape : dict of str to ndarray
+        Places of the reflectors on the tool where they were turned into poses, metres; else empty.
     choice : Choice or None
         The comparison of levels, where the level was chosen by it.
     notes : list of str
@@ -65,6 +68,7 @@ class Outcome:
     poses_asked: int
     excluded: list
     references: dict
+    tool_shape: dict
     choice: Choice | None
     notes: list
     seconds: float
@@ -121,6 +125,8 @@ def calibrate(
     free=(),
     hold=(),
     known_targets=None,
+    frame=None,
+    poses=False,
     progress=None,
 ):
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -149,6 +155,10 @@ def calibrate(
         Error parameters added to the level and taken from it, by name or pattern.
     known_targets : str, Path or dict, optional
         Targets measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm, or places in metres.
+    frame : sequence of three str, optional
+        Reference points that define the measuring frame, see `irbcal.measurement.poses.in_frame_of`.
+    poses : bool
+        Turn the points of each pose into one full pose first, see `irbcal.measurement.poses.as_poses`.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -172,6 +182,11 @@ def calibrate(
     points, excluded = _without_gross_errors(arm, cleaned, seen.source)
     notes, poses_asked = list(cleaned.notes), seen.poses
     references = cleaned.registration.references if cleaned.registration else {}
+    if frame is not None:
+        points, references = in_frame_of(points, references, frame, seen.source)
+    shape = {}
+    if poses:
+        points, shape = as_poses(points, seen.source)
     check = None
     if verify is None:
         moves = np.isin(points.groups.astype(str), GROUPS)
@@ -179,9 +194,11 @@ def calibrate(
         fit_points, heldout = points.select(~aside), points.select(aside)
     else:
         check = _read(verify)
-        other = cleaning.clean(check, references or None, points.target_names)
+        other = cleaning.clean(check, references or None, cleaned.points.target_names)
         fit_points = points
         heldout, left_out = _without_gross_errors(arm, other, check.source)
+        if poses:
+            heldout, _ = as_poses(heldout, check.source, shape)
         excluded, poses_asked = excluded + left_out, poses_asked + check.poses
         notes += [f"{check.source}: {note}" for note in other.notes]
     say(f"identifying base and tool from {fit_points.poses} poses")
@@ -218,6 +235,7 @@ def calibrate(
         poses_asked,
         excluded,
         references,
+        shape,
         choice,
         notes,
         time.perf_counter() - started,
@@ -249,8 +267,9 @@ def evaluate(calibration, measurements, refit_base=False):
     """
     seen = _read(measurements)
     robots = {"nominal": calibration.robot_nominal(), "calibrated": calibration.robot_calibrated()}
-    cleaned = cleaning.clean(seen, calibration.reference_places() or None, robots["calibrated"].targets)
-    points = cleaned.points
+    shape = calibration.tool_shape()
+    cleaned = cleaning.clean(seen, calibration.reference_places() or None, shape or robots["calibrated"].targets)
+    points = as_poses(cleaned.points, seen.source, shape)[0] if shape else cleaned.points
     if refit_base:
         robots = {name: _with_base_on(robot, points) for name, robot in robots.items()}
     errors = {name: distances(robot, points) for name, robot in robots.items()}

@@ -51,6 +51,13 @@ def calibrate(
     targets: Annotated[
         Path | None, typer.Option(help="Known reflector places on the tool: target,x_mm,y_mm,z_mm.", show_default=False)
     ] = None,
+    frame: Annotated[
+        str | None,
+        typer.Option(help="Measuring frame from three references: two on x, one on y, as ref1,ref2,ref3."),
+    ] = None,
+    as_poses: Annotated[
+        bool, typer.Option("--as-poses", help="Turn three or more targets of each pose into one full pose.")
+    ] = False,
     holdout: Annotated[
         float, typer.Option(min=0.0, help="Poses kept from the fit to prove it: a fraction below 1, or a number.")
     ] = 0.25,
@@ -88,6 +95,8 @@ def calibrate(
         free=free or (),
         hold=hold or (),
         known_targets=targets,
+        frame=None if frame is None else [name.strip() for name in frame.split(",")],
+        poses=as_poses,
     )
 
 

@@ -256,6 +256,7 @@ class Calibration(_Model):
     placement: Placement
     placement_nominal: Placement
     references_mm: dict[str, list[float]]
+    tool_shape_mm: dict[str, list[float]]
     fit: Errors
     fit_nominal: Errors
     heldout: Errors | None
@@ -304,6 +305,10 @@ class Calibration(_Model):
     def robot_nominal(self):
         """The nominal robot with base and tool identified from the same poses."""
         return Robot(self.arm(calibrated=False), JointMap(), *_placed(self.placement_nominal))
+
+    def tool_shape(self):
+        """Places of the reflectors that make up the tool's pose, dict of arrays (3,), metres; empty if none do."""
+        return {name: np.array(place) * MM for name, place in self.tool_shape_mm.items()}
 
     def reference_places(self):
         """Places of the reference points in the measuring frame, dict of arrays (3,), metres."""
@@ -541,6 +546,7 @@ def build(outcome, with_world=False, with_targets=False):
         joint_map=_joint_map_section(robot.joint_map, robot.arm),
         placement=_placement(robot),
         placement_nominal=_placement(outcome.nominal.robot),
+        tool_shape_mm={name: (place / MM).tolist() for name, place in outcome.tool_shape.items()},
         references_mm={name: (place / MM).tolist() for name, place in outcome.references.items()},
         fit=_errors(robot, outcome.fit_points),
         fit_nominal=_errors(outcome.nominal.robot, outcome.fit_points),

@@ -83,12 +83,12 @@ def clean(measurements, places=None, only_targets=None):
     notes = []
 
     reference_names = sorted(set(target[reference]))
-    seen = _by_pose(pose, target, xyz, reference & (reason == ""), reference_names)
+    seen = by_pose(pose, target, xyz, reference & (reason == ""), reference_names)
     _mark_wrong_references(seen, reference_names, pose, target, reference, reason)
     registration = None
     if reference_names:
         good = reference & (reason == "")
-        seen = _by_pose(pose, target, xyz, good, reference_names)
+        seen = by_pose(pose, target, xyz, good, reference_names)
         registration = register(seen, reference_names, source, places)
         if registration is None:
             notes.append(
@@ -142,7 +142,7 @@ def clean(measurements, places=None, only_targets=None):
     return Cleaned(points, excluded, registration, notes)
 
 
-def _by_pose(pose, target, xyz, use, names):
+def by_pose(pose, target, xyz, use, names):
     """Positions as an array (poses, names, 3), NaN where absent; repeated points are averaged."""
     total = np.zeros((pose.max() + 1, len(names), 3))
     count = np.zeros((pose.max() + 1, len(names), 1))
@@ -210,7 +210,7 @@ def _mark_wrong_references(seen, names, pose, target, reference, reason):
 def _mark_wrong_distances(pose, target, xyz, use, names, reason):
     if len(names) < 2:
         return
-    seen = _by_pose(pose, target, xyz, use & (reason == ""), names)
+    seen = by_pose(pose, target, xyz, use & (reason == ""), names)
     wrong, deviation = _wrong_points(seen)
     for p, k in zip(*np.nonzero(wrong), strict=True):
         rows = (pose == p) & (target == names[k]) & (reason == "")

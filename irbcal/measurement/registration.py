@@ -41,7 +41,7 @@ class Registration:
         return float(np.linalg.norm(moved - centre, axis=1).max())
 
 
-def register(seen, names, source, places=None):
+def register(seen, names, source, places=None, what="reference points"):
     """Rigid motion of every pose from its reference points.
 
     Parameters
@@ -54,6 +54,8 @@ def register(seen, names, source, places=None):
     places : dict of str to ndarray, optional
         Places of the references in an earlier calibration, to register to; by default the common places in
         these data.
+    what : str
+        What the points are called in messages.
 
     Returns
     -------
@@ -79,7 +81,7 @@ def register(seen, names, source, places=None):
     spread = np.linalg.svd(common[known] - common[known].mean(axis=0), compute_uv=False)
     if spread[1] < 0.02 * spread[0]:
         raise MeasurementError(
-            f"{source}: the reference points {', '.join(names)} lie on a line: the rotation about it is unknown"
+            f"{source}: the {what} {', '.join(names)} lie on a line: the rotation about it is unknown"
         )
     T = _motions(seen, visible, own, common)
     error = _moved(T[own], seen[own]) - common

@@ -132,6 +132,37 @@ def to_xyz_angles(T):
     return np.array([*T[:3, 3], alpha, beta, gamma])
 
 
+def from_three_points(p_1, p_2, p_3):
+    """Frame from three measured points (Nubiola 2011, eqs. 3.13 to 3.19).
+
+    Parameters
+    ----------
+    p_1, p_2 : array_like, shape (3,)
+        Points on the x axis, the second one further along it; metres.
+    p_3 : array_like, shape (3,)
+        A point on the positive y axis: the origin is its foot on the x axis.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        The frame in the points' coordinates.
+
+    Raises
+    ------
+    ValueError
+        If the points lie on a line.
+    """
+    p_1, p_2, p_3 = (np.asarray(p, dtype=float) for p in (p_1, p_2, p_3))
+    v_2, v_3 = p_2 - p_1, p_3 - p_1
+    normal = np.cross(v_2, v_3)
+    if np.linalg.norm(normal) <= 1e-6 * np.linalg.norm(v_2) * max(np.linalg.norm(v_3), 1e-12):
+        raise ValueError("three points on a line do not make a frame")
+    x = v_2 / np.linalg.norm(v_2)
+    z = normal / np.linalg.norm(normal)
+    origin = p_1 + (v_2 @ v_3) / (v_2 @ v_2) * v_2
+    return transform(np.column_stack([x, np.cross(z, x), z]), origin)
+
+
 def rpy_from_matrix(R):
     """URDF roll, pitch, yaw (``R = Rz(yaw) Ry(pitch) Rx(roll)``), exact through the gimbal lock.
 

@@ -295,3 +295,14 @@ def test_parameters_freed_and_held_and_known_targets(data, tmp_path):
 def test_axes_method_needs_its_groups(data, tmp_path):
     message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--method", "axes")
     assert "the method axes needs one-joint moves in the groups axis1 ... axis6; found no groups" in message
+
+
+def test_three_targets_as_one_pose_and_the_same_tool_again(data, tmp_path):
+    result, loaded = calibrated(data, tmp_path / "out", "--as-poses")
+    assert list(loaded.placement.targets) == ["tool"]
+    assert loaded.heldout.orientation.max_deg < 0.05 < loaded.heldout_nominal.orientation.max_deg
+    done = run("evaluate", tmp_path / "out", data / "good.csv", "--json")
+    again = json.loads(done.stdout)
+    assert again["calibrated"]["n"] == 60
+    assert again["orientation"]["calibrated"]["mean_deg"] < 0.02
+    assert again["calibrated"]["mean_mm"] < 2 * result["heldout"]["mean_mm"]

@@ -111,6 +111,7 @@ def everywhere(calibration, name):
             "placement": placed,
             "placement_nominal": placed,
             "references_mm": {name: [1.0, 2.0, 3.0]},
+            "tool_shape_mm": {},
             "created": name,
             "model": name,
             "held": [name],

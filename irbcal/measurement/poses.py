@@ -1,0 +1,102 @@
+"""Other views of measured points: three of a pose as one full pose, all in a frame of three points."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from irbcal.errors import MeasurementError
+from irbcal.measurement.cleaning import by_pose
+from irbcal.measurement.registration import register
+from irbcal.modeling import frames
+
+TOOL = "tool"
+"""Name of the target frame that stands for all reflectors of the tool."""
+
+
+def as_poses(points, source="the measurements", shape=None):
+    """Turn the points of each pose into one measured pose of the tool.
+
+    The reflectors are taken as one rigid body. Its frame has its origin in the reflectors' centre and the axes of the
+    coordinates in which its shape is given.
+
+    Parameters
+    ----------
+    points : PointSet
+    source : str
+        File name for messages.
+    shape : dict of str to ndarray, shape (3,), optional
+        Places of the reflectors relative to one another, metres; by default found from all poses together.
+
+    Returns
+    -------
+    points : PointSet
+        One point with an orientation for each pose that saw three reflectors; other poses are gone.
+    shape : dict of str to ndarray, shape (3,)
+        To be used for other measurements of the same tool.
+
+    Raises
+    ------
+    MeasurementError
+        If no pose saw three reflectors, or if they lie on a line.
+    """
+    if len(points.target_names) < 3:
+        raise MeasurementError(
+            f"{source}: a full pose needs three targets on the tool, found {', '.join(points.target_names)}"
+        )
+    every = np.ones(len(points), dtype=bool)
+    seen = by_pose(points.pose, points.names(), points.xyz, every, points.target_names)
+    found = register(seen, points.target_names, source, shape, what="targets")
+    if found is None:
+        raise MeasurementError(f"{source}: a full pose needs three targets on the tool; no pose saw three at a time")
+    T_world_shape = frames.inverse(found.T_frame_pose[found.own])
+    centre = np.mean(list(found.references.values()), axis=0)
+    n = int(found.own.sum())
+    rest = points.select(found.own)
+    poses = replace(
+        rest,
+        pose=np.arange(n),
+        target=np.zeros(n, dtype=int),
+        xyz=T_world_shape[:, :3, :3] @ centre + T_world_shape[:, :3, 3],
+        target_names=(TOOL,),
+        rotation=T_world_shape[:, :3, :3],
+        u95=None,
+    )
+    return poses, found.references
+
+
+def in_frame_of(points, references, names, source="the measurements"):
+    """Everything in the frame of three reference points (Nubiola 2011, section 3.3).
+
+    Parameters
+    ----------
+    points : PointSet
+    references : dict of str to ndarray, shape (3,)
+        Places of the references, metres.
+    names : sequence of three str
+        The first two lie on the x axis, the second further along; the third on the positive y axis.
+    source : str
+        File name for messages.
+
+    Returns
+    -------
+    points : PointSet
+    references : dict of str to ndarray, shape (3,)
+
+    Raises
+    ------
+    MeasurementError
+        If a reference is not known or the three lie on a line.
+    """
+    missing = [name for name in names if name not in references]
+    if len(names) != 3 or missing:
+        raise MeasurementError(
+            f"{source}: a frame needs three reference points, found {', '.join(references) or 'none'}"
+            + (f" but not {missing[0]}" if missing else "")
+        )
+    try:
+        T = frames.inverse(frames.from_three_points(*(references[name] for name in names)))
+    except ValueError as error:
+        raise MeasurementError(f"{source}: {', '.join(names)}: {error}") from None
+    rotation = None if points.rotation is None else T[:3, :3] @ points.rotation
+    places = {name: frames.apply(T, place[None])[0] for name, place in references.items()}
+    return replace(points, xyz=frames.apply(T, points.xyz), rotation=rotation), places
