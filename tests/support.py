@@ -1,6 +1,9 @@
 """What several tests need: comparators with metre and radian tolerances, central differences, simulation."""
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from irbcal.export import urdf
 from irbcal.measurement.points import PointSet
@@ -85,4 +88,14 @@ def write_measurements(path, points, extra=None):
         position = ",".join(f"{v:.12g}" for v in xyz[k])
         rows.append(f"{points.pose_ids[points.pose[k]]},{joints},{points.target_names[points.target[k]]},{position}")
     path.write_text("\n".join([*rows, *(extra or [])]) + "\n")
+    return path
+
+
+def example_robot(name):
+    """A file of the package example-robot-data, found under the prefix of the installed package."""
+    import pinocchio
+
+    path = Path(pinocchio.__file__).parents[4] / "share/example-robot-data/robots" / name
+    if not path.is_file():
+        pytest.skip(f"example-robot-data does not hold {name}")
     return path

@@ -1,11 +1,14 @@
 """A real IRB 120 and a real tracker: held-out accuracy against an independent calculation."""
 
 import numpy as np
+import pandas as pd
 import pytest
+from support import example_robot
 
 from irbcal import workflow
+from irbcal.export import pinocchio_model, urdf
 from irbcal.measurement import cleaning, table
-from irbcal.validation.accuracy import distances, statistics
+from irbcal.validation.accuracy import distances, rotation_distances, statistics
 
 INDEPENDENT_MEAN_MM = {"nominal": 0.826, "11": 0.571, "16": 0.506, "26": 0.498, "34": 0.439}
 """Fit on the first 200 clean poses, verified on the other 296: computed outside this project."""
@@ -50,3 +53,45 @@ def test_parallel_axes_never_run_apart(irb120_file):
     lengths = [row.value for name, row in rows.items() if name.startswith(("delta_a", "delta_d")) and row.unit == "mm"]
     assert np.abs(lengths).max() < 1.6
     assert rows["delta_d2"].state == "tied"
+
+
+# --- a real UR10 with full poses: any URDF, positions and orientations --------------------------------------
+
+UR10 = {  # level: mean mm, max mm, mean degrees on the poses after the first 300 of a group, computed elsewhere
+    ("random", "nominal"): (0.909, 2.20, None),
+    ("random", "11"): (0.506, 1.85, None),
+    ("random", "26"): (0.452, 1.46, 0.0527),
+    ("grid", "nominal"): (0.774, 2.67, None),
+    ("grid", "11"): (0.717, 2.66, None),
+    ("grid", "26"): (0.423, 1.08, None),
+}
+
+
+@pytest.mark.parametrize(("group", "level"), UR10)
+def test_held_out_accuracy_of_full_poses(shared_data, tmp_path, group, level):
+    rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
+    rows = rows[rows["group"] == group]
+    rows.to_csv(tmp_path / "ur10.csv", index=False)
+    robot = example_robot("ur_description/urdf/ur10_robot.urdf")
+    aside = int(rows["x_mm"].notna().sum()) - 300
+    outcome = workflow.calibrate(tmp_path / "ur10.csv", robot, level, holdout=aside, order="last")
+    assert outcome.fit_points.poses == 300
+    mean, largest, turn = UR10[group, level]
+    found = statistics(distances(outcome.fit.robot, outcome.heldout_points))
+    assert found["n"] == aside
+    assert found["mean_mm"] <= 1.005 * mean
+    assert found["max_mm"] <= largest
+    if turn:
+        angles = rotation_distances(outcome.fit.robot, outcome.heldout_points)
+        assert np.degrees(angles.mean()) <= turn
+
+
+def test_calibrated_ur10_keeps_its_links_in_place(shared_data, tmp_path):
+    rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
+    rows[rows["group"] == "random"].to_csv(tmp_path / "ur10.csv", index=False)
+    robot = example_robot("ur_description/urdf/ur10_robot.urdf")
+    outcome = workflow.calibrate(tmp_path / "ur10.csv", robot, "26", holdout=700, order="last")
+    assert urdf.largest_link_shift(outcome.urdf, outcome.fit.robot.arm) < 5e-3
+    written = urdf.to_bytes(outcome.urdf, outcome.fit.robot.arm)
+    check = pinocchio_model.check(written, outcome.fit.robot.arm)
+    assert max(check["position_m"], check["rotation_rad"]) < 1e-12

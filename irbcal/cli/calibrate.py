@@ -144,6 +144,7 @@ def summary(calibration, out):
         "choice": calibration.choice.model_dump() if calibration.choice else None,
         "excluded": [item.model_dump() for item in calibration.excluded],
         "notes": calibration.notes,
+        "largest_link_shift_mm": calibration.largest_link_shift_mm,
         "pinocchio_check": calibration.pinocchio_check.model_dump(),
         "seconds": calibration.seconds,
     }
@@ -204,4 +205,5 @@ def _print(calibration, out):
         f"Pinocchio on the written URDF, {check.poses} random poses: differs by {check.position_m:.1e} m, "
         f"{check.rotation_rad:.1e} rad"
     )
+    show.say(f"Link frames moved by at most {calibration.largest_link_shift_mm:.3f} mm at zero joints")
     show.say(f"Written to {out}: calibrated.urdf, calibration.json, report.html")

@@ -270,6 +270,7 @@ class Calibration(_Model):
     notes: list[str]
     data: list[DataFile]
     pinocchio_check: Check
+    largest_link_shift_mm: float
     software: dict[str, str]
     seconds: float
 
@@ -563,6 +564,7 @@ def build(outcome, with_world=False, with_targets=False):
         notes=outcome.notes,
         data=[DataFile(file=Path(item.source).name, sha256=item.sha256) for item in files],
         pinocchio_check=check,
+        largest_link_shift_mm=urdf.largest_link_shift(outcome.urdf, robot.arm) / MM,
         software=software(),
         seconds=outcome.seconds,
     )

@@ -348,6 +348,28 @@ def to_bytes(urdf, arm, T_world_base=None, targets=None):
     return b"\n".join(parts) + b"\n"
 
 
+def largest_link_shift(urdf, arm):
+    """How far corrected joint origins move any link frame at zero joints, metres.
+
+    Parameters
+    ----------
+    urdf : UrdfArm
+        As read.
+    arm : Arm
+        The corrected arm.
+
+    Returns
+    -------
+    float
+    """
+    before = after = urdf.arm.T_base_0
+    largest = 0.0
+    for i, T_dhm_link in enumerate(urdf.T_dhm_link[1:]):
+        before, after = before @ urdf.arm.table.step(i), after @ arm.table.step(i)
+        largest = max(largest, np.linalg.norm((before @ T_dhm_link)[:3, 3] - (after @ T_dhm_link)[:3, 3]))
+    return float(largest)
+
+
 def _text(values):
     # adding zero turns -0 into 0
     return " ".join(format(float(value) + 0.0, ".17g") for value in values)
