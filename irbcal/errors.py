@@ -24,3 +24,7 @@ class IdentificationError(IrbcalError):
 
 class CalibrationError(IrbcalError):
     """A calibration folder cannot be read, written or trusted."""
+
+
+class ProgramError(IrbcalError):
+    """A robot program cannot be read, understood or rewritten."""

@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from irbcal.cli import calibrate, demo, evaluate, fk
+from irbcal.cli import calibrate, demo, evaluate, fk, ik
 from irbcal.errors import IrbcalError
 
 app = typer.Typer(
@@ -20,6 +20,7 @@ app.command("demo")(demo.demo)
 app.command("calibrate")(calibrate.calibrate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("fk")(fk.fk)
+app.command("ik")(ik.ik)
 
 
 def main():

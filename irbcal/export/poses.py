@@ -7,8 +7,9 @@ import pandas as pd
 
 from irbcal.errors import RobotError
 from irbcal.export import calibration_file, urdf
+from irbcal.measurement.table import JOINTS
 from irbcal.modeling.robot import Robot
-from irbcal.units import MM
+from irbcal.units import DEG, MM
 
 
 def open_robot(name, nominal=False):
@@ -29,10 +30,75 @@ def open_robot(name, nominal=False):
     IrbcalError
         If there is no such robot.
     """
+    return open_pair(name, nominal)[0]
+
+
+def open_pair(name, nominal=False):
+    """As `open_robot`, with the nominal arm that belongs to the robot.
+
+    Returns
+    -------
+    robot : Robot
+    arm : Arm
+    """
     if Path(name).is_dir():
         calibration = calibration_file.load(name)
-        return calibration.robot_nominal() if nominal else calibration.robot_calibrated()
-    return Robot(urdf.read(name).arm)
+        robot = calibration.robot_nominal() if nominal else calibration.robot_calibrated()
+        return robot, calibration.arm(calibrated=False)
+    arm = urdf.read(name).arm
+    return Robot(arm), arm
+
+
+def joint_table(robot, nominal, T_base_tip, near, all_branches=False):
+    """Commanded joints for tip poses.
+
+    Parameters
+    ----------
+    robot : Robot
+    nominal : Arm
+        Nominal arm of the robot.
+    T_base_tip : ndarray, shape (n, 4, 4)
+        Tip poses in the base link.
+    near : array_like, shape (6,)
+        The branch nearest to these joints is taken, radians.
+    all_branches : bool
+        Every branch within the joint limits instead, a row each.
+
+    Returns
+    -------
+    DataFrame
+        ``q1_deg`` ... ``q6_deg`` (empty where there is no solution), ``note``; with all branches also ``row`` (of the
+        input, from 1) and ``branch``.
+    """
+    from irbcal.modeling import inverse, iterative
+
+    branches = inverse.closed_form(nominal, T_base_tip)
+    n = len(T_base_tip)
+    if not all_branches:
+        seed, branch = inverse.nearest(nominal, branches, near)
+        found = iterative.solve(robot, nominal, T_base_tip, seed=np.where(branch[:, None] >= 0, seed, near))
+        table = pd.DataFrame(found.joints / DEG, columns=JOINTS)
+        table["note"] = _notes(found)
+        return table
+    parts = []
+    for k, name in enumerate(inverse.BRANCH_NAMES):
+        joints, inside = inverse.with_configuration(nominal, branches, np.full(n, k), near)
+        rows = np.flatnonzero(inside)
+        found = iterative.solve(robot, nominal, T_base_tip[rows], seed=joints[rows])
+        part = pd.DataFrame(found.joints / DEG, columns=JOINTS)
+        part.insert(0, "branch", name)
+        part.insert(0, "row", rows + 1)
+        part["note"] = _notes(found)
+        parts.append(part[found.converged])
+    return pd.concat(parts).sort_values("row", kind="stable", ignore_index=True)
+
+
+def _notes(found):
+    from irbcal.modeling.iterative import Reason
+
+    notes = np.array([Reason(code).words if code else "" for code in found.reason], dtype=object)
+    notes[found.converged & ~found.inside] = "outside the joint limits"
+    return notes
 
 
 def pose_table(robot, q):

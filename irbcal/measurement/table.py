@@ -150,6 +150,35 @@ def read_joints(path):
     return np.column_stack(columns) * DEG
 
 
+def read_poses(path):
+    """Read a file of poses with columns ``x_mm, y_mm, z_mm, qw, qx, qy, qz``.
+
+    Returns
+    -------
+    ndarray, shape (n, 4, 4)
+        ``T_base_tip``, metres.
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read or does not keep the format.
+    """
+    from scipy.spatial.transform import Rotation
+
+    raw, source, _ = _read_columns(path, [*POSITION, *QUATERNION])
+    table = pd.DataFrame({"row": raw.index})
+    for name in POSITION:
+        table[name] = _numbers(raw, name, source, "a position in mm")
+    for name in QUATERNION:
+        table[name] = _numbers(raw, name, source, "a quaternion's number")
+    _check_quaternions(table, source)
+    T = np.zeros((len(table), 4, 4))
+    T[:, 3, 3] = 1.0
+    T[:, :3, :3] = Rotation.from_quat(table[["qx", "qy", "qz", "qw"]].to_numpy()).as_matrix()
+    T[:, :3, 3] = table[POSITION].to_numpy() * MM
+    return T
+
+
 def read_targets(path):
     """Read a file of known reflector positions with columns ``target``, ``x_mm``, ``y_mm``, ``z_mm``.
 

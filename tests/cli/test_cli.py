@@ -306,3 +306,39 @@ def test_three_targets_as_one_pose_and_the_same_tool_again(data, tmp_path):
     assert again["calibrated"]["n"] == 60
     assert again["orientation"]["calibrated"]["mean_deg"] < 0.02
     assert again["calibrated"]["mean_mm"] < 2 * result["heldout"]["mean_mm"]
+
+
+# --- inverse kinematics ---------------------------------------------------------------------------------
+
+
+def test_ik_gives_the_joints_of_fk_back(calibration, data):
+    folder, _ = calibration
+    joints, poses = data / "there.csv", data / "poses.csv"
+    joints.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,20,30,40,50,60\n-50,-10,5,-20,40,130\n")
+    poses.write_text(run("fk", folder, "--joints", joints).stdout)
+    expected = np.array([[10, 20, 30, 40, 50, 60], [-50, -10, 5, -20, 40, 130.0]])
+    for near, row in zip(("10,20,30,40,50,60", "-50,-10,5,-20,40,130"), (0, 1), strict=True):
+        done = run("ik", folder, "--poses", poses, "--near", near)
+        assert done.returncode == 0, done.stderr
+        found = np.array(done.stdout.splitlines()[1 + row].split(",")[:6], float)
+        assert np.abs(found - expected[row]).max() < 1e-5, "poses carry nine decimals"
+    every = run("ik", "irb120", "--poses", poses, "--all-branches").stdout.splitlines()
+    assert every[0] == "row,branch,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,note"
+    assert len(every) > 5
+
+
+def test_ik_says_which_poses_it_cannot_reach(data):
+    far = data / "far.csv"
+    far.write_text("x_mm,y_mm,z_mm,qw,qx,qy,qz\n5000,0,0,1,0,0,0\n")
+    done = run("ik", "irb1600", "--poses", far, "--json")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["q1_deg"] is None
+    assert "1 of 1 poses have no joints" in done.stderr
+    assert "row 2, columns qw, qx, qy, qz: expected a unit quaternion" in refused_ik(data, "1,0,0,2,0,0,0")
+    assert run("ik", "irb1600", "--poses", far, "--near", "1,2").returncode == 2
+
+
+def refused_ik(data, row):
+    path = data / "bad_poses.csv"
+    path.write_text(f"x_mm,y_mm,z_mm,qw,qx,qy,qz\n{row}\n")
+    return refused("ik", "irb1600", "--poses", path)

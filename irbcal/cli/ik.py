@@ -1,0 +1,45 @@
+"""``irbcal ik``: inverse kinematics for a file of poses."""
+
+import json as json_module
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def ik(
+    robot: Annotated[
+        str, typer.Argument(help="Calibration folder, URDF or shipped robot (irb1600, irb120).", show_default=False)
+    ],
+    poses: Annotated[
+        Path,
+        typer.Option(help="CSV with x_mm,y_mm,z_mm,qw,qx,qy,qz: the tip in the base link.", show_default=False),
+    ],
+    near: Annotated[str, typer.Option(help="Six joints in degrees: the nearest branch is taken.")] = "0,0,0,0,0,0",
+    all_branches: Annotated[bool, typer.Option("--all-branches", help="Every branch within the joint limits.")] = False,
+    nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
+):
+    """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot."""
+    import numpy as np
+
+    from irbcal.export import poses as tables
+    from irbcal.measurement import table
+
+    try:
+        start = np.radians([float(value) for value in near.split(",")])
+    except ValueError:
+        start = np.zeros(0)
+    if len(start) != 6 or not np.isfinite(start).all():
+        raise typer.BadParameter(f"expected six joint angles in degrees, found {near!r}", param_hint="--near")
+    model, arm = tables.open_pair(robot, nominal)
+    frame = tables.joint_table(model, arm, table.read_poses(poses), start, all_branches)
+    if json:
+        for record in frame.astype(object).where(frame.notna(), None).to_dict(orient="records"):
+            sys.stdout.write(json_module.dumps(record) + "\n")
+    else:
+        frame.to_csv(sys.stdout, index=False, float_format="%.9f")
+    missing = int(frame["q1_deg"].isna().sum())
+    if missing:
+        print(f"irbcal: {missing} of {len(frame)} poses have no joints, see the column note", file=sys.stderr)
