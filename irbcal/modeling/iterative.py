@@ -33,8 +33,8 @@ NEWTON_ITERATIONS = 60
 NEWTON_PATIENCE = 10
 """Newton steps are given up when so many of them have not halved the error."""
 
-NEWTON_STARTS = 24
-"""Starts tried for a pose that Newton's steps do not reach from the fixed point's last joints."""
+NEWTON_STARTS = (24, 96)
+"""Numbers of starts tried, one lot after the other, for a pose not reached from the fixed point's last joints."""
 
 LONGEST_STEP = 0.5
 """Radians that a Newton step may turn a joint."""
@@ -118,7 +118,9 @@ class InverseResult:
 
     def summary(self):
         """Number of poses for each method and each reason, as text."""
-        parts = [f"{(self.method == m).sum()} by {m.name.lower().replace('_', ' ')}" for m in (1, 2) for m in [Method(m)]]
+        parts = [
+            f"{(self.method == m).sum()} by {m.name.lower().replace('_', ' ')}" for m in (1, 2) for m in [Method(m)]
+        ]
         parts += [f"{(self.reason == r).sum()}: {r.words}" for r in Reason if r and (self.reason == r).any()]
         return f"{len(self)} poses: " + "; ".join(parts)
 
@@ -345,23 +347,25 @@ class _Solver:
         best = state.q[:, rows].copy()
         unknown = ~np.isfinite(best).all(axis=0)
         best[:, unknown] = pulled[:, unknown]
-        left = self._newton_choice(H, best[:, None], branch, rows, state)
-        left &= state.margin[rows] > -2.0 * self.difference
-        left = np.flatnonzero(left)
+        lacking = self._newton_choice(H, best[:, None], branch, rows, state)
+        lacking &= state.margin[rows] > -2.0 * self.difference
         rng = np.random.default_rng(0)
-        for first in range(0, len(left), BLOCK // NEWTON_STARTS):
-            todo = left[first : first + BLOCK // NEWTON_STARTS]
-            goal = H[:, :, todo]
-            starts = [pulled[:, todo]] + ([near[:, todo]] if seeded else [])
-            # solutions of targets moved a little: on all sides of the holes that errors leave around singularities
-            for k in range(NEWTON_STARTS - len(starts)):
-                turn, shift = rng.standard_normal((2, 3, len(todo)))
-                turn *= (0.01, 0.0, 0.03)[k % 3]
-                shift *= (0.0, 1.0, 3.0)[k % 3] * 0.5 * self.difference
-                moved = _moved(goal, turn, shift)
-                q, _ = self.closed.branch(moved.reshape(12, -1), branch[todo], self.pull)
-                starts.append(self.start_turns(q, near[:, todo]))
-            self._newton_choice(goal, np.stack(starts, axis=1), branch[todo], rows[todo], state)
+        for starts in NEWTON_STARTS:
+            left = np.flatnonzero(lacking)
+            for first in range(0, len(left), BLOCK // starts):
+                todo = left[first : first + BLOCK // starts]
+                goal = H[:, :, todo]
+                tried = [pulled[:, todo]] + ([near[:, todo]] if seeded else [])
+                while len(tried) < starts:
+                    # solutions of targets moved a little: on all sides of the holes that errors leave at singularities
+                    turn, shift = rng.standard_normal((2, 3, len(todo)))
+                    turn *= (0.01, 0.0, 0.03)[len(tried) % 3]
+                    shift *= (0.0, 0.5, 1.5)[len(tried) % 3] * self.difference
+                    moved = _moved(goal, turn, shift)
+                    q, _ = self.closed.branch(moved.reshape(12, -1), branch[todo], self.pull)
+                    tried.append(self.start_turns(q, near[:, todo]))
+                tried = np.stack(tried, axis=1)
+                lacking[todo] = self._newton_choice(goal, tried, branch[todo], rows[todo], state)
 
     def _newton_choice(self, H, starts, branch, rows, state):
         """Run from all starts (6, k, n) and keep the best: which poses lack one in branch and limits, a mask (n,)."""
