@@ -8,7 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from irbcal.correction.fake import Corrected, correct_joints
 from irbcal.errors import RobotError
+from irbcal.modeling import frames, inverse
+from irbcal.units import MM
 
 
 @dataclass(frozen=True)
@@ -186,3 +189,150 @@ def distance_to_path(path, points):
         np.linalg.norm(points - path.T_start[:3, 3], axis=1), np.linalg.norm(points - path.T_end[:3, 3], axis=1)
     )
     return np.where(turned <= path.angle, on_arc, ends)
+
+
+def joint_history(path, nominal, seed, s, T_tip_tcp=None):
+    """Joints of the nominal robot along a path, in the branch of the seed and without jumps by whole turns.
+
+    Parameters
+    ----------
+    path : Line or Circle
+        Of the tool centre point, in the base link.
+    nominal : Arm
+    seed : ndarray, shape (6,)
+        Joints at (or near) the start, radians.
+    s : ndarray, shape (n,)
+        Places on the path.
+    T_tip_tcp : ndarray, shape (4, 4), optional
+        The tool; identity unless given.
+
+    Returns
+    -------
+    ndarray, shape (n, 6)
+        Radians.
+
+    Raises
+    ------
+    RobotError
+        If the robot does not reach every place in that branch.
+    """
+    return _joints_along(path.poses(s) @ _tip_of(T_tip_tcp), nominal, seed)
+
+
+def _tip_of(T_tip_tcp):
+    return np.eye(4) if T_tip_tcp is None else frames.inverse(T_tip_tcp)
+
+
+def _joints_along(T_base_tip, nominal, seed):
+    branch = inverse.configuration(nominal, np.asarray(seed, dtype=float))
+    branches = inverse.closed_form(nominal, T_base_tip)
+    q = branches.joints[:, int(branch)]
+    if not np.isfinite(q).all():
+        place = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])
+        raise RobotError(f"the robot does not reach point {place + 1} of {len(q)} of the path in its configuration")
+    q = np.unwrap(np.vstack([seed, q]), axis=0)[1:]
+    return q
+
+
+@dataclass(frozen=True, eq=False)
+class Subdivision:
+    """A path cut into moves whose ends are fake targets.
+
+    Attributes
+    ----------
+    s : ndarray, shape (n,)
+        Ends of the moves on the path, the first at 0; for circles every second one is the point that the arc
+        goes through.
+    corrected : Corrected
+        The fake targets there.
+    deviation : float
+        Largest distance of the true tool centre point from the wanted path between them, metres.
+    uncut : float
+        The same for the path left in one piece.
+    """
+
+    s: np.ndarray
+    corrected: Corrected
+    deviation: float
+    uncut: float
+
+
+def subdivide(path, robot, nominal, seed, tolerance=None, length=None, T_tip_tcp=None, most=1024):
+    """Cut a path into moves so that the true path keeps to the wanted one (annex VI).
+
+    Between two fake targets the controller moves its tool along its own nominal line or arc; the calibrated
+    robot tells where the tool truly goes.
+
+    Parameters
+    ----------
+    path : Line or Circle
+        Wanted path of the tool centre point, in the base link.
+    robot : Robot
+        Calibrated.
+    nominal : Arm
+        What the controller computes with.
+    seed : ndarray, shape (6,)
+        Joints at (or near) the start, radians.
+    tolerance : float, optional
+        Largest deviation allowed, metres: the fewest moves that keep it are taken.
+    length : float, optional
+        Largest length of a move, metres (the thesis took 30 mm).
+    T_tip_tcp : ndarray, shape (4, 4), optional
+        The tool; identity unless given.
+    most : int
+        Refuse more moves than this.
+
+    Returns
+    -------
+    Subdivision
+
+    Raises
+    ------
+    RobotError
+        If neither or both wishes are given, if a point cannot be corrected, or if the tolerance takes too many moves.
+    """
+    if (tolerance is None) == (length is None):
+        raise RobotError("a path is cut by a tolerance or by a length: give one of them")
+
+    def cut(moves):
+        return _cut(path, robot, nominal, seed, moves, T_tip_tcp)
+
+    _, _, uncut = cut(1)
+    if length is not None:
+        moves = max(1, int(np.ceil(path.length / length - 1e-9)))
+    else:
+        moves, fails = 1, 0
+        while cut(moves)[2] > tolerance:
+            fails, moves = moves, 2 * moves
+            if moves > most:
+                raise RobotError(f"a deviation of {tolerance / MM:g} mm takes more than {most} moves")
+        while moves - fails > 1:
+            middle = (moves + fails) // 2
+            fails, moves = (fails, middle) if cut(middle)[2] <= tolerance else (middle, moves)
+    s, corrected, deviation = cut(moves)
+    return Subdivision(s, corrected, deviation, uncut)
+
+
+def _cut(path, robot, nominal, seed, moves, T_tip_tcp, samples=16):
+    """Ends of the moves, fake targets there, and the deviation between them."""
+    arcs = isinstance(path, Circle)
+    s = np.linspace(0.0, 1.0, (2 if arcs else 1) * moves + 1)
+    T_tcp_tip = _tip_of(T_tip_tcp)
+    wanted = path.poses(s) @ T_tcp_tip
+    corrected = correct_joints(robot, nominal, _joints_along(wanted, nominal, seed))
+    if not corrected.ok.all():
+        place = int(np.flatnonzero(~corrected.ok)[0])
+        raise RobotError(f"point {place + 1} of {len(s)} of the path cannot be corrected: {corrected.reason[place]}")
+    # the controller's own idea of the tool centre point between its targets
+    fake = corrected.T_fake @ frames.inverse(T_tcp_tip)
+    inside = np.linspace(0.0, 1.0, samples + 2)[1:-1]
+    taken = []
+    for k in range(moves):
+        if arcs:
+            move = Circle.through(fake[2 * k], fake[2 * k + 1, :3, 3], fake[2 * k + 2])
+        else:
+            move = Line(fake[k], fake[k + 1])
+        taken.append(move.poses(inside))
+    q = _joints_along(np.concatenate(taken) @ T_tcp_tip, nominal, corrected.q[0])
+    reached = robot.poses(q) @ frames.inverse(T_tcp_tip)
+    return s, corrected, float(distance_to_path(path, reached[:, :3, 3]).max())
