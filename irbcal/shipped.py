@@ -36,6 +36,8 @@ def robot_file(robot):
     path = Path(robot)
     if path.is_file():
         return path
+    if path.exists():
+        raise RobotError(f"{path}: expected a URDF file, found {'a folder' if path.is_dir() else 'something else'}")
     wanted = str(robot).lower()
     for short, name in ROBOTS.items():
         if wanted in (short, name, name.removesuffix(".urdf")):

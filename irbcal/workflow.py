@@ -19,7 +19,7 @@ from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.modeling import frames
 from irbcal.modeling.parameters import selected_parameters
 from irbcal.modeling.robot import Robot
-from irbcal.units import MM
+from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import (
     distances,
     rotation_distances,
@@ -27,6 +27,15 @@ from irbcal.validation.accuracy import (
     statistics,
     statistics_by,
 )
+
+LARGEST_TURN = 3 * DEG
+"""Median angle from the nominal robot above which measured orientations are refused, radians."""
+
+FEW_EQUATIONS = 3
+"""Equations for each identified combination below which the user is warned."""
+
+LARGE_NOMINAL = 10 * MM
+"""Fitted rms of the nominal robot above which the user is warned, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,21 +197,24 @@ def calibrate(
     if poses:
         points, shape = as_poses(points, seen.source)
     check = None
+    moves = np.isin(points.groups.astype(str), GROUPS)
+    by_axes = method == "axes" and moves.any()
     if verify is None:
-        moves = np.isin(points.groups.astype(str), GROUPS)
-        aside = ~moves if method == "axes" and moves.any() else split(points, holdout, order, seed)
+        aside = ~moves if by_axes else split(points, holdout, order, seed)
         fit_points, heldout = points.select(~aside), points.select(aside)
     else:
         check = _read(verify)
         other = cleaning.clean(check, references or None, cleaned.points.target_names)
-        fit_points = points
+        fit_points = points.select(moves) if by_axes else points
         heldout, left_out = _without_gross_errors(arm, other, check.source)
         if poses:
             heldout, _ = as_poses(heldout, check.source, shape)
         excluded, poses_asked = excluded + left_out, poses_asked + check.poses
         notes += [f"{check.source}: {note}" for note in other.notes]
     say(f"identifying base and tool from {fit_points.poses} poses")
+    _check_known_targets(known, fit_points, seen.source)
     nominal = identify(arm, fit_points, "nominal", known_targets=known)
+    _refuse_orientations(nominal, fit_points, seen.source)
     choice = None
     if model == "auto":
         choice = choose_level(arm, fit_points, seed, progress=say, known_targets=known)
@@ -220,6 +232,7 @@ def calibrate(
         parameters=selected_parameters(model, free, hold),
         watched={"held-out poses": heldout} if heldout.poses else {},
     )
+    notes += _doubts(nominal, fit, fit_points, heldout)
     unseen = [name for name in heldout.target_names if name not in fit.robot.targets]
     if unseen:
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
@@ -309,6 +322,49 @@ def _without_gross_errors(arm, cleaned, source):
         for k in np.flatnonzero(~keep)
     ]
     return points.take(keep).without_empty_poses(), cleaned.excluded + found
+
+
+def _check_known_targets(known, points, source):
+    """Known targets that were never measured are a slip of the pen."""
+    strange = [name for name in known or {} if name not in points.target_names]
+    if strange:
+        raise MeasurementError(
+            f"{source}: the known target {strange[0]} was not measured; targets are {', '.join(points.target_names)}"
+        )
+
+
+def _refuse_orientations(nominal, points, source):
+    """Measured orientations that have nothing to do with the robot, such as a constant default in an export."""
+    angles = rotation_distances(nominal.robot, points)
+    if len(angles) and np.median(angles) > LARGEST_TURN:
+        raise MeasurementError(
+            f"{source}: columns qw, qx, qy, qz: the orientations contradict the robot by {np.median(angles) / DEG:.3g} "
+            "degrees (median): leave these columns out if they were not measured"
+        )
+
+
+def _doubts(nominal, fit, fit_points, heldout):
+    """What should make the user doubt the result, in sentences."""
+    doubts = []
+    equations = 3 * fit.problem.rows
+    if fit.level != "nominal" and equations < FEW_EQUATIONS * fit.rank:
+        doubts.append(
+            f"Only {equations} equations for {fit.rank} identified combinations: measure more poses or choose a "
+            "smaller model."
+        )
+    if nominal.rms > LARGE_NOMINAL:
+        doubts.append(
+            f"The nominal robot misses the fitted points by {nominal.rms / MM:.3g} mm (rms), far more than industrial "
+            "robots do: something other than the robot is wrong (references, joints, robot file)."
+        )
+    if fit is not nominal and fit.level != "nominal" and heldout.poses:
+        before, after = (distances(item.robot, heldout).mean() for item in (nominal, fit))
+        if after >= before:
+            doubts.append(
+                f"On held-out poses the calibrated robot is NOT better than the nominal one ({after / MM:.3f} against "
+                f"{before / MM:.3f} mm mean): do not use this calibration."
+            )
+    return doubts
 
 
 def _with_base_on(robot: Robot, points):

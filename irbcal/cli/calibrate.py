@@ -1,5 +1,6 @@
 """``irbcal calibrate``: identify, validate, export."""
 
+from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -42,7 +43,7 @@ def calibrate(
     objective: Annotated[
         Objective, typer.Option(help="What to minimise: rms, the largest error (max) or between (pnorm).")
     ] = Objective.rms,
-    power: Annotated[float, typer.Option(min=2.0, help="Power of pnorm.")] = 8.0,
+    power: Annotated[float | None, typer.Option(min=2.0, help="Power of pnorm [default: 8].")] = None,
     loss: Annotated[Loss, typer.Option(help="With rms: soft_l1 or huber bend less to gross errors.")] = Loss.linear,
     free: Annotated[
         list[str] | None, typer.Option(help="Add error parameters by name or pattern, such as 'gain*'.")
@@ -62,7 +63,7 @@ def calibrate(
         float, typer.Option(min=0.0, help="Poses kept from the fit to prove it: a fraction below 1, or a number.")
     ] = 0.25,
     split: Annotated[Split, typer.Option(help="Which poses: drawn at random, or the last of the file.")] = Split.random,
-    seed: Annotated[int, typer.Option(help="Seed of the random split.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random split.")] = 0,
     verify: Annotated[
         Path | None, typer.Option(help="Measurements to prove it with, in place of --holdout.", show_default=False)
     ] = None,
@@ -75,6 +76,12 @@ def calibrate(
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ):
     """Identify a robot, prove it on held-out poses, write calibrated.urdf, calibration.json and report.html."""
+    if power is not None and objective != Objective.pnorm:
+        raise typer.BadParameter("only --objective pnorm has a power", param_hint="--power")
+    if not holdout < 1 and not (holdout < 1e9 and holdout == int(holdout)):
+        raise typer.BadParameter(
+            f"expected a fraction below 1 or a whole number, found {holdout:g}", param_hint="--holdout"
+        )
     run(
         measurements,
         robot,
@@ -90,7 +97,7 @@ def calibrate(
         tip=tip_link,
         method=method.value,
         objective=objective.value,
-        power=power,
+        power=8.0 if power is None else power,
         loss=loss.value,
         free=free or (),
         hold=hold or (),
@@ -105,11 +112,17 @@ def run(measurements, robot, out, json, save, **options):
     from irbcal import workflow
     from irbcal.export import calibration_file
 
-    calibration_file.check_writable(out)
-    with show.progress(STEPS, quiet=json) as step:
-        outcome = workflow.calibrate(measurements, robot, progress=step, **options)
-        step("checking with Pinocchio, writing")
-        calibration = calibration_file.save(outcome, out, **save)
+    made = calibration_file.check_writable(out)
+    try:
+        with show.progress(STEPS, quiet=json) as step:
+            outcome = workflow.calibrate(measurements, robot, progress=step, **options)
+            step("checking with Pinocchio, writing")
+            calibration = calibration_file.save(outcome, out, **save)
+    except BaseException:
+        for folder in made:  # an empty folder would look like a result
+            with suppress(OSError):
+                folder.rmdir()
+        raise
     if json:
         show.print_json(summary(calibration, out))
     else:
@@ -159,9 +172,6 @@ def _reached(calibration):
         text += f", certified: not below {objective.lower_bound_mm:.3f} mm with this model"
     if calibration.method != "least-squares":
         text = f"method {calibration.method}, {text}"
-    orientation = (calibration.heldout or calibration.fit).orientation
-    if orientation:
-        text += f"; orientation errors mean {orientation.mean_deg:.4f}, max {orientation.max_deg:.4f} degrees"
     return text
 
 
@@ -171,13 +181,16 @@ def _print(calibration, out):
     if not proven:
         parts = [("all targets", calibration.fit_nominal, calibration.fit)]
     rows = []
+    both = calibration.model != "nominal"
     for label, nominal, calibrated in parts:
-        rows.append((label, "nominal", nominal.all.model_dump(), False))
+        if both:
+            rows.append((label, "nominal", nominal.all.model_dump(), False))
         rows.append((label, f"model {calibration.model}", calibrated.all.model_dump(), True))
         if proven and calibration.heldout_least_squares:
             rows.append((label, "… by rms", calibration.heldout_least_squares.all.model_dump(), False))
         for name in calibrated.per_target if len(calibrated.per_target) > 1 else ():
-            rows.append((name, "nominal", nominal.per_target[name].model_dump(), False))
+            if both:
+                rows.append((name, "nominal", nominal.per_target[name].model_dump(), False))
             rows.append((name, f"model {calibration.model}", calibrated.per_target[name].model_dump(), False))
     kind = "SIMULATED data: " if calibration.simulated else ""
     if proven:
@@ -185,6 +198,9 @@ def _print(calibration, out):
     else:
         title = f"{kind}position errors on the fitted poses: NOTHING WAS HELD OUT, this is not the robot's accuracy"
     show.statistics_table(title, rows)
+    if parts[0][2].orientation:
+        show.orientation("nominal", parts[0][1].orientation.model_dump())
+        show.orientation(f"model {calibration.model}", parts[0][2].orientation.model_dump())
     show.say(
         f"{calibration.robot.name}, model {calibration.model}: {calibration.rank} independent combinations of "
         f"{calibration.parameter_count} parameters identified from {calibration.poses_fit} poses "
@@ -199,7 +215,7 @@ def _print(calibration, out):
         for line in show.exclusions([item.model_dump() for item in calibration.excluded]):
             show.say(line)
     for note in calibration.notes:
-        show.say(f"Note: {note}")
+        show.note(note)
     check = calibration.pinocchio_check
     show.say(
         f"Pinocchio on the written URDF, {check.poses} random poses: differs by {check.position_m:.1e} m, "

@@ -39,5 +39,7 @@ def evaluate(
         show.say(f"Left out: {len(result['excluded'])} points")
         for line in show.exclusions(result["excluded"]):
             show.say(line)
+    for name in shown if result["orientation"] else ():
+        show.orientation(shown[name], result["orientation"][name])
     for note in result["notes"]:
-        show.say(f"Note: {note}")
+        show.note(note)

@@ -1,7 +1,9 @@
 """Entry point of the ``irbcal`` command."""
 
+import errno
 import os
 import sys
+from typing import Annotated
 
 import typer
 
@@ -16,6 +18,25 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _version(wanted: bool):
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"irbcal {version('irbcal')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+):
+    """Calibrate six-axis robots from laser-tracker measurements: corrected URDF, joint map, proof."""
+
+
 app.command("demo")(demo.demo)
 app.command("calibrate")(calibrate.calibrate)
 app.command("evaluate")(evaluate.evaluate)
@@ -33,3 +54,9 @@ def main():
     except BrokenPipeError:  # the reader of our output, such as `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(f"irbcal: cannot write the output: {error.strerror}", file=sys.stderr)
+        sys.exit(1)

@@ -71,6 +71,22 @@ def say(text=""):
     Console().print(text, highlight=False, markup=False, soft_wrap=True)
 
 
+def note(text):
+    """A remark that the reader should not miss."""
+    from rich.console import Console
+    from rich.text import Text
+
+    Console().print(Text.assemble(("Note: ", "bold yellow"), text), soft_wrap=True)
+
+
+def orientation(model, values):
+    """One line on orientation errors."""
+    say(
+        f"Orientation errors, {model}: mean {values['mean_deg']:.4f}, sigma {values['sigma_deg']:.4f}, "
+        f"max {values['max_deg']:.4f} degrees ({values['n']} poses)"
+    )
+
+
 def exclusions(excluded, most=8):
     """Lines that count the left-out points by reason and name the first of each."""
     by_reason = {}

@@ -607,8 +607,15 @@ def save(outcome, folder, **options):
 
 
 def check_writable(folder):
-    """Refuse a folder that cannot be written, before any work is done."""
+    """Refuse a folder that cannot be written, before any work is done.
+
+    Returns
+    -------
+    list of Path
+        Folders that had to be made for it, innermost first.
+    """
     folder = Path(folder)
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=".irbcal-", dir=folder)
@@ -618,6 +625,10 @@ def check_writable(folder):
         raise CalibrationError(f"{folder}: expected a folder to write to, found a file") from None
     except OSError as error:
         raise CalibrationError(f"{folder}: cannot write to this folder: {error.strerror}") from None
+    taken = [name for name in (URDF_NAME, JSON_NAME, REPORT_NAME) if (folder / name).is_dir()]
+    if taken:
+        raise CalibrationError(f"{folder / taken[0]}: expected a file to replace, found a folder")
+    return made
 
 
 def write_together(folder, contents):

@@ -60,7 +60,11 @@ def check(urdf_bytes, arm, seed=0, n=CHECK_POSES):
         If a difference is above 1e-9 m or 1e-9 rad: the URDF does not describe the calibrated arm.
     """
     q = arm.random_joints(n, seed)
-    position, rotation = relative_difference(poses(urdf_bytes, arm, q), arm.forward(q))
+    try:
+        by_pinocchio = poses(urdf_bytes, arm, q)
+    except (ValueError, RuntimeError) as error:
+        raise CalibrationError(f"Pinocchio cannot read this robot's URDF: {' '.join(str(error).split())}") from None
+    position, rotation = relative_difference(by_pinocchio, arm.forward(q))
     if not max(position, rotation) <= LIMIT:
         raise CalibrationError(
             f"Pinocchio disagrees with the calibrated robot by {position:.2g} m and {rotation:.2g} rad "

@@ -23,6 +23,8 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
 
 MAX_BYTES = 20_000_000
+LARGEST_ARM = 50.0
+"""Metres; no arm is larger."""
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
 
 
@@ -300,6 +302,9 @@ def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
     while link in by_child:
         T_root_base = by_child[link].T_parent_joint @ T_root_base
         link = by_child[link].parent
+    size = np.abs([link[:3, 3] for link in link_frames]).max()
+    if size > LARGEST_ARM:
+        raise RobotError(f"{source}: the arm is {size:.0f} m large: a URDF is in metres, is this one in millimetres?")
     positions = tuple(joint.position for joint in moving)
     return UrdfArm(arm, tree, positions, T_dhm_link, np.array(parent_frames), root_link, T_root_base)
 

@@ -335,12 +335,14 @@ def _add_physical_stiffness(fit, covariance, add):
             add(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason)
         return
     C = covariance[np.ix_(pair, pair)]
+    around = [guess.with_coefficients(A + a, B + b) for a, b in ((1e-7, 0), (-1e-7, 0), (0, 1e-7), (0, -1e-7))]
     for name in ("delta_L", "L_G2"):
-        gradient = []
-        for dA, dB in ((1e-7, 0.0), (0.0, 1e-7)):
-            ends = [guess.with_coefficients(A + s * dA, B + s * dB) for s in (1, -1)]
-            gradient.append((getattr(ends[0], name) - getattr(ends[1], name)) / 2e-7)
-        deviation = float(np.sqrt(np.array(gradient) @ C @ np.array(gradient)))
+        if None in around:  # at the edge of what stiffness can be
+            add(f"stiffness_{name}", getattr(found, name), "m", None, "held", "at the edge of what stiffness can be")
+            continue
+        values = [getattr(item, name) for item in around]
+        gradient = np.array([values[0] - values[1], values[2] - values[3]]) / 2e-7
+        deviation = float(np.sqrt(gradient @ C @ gradient))
         add(
             f"stiffness_{name}",
             getattr(found, name),

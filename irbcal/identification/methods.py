@@ -8,7 +8,7 @@ from irbcal.errors import IdentificationError
 from irbcal.identification import axes, history, least_squares, minimax, nelder_mead, observability, pnorm
 from irbcal.identification.fit import first_state, fit_of, make_problem
 from irbcal.identification.residuals import Problem, State
-from irbcal.modeling.parameters import GEOMETRIC, parameter
+from irbcal.modeling.parameters import GEOMETRIC, level_parameters, parameter
 
 METHODS = ("least-squares", "axes", "nelder-mead")
 OBJECTIVES = ("rms", "max", "pnorm")
@@ -74,6 +74,8 @@ def identify_by(
     if method != "least-squares" and (objective, loss) not in (("rms", "linear"), ("max", "linear")):
         raise IdentificationError(f"method {method} has its own objective: leave objective and loss at their defaults")
     if method == "axes":
+        if parameters is not None and [p.name for p in parameters] != [p.name for p in level_parameters(level)]:
+            raise IdentificationError("method axes takes all link geometry from the axes: nothing can be freed or held")
         return _by_axes(arm, points, known_targets)
     problem, guess = make_problem(arm, points, level, known_targets, parameters)
     watched = {

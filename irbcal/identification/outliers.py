@@ -10,11 +10,14 @@ from irbcal.measurement.points import distances
 from irbcal.modeling import dhm
 from irbcal.units import DEG, MM
 
-FLOOR = 10 * MM
+FLOOR = 5 * MM
 """Distance from the nominal robot below which no point is called a gross error, metres."""
 
-FACTOR = 15.0
+FACTOR = 8.0
 """The same as a multiple of the median distance."""
+
+CORE = 0.6
+"""Share of the points that the nominal robot is fitted to while gross errors are looked for."""
 
 TOO_FAR = 0.1
 """Median miss, as a fraction of the spread of the nominal tip positions, that no real robot shows."""
@@ -40,9 +43,10 @@ def spread(arm, points):
 def find_gross_errors(arm, points, source="the measurements"):
     """Points that no robot of this kind could have reached.
 
-    The nominal robot (base and tool identified) is fitted; points farther from it than 15 times the median and
-    10 mm are taken out, farthest first, until none is left; what fits the final model is taken back in. The
-    decision uses nominal kinematics only, so it does not favour a calibrated model.
+    The nominal robot (base and tool identified) is fitted to the 60 % of the points that it fits best, which up to
+    40 % of wrong points cannot bend (least trimmed squares by concentration). A point farther from it than 8 times the
+    median of all and 5 mm is a gross error. The decision uses nominal kinematics only, so it does not favour a
+    calibrated model.
 
     Parameters
     ----------
@@ -64,33 +68,46 @@ def find_gross_errors(arm, points, source="the measurements"):
     IdentificationError
         If the robot does not fit the points at all.
     """
-    keep = np.ones(len(points), dtype=bool)
-    for _ in range(50):
-        distance = _nominal_distances(arm, points, keep, source)
-        limit = max(FLOOR, FACTOR * np.median(distance[keep]))
-        new = distance <= max(limit, 0.5 * distance[keep].max())
-        if distance[keep].max() <= limit:
-            new = distance <= limit
-            if (new == keep).all():
-                return keep, distance
-        keep = new
-    return keep, distance
-
-
-def _nominal_distances(arm, points, keep, source):
-    failure = None
     try:
-        robot = identify(arm, points.take(keep), "nominal").robot
-        distance = distances(robot, points)
+        distance = trimmed_distances(arm, points)
     except IdentificationError as error:
-        failure, distance = error, np.full(len(points), np.inf)
-    median = np.median(distance[keep])
-    if median <= TOO_FAR * spread(arm, points):
-        return distance
+        _refuse_other_units(arm, points, np.inf, source)
+        raise IdentificationError(f"{source}: {error}") from None
+    median = np.median(distance)
+    if median > TOO_FAR * spread(arm, points):
+        _refuse_other_units(arm, points, median, source)
+        raise IdentificationError(
+            f"{source}: {arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base "
+            "and tool: wrong robot file, joint order or joint signs, or a base or tool that moved between the poses?"
+        )
+    return distance <= max(FLOOR, FACTOR * median), distance
+
+
+def trimmed_distances(arm, points):
+    """Distances of all points from the nominal robot fitted to the best part of them, shape (m,), metres."""
+    distance = distances(identify(arm, points, "nominal").robot, points)
+    core = None
+    for _ in range(20):
+        new = distance <= np.quantile(distance, CORE)
+        if core is not None and (new == core).all():
+            break
+        core = new
+        try:
+            robot = identify(arm, points.take(core).without_empty_poses().with_seen_targets(), "nominal").robot
+        except IdentificationError:  # too few for a part of them: all are needed
+            return distance
+        if set(robot.targets) != set(points.target_names):
+            return distance
+        distance = distances(robot, points)
+    return distance
+
+
+def _refuse_other_units(arm, points, median, source):
+    """Name the units in which the nominal robot would fit."""
     for reading, factors in READINGS.items():
         other = scaled(points, *factors)
         try:
-            better = np.median(distances(identify(arm, other, "nominal").robot, other))
+            better = np.median(trimmed_distances(arm, other))
         except IdentificationError:
             continue
         if better < min(0.1 * median, 0.02 * spread(arm, other)):
@@ -98,9 +115,3 @@ def _nominal_distances(arm, points, keep, source):
                 f"{source}: these look like {reading}: read so, the nominal robot meets the points within "
                 f"{better / MM:.2g} mm (median)"
             )
-    if failure is not None:
-        raise failure
-    raise IdentificationError(
-        f"{source}: {arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base "
-        "and tool: wrong robot file, joint order or joint signs?"
-    )

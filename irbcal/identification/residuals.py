@@ -308,11 +308,11 @@ class Problem:
 
 
 def _weights(points, oriented):
-    """Row weights from the points' uncertainties: the median uncertainty over the row's own."""
+    """Row weights from the points' uncertainties: the median over the row's own, at most a hundred times either way."""
     if points.u95 is None or not np.isfinite(points.u95).any():
         return np.ones(len(points) + int(oriented.sum()))
     typical = np.nanmedian(points.u95)
-    weights = typical / np.where(np.isfinite(points.u95), points.u95, typical)
+    weights = np.clip(typical / np.where(np.isfinite(points.u95), points.u95, typical), 0.01, 100.0)
     return np.concatenate([weights, weights[oriented]])
 
 

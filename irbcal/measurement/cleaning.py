@@ -15,6 +15,12 @@ DISTANCE_FLOOR = 0.2 * MM
 DISTANCE_FACTOR = 12.0
 """The same as a multiple of the distances' robust standard deviation."""
 
+DISTANCE_CEILING = 1.0 * MM
+"""Deviation that is always called wrong, however much the distances vary, metres."""
+
+MOVED = 0.05
+"""Share of the poses with a wrong reference above which the user is told that it seems to have moved."""
+
 
 @dataclass(frozen=True)
 class Exclusion:
@@ -86,6 +92,7 @@ def clean(measurements, places=None, only_targets=None):
     seen = by_pose(pose, target, xyz, reference & (reason == ""), reference_names)
     _mark_wrong_references(seen, reference_names, pose, target, reference, reason)
     registration = None
+    notes += _moved_references(pose, target, reference, reason)
     if reference_names:
         good = reference & (reason == "")
         seen = by_pose(pose, target, xyz, good, reference_names)
@@ -119,10 +126,11 @@ def clean(measurements, places=None, only_targets=None):
         for p, t, r in zip(table["pose"][reason != ""], target[reason != ""], reason[reason != ""], strict=True)
     ]
     if not keep.any():
-        why = excluded[0].reason if excluded else "there are only reference points"
+        if reference.all():
+            raise MeasurementError(f"{source}: there are only reference points, no target on the tool")
+        why = excluded[0].reason
         raise MeasurementError(f"{source}: no usable point is left of {int((~reference).sum())}: {why}")
-    if only_targets is None:
-        target_names = [name for name in target_names if (keep & (target == name)).any()]
+    target_names = [name for name in target_names if (keep & (target == name)).any()]
     groups = table["group"].to_numpy(dtype=object) if "group" in table.columns else np.full(len(table), "", object)
     rows = np.flatnonzero(keep)
     rows = rows[np.argsort(pose[rows], kind="stable")]
@@ -176,7 +184,7 @@ def _wrong_points(seen):
             if have.sum() < 3:
                 continue
             off = np.abs(distance - np.median(distance[have]))
-            limit = max(DISTANCE_FLOOR, DISTANCE_FACTOR * 1.4826 * np.median(off[have]))
+            limit = max(DISTANCE_FLOOR, min(DISTANCE_CEILING, DISTANCE_FACTOR * 1.4826 * np.median(off[have])))
             deviation[:, i, j] = deviation[:, j, i] = np.where(have & (off > limit), off, 0.0)
     wrong = np.zeros((n, k), dtype=bool)
     worst = deviation.max(axis=2)
@@ -205,6 +213,21 @@ def _mark_wrong_references(seen, names, pose, target, reference, reason):
                 reason[row] = f"wrong reference: its distance to another one is off by {off:.3g} mm"
             else:
                 reason[row] = f"pose left out: its reference {' and '.join(bad)} is off by {off:.3g} mm"
+
+
+def _moved_references(pose, target, reference, reason):
+    """A note for every reference that is wrong in many poses: it was moved, not confused."""
+    poses = len(np.unique(pose))
+    wrong = np.array([text.startswith("wrong reference") for text in reason], dtype=bool)
+    notes = []
+    for name in sorted(set(target[reference])):
+        count = len(np.unique(pose[wrong & (target == name)]))
+        if count > MOVED * poses:
+            notes.append(
+                f"The reference {name} contradicts the others in {count} of {poses} poses, which are left out: it "
+                "seems to have moved. Leave its rows out of the file if the others can do without it."
+            )
+    return notes
 
 
 def _mark_wrong_distances(pose, target, xyz, use, names, reason):

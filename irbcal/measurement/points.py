@@ -86,6 +86,12 @@ class PointSet:
             rest, q=self.q[keep], pose=number[rest.pose], pose_ids=self.pose_ids[keep], groups=self.groups[keep]
         )
 
+    def with_seen_targets(self):
+        """The same points without names of targets that none of them has."""
+        seen = np.unique(self.target)
+        names = tuple(self.target_names[k] for k in seen)
+        return replace(self, target=np.searchsorted(seen, self.target), target_names=names)
+
     def without_empty_poses(self):
         """The same points without poses that have none."""
         used = np.zeros(self.poses, dtype=bool)

@@ -28,6 +28,7 @@ REQUIRED = ["pose", *JOINTS, "target", *POSITION]
 QUATERNION = ["qw", "qx", "qy", "qz"]
 NUMERIC_EXTRAS = ["payload_kg", "time_s", "u95_mm", *QUATERNION]
 REFERENCE_PREFIX = "ref"
+LARGEST_ANGLE_DEG, LARGEST_POSITION_MM = 1e4, 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ class MeasurementSet:
 
     def is_reference(self):
         """Mask of the rows that are reference points fixed to the ground."""
-        return self.table["target"].str.startswith(REFERENCE_PREFIX).to_numpy()
+        return self.table["target"].str.lower().str.startswith(REFERENCE_PREFIX).to_numpy()
 
     def rotations(self):
         """Measured orientations of all rows, shape (rows, 3, 3), NaN where there is none; None without columns."""
@@ -128,6 +129,7 @@ def read(path):
     lost = np.isnan(xyz).any(axis=1) | (xyz == 0.0).all(axis=1)
     table.loc[lost, POSITION] = np.nan
     table["pose_index"] = _pose_index(table, source)
+    _check_sizes(table, source)
     _check_quaternions(table, source)
     return MeasurementSet(table, source, digest)
 
@@ -295,6 +297,21 @@ def _numbers(raw, name, source, expected, lost=False):
         found = repr(text[row]) if text[row] else "nothing"
         raise MeasurementError(f"{source}: row {row}, column {name}: expected {expected}, found {found}")
     return values.to_numpy(dtype=float)
+
+
+def _check_sizes(table, source):
+    """Refuse numbers that no robot cell holds and uncertainties that are none."""
+    bounds = [(name, -LARGEST_ANGLE_DEG, LARGEST_ANGLE_DEG, "a joint angle in degrees") for name in JOINTS]
+    bounds += [(name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION]
+    if "u95_mm" in table.columns:
+        bounds.append(("u95_mm", 1e-6, LARGEST_POSITION_MM, "an uncertainty above zero in mm or nothing"))
+    for name, low, high, expected in bounds:
+        values = table[name].to_numpy()
+        bad = (values < low) | (values > high)
+        if bad.any():
+            k = int(np.flatnonzero(bad)[0])
+            row = table["row"].iloc[k]
+            raise MeasurementError(f"{source}: row {row}, column {name}: expected {expected}, found {values[k]:g}")
 
 
 def _check_quaternions(table, source):

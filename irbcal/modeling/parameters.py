@@ -136,7 +136,11 @@ def selected_parameters(level, free=(), hold=()):
     names = [item.name for item in level_parameters(level)]
     for pattern in (*free, *hold):
         if not fnmatch.filter(ALL_NAMES, pattern):
-            raise IdentificationError(f"no error parameter is called {pattern!r}: names are {', '.join(ALL_NAMES)}")
+            raise IdentificationError(
+                f"no error parameter is called {pattern!r}: names are delta_alpha, delta_a, delta_theta, delta_d and "
+                "delta_beta with the joint's number, stiffness_A, stiffness_B, fourier_a1, fourier_b1, fourier_a2, "
+                "fourier_b2, gain1 … gain6"
+            )
     for pattern in free:
         names += [name for name in fnmatch.filter(ALL_NAMES, pattern) if name not in names]
     for pattern in hold:

@@ -1,0 +1,182 @@
+"""Damped Newton steps (Levenberg-Marquardt) from joints to poses of a calibrated robot, for batches.
+
+The Jacobian is the geometric one of the calibrated arm times that of the joint map. Poses are held as columns x, y, z
+and origin in arrays of shape (4, 3, n), joints as (6, n).
+"""
+
+import numpy as np
+
+from irbcal.modeling import dhm
+
+LONGEST_STEP = 0.5
+"""Radians that a step may turn a joint."""
+
+
+class CalibratedChain:
+    """Forward kinematics and Jacobian of a calibrated robot for columns.
+
+    Parameters
+    ----------
+    robot : Robot
+    reach : float
+        Metres: the length by which position errors are divided to weigh them against radians.
+    """
+
+    def __init__(self, robot, reach):
+        self.robot, self.reach = robot, reach
+        arm = robot.arm
+        self.after = None if np.array_equal(arm.T_6_tip, np.eye(4)) else arm.T_6_tip
+        self.offsets = arm.table.theta[:, None]
+
+    def angles(self, q):
+        """Angles (6, n) of the DHM table for commanded joints (6, n)."""
+        return self.robot.joint_map.effective(q.T).T + self.offsets
+
+    def tip(self, q):
+        """Columns (4, 3, n) of ``T_base_tip`` for commanded joints (6, n)."""
+        return dhm.tip_columns(self.robot.arm.table, self.angles(q), self.robot.arm.T_base_0, self.after)
+
+    def merit(self, position, rotation):
+        """Position error (m) and rotation error (rad) as one number."""
+        return position / self.reach + rotation
+
+    def linearised(self, H, q):
+        """What a step needs.
+
+        Parameters
+        ----------
+        H : ndarray, shape (4, 3, n)
+            Target columns.
+        q : ndarray, shape (6, n)
+            Commanded joints, radians.
+
+        Returns
+        -------
+        J : ndarray, shape (n, 6, 6)
+            Derivative of position (over the reach) and rotation by the commanded joints, base frame.
+        e : ndarray, shape (n, 6)
+            What position (over the reach) and rotation lack.
+        cost : ndarray, shape (n,)
+            Square of e.
+        errors : ndarray, shape (2, n)
+            Metres and radians, as `errors`.
+        """
+        arm, n = self.robot.arm, q.shape[1]
+        chain = dhm.chain_frames(arm.table, self.angles(q), arm.T_base_0, self.after)
+        tip, (zx, zy, zz) = chain.tip, chain.z.swapaxes(0, 1)
+        lx, ly, lz = (tip[3] - chain.o).swapaxes(0, 1) / self.reach
+        J, e = np.empty((n, 6, 6)), np.empty((n, 6))
+        for i, row in enumerate((zy * lz - zz * ly, zz * lx - zx * lz, zx * ly - zy * lx, zx, zy, zz)):
+            J[:, i] = row.T
+        if not self.robot.joint_map.is_identity:
+            J = J @ self.robot.joint_map.jacobian(q.T)
+        e[:, :3] = (H[3] - tip[3]).T / self.reach
+        e[:, 3:] = rotation_vector(tip, H).T
+        return J, e, (e * e).sum(axis=1), np.array(errors(tip, H))
+
+
+def solve(chain, H, q, good, straighten=0, patience=10):
+    """Levenberg-Marquardt from given joints.
+
+    Next to the shoulder singularity the joints that leave the pose nearly unchanged lie on a curve along which
+    straight steps only crawl: ``straighten`` times, the wrist makes good what a step turns the tip.
+
+    Parameters
+    ----------
+    chain : CalibratedChain
+    H : ndarray, shape (4, 3, n)
+        Target columns.
+    q : ndarray, shape (6, n)
+        Commanded joints to start from, radians.
+    good : callable
+        Whether position and rotation errors (n,) are within the tolerance: a mask (n,).
+    straighten : int
+    patience : int
+        Steps are given up when so many of them have not halved the error.
+
+    Returns
+    -------
+    q : ndarray, shape (6, n)
+    position, rotation : ndarray, shape (n,)
+        Errors left, metres and radians.
+    evaluations : ndarray of int, shape (n,)
+    """
+    n = q.shape[1]
+    out_q, out_errors, evaluations = q.copy(), np.empty((2, n)), np.ones(n, dtype=int)
+    index = np.arange(n)
+    damping, bound, waited = np.full(n, 1e-6), np.full(n, np.inf), np.zeros(n, dtype=int)
+    J, e, cost, left = chain.linearised(H, q)
+    out_errors[:] = left
+    for _ in range(6 * patience):
+        halved = cost <= 0.25 * bound  # cost is the square of the error
+        bound, waited = np.where(halved, cost, bound), np.where(halved, 0, waited + 1)
+        go = ~good(*left) & (waited <= patience) & np.isfinite(cost)
+        if not go.any():
+            break
+        if not go.all():
+            J, e = J[go], e[go]
+            index, q, H, cost, left, damping, bound, waited = (
+                v[..., go] for v in (index, q, H, cost, left, damping, bound, waited)
+            )
+        trial = q + _step(J, e, damping * np.minimum(np.sqrt(cost), 1.0) + 1e-15)
+        J_new, e_new, cost_new, left_new = chain.linearised(H, trial)
+        for _ in range(straighten):
+            trial[3:] += _step(J_new[:, 3:, 3:], e_new[:, 3:], 1e-8)
+            J_new, e_new, cost_new, left_new = chain.linearised(H, trial)
+        evaluations[index] += 1 + straighten
+        better = cost_new < cost
+        damping = np.where(better, np.maximum(damping * 0.2, 1e-8), np.minimum(damping * 8.0 + 1e-6, 1e8))
+        q, left = np.where(better, trial, q), np.where(better, left_new, left)
+        cost = np.where(better, cost_new, cost)
+        J, e = np.where(better[:, None, None], J_new, J), np.where(better[:, None], e_new, e)
+        out_q[:, index], out_errors[:, index] = q, left
+    return out_q, *out_errors, evaluations
+
+
+def _step(J, e, damping):
+    """Damped least-squares step (k, n) for J (n, 6, k) and e (n, 6), at most `LONGEST_STEP` for a joint."""
+    J_t = J.swapaxes(1, 2)
+    A = J_t @ J
+    k = A.shape[1]
+    A[:, range(k), range(k)] += np.reshape(damping, (-1, 1))
+    step = np.linalg.solve(A, J_t @ e[:, :, None])[:, :, 0].T
+    return step * (LONGEST_STEP / np.maximum(np.abs(step).max(axis=0), LONGEST_STEP))
+
+
+# ------------------------------------------------------------------ poses as columns (4, 3, n)
+
+
+def columns(T):
+    """Columns x, y, z and origin (4, 3, n) of poses (n, 4, 4)."""
+    return np.ascontiguousarray(T[:, :3].transpose(2, 1, 0))
+
+
+def errors(tip, H):
+    """Distance of the origins and angle of the relative rotation of columns (4, 3, n), metres and radians."""
+    difference = tip - H
+    np.multiply(difference, difference, out=difference)
+    squares = difference.sum(axis=1)
+    chord = np.sqrt((squares[0] + squares[1] + squares[2]) * 0.125)  # sine of half the angle
+    return np.sqrt(squares[3]), 2.0 * np.arcsin(np.minimum(chord, 1.0))
+
+
+def rotation_vector(tip, H):
+    """Rotation vector (3, n) in the base frame that turns the tip's axes into those of H, radians."""
+    # the cross products of the axes add up to 2 sin(angle) times the axis
+    v = 0.5 * sum(np.cross(tip[k], H[k], axis=0) for k in range(3))
+    sine = np.sqrt((v * v).sum(axis=0))
+    cosine = 0.5 * ((tip[:3] * H[:3]).sum(axis=(0, 1)) - 1.0)
+    return v * np.where(sine > 1e-12, np.arctan2(sine, cosine) / np.maximum(sine, 1e-300), 1.0)
+
+
+def moved(H, turn, shift):
+    """Columns (4, 3, n) turned by rotation vectors (3, n) about their origin and shifted by metres (3, n)."""
+    angle = np.sqrt((turn * turn).sum(axis=0))
+    axis = turn / np.maximum(angle, 1e-300)
+    out = np.empty_like(H)
+    for k in range(3):
+        v = H[k]
+        out[k] = v + np.sin(angle) * np.cross(axis, v, axis=0)
+        out[k] += (1.0 - np.cos(angle)) * (axis * (axis * v).sum(axis=0) - v)
+    out[3] = H[3] + shift
+    return out
