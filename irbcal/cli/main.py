@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from irbcal.cli import calibrate, demo, evaluate, fk, ik
+from irbcal.cli import calibrate, demo, evaluate, filter, fk, ik
 from irbcal.errors import IrbcalError
 
 app = typer.Typer(
@@ -42,6 +42,7 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("fk")(fk.fk)
 app.command("ik")(ik.ik)
+app.command("filter")(filter.filter_program)
 
 
 def main():

@@ -9,6 +9,11 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG
 
+_WORDS = {
+    iterative.Reason.NOT_FOUND: "no small correction reaches it: it lies next to a singularity or just beyond the "
+    "calibrated arm's reach"
+}
+
 LARGEST_CHANGE = 10 * DEG
 """Largest turn of a joint that counts as a correction, radians; more is needed next to a singularity only."""
 
@@ -113,7 +118,7 @@ def _correct(robot, nominal, T_wanted, q_nominal):
     reason[~known] = "the nominal robot does not reach it within its joint limits in this configuration"
     if known.any():
         rows = np.flatnonzero(known)
-        found = iterative.solve(robot, nominal, T_wanted[rows], seed=q_nominal[rows])
+        found = iterative.solve(robot, nominal, T_wanted[rows], seed=q_nominal[rows], thorough=False)
         change = np.abs(found.joints - q_nominal[rows])
         near = change.max(axis=1) <= LARGEST_CHANGE
         good = found.converged & found.inside & found.branch_kept & near
@@ -128,7 +133,7 @@ def _correct(robot, nominal, T_wanted, q_nominal):
         reason[rows[found.converged & ~found.inside]] = "its correction is outside the joint limits"
         for code in iterative.Reason:
             if code != iterative.Reason.CONVERGED:
-                reason[rows[~found.converged & (found.reason == code)]] = code.words
+                reason[rows[~found.converged & (found.reason == code)]] = _WORDS.get(code, code.words)
     ok = np.isfinite(q).all(axis=1)
     T_fake = np.full((n, 4, 4), np.nan)
     if ok.any():

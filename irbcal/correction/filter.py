@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.correction import program as programs
+from irbcal.correction import table
 from irbcal.correction.fake import Corrected, correct_joints, correct_poses
 from irbcal.correction.program import ConfData
 from irbcal.errors import ProgramError
@@ -90,6 +91,21 @@ def filter_module(robot, nominal, program, fingerprint, mark):
     return Filtered(data, _changes(names, [found for _, found in parts]), sorted(left, key=lambda item: item[1]))
 
 
+def filter_table(robot, nominal, program, fingerprint):
+    """Correct a CSV program of joints or of tip poses; arguments and result as `filter_module`."""
+    refuse_filtered(program)
+    if program.kind == "joint":
+        found = correct_joints(robot, nominal, program.values)
+        values = found.q
+    else:
+        found = correct_poses(robot, nominal, program.values)
+        values = found.T_fake
+    names = [(f"row {row}", int(row)) for row in program.rows]
+    left = [(*names[k], found.reason[k]) for k in np.flatnonzero(~found.ok)]
+    data = table.with_values(program, values, fingerprint, found.ok)
+    return Filtered(data, _changes(names, [found]), left)
+
+
 def refuse_filtered(program):
     """Refuse a program that bears the mark of an earlier correction."""
     if programs.is_filtered(program):
@@ -166,12 +182,10 @@ def _changes(names, parts):
         return pd.DataFrame(columns=columns)
     ok = np.concatenate([found.ok for found in parts])
     values = [
-        np.column_stack(
-            [found.q_nominal / DEG, found.q / DEG, found.shift / MM, found.turn / DEG, found.residual / MM]
-        )
+        np.column_stack([found.q_nominal / DEG, found.q / DEG, found.shift / MM, found.turn / DEG, found.residual / MM])
         for found in parts
     ]
-    table = pd.DataFrame(np.concatenate(values), columns=columns[2:])
-    table.insert(0, "line", [line for _, line in names])
-    table.insert(0, "target", [name for name, _ in names])
-    return table[ok].reset_index(drop=True)
+    changes = pd.DataFrame(np.concatenate(values), columns=columns[2:])
+    changes.insert(0, "line", [line for _, line in names])
+    changes.insert(0, "target", [name for name, _ in names])
+    return changes[ok].reset_index(drop=True)

@@ -236,7 +236,11 @@ class Scanner:
             return Node(None, float(word), start, end), i + 1
         j = self._expression(i, (",", "]"))
         start, end = self.tokens[i].start, self.tokens[j - 1].end
-        signed = j - i == 2 and self.tokens[i].word in ("-", "+") and "!" not in self.text[start:end]
+        signed = (
+            j - i == 2
+            and self.tokens[i].word in ("-", "+")
+            and not any(char in self.text[start:end] for char in "!\r\n")
+        )
         if self.tokens[j - 1].kind == "number" and (j - i == 1 or signed):
             number = float(self.tokens[j - 1].word)
             return Node(None, -number if self.tokens[i].word == "-" else number, start, end), j

@@ -89,8 +89,8 @@ def solve(problem, state, record=None):
             record(iteration, state)
     raise IdentificationError(
         f"the fit did not converge in {MAX_ITERATIONS} iterations (last step {size:.2g}, rms "
-        f"{1e3 * history[-1]:.3g} mm): check units, joint order and the robot file, and that neither base nor tool moved between "
-        "the poses"
+        f"{1e3 * history[-1]:.3g} mm): check units, joint order and the robot file, and that neither base "
+        "nor tool moved between the poses"
     )
 
 

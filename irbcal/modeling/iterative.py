@@ -130,7 +130,9 @@ class InverseResult:
         return ", ".join(parts)
 
 
-def solve(robot, nominal, T_base_tip, seed=None, configuration=None, position=1e-10, rotation=1e-10):
+def solve(
+    robot, nominal, T_base_tip, seed=None, configuration=None, position=1e-10, rotation=1e-10, thorough=True
+):
     """Commanded joints that bring the tip of a calibrated robot to given poses.
 
     Parameters
@@ -147,6 +149,9 @@ def solve(robot, nominal, T_base_tip, seed=None, configuration=None, position=1e
         Branch to keep, 0 to 7; that of the seed where there is one, else front, up, no-flip.
     position, rotation : float
         Tolerances, metres and radians.
+    thorough : bool
+        Try many starts for poses that the seed's neighbourhood does not solve. Without, only solutions near the seed
+        are looked for, which is what a correction needs, and much quicker for poses that have none.
 
     Returns
     -------
@@ -158,7 +163,8 @@ def solve(robot, nominal, T_base_tip, seed=None, configuration=None, position=1e
         If shapes do not fit, or the nominal arm has no closed-form inverse.
     """
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        return _Solver(robot, nominal, position, rotation).solve(T_base_tip, seed, configuration)
+        stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
+    return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
 
 
 def fixed_point_history(robot, nominal, T_base_tip, configuration, iterations):
@@ -204,7 +210,8 @@ class _State:
 
 
 class _Solver:
-    def __init__(self, robot, nominal, position, rotation):
+    def __init__(self, robot, nominal, position, rotation, stages=NEWTON_STARTS):
+        self.stages = stages
         self.robot, self.nominal = robot, nominal
         self.closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
         self.chain = CalibratedChain(robot, self.closed.reach)
@@ -251,14 +258,24 @@ class _Solver:
             branch = inverse.check_configuration(configuration, n)
         near = np.broadcast_to(near, (6, n))
         state = _State(n)
-        bad_pose = np.zeros(n, dtype=bool)
+        bad_pose, later = np.zeros(n, dtype=bool), []
         for start in range(0, n, BLOCK):
             block = slice(start, min(start + BLOCK, n))
             H = newton.columns(T[block])
             usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0)
             bad_pose[block] = ~usable
             todo = start + np.flatnonzero(usable & ~bad_seed[block])
-            self._fixed_point(H[:, :, todo - start], branch[todo], near[:, todo], todo, state)
+            H = np.take(H, todo - start, axis=-1)
+            later.append(
+                self._fixed_point((todo, branch[todo], np.full(len(todo), np.inf), H, H, near[:, todo]), state, True)
+            )
+        # the few that take longer, of all blocks together
+        later = [work for work in later if work is not None]
+        if later:
+            later = [np.concatenate(parts, axis=-1) for parts in zip(*later, strict=True)]
+            for start in range(0, len(later[0]), BLOCK):
+                part = (np.ascontiguousarray(v[..., start : start + BLOCK]) for v in later)
+                self._fixed_point(part, state)
         done = self.good(state.position, state.rotation)
         state.method[done] = Method.FIXED_POINT
         left = np.flatnonzero(~done & ~bad_pose & ~bad_seed)
@@ -303,33 +320,44 @@ class _Solver:
 
     # -------------------------------------------------------------- the fixed point
 
-    def _fixed_point(self, H, branch, near, index, state):
-        """The thesis's iteration for a block; ``index`` (n,) places the block's poses in the state."""
-        fake, q, last = H, None, np.inf
-        for iteration in range(FIXED_POINT_ITERATIONS):
+    def _fixed_point(self, work, state, first=False):
+        """The thesis's iteration for a block, until few poses are left: those, to go on with, or None.
+
+        ``work`` holds the poses' place in the state (n,), branch (n,), error (n,), target and fake target
+        (4, 3, n) and last joints (6, n); at first the fake target is the target, and the joints say which turns.
+        """
+        index, branch, last, H, fake, q = work
+        few = len(index) // 8 if first else 0
+        for _ in range(FIXED_POINT_ITERATIONS):
             q_new, margin = self.closed.branch(fake.reshape(12, -1), branch)
-            if iteration == 0:
+            if first:
                 state.margin[index] = margin
-                q_new = self.start_turns(q_new, near)
+                q = self.start_turns(q_new, q)
+                first = False
             else:
-                q_new = _same_turn(q_new, q)
-            tip = self.chain.tip(q_new)
+                q = _same_turn(q_new, q)
+            tip = self.chain.tip(q)
             position, rotation = newton.errors(tip, H)
             state.iterations[index] += 1
             merit = self.chain.merit(position, rotation)
             better = merit < last  # False for NaN: no nominal solution
             keep = index if better.all() else index[better]
-            for array, value in ((state.q, q_new), (state.position, position), (state.rotation, rotation)):
+            for array, value in ((state.q, q), (state.position, position), (state.rotation, rotation)):
                 array[..., keep] = value if keep is index else value[..., better]
             go = (merit <= STALLED * last) & ~self.good(position, rotation)
-            if not go.any():
-                return
-            if not go.all():
-                index, branch, last = index[go], branch[go], merit[go]
-                H, fake, tip, q = (np.ascontiguousarray(v[..., go]) for v in (H, fake, tip, q_new))
-            else:
-                q, last = q_new, merit
+            left = np.count_nonzero(go)
+            if left == 0:
+                return None
+            last = merit
+            if left < len(go):
+                go = np.flatnonzero(go)
+                index, branch, last, H, fake, tip, q = (
+                    np.take(v, go, axis=-1) for v in (index, branch, last, H, fake, tip, q)
+                )
             fake = _next_fake(fake, tip, H)
+            if left <= few:
+                return index, branch, last, H, fake, q
+        return None
 
     # -------------------------------------------------------------- damped Newton
 
@@ -343,7 +371,7 @@ class _Solver:
         errors = newton.errors(self.chain.tip(start[:, ~lacking]), H[:, :, ~lacking])
         state.position[beyond], state.rotation[beyond] = errors
         state.iterations[beyond] += 1
-        for starts, straighten, patience in NEWTON_STARTS:
+        for starts, straighten, patience in self.stages:
             if starts > 6:
                 lacking &= (state.margin[rows] >= 0) | ~(state.position[rows] > CLOSE * self.difference)
             left = np.flatnonzero(lacking)

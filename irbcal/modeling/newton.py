@@ -8,6 +8,9 @@ import numpy as np
 
 from irbcal.modeling import dhm
 
+PIECE = 2048
+"""Poses whose joint map is taken at once: too few for threads of the BLAS, which wait where other work goes on."""
+
 LONGEST_STEP = 0.5
 """Radians that a step may turn a joint."""
 
@@ -30,7 +33,13 @@ class CalibratedChain:
 
     def angles(self, q):
         """Angles (6, n) of the DHM table for commanded joints (6, n)."""
-        return self.robot.joint_map.effective(q.T).T + self.offsets
+        if self.robot.joint_map.is_identity:
+            return q + self.offsets
+        out = np.empty_like(q)
+        for start in range(0, q.shape[1], PIECE):
+            piece = slice(start, start + PIECE)
+            np.add(self.robot.joint_map.effective(q[:, piece].T).T, self.offsets, out=out[:, piece])
+        return out
 
     def tip(self, q):
         """Columns (4, 3, n) of ``T_base_tip`` for commanded joints (6, n)."""

@@ -223,7 +223,7 @@ class OrthoParallel:
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for start in range(0, n, BLOCK):
                 block = slice(start, min(start + BLOCK, n))
-                X = linear @ T[block].reshape(-1, 16).T
+                X = _map(linear, T[block].reshape(-1, 16).T)
                 here = out[:, :, : X.shape[1]]
                 shoulder[block], margins[block], valid[block] = self._eight(X, here)
                 joints[block] = here.transpose(2, 0, 1)
@@ -279,7 +279,7 @@ class OrthoParallel:
             As ``reach_margin`` of `Branches`, of the pose as given.
         """
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            X = self.linear @ columns
+            X = _map(self.linear, columns)
             X[9:] += self.constant[9:, None]
             shoulder, elbow, wrist = (1.0 - 2.0 * ((branch >> bit) & 1) for bit in (2, 1, 0))
             r, c1, s1, plane = _shoulder(X)
@@ -425,6 +425,14 @@ def is_rotation(X):
         squares += row * row
     determinant = ax * (ny * oz - nz * oy) + ay * (nz * ox - nx * oz) + az * (nx * oy - ny * ox)
     return (np.abs(squares - 3.0) <= ROTATION_TOLERANCE) & (np.abs(determinant - 1.0) <= ROTATION_TOLERANCE)
+
+
+def _map(linear, columns):
+    """The product of a small matrix and columns (k, n), in pieces too small for threads that would wait on others."""
+    out = np.empty((len(linear), columns.shape[1]))
+    for start in range(0, columns.shape[1], 1024):
+        out[:, start : start + 1024] = linear @ columns[:, start : start + 1024]
+    return out
 
 
 def _shoulder(X):

@@ -342,3 +342,62 @@ def refused_ik(data, row):
     path = data / "bad_poses.csv"
     path.write_text(f"x_mm,y_mm,z_mm,qw,qx,qy,qz\n{row}\n")
     return refused("ik", "irb1600", "--poses", path)
+
+
+# --- fake targets ---------------------------------------------------------------------------------------
+
+MODULE = """MODULE Job
+  ! Å comment with ; and [brackets]
+  CONST jointtarget jA:=[[0,-14,14,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  VAR jointtarget jZero:=[[0,0,0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+  PROC main()
+    MoveAbsJ jA,v500,fine,tool0;
+    {more}
+  ENDPROC
+ENDMODULE
+"""
+
+
+def test_filter_writes_fake_targets_and_refuses_them_the_second_time(calibration, tmp_path):
+    folder, _ = calibration
+    source = tmp_path / "job.mod"
+    source.write_bytes(MODULE.format(more="").replace("\n", "\r\n").encode("latin-1"))
+    done = run("filter", folder, source, "--out", tmp_path / "new.mod", "--changes", tmp_path / "c.csv", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["corrected"] == 1
+    assert 0 < result["max_shift_mm"] < 20
+    new = (tmp_path / "new.mod").read_bytes()
+    assert b"\xc5 comment with ; and [brackets]\r\n" in new
+    assert b"! irbcal: fake targets" in new
+    assert b"jZero:=[[0,0,0,0,0,0]," in new, "no move uses it"
+    assert pd.read_csv(tmp_path / "c.csv")["target"].tolist() == ["jA"]
+    message = refused("filter", folder, tmp_path / "new.mod", "--out", tmp_path / "twice.mod")
+    assert "these are fake targets already" in message
+    assert not (tmp_path / "twice.mod").exists()
+
+
+def test_filter_writes_nothing_unless_everything_is_corrected_or_partial_is_allowed(calibration, tmp_path):
+    folder, _ = calibration
+    source = tmp_path / "job.mod"
+    source.write_text(MODULE.format(more="MoveJ Offs(CRobT(),0,0,10),v500,fine,tool0;"))
+    done = run("filter", folder, source, "--out", tmp_path / "new.mod")
+    assert done.returncode == 1
+    assert "its target is computed" in done.stdout
+    assert not (tmp_path / "new.mod").exists()
+    done = run("filter", folder, source, "--out", tmp_path / "new.mod", "--allow-partial")
+    assert done.returncode == 0
+    assert (tmp_path / "new.mod").exists()
+
+
+def test_filter_refuses_unknown_tools_and_broken_modules(calibration, tmp_path):
+    folder, _ = calibration
+    source = tmp_path / "job.mod"
+    target = "[[500,0,500],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+    source.write_text(MODULE.format(more=f"MoveL {target},v500,fine,tGun;"))
+    assert "tGun" in refused("filter", folder, source, "--out", tmp_path / "n.mod")
+    assert run("filter", folder, source, "--out", tmp_path / "n.mod", "--tool", "tGun=1,2").returncode == 2
+    source.write_text("MODULE Job\nCONST jointtarget j:=[[0,0,")
+    assert "job.mod: " in refused("filter", folder, source, "--out", tmp_path / "n.mod")
+    source.write_text("")
+    assert "the file is empty" in refused("filter", folder, source, "--out", tmp_path / "n.mod")
