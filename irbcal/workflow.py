@@ -230,7 +230,7 @@ def calibrate(
         loss,
         known_targets=known,
         parameters=selected_parameters(model, free, hold),
-        watched={"held-out poses": heldout} if heldout.poses else {},
+        watched=_groups(heldout),
     )
     notes += _doubts(nominal, fit, fit_points, heldout)
     unseen = [name for name in heldout.target_names if name not in fit.robot.targets]
@@ -322,6 +322,14 @@ def _without_gross_errors(arm, cleaned, source):
         for k in np.flatnonzero(~keep)
     ]
     return points.take(keep).without_empty_poses(), cleaned.excluded + found
+
+
+def _groups(points):
+    """Points by group, for the history of a fit; all together where there are no groups."""
+    names = sorted({str(name) for name in points.groups if name})
+    if len(names) < 2:
+        return {"held-out": points} if points.poses else {}
+    return {name: points.select(points.groups == name).without_empty_poses() for name in names}
 
 
 def _check_known_targets(known, points, source):

@@ -58,6 +58,7 @@ def filter_program(
                 "out": str(out) if write else None,
                 "corrected": len(found.changes),
                 "left": [{"target": name, "line": line, "reason": reason} for name, line, reason in found.left],
+                "notes": [{"line": line, "text": text} for line, text in found.notes],
                 "mean_shift_mm": float(found.changes["shift_mm"].mean()) if len(found.changes) else None,
                 "max_shift_mm": float(found.changes["shift_mm"].max()) if len(found.changes) else None,
                 "expected_error_mm": expected,
@@ -116,5 +117,7 @@ def _print(found, out, written, expected):
         show.say(f"Expected error afterwards: {expected:.3f} mm mean, that of the calibration's held-out poses")
     for name, line, reason in found.left:
         show.say(f"  left as it was: {name} (line {line}): {reason}")
+    for line, text in found.notes:
+        show.note(f"line {line}: {text}")
     if written:
         show.say(f"Written to {out}")

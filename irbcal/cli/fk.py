@@ -18,6 +18,9 @@ def fk(
     target: Annotated[
         str | None, typer.Option(help="Positions of this reflector in the measuring frame, not the tip's pose.")
     ] = None,
+    uncertainty: Annotated[
+        bool, typer.Option("--uncertainty", help="Add standard deviations of the position (calibrations only).")
+    ] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
 ):
@@ -28,6 +31,24 @@ def fk(
     model = poses.open_robot(robot, nominal)
     q = table.read_joints(joints)
     frame = poses.target_table(model, q, target) if target else poses.pose_table(model, q)
+    if uncertainty:
+        from irbcal.errors import RobotError
+        from irbcal.export import calibration_file
+        from irbcal.export.uncertainty import position_std
+        from irbcal.units import MM
+
+        if not Path(robot).is_dir() or nominal:
+            raise RobotError(f"{robot}: only the calibrated behaviour of a calibration folder knows its uncertainty")
+        saved = calibration_file.load(robot)
+        std = position_std(saved, q, target) / MM
+        for k, axis in enumerate("xyz"):
+            frame[f"std_{axis}_mm"] = std[:, k]
+        if saved.heldout:
+            print(
+                f"irbcal: standard deviations are those of the parameters; held-out errors of this calibration: mean "
+                f"{saved.heldout.all.mean_mm:.3f} mm, rms {saved.heldout.all.rms_mm:.3f} mm",
+                file=sys.stderr,
+            )
     if json:
         for record in frame.to_dict(orient="records"):
             sys.stdout.write(json_module.dumps(record) + "\n")

@@ -30,11 +30,14 @@ class Filtered:
         (from the wanted to the fake pose) and ``residual_mm`` (what the calibrated model still misses by).
     left : list of tuple
         (name, line, reason) of targets and moves that were left as they were.
+    notes : list of tuple
+        (line, text) of what the corrections do not know about.
     """
 
     data: bytes
     changes: pd.DataFrame
     left: list
+    notes: list
 
 
 def filter_module(robot, nominal, program, fingerprint, mark):
@@ -66,7 +69,7 @@ def filter_module(robot, nominal, program, fingerprint, mark):
     targets = program.targets
     joints, poses = program.correctable("joint"), program.correctable("pose")
     values, configurations, parts = {}, {}, []
-    left = [(t.name, t.line, reason) for t, reason in program.skipped() if t.uses]
+    left = [(t.name, t.line, reason) for t, reason in program.skipped() if t.uses or t.conflicts]
     left += [(f"{move.instruction} {move.target}", move.line, move.reason) for move in program.uncorrected]
     if joints:
         found = correct_joints(robot, nominal, np.array([targets[k].value for k in joints]))
@@ -88,7 +91,9 @@ def filter_module(robot, nominal, program, fingerprint, mark):
         left += [(targets[k].name, targets[k].line, found.reason[r]) for r, k in enumerate(chosen) if not found.ok[r]]
     data = mark(programs.with_targets(program, values, configurations), fingerprint) if values else program.data
     names = [(targets[k].name, targets[k].line) for chosen, _ in parts for k in chosen]
-    return Filtered(data, _changes(names, [found for _, found in parts]), sorted(left, key=lambda item: item[1]))
+    changes = _changes(names, [found for _, found in parts])
+    notes = [(note.line, note.text) for note in program.notes]
+    return Filtered(data, changes, sorted(left, key=lambda item: item[1]), notes)
 
 
 def filter_table(robot, nominal, program, fingerprint):
@@ -103,7 +108,7 @@ def filter_table(robot, nominal, program, fingerprint):
     names = [(f"row {row}", int(row)) for row in program.rows]
     left = [(*names[k], found.reason[k]) for k in np.flatnonzero(~found.ok)]
     data = table.with_values(program, values, fingerprint, found.ok)
-    return Filtered(data, _changes(names, [found]), left)
+    return Filtered(data, _changes(names, [found]), left, [])
 
 
 def refuse_filtered(program):

@@ -235,7 +235,11 @@ class Check(_Model):
 
 
 class Calibration(_Model):
-    """Content of ``calibration.json``."""
+    """Content of ``calibration.json``.
+
+    ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
+    (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians.
+    """
 
     schema_name: Literal["irbcal-calibration-1"]
     created: str
@@ -249,6 +253,7 @@ class Calibration(_Model):
     rank: int
     parameter_count: int
     parameters: list[Parameter]
+    covariance: list[list[float]]
     held: list[str]
     observability: Observability
     history: dict[str, list[float]]
@@ -541,6 +546,7 @@ def build(outcome, with_world=False, with_targets=False):
         rank=outcome.fit.rank,
         parameter_count=outcome.fit.parameter_count,
         parameters=_parameters(outcome.fit),
+        covariance=outcome.fit.solution.information.covariance().tolist(),
         held=outcome.fit.held(),
         observability=_observability(outcome.fit),
         history=_history(outcome.fit.history),

@@ -77,7 +77,7 @@ _WORDS = {
     Reason.NOT_A_POSE: "the target holds NaN or is not a rigid transform",
     Reason.BAD_SEED: "the seed joints are not finite",
     Reason.OUT_OF_REACH: "the target is out of the robot's reach in this configuration",
-    Reason.NOT_FOUND: "no joints were found to the tolerance, although the nominal arm reaches the target",
+    Reason.NOT_FOUND: "no joints were found to the tolerance, although the target seems to be within reach",
 }
 
 
@@ -130,9 +130,7 @@ class InverseResult:
         return ", ".join(parts)
 
 
-def solve(
-    robot, nominal, T_base_tip, seed=None, configuration=None, position=1e-10, rotation=1e-10, thorough=True
-):
+def solve(robot, nominal, T_base_tip, seed=None, configuration=None, position=1e-10, rotation=1e-10, thorough=True):
     """Commanded joints that bring the tip of a calibrated robot to given poses.
 
     Parameters
@@ -239,6 +237,10 @@ class _Solver:
         lower, upper = self.nominal.lower - inverse.LIMIT_TOLERANCE, self.nominal.upper + inverse.LIMIT_TOLERANCE
         return ((joints >= lower) & (joints <= upper)).all(axis=1)
 
+    def out_of_reach(self, state, rows):
+        """Whether the nominal arm does not reach poses, nor the calibrated one nearly so."""
+        return (state.margin[rows] < 0) & ~(state.position[rows] <= CLOSE * self.difference)
+
     # -------------------------------------------------------------- all poses
 
     def solve(self, T_base_tip, seed, configuration):
@@ -303,7 +305,9 @@ class _Solver:
         converged = self.good(state.position, state.rotation)
         joints = np.where(converged, state.q, np.nan).T.copy()
         found = np.where(converged, self.closed.configuration(np.where(converged, state.q, 0.0).T), -1)
-        reason = np.where(state.margin < 0, Reason.OUT_OF_REACH, Reason.NOT_FOUND)
+        reason = np.full(len(branch), Reason.NOT_FOUND)
+        if not converged.all():
+            reason[self.out_of_reach(state, slice(None))] = Reason.OUT_OF_REACH
         reason[bad_seed], reason[bad_pose], reason[converged] = Reason.BAD_SEED, Reason.NOT_A_POSE, Reason.CONVERGED
         return InverseResult(
             joints=joints,

@@ -383,10 +383,15 @@ class OrthoParallel:
             0 to 7; joints exactly at a singularity count as front, up, no-flip.
         """
         q = self.angles(joints)
-        q2, q3 = q[..., 1], q[..., 2]
-        radius = self.a2 + self.a3 * np.sin(q2) + self.d4 * np.cos(q2 + q3) + self.a4 * np.sin(q2 + q3)
+        q3 = q[..., 2]
         elbow = self.d4 * np.cos(q3) + self.a4 * np.sin(q3)  # forearm times sine of its angle from the upper arm
-        return branch_number(radius < 0, elbow < 0, np.sin(q[..., 4]) < 0)
+        return branch_number(self.radius(joints) < 0, elbow < 0, np.sin(q[..., 4]) < 0)
+
+    def radius(self, joints):
+        """Distance of the wrist centre from axis 1, metres, negative behind it, for joints (..., 6)."""
+        q = self.angles(joints)
+        q2, q23 = q[..., 1], q[..., 1] + q[..., 2]
+        return self.a2 + self.a3 * np.sin(q2) + self.d4 * np.cos(q23) + self.a4 * np.sin(q23)
 
     def wrist_angle(self, joints):
         """Angle between axes 4 and 6 as lines, radians, for joints (..., 6)."""

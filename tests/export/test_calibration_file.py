@@ -11,6 +11,7 @@ import irbcal
 from irbcal import workflow
 from irbcal.errors import CalibrationError
 from irbcal.export import calibration_file, pinocchio_model
+from irbcal.export.uncertainty import position_std
 from irbcal.modeling.jointmap import FORMULA
 
 
@@ -195,3 +196,13 @@ def test_a_urdf_that_pinocchio_reads_otherwise_is_never_written(outcome, tmp_pat
     with pytest.raises(CalibrationError, match="Pinocchio disagrees with the calibrated robot"):
         irbcal.save(outcome, tmp_path / "out")
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_uncertainty_of_a_saved_calibration_is_that_of_its_fit(outcome, folder):
+    loaded = irbcal.load(folder)
+    q = outcome.urdf.arm.random_joints(20, 6)
+    expected = np.sqrt(np.einsum("nii->ni", outcome.fit.predicted_covariance(q, "smr2")))
+    assert np.abs(position_std(loaded, q, "smr2") / expected - 1).max() < 1e-6
+    tip = position_std(loaded, q)
+    assert tip.shape == (20, 3)
+    assert 0 < tip.min() < tip.max() < 1e-3

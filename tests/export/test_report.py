@@ -112,6 +112,7 @@ def everywhere(calibration, name):
             "placement_nominal": placed,
             "references_mm": {name: [1.0, 2.0, 3.0]},
             "tool_shape_mm": {},
+            "covariance": [[0.0]],
             "largest_link_shift_mm": 1.0,
             "created": name,
             "model": name,
