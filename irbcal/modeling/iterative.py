@@ -375,9 +375,13 @@ class _Solver:
         errors = newton.errors(self.chain.tip(start[:, ~lacking]), H[:, :, ~lacking])
         state.position[beyond], state.rotation[beyond] = errors
         state.iterations[beyond] += 1
+        # at the limit of the reach alone a few starts are enough to know; with another singularity they are not
+        plain = (self.closed.wrist_angle(pulled.T) > 0.05) & (
+            np.abs(self.closed.radius(pulled.T)) > 5 * self.difference
+        )
         for starts, straighten, patience in self.stages:
             if starts > 6:
-                lacking &= (state.margin[rows] >= 0) | ~(state.position[rows] > CLOSE * self.difference)
+                lacking &= ~(plain & self.out_of_reach(state, rows))
             left = np.flatnonzero(lacking)
             for first in range(0, len(left), BLOCK // starts):
                 todo = left[first : first + BLOCK // starts]
