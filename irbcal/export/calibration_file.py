@@ -8,18 +8,31 @@ from contextlib import suppress
 from datetime import datetime, timezone
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from irbcal.errors import CalibrationError
 from irbcal.export import pinocchio_model, urdf
+from irbcal.export.schema import (
+    Calibration,
+    Choice,
+    Correlation,
+    DataFile,
+    Errors,
+    JointMapSection,
+    Objective,
+    Observability,
+    Parameter,
+    Placement,
+    PointTable,
+    Pose,
+    RobotSection,
+    Row,
+    TestVector,
+)
 from irbcal.modeling import frames
-from irbcal.modeling.arm import Arm
-from irbcal.modeling.dhm import DHMTable
-from irbcal.modeling.jointmap import FORMULA, JointMap
-from irbcal.modeling.robot import Robot
+from irbcal.modeling.jointmap import FORMULA
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import (
     distances,
@@ -33,307 +46,6 @@ SCHEMA = "irbcal-calibration-1"
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
 TEST_VECTORS = 5
 NORMAL_95 = 1.959964
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-
-class Statistics(_Model):
-    """Statistics of distances between measured and predicted points, mm."""
-
-    n: int
-    mean_mm: float
-    sigma_mm: float
-    max_mm: float
-    mean_plus_3sigma_mm: float
-    rms_mm: float
-
-
-class Row(_Model):
-    """One row of a DHM table; ``beta`` is Hayati's tilt about y."""
-
-    alpha_deg: float
-    a_mm: float
-    theta_deg: float
-    d_mm: float
-    beta_deg: float
-
-
-class Pose(_Model):
-    """A frame: position and unit quaternion, scalar first."""
-
-    x_mm: float
-    y_mm: float
-    z_mm: float
-    qw: float
-    qx: float
-    qy: float
-    qz: float
-
-
-class RobotSection(_Model):
-    """The arm: names, limits (null where there is none) and the constant frames around the DHM chain."""
-
-    name: str
-    urdf: str
-    urdf_sha256: str
-    base_link: str
-    tip_link: str
-    joint_names: list[str]
-    lower_deg: list[float | None]
-    upper_deg: list[float | None]
-    base_to_frame0: list[list[float]]
-    frame6_to_tip: list[list[float]]
-    dhm_nominal: list[Row]
-    dhm_calibrated: list[Row]
-
-
-class Parameter(_Model):
-    """One identified, tied or held parameter; ``low`` to ``high`` is its 95 % interval."""
-
-    name: str
-    value: float
-    unit: str
-    std: float | None
-    low: float | None
-    high: float | None
-    state: Literal["identified", "tied", "held"]
-    reason: str
-
-
-class TestVector(_Model):
-    """Commanded joints and the effective joints they give, radians."""
-
-    commanded_rad: list[float]
-    effective_rad: list[float]
-
-
-class JointMapSection(_Model):
-    """The joint map, complete enough to be implemented elsewhere."""
-
-    formula: Literal["irbcal-joint-map-1"]
-    equations: list[str]
-    gain: list[float]
-    stiffness_A_rad: float
-    stiffness_B_rad: float
-    phi2_rad: float
-    phi3_rad: float
-    fourier_a1_rad: float
-    fourier_b1_rad: float
-    fourier_a2_rad: float
-    fourier_b2_rad: float
-    test_vectors: list[TestVector]
-
-
-class Placement(_Model):
-    """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
-
-    base: Pose
-    targets: dict[str, list[float]]
-    target_quaternions: dict[str, list[float]]
-
-
-class RotationStatistics(_Model):
-    """Statistics of the angles between measured and predicted target frames, degrees."""
-
-    n: int
-    mean_deg: float
-    sigma_deg: float
-    max_deg: float
-
-
-class Errors(_Model):
-    """Statistics of one set of poses, all points, by target and by group; of orientations where measured."""
-
-    all: Statistics
-    orientation: RotationStatistics | None
-    per_target: dict[str, Statistics]
-    per_group: dict[str, Statistics]
-
-
-class PointTable(_Model):
-    """Every used point, column by column: what the report's figures are drawn from."""
-
-    pose: list[str]
-    group: list[str]
-    target: list[str]
-    heldout: list[bool]
-    nominal_mm: list[float]
-    calibrated_mm: list[float]
-
-
-class Exclusion(_Model):
-    """A point that was left out, with the reason."""
-
-    pose: str
-    target: str
-    reason: str
-
-
-class Objective(_Model):
-    """What was minimised and what was reached."""
-
-    name: Literal["rms", "max", "pnorm"]
-    value_mm: float
-    lower_bound_mm: float | None
-
-
-class Correlation(_Model):
-    """Two parameters that the data can hardly tell apart."""
-
-    first: str
-    second: str
-    coefficient: float
-
-
-class Observability(_Model):
-    """What the poses can show of the error parameters, base and targets eliminated.
-
-    Singular values (mm) are those of the Jacobian scaled by plausible sizes; ``indices`` are O1 to O5 and the condition
-    number over the seen directions.
-    """
-
-    singular_values_mm: list[float]
-    seen: int
-    indices: dict[str, float]
-    correlations: list[Correlation]
-
-
-class Candidate(_Model):
-    """A level in the comparison by cross-validation."""
-
-    level: str
-    mean_mm: float | None
-    gain_mm: float | None
-    gain_std_mm: float | None
-    chosen: bool
-    refused: str
-
-
-class Choice(_Model):
-    """How the level was chosen."""
-
-    level: str
-    table: list[Candidate]
-    explanation: str
-
-
-class DataFile(_Model):
-    """A data file and its fingerprint."""
-
-    file: str
-    sha256: str
-
-
-class Check(_Model):
-    """Largest disagreement with Pinocchio on the written URDF."""
-
-    position_m: float
-    rotation_rad: float
-    poses: int
-
-
-class Calibration(_Model):
-    """Content of ``calibration.json``.
-
-    ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
-    (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians.
-    """
-
-    schema_name: Literal["irbcal-calibration-1"]
-    created: str
-    simulated: bool
-    calibrated_urdf_sha256: str
-    robot: RobotSection
-    model: str
-    method: str
-    objective: Objective
-    choice: Choice | None
-    rank: int
-    parameter_count: int
-    parameters: list[Parameter]
-    covariance: list[list[float]]
-    held: list[str]
-    observability: Observability
-    history: dict[str, list[float]]
-    joint_map: JointMapSection
-    placement: Placement
-    placement_nominal: Placement
-    references_mm: dict[str, list[float]]
-    tool_shape_mm: dict[str, list[float]]
-    fit: Errors
-    fit_nominal: Errors
-    heldout: Errors | None
-    heldout_nominal: Errors | None
-    heldout_least_squares: Errors | None
-    poses_fit: int
-    poses_heldout: int
-    poses_excluded: int
-    points: PointTable
-    excluded: list[Exclusion]
-    notes: list[str]
-    data: list[DataFile]
-    pinocchio_check: Check
-    largest_link_shift_mm: float
-    software: dict[str, str]
-    seconds: float
-
-    def arm(self, calibrated=True):
-        """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
-        section = self.robot
-        limits = [
-            [np.inf * sign if value is None else value * DEG for value in values]
-            for sign, values in ((-1, section.lower_deg), (1, section.upper_deg))
-        ]
-        return Arm(
-            section.name,
-            _table(section.dhm_calibrated if calibrated else section.dhm_nominal),
-            np.array(section.base_to_frame0),
-            np.array(section.frame6_to_tip),
-            tuple(section.joint_names),
-            *limits,
-            section.base_link,
-            section.tip_link,
-        )
-
-    def robot_calibrated(self):
-        """The calibrated robot: predicts points and poses from commanded joints."""
-        j = self.joint_map
-        joint_map = JointMap(
-            j.gain,
-            [j.stiffness_A_rad, j.stiffness_B_rad],
-            [j.phi2_rad, j.phi3_rad],
-            [j.fourier_a1_rad, j.fourier_b1_rad, j.fourier_a2_rad, j.fourier_b2_rad],
-        )
-        return Robot(self.arm(), joint_map, *_placed(self.placement))
-
-    def robot_nominal(self):
-        """The nominal robot with base and tool identified from the same poses."""
-        return Robot(self.arm(calibrated=False), JointMap(), *_placed(self.placement_nominal))
-
-    def tool_shape(self):
-        """Places of the reflectors that make up the tool's pose, dict of arrays (3,), metres; empty if none do."""
-        return {name: np.array(place) * MM for name, place in self.tool_shape_mm.items()}
-
-    def reference_places(self):
-        """Places of the reference points in the measuring frame, dict of arrays (3,), metres."""
-        return {name: np.array(place) * MM for name, place in self.references_mm.items()}
-
-
-def _table(rows):
-    return DHMTable(
-        *(
-            [getattr(row, name) * unit for row in rows]
-            for name, unit in (
-                ("alpha_deg", DEG),
-                ("a_mm", MM),
-                ("theta_deg", DEG),
-                ("d_mm", MM),
-                ("beta_deg", DEG),
-            )
-        )
-    )
 
 
 def _rows(table):
@@ -354,20 +66,6 @@ def _pose(T):
 
     x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
     return Pose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
-
-
-def _placed(placement):
-    from scipy.spatial.transform import Rotation
-
-    b = placement.base
-    T = frames.transform(
-        Rotation.from_quat([b.qx, b.qy, b.qz, b.qw]).as_matrix(), np.array([b.x_mm, b.y_mm, b.z_mm]) * MM
-    )
-    rotations = {
-        name: Rotation.from_quat([x, y, z, w]).as_matrix()
-        for name, (w, x, y, z) in placement.target_quaternions.items()
-    }
-    return T, {name: np.array(xyz) * MM for name, xyz in placement.targets.items()}, rotations
 
 
 def _placement(robot):

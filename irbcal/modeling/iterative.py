@@ -160,9 +160,9 @@ def solve(robot, nominal, T_base_tip, seed=None, configuration=None, position=1e
     RobotError
         If shapes do not fit, or the nominal arm has no closed-form inverse.
     """
+    stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
-    return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
+        return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
 
 
 def fixed_point_history(robot, nominal, T_base_tip, configuration, iterations):

@@ -13,7 +13,7 @@ from support import TARGETS, arm, measured, random_robot, write_measurements
 import irbcal
 from irbcal import workflow
 from irbcal.export import report
-from irbcal.export.calibration_file import (
+from irbcal.export.schema import (
     Candidate,
     Choice,
     Correlation,
