@@ -249,6 +249,9 @@ def _figures(c):
             drawings.append((text, _draw(_singular_values, c.observability, "singular-values", text)))
         if len(c.history.get("iteration", ())) > 1:
             text = "Course of the identification: objective, and mean and largest error of poses that took no part"
+            unused = [name.removesuffix("_mean_mm") for name in c.history if name.endswith("_mean_mm")]
+            if len(unused) > 1:
+                text += f" ({', '.join(f'{k}: {name}' for k, name in enumerate(unused, 1))})"
             drawings.append((text, _draw(_course, c.history, "course", text)))
         if drawings:
             out.append({"title": "Identification", "drawings": drawings})
@@ -299,24 +302,24 @@ def _singular_values(figure, observability):
 
 
 def _plain_numbers(axes):
-    """A logarithmic axis labelled 0.1, 1, 10 where it spans decades, and at every tick where it does not."""
+    """A logarithmic axis labelled 1, 10, 100 where it spans decades, and 1, 2, 5, 10 where it does not."""
+    from matplotlib.ticker import LogLocator
+
     low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 50 * low else (1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("{x:g}" if high < 20 * low else "")
-    axes.tick_params(axis="y", which="minor", labelsize=9)
+    axes.yaxis.set_minor_formatter("")
 
 
 def _course(figure, history):
     axes = figure.add_subplot()
     iteration = history["iteration"]
     axes.semilogy(iteration, history["objective_mm"], "-o", color=CALIBRATED, markersize=4, label="objective")
-    styles = iter((("-s", 0.9), ("--s", 0.9), (":d", 0.6), ("-.d", 0.6)))
-    for name in history:
-        if name.endswith(("_mean_mm", "_max_mm")):
-            marker, alpha = next(styles, ("-", 0.5))
-            what = "mean" if name.endswith("_mean_mm") else "max"
-            axes.semilogy(iteration, history[name], marker, color=NOMINAL, alpha=alpha, markersize=4)
-            axes.lines[-1].set_label(f"unused poses, {what}")
+    unused = [name for name in history if name.endswith(("_mean_mm", "_max_mm"))]
+    for k, name in enumerate(unused):
+        what, number = ("mean", "max")[k % 2], f" {k // 2 + 1}" if len(unused) > 2 else ""
+        style = {"color": NOMINAL, "marker": "osd^v"[k // 2 % 5], "linestyle": ("-", "--")[k % 2], "markersize": 4}
+        axes.semilogy(iteration, history[name], label=f"unused{number}, {what}", **style)
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_xlabel("iteration")
     axes.set_ylabel("error (mm)")
