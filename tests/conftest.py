@@ -2,6 +2,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# the same examples every time, and no verdict on a slow moment of a shared machine
+settings.register_profile("irbcal", deadline=None, derandomize=True)
+settings.load_profile("irbcal")
 
 
 @pytest.fixture(scope="session")
