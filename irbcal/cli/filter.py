@@ -35,6 +35,7 @@ def filter_program(
     from irbcal.correction import filter as filters
     from irbcal.correction import rapid, table
     from irbcal.export import calibration_file
+    from irbcal.units import MM
 
     saved = calibration_file.load(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
@@ -44,7 +45,8 @@ def filter_program(
     else:
         module = rapid.read(program, _frames(tool, "--tool"), _frames(wobj, "--wobj"))
         found = filters.filter_module(robot, nominal, module, fingerprint, rapid.mark)
-    write = bool(len(found.changes)) and (allow_partial or not found.left)
+    shifts = found.shifts / MM
+    write = bool(len(shifts)) and (allow_partial or not found.left)
     if write:
         contents = {out.name: found.data}
         calibration_file.write_together(out.parent, contents)
@@ -56,11 +58,11 @@ def filter_program(
         show.print_json(
             {
                 "out": str(out) if write else None,
-                "corrected": len(found.changes),
+                "corrected": len(shifts),
                 "left": [{"target": name, "line": line, "reason": reason} for name, line, reason in found.left],
                 "notes": [{"line": line, "text": text} for line, text in found.notes],
-                "mean_shift_mm": float(found.changes["shift_mm"].mean()) if len(found.changes) else None,
-                "max_shift_mm": float(found.changes["shift_mm"].max()) if len(found.changes) else None,
+                "mean_shift_mm": float(shifts.mean()) if len(shifts) else None,
+                "max_shift_mm": float(shifts.max()) if len(shifts) else None,
                 "expected_error_mm": expected,
                 "fingerprint": fingerprint,
             }
@@ -70,7 +72,7 @@ def filter_program(
     if found.left and not allow_partial:
         print("irbcal: nothing was written: correct these targets or call again with --allow-partial", file=sys.stderr)
         raise typer.Exit(1)
-    if not len(found.changes):
+    if not len(shifts):
         print("irbcal: nothing was written: no target could be corrected", file=sys.stderr)
         raise typer.Exit(1)
 

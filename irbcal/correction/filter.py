@@ -1,6 +1,7 @@
 """The filter: a program in, the same program with fake targets out (Nubiola 2011, chapter 6 and conclusion)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -25,9 +26,10 @@ class Filtered:
     ----------
     data : bytes
         Content of the new file; what could not be corrected is as it was.
-    changes : DataFrame
-        A row for each corrected target: name, line, joints before and after (degrees), ``shift_mm``, ``turn_deg``
-        (from the wanted to the fake pose) and ``residual_mm`` (what the calibrated model still misses by).
+    names : list of tuple
+        (name, line) of the targets that were looked at, in the order of ``parts``.
+    parts : list of Corrected
+        Their fake targets.
     left : list of tuple
         (name, line, reason) of targets and moves that were left as they were.
     notes : list of tuple
@@ -35,9 +37,24 @@ class Filtered:
     """
 
     data: bytes
-    changes: pd.DataFrame
+    names: list
+    parts: list
     left: list
     notes: list
+
+    @property
+    def shifts(self):
+        """Distance from wanted to fake pose of each corrected target, metres."""
+        return np.concatenate([found.shift[found.ok] for found in self.parts]) if self.parts else np.zeros(0)
+
+    @cached_property
+    def changes(self):
+        """A row for each corrected target: a DataFrame.
+
+        Name, line, joints before and after (degrees), ``shift_mm``, ``turn_deg`` (from the wanted to the fake pose) and
+        ``residual_mm`` (what the calibrated model still misses by).
+        """
+        return _changes(self.names, self.parts)
 
 
 def filter_module(robot, nominal, program, fingerprint, mark):
@@ -91,9 +108,8 @@ def filter_module(robot, nominal, program, fingerprint, mark):
         left += [(targets[k].name, targets[k].line, found.reason[r]) for r, k in enumerate(chosen) if not found.ok[r]]
     data = mark(programs.with_targets(program, values, configurations), fingerprint) if values else program.data
     names = [(targets[k].name, targets[k].line) for chosen, _ in parts for k in chosen]
-    changes = _changes(names, [found for _, found in parts])
     notes = [(note.line, note.text) for note in program.notes]
-    return Filtered(data, changes, sorted(left, key=lambda item: item[1]), notes)
+    return Filtered(data, names, [found for _, found in parts], sorted(left, key=lambda item: item[1]), notes)
 
 
 def filter_table(robot, nominal, program, fingerprint):
@@ -108,7 +124,7 @@ def filter_table(robot, nominal, program, fingerprint):
     names = [(f"row {row}", int(row)) for row in program.rows]
     left = [(*names[k], found.reason[k]) for k in np.flatnonzero(~found.ok)]
     data = table.with_values(program, values, fingerprint, found.ok)
-    return Filtered(data, _changes(names, [found]), left, [])
+    return Filtered(data, names, [found], left, [])
 
 
 def refuse_filtered(program):
