@@ -8,11 +8,8 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
+from irbcal.identification.choices import LOSSES, METHODS, OBJECTIVES
 from irbcal.modeling.parameters import LEVELS
-
-METHODS = ("least-squares", "axes", "nelder-mead")
-OBJECTIVES = ("rms", "max", "pnorm")
-LOSSES = ("linear", "soft_l1", "huber")
 
 STEPS = 6
 

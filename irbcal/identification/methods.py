@@ -6,13 +6,10 @@ import numpy as np
 
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes, history, least_squares, minimax, nelder_mead, observability, pnorm
+from irbcal.identification.choices import LOSSES, METHODS, OBJECTIVES
 from irbcal.identification.fit import first_state, fit_of, make_problem
 from irbcal.identification.residuals import Problem, State
 from irbcal.modeling.parameters import GEOMETRIC, level_parameters, parameter
-
-METHODS = ("least-squares", "axes", "nelder-mead")
-OBJECTIVES = ("rms", "max", "pnorm")
-LOSSES = ("linear", "soft_l1", "huber")
 
 
 def identify_by(
