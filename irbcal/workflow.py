@@ -17,7 +17,7 @@ from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.modeling import frames
-from irbcal.modeling.parameters import selected_parameters
+from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import (
@@ -120,7 +120,7 @@ def split(points, holdout, order="random", seed=0):
 def calibrate(
     measurements,
     robot="irb1600",
-    model="34",
+    model=None,
     holdout=0.25,
     order="random",
     seed=0,
@@ -145,9 +145,10 @@ def calibrate(
     measurements : str, Path or MeasurementSet
     robot : str or Path
         URDF file or a shipped robot's name.
-    model : str
-        Level: ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b``; or ``auto``: chosen by cross-validation over the
-        poses of the fit.
+    model : str, optional
+        Level: ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement``
+        (any serial arm); or ``auto``: chosen by cross-validation over the poses of the fit. By default ``34``, and
+        ``placement`` for arms that have not six revolute joints.
     holdout : float or int
         Fraction or number of poses that the fit does not see (not used with ``verify``).
     order, seed
@@ -186,7 +187,8 @@ def calibrate(
     arm = robot_urdf.arm
     known = table.read_targets(known_targets) if isinstance(known_targets, (str, Path)) else known_targets
     say("reading and cleaning the measurements")
-    seen = _read(measurements)
+    seen = _read(measurements, arm)
+    model = default_level(arm) if model is None else model
     cleaned = cleaning.clean(seen)
     points, excluded = _without_gross_errors(arm, cleaned, seen.source)
     notes, poses_asked = list(cleaned.notes), seen.poses
@@ -203,7 +205,7 @@ def calibrate(
         aside = ~moves if by_axes else split(points, holdout, order, seed)
         fit_points, heldout = points.select(~aside), points.select(aside)
     else:
-        check = _read(verify)
+        check = _read(verify, arm)
         other = cleaning.clean(check, references or None, cleaned.points.target_names)
         fit_points = points.select(moves) if by_axes else points
         heldout, left_out = _without_gross_errors(arm, other, check.source)
@@ -229,7 +231,7 @@ def calibrate(
         power,
         loss,
         known_targets=known,
-        parameters=selected_parameters(model, free, hold),
+        parameters=selected_parameters(model, free, hold, arm),
         watched=_groups(heldout),
     )
     notes += _doubts(nominal, fit, fit_points, heldout)
@@ -278,7 +280,7 @@ def evaluate(calibration, measurements, refit_base=False):
     IrbcalError
         If an input is refused.
     """
-    seen = _read(measurements)
+    seen = _read(measurements, calibration.arm())
     robots = {"nominal": calibration.robot_nominal(), "calibrated": calibration.robot_calibrated()}
     shape = calibration.tool_shape()
     cleaned = cleaning.clean(seen, calibration.reference_places() or None, shape or robots["calibrated"].targets)
@@ -305,8 +307,10 @@ def evaluate(calibration, measurements, refit_base=False):
     }
 
 
-def _read(measurements):
-    return measurements if isinstance(measurements, table.MeasurementSet) else table.read(measurements)
+def _read(measurements, arm):
+    seen = measurements if isinstance(measurements, table.MeasurementSet) else table.read(measurements)
+    seen.check_joints(arm)
+    return seen
 
 
 def _without_gross_errors(arm, cleaned, source):

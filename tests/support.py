@@ -47,10 +47,11 @@ def central_differences(function, x, step=1e-5):
 
 def random_robot(nominal, level, rng, size=0.3, targets=None, T_world_base=None):
     """A robot with random errors of a level (``size`` times the plausible sizes), base and targets anywhere."""
-    chosen = parameters.level_parameters(level)
+    chosen = parameters.level_parameters(level, nominal)
     errors = size * np.array([p.scale for p in chosen]) * rng.uniform(-1, 1, len(chosen))
-    phases = nominal.stiffness_geometry()[0]
-    table, joint_map = parameters.apply(chosen, errors, nominal.table, JointMap(phases=phases))
+    phases = nominal.stiffness_geometry()[0] if level in ("34", "34b") else (0.0, np.pi / 2)
+    joint_map = JointMap(np.zeros(len(nominal.joint_names)), phases=phases)
+    table, joint_map = parameters.apply(chosen, errors, nominal.table, joint_map)
     if T_world_base is None:
         T_world_base = frames.transform(random_rotation(rng), rng.uniform(-4, 4, 3))
     return Robot(nominal.with_table(table), joint_map, T_world_base, TARGETS if targets is None else targets)
@@ -79,10 +80,12 @@ def measured(robot, q, noise=0.0, rng=None, groups=None):
     return PointSet(q, np.repeat(np.arange(n), k), np.tile(np.arange(k), n), xyz, names, np.arange(n), groups)
 
 
-def write_measurements(path, points, extra=None):
-    """Write a point set as a measurement file; ``extra`` are lines to append."""
-    rows = ["pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,target,x_mm,y_mm,z_mm"]
-    q, xyz = np.degrees(points.joints()), points.xyz * 1e3
+def write_measurements(path, points, extra=None, columns=None):
+    """Write a point set as a measurement file; ``extra`` are lines to append, ``columns`` those of the joints."""
+    columns = columns or [f"q{i}_deg" for i in range(1, 7)]
+    rows = [f"pose,{','.join(columns)},target,x_mm,y_mm,z_mm"]
+    units = [1e3 if name.endswith("_mm") else np.degrees(1.0) for name in columns]
+    q, xyz = points.joints() * units, points.xyz * 1e3
     for k in range(len(points)):
         joints = ",".join(f"{v:.12g}" for v in q[k])
         position = ",".join(f"{v:.12g}" for v in xyz[k])

@@ -6,7 +6,7 @@ import pytest
 from support import example_robot
 
 from irbcal import workflow
-from irbcal.export import pinocchio_model, urdf
+from irbcal.export import pinocchio_check, urdf
 from irbcal.measurement import cleaning, table
 from irbcal.validation.accuracy import distances, rotation_distances, statistics
 
@@ -61,9 +61,11 @@ UR10 = {  # level: mean mm, max mm, mean degrees on the poses after the first 30
     ("random", "nominal"): (0.909, 2.20, None),
     ("random", "11"): (0.506, 1.85, None),
     ("random", "26"): (0.452, 1.46, 0.0527),
+    ("random", "placement"): (0.452, 1.465, 0.0525),
     ("grid", "nominal"): (0.774, 2.67, None),
     ("grid", "11"): (0.717, 2.66, None),
     ("grid", "26"): (0.423, 1.08, None),
+    ("grid", "placement"): (0.423, 1.075, None),
 }
 
 
@@ -93,5 +95,5 @@ def test_calibrated_ur10_keeps_its_links_in_place(shared_data, tmp_path):
     outcome = workflow.calibrate(tmp_path / "ur10.csv", robot, "26", holdout=700, order="last")
     assert urdf.largest_link_shift(outcome.urdf, outcome.fit.robot.arm) < 5e-3
     written = urdf.to_bytes(outcome.urdf, outcome.fit.robot.arm)
-    check = pinocchio_model.check(written, outcome.fit.robot.arm)
+    check = pinocchio_check.check(written, outcome.fit.robot.arm)
     assert max(check["position_m"], check["rotation_rad"]) < 1e-12

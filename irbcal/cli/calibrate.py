@@ -32,8 +32,12 @@ def calibrate(
     ],
     out: Annotated[Path, typer.Option(help="Folder for the calibration.", show_default=False)],
     model: Annotated[
-        Model, typer.Option(help="Level of the error model (thesis, section 5.4); auto: by cross-validation.")
-    ] = Model["34"],
+        Model | None,
+        typer.Option(
+            help="Level of the error model (thesis, section 5.4); offsets, placement: for any arm; auto: by "
+            "cross-validation. [default: 34; placement for other arms than six revolute joints]"
+        ),
+    ] = None,
     method: Annotated[
         Method, typer.Option(help="How to identify: axes needs one-joint moves in groups axis1 … axis6.")
     ] = Method["least-squares"],
@@ -85,7 +89,7 @@ def calibrate(
         out,
         json,
         save={"with_world": world_link, "with_targets": target_links},
-        model=model.value,
+        model=model.value if model else None,
         holdout=holdout,
         order=split.value,
         seed=seed,

@@ -41,7 +41,7 @@ def filter_program(
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     fingerprint = saved.calibrated_urdf_sha256[:16]
     if program.suffix.lower() == ".csv":
-        found = filters.filter_table(robot, nominal, table.read(program), fingerprint)
+        found = filters.filter_table(robot, nominal, table.read(program, nominal.joint_columns), fingerprint)
     else:
         module = rapid.read(program, _frames(tool, "--tool"), _frames(wobj, "--wobj"))
         found = filters.filter_module(robot, nominal, module, fingerprint, rapid.mark)
@@ -101,11 +101,18 @@ def _print(found, out, written, expected):
 
     changes = found.changes
     if len(changes):
+        slides = any(name.endswith("_mm") for name in found.joint_columns)
         view = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        for name in ("target", "line", "shift mm", "turn deg", "largest joint change deg"):
+        for name in (
+            "target",
+            "line",
+            "shift mm",
+            "turn deg",
+            "largest joint change deg (mm)" if slides else "largest joint change deg",
+        ):
             view.add_column(name, justify="left" if name == "target" else "right")
         for _, row in changes.head(SHOWN).iterrows():
-            largest = max(abs(row[f"q{i}_deg"] - row[f"q{i}_deg_before"]) for i in range(1, 7))
+            largest = max(abs(row[name] - row[f"{name}_before"]) for name in found.joint_columns)
             cells = (f"{row['shift_mm']:.3f}", f"{row['turn_deg']:.4f}", f"{largest:.4f}")
             view.add_row(str(row["target"]), str(row["line"]), *cells)
         Console().print(view)

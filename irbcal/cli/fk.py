@@ -13,7 +13,10 @@ def fk(
         str, typer.Argument(help="Calibration folder, URDF or shipped robot (irb1600, irb120).", show_default=False)
     ],
     joints: Annotated[
-        Path, typer.Option(help="CSV with the columns q1_deg … q6_deg: commanded joints.", show_default=False)
+        Path,
+        typer.Option(
+            help="CSV with the columns q1_deg … q6_deg (q1_mm of a rail): commanded joints.", show_default=False
+        ),
     ],
     target: Annotated[
         str | None, typer.Option(help="Positions of this reflector in the measuring frame, not the tip's pose.")
@@ -29,7 +32,7 @@ def fk(
     from irbcal.measurement import table
 
     model = poses.open_robot(robot, nominal)
-    q = table.read_joints(joints)
+    q = table.read_joints(joints, model.arm.joint_columns)
     frame = poses.target_table(model, q, target) if target else poses.pose_table(model, q)
     if uncertainty:
         from irbcal.errors import RobotError

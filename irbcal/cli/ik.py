@@ -16,7 +16,10 @@ def ik(
         Path,
         typer.Option(help="CSV with x_mm,y_mm,z_mm,qw,qx,qy,qz: the tip in the base link.", show_default=False),
     ],
-    near: Annotated[str, typer.Option(help="Six joints in degrees: the nearest branch is taken.")] = "0,0,0,0,0,0",
+    near: Annotated[
+        str | None,
+        typer.Option(help="Joints in degrees (mm): the nearest solution is taken. [default: zero, or near it]"),
+    ] = None,
     all_branches: Annotated[bool, typer.Option("--all-branches", help="Every branch within the joint limits.")] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
@@ -27,19 +30,25 @@ def ik(
     from irbcal.export import poses as tables
     from irbcal.measurement import table
 
-    try:
-        start = np.radians([float(value) for value in near.split(",")])
-    except ValueError:
-        start = np.zeros(0)
-    if len(start) != 6 or not np.isfinite(start).all():
-        raise typer.BadParameter(f"expected six joint angles in degrees, found {near!r}", param_hint="--near")
     model, arm = tables.open_pair(robot, nominal)
+    start = np.clip(np.zeros(len(arm.lower)), arm.lower, arm.upper)
+    if near is not None:
+        try:
+            start = np.array([float(value) for value in near.split(",")])
+        except ValueError:
+            start = np.zeros(0)
+        if len(start) != len(arm.lower) or not np.isfinite(start).all():
+            raise typer.BadParameter(
+                f"expected {len(arm.lower)} numbers ({', '.join(arm.joint_columns)}), found {near!r}",
+                param_hint="--near",
+            )
+        start = start * arm.joint_units
     frame = tables.joint_table(model, arm, table.read_poses(poses), start, all_branches)
     if json:
         for record in frame.astype(object).where(frame.notna(), None).to_dict(orient="records"):
             sys.stdout.write(json_module.dumps(record) + "\n")
     else:
         frame.to_csv(sys.stdout, index=False, float_format="%.9f")
-    missing = int(frame["q1_deg"].isna().sum())
+    missing = int(frame[arm.joint_columns[0]].isna().sum())
     if missing:
         print(f"irbcal: {missing} of {len(frame)} poses have no joints, see the column note", file=sys.stderr)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.modeling import frames, inverse, iterative
+from irbcal.errors import RobotError
+from irbcal.modeling import frames, inverse, iterative, numerical
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG
@@ -69,8 +70,8 @@ def correct_joints(robot: Robot, nominal: Arm, q):
         Calibrated.
     nominal : Arm
         What the controller computes with.
-    q : ndarray, shape (n, 6)
-        Radians.
+    q : ndarray, shape (n, joints)
+        Radians (metres for prismatic joints).
 
     Returns
     -------
@@ -98,7 +99,17 @@ def correct_poses(robot: Robot, nominal: Arm, T_base_tip, seed=None, configurati
     Returns
     -------
     Corrected
+
+    Raises
+    ------
+    RobotError
+        If the arm has no closed-form inverse, and so no branches to tell the meant joints by.
     """
+    if not inverse.has_closed_form(nominal):
+        raise RobotError(
+            f"{nominal.name} has no closed-form inverse, so a pose does not tell which joints are meant: correct a "
+            "program of joints"
+        )
     branches = inverse.closed_form(nominal, T_base_tip)
     near = np.zeros(6) if seed is None else seed
     if configuration is None:
@@ -112,13 +123,14 @@ def correct_poses(robot: Robot, nominal: Arm, T_base_tip, seed=None, configurati
 def _correct(robot, nominal, T_wanted, q_nominal):
     known = np.isfinite(q_nominal).all(axis=1)
     n = len(q_nominal)
-    q = np.full((n, 6), np.nan)
+    q = np.full(q_nominal.shape, np.nan)
     residual = np.full(n, np.nan)
     reason = np.full(n, "", dtype=object)
     reason[~known] = "the nominal robot does not reach it within its joint limits in this configuration"
     if known.any():
         rows = np.flatnonzero(known)
-        found = iterative.solve(robot, nominal, T_wanted[rows], seed=q_nominal[rows], thorough=False)
+        solve = iterative.solve if inverse.has_closed_form(nominal) else numerical.solve
+        found = solve(robot, nominal, T_wanted[rows], seed=q_nominal[rows], thorough=False)
         change = np.abs(found.joints - q_nominal[rows])
         near = change.max(axis=1) <= LARGEST_CHANGE
         good = found.converged & found.inside & found.branch_kept & near

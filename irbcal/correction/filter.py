@@ -34,6 +34,8 @@ class Filtered:
         (name, line, reason) of targets and moves that were left as they were.
     notes : list of tuple
         (line, text) of what the corrections do not know about.
+    joint_columns : list of str
+        Columns of the arm's joints.
     """
 
     data: bytes
@@ -41,6 +43,7 @@ class Filtered:
     parts: list
     left: list
     notes: list
+    joint_columns: list
 
     @property
     def shifts(self):
@@ -54,7 +57,7 @@ class Filtered:
         Name, line, joints before and after (degrees), ``shift_mm``, ``turn_deg`` (from the wanted to the fake pose) and
         ``residual_mm`` (what the calibrated model still misses by).
         """
-        return _changes(self.names, self.parts)
+        return _changes(self.names, self.parts, self.joint_columns)
 
 
 def filter_module(robot, nominal, program, fingerprint, mark):
@@ -80,9 +83,11 @@ def filter_module(robot, nominal, program, fingerprint, mark):
     Raises
     ------
     ProgramError
-        If the program was filtered before.
+        If the program was filtered before, or the arm has not six revolute joints.
     """
     refuse_filtered(program)
+    if not nominal.six_revolute:
+        raise ProgramError(f"{program.source}: RAPID targets are of six revolute joints, {nominal.name} has others")
     targets = program.targets
     joints, poses = program.correctable("joint"), program.correctable("pose")
     values, configurations, parts = {}, {}, []
@@ -109,7 +114,8 @@ def filter_module(robot, nominal, program, fingerprint, mark):
     data = mark(programs.with_targets(program, values, configurations), fingerprint) if values else program.data
     names = [(targets[k].name, targets[k].line) for chosen, _ in parts for k in chosen]
     notes = [(note.line, note.text) for note in program.notes]
-    return Filtered(data, names, [found for _, found in parts], sorted(left, key=lambda item: item[1]), notes)
+    left = sorted(left, key=lambda item: item[1])
+    return Filtered(data, names, [found for _, found in parts], left, notes, nominal.joint_columns)
 
 
 def filter_table(robot, nominal, program, fingerprint):
@@ -124,7 +130,7 @@ def filter_table(robot, nominal, program, fingerprint):
     names = [(f"row {row}", int(row)) for row in program.rows]
     left = [(*names[k], found.reason[k]) for k in np.flatnonzero(~found.ok)]
     data = table.with_values(program, values, fingerprint, found.ok)
-    return Filtered(data, names, [found], left, [])
+    return Filtered(data, names, [found], left, [], nominal.joint_columns)
 
 
 def refuse_filtered(program):
@@ -196,14 +202,17 @@ def seeds_of(nominal, T_base_tip, configurations):
     return np.where(given[:, None], chosen, nearest), found | ~given | ~reachable
 
 
-def _changes(names, parts):
-    columns = ["target", "line", *(f"q{i}_deg_before" for i in range(1, 7)), *(f"q{i}_deg" for i in range(1, 7))]
+def _changes(names, parts, joints):
+    columns = ["target", "line", *(f"{name}_before" for name in joints), *joints]
     columns += ["shift_mm", "turn_deg", "residual_mm"]
     if not parts:
         return pd.DataFrame(columns=columns)
+    units = [MM if name.endswith("_mm") else DEG for name in joints]
     ok = np.concatenate([found.ok for found in parts])
     values = [
-        np.column_stack([found.q_nominal / DEG, found.q / DEG, found.shift / MM, found.turn / DEG, found.residual / MM])
+        np.column_stack(
+            [found.q_nominal / units, found.q / units, found.shift / MM, found.turn / DEG, found.residual / MM]
+        )
         for found in parts
     ]
     changes = pd.DataFrame(np.concatenate(values), columns=columns[2:])

@@ -1,7 +1,7 @@
 """Programs as CSV: one target in each row, joints or poses of the tip in the base link.
 
-The columns are ``q1_deg`` … ``q6_deg``, or ``x_mm``, ``y_mm``, ``z_mm``, ``qw``, ``qx``, ``qy``, ``qz``; their order is
-free and all other columns are kept. A corrected file bears a column ``irbcal_filtered`` with the fingerprint of the
+The columns are those of the arm's joints, such as ``q1_deg`` … ``q6_deg``, or ``x_mm``, ``y_mm``, ``z_mm``, ``qw``,
+``qx``, ``qy``, ``qz``; their order is free and all other columns are kept. A corrected file bears a column ``irbcal_filtered`` with the fingerprint of the
 calibration. Errors name the file, the row (line of the file, the header being line 1) and the column.
 """
 
@@ -20,7 +20,7 @@ from irbcal.correction.program import (
 )
 from irbcal.errors import MeasurementError, ProgramError
 from irbcal.measurement.table import JOINTS, POSITION, QUATERNION, _check_header, _numbers, _parse_csv
-from irbcal.units import DEG
+from irbcal.units import DEG, MM
 
 POSE = [*POSITION, *QUATERNION]
 MARK = "irbcal_filtered"
@@ -28,10 +28,6 @@ MARK = "irbcal_filtered"
 
 LARGEST = 1e9
 """Numbers beyond (9E9, …) stand for no place that a robot could reach."""
-
-_DECIMALS = {"joint": [DECIMALS] * 6, "pose": [DECIMALS] * 3 + [QUATERNION_DECIMALS] * 4}
-_COLUMNS = {"joint": JOINTS, "pose": POSE}
-_EXPECTED = {**dict.fromkeys(JOINTS, "a joint angle in degrees"), **dict.fromkeys(POSITION, "a position in mm")}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +40,10 @@ class TableProgram:
         File name for messages.
     kind : str
         ``joint`` or ``pose``.
-    values : ndarray, shape (n, 6) or (n, 4, 4)
-        Joints in radians, or ``T_base_tip`` in metres; locked.
+    columns : list of str
+        Names of the columns with the numbers.
+    values : ndarray, shape (n, joints) or (n, 4, 4)
+        Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres; locked.
     rows : ndarray of int, shape (n,)
         Lines in the file.
     table : DataFrame
@@ -60,6 +58,7 @@ class TableProgram:
 
     source: str
     kind: str
+    columns: list
     values: np.ndarray
     rows: np.ndarray
     table: pd.DataFrame
@@ -68,12 +67,12 @@ class TableProgram:
     fingerprint: str | None
 
 
-def read(path):
+def read(path, joints=JOINTS):
     """Read a CSV program from a file; see `parse`."""
-    return parse(read_bytes(path), str(path))
+    return parse(read_bytes(path), str(path), joints)
 
 
-def parse(data, source="program"):
+def parse(data, source="program", joints=JOINTS):
     """Read a CSV program.
 
     Parameters
@@ -82,6 +81,8 @@ def parse(data, source="program"):
         UTF-8 text with commas.
     source : str
         File name for messages.
+    joints : list of str
+        Columns of the arm's joints, ``arm.joint_columns``.
 
     Returns
     -------
@@ -94,23 +95,24 @@ def parse(data, source="program"):
     """
     try:
         table = _parse_csv(data, source, [])
-        kind = _kind(list(table.columns), source)
+        kind, columns = _kind(list(table.columns), source, joints)
         if table.empty:
             raise ProgramError(f"{source}: the file has a header but no rows")
-        numbers = np.column_stack([_column(table, name, source) for name in _COLUMNS[kind]])
+        numbers = np.column_stack([_column(table, name, source) for name in columns])
     except MeasurementError as error:
         raise ProgramError(str(error)) from None
-    _check_size(numbers, _COLUMNS[kind], table, source)
+    _check_size(numbers, columns, table, source)
     if kind == "pose":
         _check_quaternions(numbers[:, 3:], table.index, source)
         values = poses_from_numbers(numbers)
     else:
-        values = numbers * DEG
+        values = numbers * _units(columns)
     values.setflags(write=False)
     marks = [mark for mark in table[MARK].unique() if mark.strip()] if MARK in table.columns else []
     return TableProgram(
         source=source,
         kind=kind,
+        columns=columns,
         values=values,
         rows=table.index.to_numpy(),
         table=table,
@@ -126,8 +128,8 @@ def with_values(program, values, fingerprint=None, rows=None):
     Parameters
     ----------
     program : TableProgram
-    values : ndarray, shape (n, 6) or (n, 4, 4)
-        Joints in radians, or ``T_base_tip`` in metres.
+    values : ndarray, shape (n, joints) or (n, 4, 4)
+        Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres.
     fingerprint : str, optional
         Of the calibration, for the column that marks a corrected file; without it there is none.
     rows : ndarray of bool, shape (n,), optional
@@ -152,8 +154,9 @@ def with_values(program, values, fingerprint=None, rows=None):
         near = np.column_stack([_column(program.table, name, program.source) for name in QUATERNION])
         numbers = numbers_from_poses(values[rows], near[rows])
     else:
-        numbers = values[rows] / DEG
-    new = dict(zip(_COLUMNS[program.kind], zip(numbers.T, _DECIMALS[program.kind], strict=True), strict=True))
+        numbers = values[rows] / _units(program.columns)
+    decimals = [QUATERNION_DECIMALS if name in QUATERNION else DECIMALS for name in program.columns]
+    new = dict(zip(program.columns, zip(numbers.T, decimals, strict=True), strict=True))
     cells, formats, names = [], [], []
     for name in program.table.columns:
         names.append(_quoted(np.array([name], dtype=object))[0])
@@ -184,22 +187,27 @@ def with_values(program, values, fingerprint=None, rows=None):
     return text.encode("utf-8-sig" if program.byte_order_mark else "utf-8")
 
 
-def _kind(names, source):
-    """Joints or poses, from the header."""
-    complete = {kind: all(name in names for name in columns) for kind, columns in _COLUMNS.items()}
+def _units(columns):
+    return np.array([MM if name.endswith("_mm") else DEG for name in columns])
+
+
+def _kind(names, source, joints):
+    """Joints or poses and their columns, from the header."""
+    kinds = {"joint": list(joints), "pose": POSE}
+    complete = {kind: all(name in names for name in columns) for kind, columns in kinds.items()}
     if all(complete.values()):
         raise ProgramError(f"{source}: row 1: expected columns of joints or of poses, found both")
     for kind, found in complete.items():
         if found:
-            return kind
-    for columns in _COLUMNS.values():
+            return kind, kinds[kind]
+    for columns in kinds.values():
         metric = [name.replace("_deg", "_rad").replace("_mm", "_m") for name in columns]
         if any(name in names for name in (*columns, *metric)):
             _check_header(names, columns, source)
     found = ", ".join(name if len(name) < 40 else name[:40] + "…" for name in names[:40])
     raise ProgramError(
-        f"{source}: row 1: expected columns q1_deg … q6_deg (joints) or x_mm, y_mm, z_mm, qw, qx, qy, qz (poses), "
-        f"found {found}"
+        f"{source}: row 1: expected columns {joints[0]} … {joints[-1]} (joints) or x_mm, y_mm, z_mm, qw, qx, qy, qz "
+        f"(poses), found {found}"
     )
 
 
@@ -214,7 +222,15 @@ def _column(table, name, source):
             values = np.array([np.nan])
         if np.isfinite(values).all():
             return values
-    return _numbers(table, name, source, _EXPECTED.get(name, "a component of a quaternion"))
+    return _numbers(table, name, source, _expected(name))
+
+
+def _expected(name):
+    if name in POSITION:
+        return "a position in mm"
+    if name in QUATERNION:
+        return "a component of a quaternion"
+    return "a joint's travel in mm" if name.endswith("_mm") else "a joint angle in degrees"
 
 
 def _check_size(numbers, names, table, source):

@@ -1,6 +1,7 @@
-"""The calibration folder: ``calibrated.urdf``, ``calibration.json`` and ``report.html``."""
+"""The calibration folder: ``calibrated.urdf``, ``joint_origins.yaml``, ``calibration.json`` and ``report.html``."""
 
 import hashlib
+import json
 import os
 import platform
 import tempfile
@@ -13,7 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from irbcal.errors import CalibrationError
-from irbcal.export import pinocchio_model, urdf
+from irbcal.export import origins, pinocchio_check, urdf
 from irbcal.export.schema import (
     Calibration,
     Choice,
@@ -21,8 +22,10 @@ from irbcal.export.schema import (
     DataFile,
     Errors,
     JointMapSection,
+    JointOrigin,
     Objective,
     Observability,
+    Origin,
     Parameter,
     Placement,
     PointTable,
@@ -44,6 +47,7 @@ from irbcal.validation.accuracy import (
 
 SCHEMA = "irbcal-calibration-1"
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
+ORIGINS_NAME = "joint_origins.yaml"
 TEST_VECTORS = 5
 NORMAL_95 = 1.959964
 
@@ -56,6 +60,7 @@ def _rows(table):
             theta_deg=table.theta[i] / DEG,
             d_mm=table.d[i] / MM,
             beta_deg=table.beta[i] / DEG,
+            b_mm=table.b[i] / MM,
         )
         for i in range(len(table.a))
     ]
@@ -124,18 +129,20 @@ def _history(history):
 def _joint_map_section(joint_map, arm):
     q = arm.random_joints(TEST_VECTORS, seed=1)
     vectors = [
-        TestVector(commanded_rad=row.tolist(), effective_rad=effective.tolist())
+        TestVector(commanded=row.tolist(), effective=effective.tolist())
         for row, effective in zip(q, joint_map.effective(q), strict=True)
     ]
     a1, b1, a2, b2 = joint_map.fourier
-    return JointMapSection(
-        formula=FORMULA,
-        equations=[
-            "theta_i = q_i + gain_i q_i for i = 1 ... 6 (radians)",
+    equations = [f"theta_i = q_i + gain_i q_i for i = 1 ... {len(arm.joint_names)} (radians, metres)"]
+    if arm.six_revolute:
+        equations += [
             "theta_2 += A sin(q_2 + phi2) + B sin(q_2 + q_3 + phi3)",
             "theta_3 += B sin(q_2 + q_3 + phi3)",
             "theta_6 += a1 cos(q_6) + b1 sin(q_6) + a2 cos(2 q_6) + b2 sin(2 q_6)",
-        ],
+        ]
+    return JointMapSection(
+        formula=FORMULA,
+        equations=equations,
         gain=joint_map.gain.tolist(),
         stiffness_A_rad=joint_map.stiffness[0],
         stiffness_B_rad=joint_map.stiffness[1],
@@ -149,8 +156,8 @@ def _joint_map_section(joint_map, arm):
     )
 
 
-def _limits(values):
-    return [float(value) / DEG if np.isfinite(value) else None for value in values]
+def _limits(values, units):
+    return [float(value / unit) if np.isfinite(value) else None for value, unit in zip(values, units, strict=True)]
 
 
 def _robot_section(outcome):
@@ -162,13 +169,32 @@ def _robot_section(outcome):
         base_link=arm.base_link,
         tip_link=arm.tip_link,
         joint_names=list(arm.joint_names),
-        lower_deg=_limits(arm.lower),
-        upper_deg=_limits(arm.upper),
+        joint_types=["prismatic" if slides else "revolute" for slides in arm.table.prismatic],
+        lower=_limits(arm.lower, arm.joint_units),
+        upper=_limits(arm.upper, arm.joint_units),
         base_to_frame0=arm.T_base_0.tolist(),
-        frame6_to_tip=arm.T_6_tip.tolist(),
+        last_frame_to_tip=arm.T_last_tip.tolist(),
         dhm_nominal=_rows(arm.table),
         dhm_calibrated=_rows(outcome.fit.robot.table),
     )
+
+
+def _joint_origins(urdf_arm, corrected):
+    nominal, calibrated = (urdf.joint_origins(urdf_arm, arm) for arm in (urdf_arm.arm, corrected))
+    return [
+        JointOrigin(joint=name, link=link, nominal=Origin.of(nominal[name]), calibrated=Origin.of(calibrated[name]))
+        for name, link in zip(urdf_arm.arm.joint_names, urdf_arm.child_links, strict=True)
+    ]
+
+
+def _fingerprint(joint_origins, joint_map, files):
+    """Of all that makes a calibration: geometry, joint map and data."""
+    content = [
+        [[item.joint, item.calibrated.xyz_m, item.calibrated.rpy_rad] for item in joint_origins],
+        [getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")],
+        [item.sha256 for item in files],
+    ]
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]
 
 
 def _errors(robot, points):
@@ -223,20 +249,25 @@ def build(outcome, with_world=False, with_targets=False):
         If Pinocchio disagrees with the URDF by more than 1e-9.
     """
     robot = outcome.fit.robot
+    files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
+    joint_origins = _joint_origins(outcome.urdf, robot.arm)
+    fingerprint = _fingerprint(joint_origins, robot.joint_map, files)
     urdf_bytes = urdf.to_bytes(
         outcome.urdf,
         robot.arm,
         robot.T_world_base if with_world else None,
         robot.targets if with_targets else None,
+        fingerprint,
     )
-    check = pinocchio_model.check(urdf_bytes, robot.arm)
-    files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
+    check = pinocchio_check.check(urdf_bytes, robot.arm)
     calibration = Calibration(
         schema_name=SCHEMA,
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         simulated=any(item.simulated for item in files),
+        fingerprint=fingerprint,
         calibrated_urdf_sha256=hashlib.sha256(urdf_bytes).hexdigest(),
         robot=_robot_section(outcome),
+        joint_origins=joint_origins,
         model=outcome.fit.level,
         method=outcome.fit.method,
         objective=_objective(outcome.fit),
@@ -276,7 +307,7 @@ def build(outcome, with_world=False, with_targets=False):
 
 
 def save(outcome, folder, **options):
-    """Write a calibration folder: all three files, or none.
+    """Write a calibration folder: all its files, or none.
 
     Parameters
     ----------
@@ -303,6 +334,7 @@ def save(outcome, folder, **options):
         folder,
         {
             URDF_NAME: urdf_bytes,
+            ORIGINS_NAME: origins.to_yaml(calibration).encode("utf-8"),
             REPORT_NAME: report.render(calibration).encode("utf-8"),
             JSON_NAME: (calibration.model_dump_json(indent=1) + "\n").encode("utf-8"),
         },
@@ -329,7 +361,7 @@ def check_writable(folder):
         raise CalibrationError(f"{folder}: expected a folder to write to, found a file") from None
     except OSError as error:
         raise CalibrationError(f"{folder}: cannot write to this folder: {error.strerror}") from None
-    taken = [name for name in (URDF_NAME, JSON_NAME, REPORT_NAME) if (folder / name).is_dir()]
+    taken = [name for name in (URDF_NAME, ORIGINS_NAME, JSON_NAME, REPORT_NAME) if (folder / name).is_dir()]
     if taken:
         raise CalibrationError(f"{folder / taken[0]}: expected a file to replace, found a folder")
     return made
@@ -413,3 +445,15 @@ def load(folder):
     if hashlib.sha256(urdf_bytes).hexdigest() != calibration.calibrated_urdf_sha256:
         raise CalibrationError(f"{urdf_path}: this is not the URDF that {JSON_NAME} was written with")
     return calibration
+
+
+def calibrated_urdf(folder):
+    """The corrected URDF of a calibration folder, bytes; errors as `load`."""
+    load(folder)
+    return (Path(folder) / URDF_NAME).read_bytes()
+
+
+def nominal_urdf(folder):
+    """The URDF of a calibration folder with the joint origins from before the calibration, bytes; errors as `load`."""
+    nominal = {item.joint: item.nominal.transform() for item in load(folder).joint_origins}
+    return urdf.with_joint_origins((Path(folder) / URDF_NAME).read_bytes(), nominal)

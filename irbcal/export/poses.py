@@ -7,9 +7,8 @@ import pandas as pd
 
 from irbcal.errors import RobotError
 from irbcal.export import calibration_file, urdf
-from irbcal.measurement.table import JOINTS
 from irbcal.modeling.robot import Robot
-from irbcal.units import DEG, MM
+from irbcal.units import MM
 
 
 def open_robot(name, nominal=False):
@@ -59,25 +58,36 @@ def joint_table(robot, nominal, T_base_tip, near, all_branches=False):
         Nominal arm of the robot.
     T_base_tip : ndarray, shape (n, 4, 4)
         Tip poses in the base link.
-    near : array_like, shape (6,)
-        The branch nearest to these joints is taken, radians.
+    near : array_like, shape (joints,)
+        The branch nearest to these joints is taken, radians (metres for prismatic joints).
     all_branches : bool
-        Every branch within the joint limits instead, a row each.
+        Every branch within the joint limits instead, a row each; of arms with a closed-form inverse.
 
     Returns
     -------
     DataFrame
-        ``q1_deg`` ... ``q6_deg`` (empty where there is no solution), ``note``; with all branches also ``row`` (of the
+        The arm's joint columns (empty where there is no solution), ``note``; with all branches also ``row`` (of the
         input, from 1) and ``branch``.
-    """
-    from irbcal.modeling import inverse, iterative
 
+    Raises
+    ------
+    RobotError
+        If all branches are wanted of an arm without a closed-form inverse; the message says why it has none.
+    """
+    from irbcal.modeling import inverse, iterative, numerical
+
+    columns, units = nominal.joint_columns, nominal.joint_units
+    if not all_branches and not inverse.has_closed_form(nominal):
+        found = numerical.solve(robot, nominal, T_base_tip, near)
+        table = pd.DataFrame(found.joints / units, columns=columns)
+        table["note"] = _notes(found)
+        return table
     branches = inverse.closed_form(nominal, T_base_tip)
     n = len(T_base_tip)
     if not all_branches:
         seed, branch = inverse.nearest(nominal, branches, near)
         found = iterative.solve(robot, nominal, T_base_tip, seed=np.where(branch[:, None] >= 0, seed, near))
-        table = pd.DataFrame(found.joints / DEG, columns=JOINTS)
+        table = pd.DataFrame(found.joints / units, columns=columns)
         table["note"] = _notes(found)
         return table
     parts = []
@@ -85,7 +95,7 @@ def joint_table(robot, nominal, T_base_tip, near, all_branches=False):
         joints, inside = inverse.with_configuration(nominal, branches, np.full(n, k), near)
         rows = np.flatnonzero(inside)
         found = iterative.solve(robot, nominal, T_base_tip[rows], seed=joints[rows])
-        part = pd.DataFrame(found.joints / DEG, columns=JOINTS)
+        part = pd.DataFrame(found.joints / units, columns=columns)
         part.insert(0, "branch", name)
         part.insert(0, "row", rows + 1)
         part["note"] = _notes(found)
@@ -102,7 +112,7 @@ def _notes(found):
 
 
 def pose_table(robot, q):
-    """Tip poses in the base link for commanded joints (n, 6) in radians.
+    """Tip poses in the base link for commanded joints (n, joints), radians (metres for prismatic joints).
 
     Returns
     -------

@@ -29,13 +29,14 @@ class Statistics(_Model):
 
 
 class Row(_Model):
-    """One row of a DHM table; ``beta`` is Hayati's tilt about y."""
+    """One row of a DHM table; ``beta`` is Hayati's tilt about y, ``b`` a shift along y."""
 
     alpha_deg: float
     a_mm: float
     theta_deg: float
     d_mm: float
     beta_deg: float
+    b_mm: float
 
 
 class Pose(_Model):
@@ -51,7 +52,10 @@ class Pose(_Model):
 
 
 class RobotSection(_Model):
-    """The arm: names, limits (null where there is none) and the constant frames around the DHM chain."""
+    """The arm: names, limits (null where there is none) and the constant frames around the DHM chain.
+
+    Joint types are ``revolute`` and ``prismatic``; limits are in degrees and mm.
+    """
 
     name: str
     urdf: str
@@ -59,12 +63,38 @@ class RobotSection(_Model):
     base_link: str
     tip_link: str
     joint_names: list[str]
-    lower_deg: list[float | None]
-    upper_deg: list[float | None]
+    joint_types: list[Literal["revolute", "prismatic"]]
+    lower: list[float | None]
+    upper: list[float | None]
     base_to_frame0: list[list[float]]
-    frame6_to_tip: list[list[float]]
+    last_frame_to_tip: list[list[float]]
     dhm_nominal: list[Row]
     dhm_calibrated: list[Row]
+
+
+class Origin(_Model):
+    """A joint frame in its parent link, as URDF has it: metres, and radians about fixed axes."""
+
+    xyz_m: list[float]
+    rpy_rad: list[float]
+
+    @staticmethod
+    def of(T):
+        """From a transform, shape (4, 4)."""
+        return Origin(xyz_m=(T[:3, 3] + 0.0).tolist(), rpy_rad=(frames.rpy_from_matrix(T[:3, :3]) + 0.0).tolist())
+
+    def transform(self):
+        """As a transform, shape (4, 4)."""
+        return frames.transform(frames.matrix_from_rpy(np.array(self.rpy_rad)), self.xyz_m)
+
+
+class JointOrigin(_Model):
+    """Nominal and calibrated origin of one joint of the chain; ``link`` is its child link."""
+
+    joint: str
+    link: str
+    nominal: Origin
+    calibrated: Origin
 
 
 class Parameter(_Model):
@@ -81,10 +111,10 @@ class Parameter(_Model):
 
 
 class TestVector(_Model):
-    """Commanded joints and the effective joints they give, radians."""
+    """Commanded joints and the effective joints they give, radians (metres for prismatic joints)."""
 
-    commanded_rad: list[float]
-    effective_rad: list[float]
+    commanded: list[float]
+    effective: list[float]
 
 
 class JointMapSection(_Model):
@@ -215,6 +245,7 @@ class Check(_Model):
 class Calibration(_Model):
     """Content of ``calibration.json``.
 
+    ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map and the data files.
     ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
     (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians.
     """
@@ -222,8 +253,10 @@ class Calibration(_Model):
     schema_name: Literal["irbcal-calibration-1"]
     created: str
     simulated: bool
+    fingerprint: str
     calibrated_urdf_sha256: str
     robot: RobotSection
+    joint_origins: list[JointOrigin]
     model: str
     method: str
     objective: Objective
@@ -260,15 +293,19 @@ class Calibration(_Model):
     def arm(self, calibrated=True):
         """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
         section = self.robot
+        slides = [kind == "prismatic" for kind in section.joint_types]
         limits = [
-            [np.inf * sign if value is None else value * DEG for value in values]
-            for sign, values in ((-1, section.lower_deg), (1, section.upper_deg))
+            [
+                np.inf * sign if value is None else value * (MM if sliding else DEG)
+                for value, sliding in zip(values, slides, strict=True)
+            ]
+            for sign, values in ((-1, section.lower), (1, section.upper))
         ]
         return Arm(
             section.name,
-            _table(section.dhm_calibrated if calibrated else section.dhm_nominal),
+            _table(section.dhm_calibrated if calibrated else section.dhm_nominal, slides),
             np.array(section.base_to_frame0),
-            np.array(section.frame6_to_tip),
+            np.array(section.last_frame_to_tip),
             tuple(section.joint_names),
             *limits,
             section.base_link,
@@ -299,7 +336,7 @@ class Calibration(_Model):
         return {name: np.array(place) * MM for name, place in self.references_mm.items()}
 
 
-def _table(rows):
+def _table(rows, prismatic):
     return DHMTable(
         *(
             [getattr(row, name) * unit for row in rows]
@@ -309,8 +346,10 @@ def _table(rows):
                 ("theta_deg", DEG),
                 ("d_mm", MM),
                 ("beta_deg", DEG),
+                ("b_mm", MM),
             )
-        )
+        ),
+        prismatic,
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import PointSet
-from irbcal.modeling.parameters import ALL_NAMES, parameter
+from irbcal.modeling.parameters import all_names, parameter
 from irbcal.units import UNIT_OUTSIDE
 
 TIP = "the tip itself"
@@ -19,7 +19,7 @@ def position_std(calibration, q, target=None):
     Parameters
     ----------
     calibration : Calibration
-    q : ndarray, shape (n, 6)
+    q : ndarray, shape (n, joints)
         Commanded joints, radians.
     target : str, optional
         A reflector, in the measuring frame; by default the tip in the base link.
@@ -31,7 +31,8 @@ def position_std(calibration, q, target=None):
     """
     robot = calibration.robot_calibrated()
     factor = dict(UNIT_OUTSIDE.values())
-    rows = [row for row in calibration.parameters if row.name in ALL_NAMES]
+    nominal = calibration.arm(calibrated=False)
+    rows = [row for row in calibration.parameters if row.name in all_names(nominal)]
     errors = np.array([row.value * factor[row.unit] for row in rows])
     listed = {row.name for row in calibration.parameters}
     names = [*calibration.placement.targets, TIP]
@@ -42,9 +43,7 @@ def position_std(calibration, q, target=None):
     points = PointSet(
         q, np.arange(n), np.full(n, index), np.zeros((n, 3)), tuple(names), np.arange(n), np.full(n, "", object)
     )
-    problem = Problem(
-        calibration.arm(calibrated=False), points, [parameter(r.name) for r in rows], robot.joint_map.phases, known
-    )
+    problem = Problem(nominal, points, [parameter(r.name) for r in rows], robot.joint_map.phases, known)
     places = np.array([known[name] if name in known else robot.targets[name] for name in names])
     J = problem.jacobian(State(robot.T_world_base, places, errors)).reshape(n, 3, -1)
     C = np.array(calibration.covariance)

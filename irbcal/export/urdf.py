@@ -1,6 +1,6 @@
 """URDF to DHM and back.
 
-Reading takes any serial arm with six revolute joints between a base and a tip link to a DHM table plus the
+Reading takes any serial arm of revolute and prismatic joints between a base and a tip link to a DHM table plus the
 constant place of each link frame in its DHM frame. Writing patches the joint origins in the original XML
 tree: with ``F_i`` the link frame in DHM frame i and ``S_i`` the corrected DHM step at zero joints, the
 corrected origin of joint i is ``F_{i-1}^-1 S_i F_i``, so that axes, visuals, collisions and inertials keep
@@ -25,6 +25,9 @@ from irbcal.modeling.extraction import dhm_from_axes
 MAX_BYTES = 20_000_000
 LARGEST_ARM = 50.0
 """Metres; no arm is larger."""
+MOST_JOINTS = 20
+"""Joints of a chain; more is no arm."""
+FINGERPRINT_TAG = "irbcal_calibration"
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
 
 
@@ -38,11 +41,13 @@ class UrdfArm:
     tree : lxml ElementTree
         The original document; never changed, writing works on a copy.
     joint_elements : tuple of int
-        Position of the six moving joints among the document's ``joint`` elements.
-    T_dhm_link : ndarray, shape (7, 4, 4)
+        Position of the chain's moving joints among the document's ``joint`` elements.
+    T_dhm_link : ndarray, shape (joints + 1, 4, 4)
         Link frame in its DHM frame: base link in frame 0, then the child link of each moving joint.
-    T_link_parent : ndarray, shape (6, 4, 4)
+    T_link_parent : ndarray, shape (joints, 4, 4)
         Parent link of each moving joint in the link frame before it (fixed joints in between).
+    child_links : tuple of str
+        Child link of each moving joint.
     root_link : str
     T_root_base : ndarray, shape (4, 4)
     """
@@ -52,6 +57,7 @@ class UrdfArm:
     joint_elements: tuple
     T_dhm_link: np.ndarray
     T_link_parent: np.ndarray
+    child_links: tuple
     root_link: str
     T_root_base: np.ndarray
 
@@ -87,7 +93,7 @@ def read(path, base=None, tip=None):
     Raises
     ------
     RobotError
-        If the file cannot be read safely or does not hold a serial arm with six revolute joints.
+        If the file cannot be read safely or does not hold a serial arm.
     """
     path = shipped.robot_file(path)
     return from_bytes(path.read_bytes(), str(path), base, tip)
@@ -108,7 +114,7 @@ def from_bytes(data, source, base=None, tip=None):
         if name not in links:
             raise RobotError(f"{source}: there is no link {name!r}; links are {', '.join(links)}")
     path = _path(base, tip, by_child, source)
-    moving = _six_revolute(path, base, tip, source)
+    moving = _moving(path, base, tip, source)
     return _build(root.get("name") or Path(source).stem, tree, path, moving, base, tip, root_link, by_child, source)
 
 
@@ -156,7 +162,7 @@ def _origin(element, what, source):
 
 def _limits(element, kind, what, source):
     limit = element.find("limit")
-    if kind != "revolute" or limit is None:
+    if kind not in ("revolute", "prismatic") or limit is None:
         return -np.inf, np.inf
     return tuple(_numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0] for key in ("lower", "upper"))
 
@@ -253,18 +259,18 @@ def _path(base, tip, by_child, source):
     return path[::-1]
 
 
-def _six_revolute(path, base, tip, source):
+def _moving(path, base, tip, source):
     moving = [joint for joint in path if joint.kind != "fixed"]
     listed = ", ".join(f"{joint.name} ({joint.kind})" for joint in moving) or "none"
-    other = [joint for joint in moving if joint.kind not in ("revolute", "continuous")]
-    if len(moving) != 6 or other:
+    other = [joint for joint in moving if joint.kind not in ("revolute", "continuous", "prismatic")]
+    if not 2 <= len(moving) <= MOST_JOINTS or other:
         raise RobotError(
-            f"{source}: expected six revolute joints between {base!r} and {tip!r}, "
+            f"{source}: expected 2 to {MOST_JOINTS} revolute or prismatic joints between {base!r} and {tip!r}, "
             f"found {len(moving)} moving joints: {listed}"
         )
     for joint in moving:
         if joint.mimic:
-            raise RobotError(f"{source}: joint {joint.name!r} mimics another joint, expected six independent ones")
+            raise RobotError(f"{source}: joint {joint.name!r} mimics another joint, expected independent ones")
     return moving
 
 
@@ -280,12 +286,13 @@ def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
             link_frames.append(T)
     points = np.array([link[:3, 3] for link in link_frames[1:]])
     axes = np.array([link[:3, :3] @ joint.axis for link, joint in zip(link_frames[1:], moving, strict=True)])
-    table, T_base_0, T_6_tip = dhm_from_axes(points, axes, T)
+    slides = [joint.kind == "prismatic" for joint in moving]
+    table, T_base_0, T_last_tip = dhm_from_axes(points, axes, T, slides)
     arm = Arm(
         name,
         table,
         T_base_0,
-        T_6_tip,
+        T_last_tip,
         tuple(joint.name for joint in moving),
         [joint.lower for joint in moving],
         [joint.upper for joint in moving],
@@ -293,10 +300,10 @@ def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
         tip,
     )
     T_base_dhm = [T_base_0]
-    for i in range(6):
+    for i in range(len(moving)):
         T_base_dhm.append(T_base_dhm[-1] @ table.step(i))
     T_dhm_link = np.array([frames.inverse(D) @ L for D, L in zip(T_base_dhm, link_frames, strict=True)])
-    if np.abs(T_base_dhm[-1] @ T_6_tip - T).max() > 1e-9 or np.abs(T_dhm_link[1:, :2, 3]).max() > 1e-9:
+    if np.abs(T_base_dhm[-1] @ T_last_tip - T).max() > 1e-9 or np.abs(T_dhm_link[1:, :2, 3]).max() > 1e-9:
         raise AssertionError(f"{source}: the DHM table does not give the URDF's zero pose back")
     T_root_base, link = np.eye(4), base
     while link in by_child:
@@ -306,10 +313,70 @@ def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
     if size > LARGEST_ARM:
         raise RobotError(f"{source}: the arm is {size:.0f} m large: a URDF is in metres, is this one in millimetres?")
     positions = tuple(joint.position for joint in moving)
-    return UrdfArm(arm, tree, positions, T_dhm_link, np.array(parent_frames), root_link, T_root_base)
+    children = tuple(joint.child for joint in moving)
+    return UrdfArm(arm, tree, positions, T_dhm_link, np.array(parent_frames), children, root_link, T_root_base)
 
 
-def to_bytes(urdf, arm, T_world_base=None, targets=None):
+def joint_origins(urdf, arm):
+    """Joint origins that give the moving joints of an arm's chain another DHM table.
+
+    Parameters
+    ----------
+    urdf : UrdfArm
+        As read.
+    arm : Arm
+        The corrected arm: same frames 0 and tip, another DHM table; or ``urdf.arm`` itself.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (4, 4)
+        Joint name -> joint frame in its parent link; exactly as read where the table's row is as read.
+    """
+    origins = {}
+    for i, position in enumerate(urdf.joint_elements):
+        element = urdf.tree.getroot().findall("joint")[position]
+        T_link_dhm = frames.inverse(urdf.T_link_parent[i]) @ frames.inverse(urdf.T_dhm_link[i])
+        before = T_link_dhm @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        after = T_link_dhm @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        name = element.get("name")
+        origins[name] = _origin(element, f"joint {name!r}", "") if np.array_equal(before, after) else after
+    return origins
+
+
+def with_joint_origins(data, origins):
+    """A URDF with other joint origins; all else as it was.
+
+    Parameters
+    ----------
+    data : bytes
+        The URDF.
+    origins : dict of str to ndarray, shape (4, 4)
+        Joint name -> joint frame in its parent link; joints not named stay as they are.
+
+    Returns
+    -------
+    bytes
+    """
+    tree = _parse(data, "URDF")
+    for element in tree.getroot().findall("joint"):
+        if element.get("name") in origins:
+            _set_origin(element, origins[element.get("name")])
+    return _serialised(tree)
+
+
+def fingerprint(data, source):
+    """Fingerprint of the calibration that wrote a URDF; None where there is none.
+
+    Raises
+    ------
+    RobotError
+        If the file is not a URDF.
+    """
+    element = _parse(data, source).getroot().find(FINGERPRINT_TAG)
+    return None if element is None else element.get("fingerprint")
+
+
+def to_bytes(urdf, arm, T_world_base=None, targets=None, mark=None):
     """The URDF with corrected joint origins.
 
     Parameters
@@ -322,6 +389,8 @@ def to_bytes(urdf, arm, T_world_base=None, targets=None):
         Adds a link ``world`` (the measuring frame) and a fixed joint to the root.
     targets : dict of str to ndarray, shape (3,), optional
         Adds a link ``target_NAME`` for each reflector, fixed to the tip; metres.
+    mark : str, optional
+        Fingerprint of the calibration, written into an element that readers of URDF pass over.
 
     Returns
     -------
@@ -332,20 +401,33 @@ def to_bytes(urdf, arm, T_world_base=None, targets=None):
     tree = copy.deepcopy(urdf.tree)
     root = tree.getroot()
     elements = root.findall("joint")
-    for i, position in enumerate(urdf.joint_elements):
-        T = frames.inverse(urdf.T_link_parent[i]) @ frames.inverse(urdf.T_dhm_link[i])
-        before = T @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
-        after = T @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
-        if not np.array_equal(before, after):
-            _set_origin(elements[position], after, etree)
+    nominal, corrected = joint_origins(urdf, urdf.arm), joint_origins(urdf, arm)
+    for position in urdf.joint_elements:
+        name = elements[position].get("name")
+        if not np.array_equal(nominal[name], corrected[name]):
+            _set_origin(elements[position], corrected[name])
     names = {element.get("name") for element in root.iter("link", "joint")}
     if T_world_base is not None:
         world = next(name for name in ("world", "measuring_frame", "irbcal_world") if name not in names)
         T_world_root = T_world_base @ frames.inverse(urdf.T_root_base)
-        _add_fixed(root, world, urdf.root_link, world, T_world_root, etree)
+        _add_fixed(root, world, urdf.root_link, world, T_world_root)
     for name, xyz in (targets or {}).items():
         link = f"target_{name}"
-        _add_fixed(root, urdf.arm.tip_link, link, link, frames.transform(None, xyz), etree)
+        _add_fixed(root, urdf.arm.tip_link, link, link, frames.transform(None, xyz))
+    if mark is not None:
+        for old in root.findall(FINGERPRINT_TAG):
+            root.remove(old)
+        element = etree.SubElement(root, FINGERPRINT_TAG, fingerprint=mark)
+        if element.getprevious() is not None:
+            element.getprevious().tail = "\n  "
+        element.tail = "\n"
+    return _serialised(tree)
+
+
+def _serialised(tree):
+    from lxml import etree
+
+    root = tree.getroot()
     # lxml drops the line ends between the comments before and after the root element: write them one a line
     around = [*reversed(list(root.itersiblings(preceding=True))), root, *root.itersiblings()]
     parts = [b'<?xml version="1.0" encoding="utf-8"?>']
@@ -380,7 +462,9 @@ def _text(values):
     return " ".join(format(float(value) + 0.0, ".17g") for value in values)
 
 
-def _set_origin(joint, T, etree):
+def _set_origin(joint, T):
+    from lxml import etree
+
     origin = joint.find("origin")
     if origin is None:
         origin = etree.Element("origin")
@@ -390,12 +474,14 @@ def _set_origin(joint, T, etree):
     origin.set("rpy", _text(frames.rpy_from_matrix(T[:3, :3])))
 
 
-def _add_fixed(root, parent, child, new_link, T, etree):
+def _add_fixed(root, parent, child, new_link, T):
+    from lxml import etree
+
     link = etree.SubElement(root, "link", name=new_link)
     joint = etree.SubElement(root, "joint", name=f"{parent}-{child}", type="fixed")
     etree.SubElement(joint, "parent", link=parent)
     etree.SubElement(joint, "child", link=child)
-    _set_origin(joint, T, etree)
+    _set_origin(joint, T)
     etree.indent(joint, level=1)
     link.getprevious().tail = link.tail = "\n  "
     joint.tail = "\n"

@@ -8,7 +8,7 @@ Standard deviations come from the circles' residuals, which count as independent
 common (a bent arm, a joint that is not where it says) is not in them.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,7 +30,7 @@ LARGEST_ANGLE, LARGEST_LENGTH = 20.0 * DEG, 100.0 * MM
 """Corrections above these are not those of the robot in the file."""
 
 GROUPS = tuple(f"axis{k}" for k in range(1, 7))
-COLUMNS = tuple(field.name for field in fields(dhm.DHMTable))
+COLUMNS = ("alpha", "a", "theta", "d", "beta")
 LENGTHS = ("a", "d")
 STEP = 1e-6
 
@@ -88,7 +88,7 @@ class AxisCalibration:
     Attributes
     ----------
     robot : Robot
-        The arm has the nominal arm's ``T_base_0``, first row and ``T_6_tip``; base and targets are measured.
+        The arm has the nominal arm's ``T_base_0``, first row and ``T_last_tip``; base and targets are measured.
     axes : MeasuredAxes
     corrections : DHMTable
         Calibrated minus nominal; angles in (-pi, pi]. Zero for link 1, which the base takes, and for ``theta[5]`` and
@@ -237,9 +237,12 @@ def calibrate_by_axes(arm, points, parallel="hayati", tolerance=PARALLEL, known_
     Raises
     ------
     IdentificationError
-        As `measure_axes`; also if axes 1 and 2 are nearly parallel (they do not give a base), if the axes are not
-        those of the nominal arm, if known targets are not among the measured ones or all on axis 6.
+        As `measure_axes`; also if the arm has not six revolute joints, if axes 1 and 2 are nearly parallel (they do not
+        give a base), if the axes are not those of the nominal arm, if known targets are not among the measured ones or
+        all on axis 6.
     """
+    if not arm.six_revolute:
+        raise IdentificationError(f"the method axes is for arms with six revolute joints, {arm.name} has others")
     axes = measure_axes(points)
     moves = axes.moves
     known = _known(known_targets, moves.target_names)
@@ -337,7 +340,7 @@ def _nominal_form(arm):
     It is `Arm.table` itself for arms read from a URDF; where parallel axes leave a choice, another one may have been
     made elsewhere. Row 1 and frame 6 are those of the arm.
     """
-    chain = dhm.chain_frames(arm.table, arm.table.theta[:, None], arm.T_base_0)
+    chain = dhm.chain_frames(arm.table, arm.table.offsets[:, None], arm.T_base_0)
     table, _, _ = dhm_from_axes(chain.o[:, :, 0], chain.z[:, :, 0], np.eye(4))
     table = _with(_nearest(table, arm.table), arm.table, 0.0, 0.0)
     joints = np.zeros((1, 6))
@@ -407,7 +410,7 @@ def _with_tool(robot, moves, known):
     """
     moves = moves.take(np.isin(moves.names(), list(known)))
     places = np.array([known.get(name, np.zeros(3)) for name in moves.target_names])
-    t = frames.apply(robot.arm.T_6_tip, places)[moves.target]
+    t = frames.apply(robot.arm.T_last_tip, places)[moves.target]
     square = np.sum(t[:, :2] ** 2, axis=1)
     if len(t) < 2 or square.max() < (1.0 * MM) ** 2:
         raise IdentificationError("all known targets lie on axis 6: theta6 needs one beside it")

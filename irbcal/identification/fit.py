@@ -158,7 +158,8 @@ def identify(arm, points, level="34", known_targets=None, parameters=None):
         Nominal arm.
     points : PointSet
     level : str
-        ``nominal``, ``11``, ``16``, ``26``, ``34`` (Nubiola 2011, section 5.4) or ``34b``.
+        ``nominal``, ``11``, ``16``, ``26``, ``34`` (Nubiola 2011, section 5.4), ``34b``, or for any serial arm
+        ``offsets`` or ``placement``.
     known_targets : dict of str to array_like, shape (3,), optional
         Targets whose places in the tip link are known (from a CMM), metres.
     parameters : sequence of Parameter, optional
@@ -187,7 +188,7 @@ def make_problem(arm, points, level="34", known_targets=None, parameters=None):
     guess : Stiffness or None
         Physical guess that names the stiffness parameters, for levels that have them.
     """
-    parameters = level_parameters(level) if parameters is None else tuple(parameters)
+    parameters = level_parameters(level, arm) if parameters is None else tuple(parameters)
     guess, phases = None, (0.0, np.pi / 2)
     if any(p.kind == "stiffness" for p in parameters):
         phases, guess = arm.stiffness_geometry()

@@ -71,7 +71,7 @@ def identify_by(
     if method != "least-squares" and (objective, loss) not in (("rms", "linear"), ("max", "linear")):
         raise IdentificationError(f"method {method} has its own objective: leave objective and loss at their defaults")
     if method == "axes":
-        if parameters is not None and [p.name for p in parameters] != [p.name for p in level_parameters(level)]:
+        if parameters is not None and [p.name for p in parameters] != [p.name for p in level_parameters(level, arm)]:
             raise IdentificationError("method axes takes all link geometry from the axes: nothing can be freed or held")
         return _by_axes(arm, points, known_targets)
     problem, guess = make_problem(arm, points, level, known_targets, parameters)
@@ -142,7 +142,7 @@ def _by_axes(arm, points, known_targets):
     for i in range(1, 6):
         for kind in GEOMETRIC:
             error = getattr(table, kind)[i] - getattr(nominal, kind)[i]
-            if kind != "beta" or error != 0.0:
+            if kind not in ("beta", "b") or error != 0.0:
                 chosen.append(parameter(f"delta_{kind}{i + 1}"))
                 errors.append(error)
     problem, _ = make_problem(arm, found.axes.moves, "26", known_targets, chosen)

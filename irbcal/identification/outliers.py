@@ -36,7 +36,7 @@ def scaled(points, q_factor, xyz_factor):
 
 def spread(arm, points):
     """Root mean square distance of the nominal tip positions from their middle, metres."""
-    tip = dhm.forward(arm.table, points.q, arm.T_base_0, arm.T_6_tip)[:, :3, 3]
+    tip = dhm.forward(arm.table, points.q, arm.T_base_0, arm.T_last_tip)[:, :3, 3]
     return float(np.sqrt(np.mean(np.sum((tip - tip.mean(axis=0)) ** 2, axis=1))))
 
 

@@ -15,6 +15,7 @@ parameter          derivative of ``p``
 ``theta_i``        ``z_i x (p - o_i)``
 ``d_i``            ``z_i``
 ``beta_i``         ``y_i x (p - o_i^tilt)``
+``b_i``            ``y_i``
 joint map          ``sum_i dp/dtheta_i dtheta_i/dparameter``
 target             axes of the tip link
 base               rotation ``e x p``, translation ``e``
@@ -105,7 +106,7 @@ class Problem:
         self.arm = arm
         self.points = points
         self.parameters = tuple(error_parameters)
-        self.joint_map = JointMap(phases=phases)
+        self.joint_map = JointMap(np.zeros(len(arm.joint_names)), phases=phases)
         self.known = {k: np.asarray(v, float) for k, v in (known_targets or {}).items() if k in points.target_names}
         self.orientation_length = orientation_length
         names = points.target_names
@@ -122,6 +123,7 @@ class Problem:
         starts = range(0, points.poses, BLOCK)
         edges = np.searchsorted(points.pose, [*starts, points.poses])
         before = np.concatenate([[0], np.cumsum(oriented)])
+        kinds = {parameter.kind for parameter in self.parameters}
         blocks = []
         for k, start in enumerate(starts):
             rows = slice(edges[k], edges[k + 1])
@@ -137,8 +139,8 @@ class Problem:
                     "turned": turned,
                     "rotation": points.rotation[rows][turned] if len(turned) else None,
                     "rows": np.r_[rows, o : o + len(turned)],
-                    "stiffness": stiffness_terms(q, self.joint_map.phases),
-                    "fourier": fourier_terms(q),
+                    "stiffness": stiffness_terms(q, self.joint_map.phases) if "stiffness" in kinds else None,
+                    "fourier": fourier_terms(q) if "fourier" in kinds else None,
                 }
             )
         return blocks
@@ -230,12 +232,12 @@ class Problem:
         """Residuals (3, rows) and, on request, derivatives (unknowns, 3, rows) of one block."""
         table, pose, target, turned = arm.table, block["pose"], block["target"], block["turned"]
         m = len(pose)
-        theta = joint_map.effective(block["q"]).T + table.theta[:, None]
+        theta = joint_map.effective(block["q"]).T + table.offsets[:, None]
         if with_jacobian:
-            chain = dhm.chain_frames(table, theta, arm.T_base_0, arm.T_6_tip)
+            chain = dhm.chain_frames(table, theta, arm.T_base_0, arm.T_last_tip)
             tip = chain.tip[..., pose]
         else:
-            tip = dhm.tip_columns(table, theta, arm.T_base_0, arm.T_6_tip)[..., pose]
+            tip = dhm.tip_columns(table, theta, arm.T_base_0, arm.T_last_tip)[..., pose]
         local = state.targets[target].T
         p = tip[3] + tip[0] * local[0] + tip[1] * local[1] + tip[2] * local[2]
         T_base_world = frames.inverse(state.T_world_base)
@@ -287,8 +289,10 @@ class Problem:
         if kinds & {"d", "theta", "stiffness", "fourier", "gain"}:
             columns["d"] = chain.z[..., pose]
             columns["theta"] = _turned(columns["d"], chain.o[..., pose], p)
+        if "beta" in kinds or "b" in kinds:
+            columns["b"] = chain.y_tilt[..., pose]
         if "beta" in kinds:
-            columns["beta"] = _turned(chain.y_tilt[..., pose], chain.o_tilt[..., pose], p)
+            columns["beta"] = _turned(columns["b"], chain.o_tilt[..., pose], p)
         self._fill(J, columns, block, pose)
 
     def _fill(self, J, columns, block, pose):
@@ -298,7 +302,9 @@ class Problem:
             if kind in columns:
                 J[slot] = columns[kind][index]
             elif kind == "gain":
-                J[slot] = columns["theta"][index] * block["q"][pose, index]
+                along = columns.get("d" if self.arm.table.prismatic[index] else "theta")
+                if along is not None:
+                    J[slot] = along[index] * block["q"][pose, index]
             elif kind == "fourier":
                 J[slot] = columns["theta"][5] * block["fourier"][index, pose]
             elif kind == "stiffness" and index == 0:  # A

@@ -7,7 +7,7 @@ import numpy as np
 from irbcal.errors import IdentificationError
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import distances
-from irbcal.modeling.parameters import LEVELS
+from irbcal.modeling.parameters import levels_of
 from irbcal.units import MM
 
 FOLDS = 5
@@ -70,7 +70,7 @@ def pose_errors(arm, points, level, folds, **options):
     return errors
 
 
-def choose_level(arm, points, seed=0, levels=tuple(LEVELS), progress=None, **options):
+def choose_level(arm, points, seed=0, levels=None, progress=None, **options):
     """Compare levels by cross-validation over poses and choose one.
 
     Going from small to large, a level replaces the one chosen so far only if it is better, pose by pose, by more
@@ -83,8 +83,8 @@ def choose_level(arm, points, seed=0, levels=tuple(LEVELS), progress=None, **opt
         Poses of the fit; held-out poses take no part.
     seed : int
         Of the division into five folds.
-    levels : sequence of str
-        From small to large.
+    levels : sequence of str, optional
+        From small to large; all that the arm has unless given.
     progress : callable, optional
         Called with a text for each level.
     **options
@@ -101,7 +101,7 @@ def choose_level(arm, points, seed=0, levels=tuple(LEVELS), progress=None, **opt
     """
     folds = np.random.default_rng(seed).permutation(np.arange(points.poses) % FOLDS)
     table, chosen, best = [], None, None
-    for level in levels:
+    for level in levels_of(arm) if levels is None else levels:
         if progress:
             progress(f"cross-validating model {level}")
         try:

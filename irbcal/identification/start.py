@@ -80,8 +80,8 @@ def closed_form(problem):
 def nominal_tip(problem):
     """Tip frames of the nominal arm at each point's joints: axes and origin, shape (4, 3, m)."""
     arm, points = problem.arm, problem.points
-    theta = points.q.T + arm.table.theta[:, None]
-    return dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_6_tip)[..., points.pose]
+    theta = points.q.T + arm.table.offsets[:, None]
+    return dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_last_tip)[..., points.pose]
 
 
 def _target_rotations(problem, tip, W):

@@ -4,13 +4,15 @@ A measurement file has one row for each point that the tracker was asked for::
 
     pose,q1_deg,...,q6_deg,target,x_mm,y_mm,z_mm[,group,payload_kg,time_s,cycle,u95_mm,qw,qx,qy,qz,...]
 
-Column order is free and unknown columns are kept. A position that is empty, NaN or exactly 0,0,0 is a lost
-point. A column ``simulated`` (yes) marks data that no tracker measured. Errors name the file, the row (line of
-the file, the header being line 1) and the column.
+Arms with another number of joints have as many columns; the travel of a prismatic joint is ``q1_mm``. Column order is
+free and unknown columns are kept. A position that is empty, NaN or exactly 0,0,0 is a lost point. A column
+``simulated`` (yes) marks data that no tracker measured. Errors name the file, the row (line of the file, the header
+being line 1) and the column.
 """
 
 import csv
 import hashlib
+import re
 import warnings
 from dataclasses import dataclass
 from io import BytesIO, StringIO
@@ -23,8 +25,10 @@ from irbcal.errors import MeasurementError
 from irbcal.units import DEG, MM
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
+"""Joint columns of arms with six revolute joints."""
+JOINT = re.compile(r"q([1-9]\d?)_(?:deg|mm)")
 POSITION = ["x_mm", "y_mm", "z_mm"]
-REQUIRED = ["pose", *JOINTS, "target", *POSITION]
+REQUIRED = ["pose", "target", *POSITION]
 QUATERNION = ["qw", "qx", "qy", "qz"]
 NUMERIC_EXTRAS = ["payload_kg", "time_s", "u95_mm", *QUATERNION]
 REFERENCE_PREFIX = "ref"
@@ -61,9 +65,33 @@ class MeasurementSet:
         """Number of poses asked for."""
         return int(self.table["pose_index"].nunique())
 
+    @property
+    def joint_columns(self):
+        """Columns of joint values, in the order of the joints."""
+        return joint_columns(list(self.table.columns))
+
     def joints(self):
-        """Joints of each pose in the order of the file, shape (n, 6), radians."""
-        return self.table.groupby("pose_index", sort=True)[JOINTS].first().to_numpy() * DEG
+        """Joints of each pose in the order of the file, shape (n, joints), radians (metres from columns in mm)."""
+        columns = self.joint_columns
+        units = [MM if name.endswith("_mm") else DEG for name in columns]
+        return self.table.groupby("pose_index", sort=True)[columns].first().to_numpy() * units
+
+    def check_joints(self, arm):
+        """Refuse joint columns that are not those of an arm.
+
+        Raises
+        ------
+        MeasurementError
+            The sentence names the columns.
+        """
+        expected, found = arm.joint_columns, self.joint_columns
+        if expected != found:
+            missing = [name for name in expected if name not in found]
+            which = f"missing column {', '.join(missing)}" if missing else f"there is a column {found[len(expected)]}"
+            raise MeasurementError(
+                f"{self.source}: row 1: {which}: {arm.name} has {len(expected)} joints with the columns "
+                f"{expected[0]} … {expected[-1]}, found {', '.join(found)}"
+            )
 
     def is_reference(self):
         """Mask of the rows that are reference points fixed to the ground."""
@@ -108,10 +136,10 @@ def read(path):
     MeasurementError
         If the file cannot be read or does not keep the format.
     """
-    raw, source, digest = _read_columns(path, REQUIRED)
+    raw, source, digest = _read_columns(path, ["pose", None, *REQUIRED[1:]])
     table = pd.DataFrame({"row": raw.index})
-    for name in JOINTS:
-        table[name] = _numbers(raw, name, source, "a joint angle in degrees")
+    for name in joint_columns(list(raw.columns)):
+        table[name] = _numbers(raw, name, source, _expected_joint(name))
     for name in POSITION:
         table[name] = _numbers(raw, name, source, "a position in mm or nothing", lost=True)
     for name in ("pose", "target"):
@@ -134,22 +162,41 @@ def read(path):
     return MeasurementSet(table, source, digest)
 
 
-def read_joints(path):
-    """Read a file of joints with columns ``q1_deg`` to ``q6_deg``.
+def read_joints(path, columns=JOINTS):
+    """Read a file of joints.
+
+    Parameters
+    ----------
+    path : str or Path
+    columns : sequence of str
+        ``arm.joint_columns``; ``q1_deg`` to ``q6_deg`` unless given.
 
     Returns
     -------
-    q : ndarray, shape (n, 6)
-        Radians.
+    q : ndarray, shape (n, joints)
+        Radians (metres from columns in mm).
 
     Raises
     ------
     MeasurementError
         If the file cannot be read or does not keep the format.
     """
-    raw, source, _ = _read_columns(path, JOINTS)
-    columns = [_numbers(raw, name, source, "a joint angle in degrees") for name in JOINTS]
-    return np.column_stack(columns) * DEG
+    raw, source, _ = _read_columns(path, list(columns))
+    values = [_numbers(raw, name, source, _expected_joint(name)) for name in columns]
+    return np.column_stack(values) * [MM if name.endswith("_mm") else DEG for name in columns]
+
+
+def joint_columns(names):
+    """Joint columns among column names, ordered by the joints' numbers; only whole series from joint 1."""
+    numbered = {int(match[1]): name for name in names if (match := JOINT.fullmatch(name))}
+    columns = []
+    while len(columns) + 1 in numbered:
+        columns.append(numbered[len(columns) + 1])
+    return columns
+
+
+def _expected_joint(name):
+    return "a joint's travel in mm" if name.endswith("_mm") else "a joint angle in degrees"
 
 
 def read_poses(path):
@@ -224,10 +271,20 @@ def _read_columns(path, required):
 
 
 def _check_header(names, required, source):
-    """Refuse a header that lacks a required column or names one twice."""
+    """Refuse a header that lacks a required column or names one twice; None stands for the joints."""
     double = sorted({name for name in names if names.count(name) > 1})
     if double:
         raise MeasurementError(f"{source}: row 1: column {double[0]!r} stands there more than once")
+    if None in required:  # joints, however many: up to the last one in the header
+        numbers = sorted(int(match[1]) for name in names if (match := JOINT.fullmatch(name)))
+        double = [k for k in set(numbers) if numbers.count(k) > 1]
+        if double:
+            raise MeasurementError(f"{source}: row 1: joint {double[0]} stands there in degrees and in mm")
+        joints = [
+            f"q{k}_deg" for k in range(1, (numbers[-1] if numbers else len(JOINTS)) + 1) if f"q{k}_mm" not in names
+        ]
+        place = required.index(None)
+        required = [*required[:place], *joints, *required[place + 1 :]]
     missing = [name for name in required if name not in names]
     if missing:
         hint = ""
@@ -301,7 +358,11 @@ def _numbers(raw, name, source, expected, lost=False):
 
 def _check_sizes(table, source):
     """Refuse numbers that no robot cell holds and uncertainties that are none."""
-    bounds = [(name, -LARGEST_ANGLE_DEG, LARGEST_ANGLE_DEG, "a joint angle in degrees") for name in JOINTS]
+    bounds = [
+        (name, -largest, largest, _expected_joint(name))
+        for name in joint_columns(list(table.columns))
+        for largest in [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG]
+    ]
     bounds += [(name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION]
     if "u95_mm" in table.columns:
         bounds.append(("u95_mm", 1e-6, LARGEST_POSITION_MM, "an uncertainty above zero in mm or nothing"))
@@ -342,14 +403,15 @@ def _pose_index(table, source):
     if "cycle" in table.columns:
         key = key + " / " + table["cycle"].astype(str)
     index = pd.factorize(key)[0]
-    joints = table[JOINTS].to_numpy()
+    columns = joint_columns(list(table.columns))
+    joints = table[columns].to_numpy()
     first = np.unique(index, return_index=True)[1]
     differ = np.abs(joints - joints[first][index]).max(axis=1) > 1e-6
     if differ.any():
         k = int(np.flatnonzero(differ)[0])
-        column = JOINTS[int(np.argmax(np.abs(joints[k] - joints[first[index[k]]])))]
+        column = columns[int(np.argmax(np.abs(joints[k] - joints[first[index[k]]])))]
         raise MeasurementError(
             f"{source}: row {table['row'][k]}, column {column}: expected the joints of pose {table['pose'][k]} as in "
-            f"row {table['row'][first[index[k]]]}, found {joints[k, JOINTS.index(column)]:g}"
+            f"row {table['row'][first[index[k]]]}, found {joints[k, columns.index(column)]:g}"
         )
     return index

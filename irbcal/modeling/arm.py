@@ -7,11 +7,12 @@ import numpy as np
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.jointmap import Stiffness
+from irbcal.units import DEG, MM
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A serial arm with six revolute joints.
+    """A serial arm; most have six revolute joints.
 
     Parameters
     ----------
@@ -19,18 +20,18 @@ class Arm:
     table : DHMTable
     T_base_0 : ndarray, shape (4, 4)
         DHM frame 0 in the base link (identity for arms whose first axis is the base's z).
-    T_6_tip : ndarray, shape (4, 4)
-        Tip link in DHM frame 6 (identity where the tip's z lies on axis 6).
+    T_last_tip : ndarray, shape (4, 4)
+        Tip link in the last DHM frame (identity where the tip's z lies on the last axis).
     joint_names : tuple of str
-    lower, upper : ndarray, shape (6,)
-        Joint limits, radians; infinite for continuous joints.
+    lower, upper : ndarray, shape (n,)
+        Joint limits, radians (metres for prismatic joints); infinite for continuous joints.
     base_link, tip_link : str
     """
 
     name: str
     table: dhm.DHMTable
     T_base_0: np.ndarray
-    T_6_tip: np.ndarray
+    T_last_tip: np.ndarray
     joint_names: tuple
     lower: np.ndarray
     upper: np.ndarray
@@ -38,10 +39,25 @@ class Arm:
     tip_link: str = "tool0"
 
     def __post_init__(self):
-        for key in ("T_base_0", "T_6_tip", "lower", "upper"):
+        for key in ("T_base_0", "T_last_tip", "lower", "upper"):
             value = np.array(getattr(self, key), dtype=float)
             value.setflags(write=False)
             object.__setattr__(self, key, value)
+
+    @property
+    def six_revolute(self):
+        """Whether the arm has six revolute joints: what the thesis's error models and closed forms are made for."""
+        return len(self.joint_names) == 6 and not self.table.prismatic.any()
+
+    @property
+    def joint_columns(self):
+        """Columns of joint values in files: ``q1_deg`` and so on, ``q1_mm`` for a prismatic joint."""
+        return [f"q{i}_{'mm' if slides else 'deg'}" for i, slides in enumerate(self.table.prismatic, start=1)]
+
+    @property
+    def joint_units(self):
+        """SI value of one unit of each column of `joint_columns`, shape (n,)."""
+        return np.where(self.table.prismatic, MM, DEG)
 
     def with_table(self, table):
         """The same arm with another DHM table."""
@@ -52,21 +68,22 @@ class Arm:
 
         Parameters
         ----------
-        theta : ndarray, shape (n, 6)
-            Effective joint angles, radians.
+        theta : ndarray, shape (n, joints)
+            Effective joints, radians and metres.
 
         Returns
         -------
         ndarray, shape (n, 4, 4)
             ``T_base_tip``.
         """
-        return dhm.forward(self.table, theta, self.T_base_0, self.T_6_tip)
+        return dhm.forward(self.table, theta, self.T_base_0, self.T_last_tip)
 
     def random_joints(self, n, seed):
-        """Uniform random joint angles inside the limits (a full turn where there are none), (n, 6) radians."""
-        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
-        upper = np.where(np.isfinite(self.upper), self.upper, np.pi)
-        return np.random.default_rng(seed).uniform(lower, upper, (n, 6))
+        """Uniform random joints inside the limits (a full turn or 1 m either way where there are none), (n, joints)."""
+        free = np.where(self.table.prismatic, 1.0, np.pi)
+        lower = np.where(np.isfinite(self.lower), self.lower, -free)
+        upper = np.where(np.isfinite(self.upper), self.upper, free)
+        return np.random.default_rng(seed).uniform(lower, upper, (n, len(lower)))
 
     def stiffness_geometry(self):
         """What the arm-stiffness model needs to know of the arm (Nubiola 2011, figure 5.3).
@@ -81,9 +98,12 @@ class Arm:
         Raises
         ------
         RobotError
-            If axes 2 and 3 are not horizontal and parallel: gravity then acts otherwise than the model says.
+            If the arm has not six revolute joints, or axes 2 and 3 are not horizontal and parallel: gravity then acts
+            otherwise than the model says.
         """
-        chain = dhm.chain_frames(self.table, self.table.theta[:, None], self.T_base_0)
+        if not self.six_revolute:
+            raise RobotError(f"the arm-stiffness model is for six revolute joints, {self.name} has others")
+        chain = dhm.chain_frames(self.table, self.table.offsets[:, None], self.T_base_0)
         z, o = chain.z[:, :, 0], chain.o[:, :, 0]
         axis = z[1]
         if abs(axis[2]) > 1e-6 or abs(axis @ z[2] - 1.0) > 1e-9:
@@ -100,10 +120,11 @@ class Arm:
         return phases, Stiffness.guess(np.linalg.norm(upper), np.linalg.norm(fore))
 
     def check_joints(self, q):
-        """Refuse joint arrays that are not (n, 6)."""
+        """Refuse joint arrays that are not (n, joints)."""
         q = np.atleast_2d(np.asarray(q, dtype=float))
-        if q.ndim != 2 or q.shape[1] != 6:
-            raise RobotError(f"joints of {self.name} need shape (n, 6), found {q.shape}")
+        joints = len(self.joint_names)
+        if q.ndim != 2 or q.shape[1] != joints:
+            raise RobotError(f"joints of {self.name} need shape (n, {joints}), found {q.shape}")
         return q
 
 

@@ -1,11 +1,13 @@
 """Modified Denavit-Hartenberg geometry (Craig) and its forward kinematics for batches.
 
 One row of the table is the step from frame i-1 to frame i (Nubiola 2011, eq. 5.1), with Hayati's tilt
-``beta`` about y in between for nearly parallel axes (zero in a plain DHM table)::
+``beta`` about y in between for nearly parallel axes and a shift ``b`` along y (both zero in a plain DHM table)::
 
-    A_i = Rot(x, alpha_i) Trans(a_i, 0, 0) Rot(y, beta_i) Rot(z, theta_i) Trans(0, 0, d_i)
+    A_i = Rot(x, alpha_i) Trans(a_i, 0, 0) Rot(y, beta_i) Trans(0, b_i, 0) Rot(z, theta_i) Trans(0, 0, d_i)
 
-``beta_i`` tilts axis i about the point where it meets the common normal. Forward kinematics walks the
+``beta_i`` tilts axis i about the point where it meets the common normal. All six numbers of a row together place a
+joint anywhere near its nominal place: the general parametrisation, for which a plain table is too small. A joint adds
+its angle to ``theta_i`` (revolute) or its travel to ``d_i`` (prismatic). Forward kinematics walks the
 chain with the axes of the moving frame held as arrays of shape (3, poses), a block of poses at a time:
 no 4x4 products and no loop over poses.
 """
@@ -22,14 +24,18 @@ BLOCK = 2048
 
 @dataclass(frozen=True, eq=False)
 class DHMTable:
-    """DHM parameters of a serial arm with ``n`` revolute joints.
+    """DHM parameters of a serial arm with ``n`` joints.
 
     Parameters
     ----------
     alpha, a, theta, d : array_like, shape (n,)
-        Radians and metres; ``theta`` is the joint's offset, added to the effective joint angle.
+        Radians and metres; ``theta`` (``d`` of a prismatic joint) is the joint's offset, added to the effective joint.
     beta : array_like, shape (n,), optional
         Hayati tilt about y, radians; zero unless given.
+    b : array_like, shape (n,), optional
+        Shift along y, metres; zero unless given.
+    prismatic : array_like of bool, shape (n,), optional
+        Which joints slide along z; none unless given.
 
     Notes
     -----
@@ -41,22 +47,32 @@ class DHMTable:
     theta: np.ndarray
     d: np.ndarray
     beta: np.ndarray = None
+    b: np.ndarray = None
+    prismatic: np.ndarray = None
 
     def __post_init__(self):
-        if self.beta is None:
-            object.__setattr__(self, "beta", np.zeros(np.shape(self.alpha)))
+        for name in ("beta", "b", "prismatic"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(np.shape(self.alpha)))
         for field in fields(self):
-            value = np.array(getattr(self, field.name), dtype=float)
+            value = np.array(getattr(self, field.name), dtype=bool if field.name == "prismatic" else float)
             if value.shape != np.shape(self.alpha) or value.ndim != 1:
                 raise ValueError(f"DHM column {field.name} has shape {value.shape}, expected (n,)")
             value.setflags(write=False)
             object.__setattr__(self, field.name, value)
 
-    def step(self, i, angle=0.0):
-        """Transform ``T_{i-1}_i`` of row ``i`` (counted from 0) at an effective joint angle in radians."""
-        turn = frames.rot_y(self.beta[i]) @ frames.rot_z(self.theta[i] + angle)
+    @property
+    def offsets(self):
+        """What is added to each effective joint, shape (n,): ``theta`` (rad), of prismatic joints ``d`` (m)."""
+        return np.where(self.prismatic, self.d, self.theta)
+
+    def step(self, i, value=0.0):
+        """Transform ``T_{i-1}_i`` of row ``i`` (counted from 0) at an effective joint angle (rad) or travel (m)."""
+        angle, travel = (0.0, value) if self.prismatic[i] else (value, 0.0)
         before = frames.transform(frames.rot_x(self.alpha[i])) @ frames.transform(None, [self.a[i], 0.0, 0.0])
-        return before @ frames.transform(turn) @ frames.transform(None, [0.0, 0.0, self.d[i]])
+        tilt = frames.transform(frames.rot_y(self.beta[i]), [0.0, self.b[i], 0.0])
+        turn = frames.transform(frames.rot_z(self.theta[i] + angle))
+        return before @ tilt @ turn @ frames.transform(None, [0.0, 0.0, self.d[i] + travel])
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +86,7 @@ class ChainFrames:
     z, o : ndarray, shape (joints, 3, n)
         z axis and origin of frame i: what theta_i turns about and d_i moves along.
     y_tilt, o_tilt : ndarray, shape (joints, 3, n)
-        Axis and point that Hayati's beta_i turns about.
+        Axis and point that Hayati's beta_i turns about; b_i moves along it.
     tip : ndarray, shape (4, 3, n)
         x, y, z axes and origin of the tip frame.
     """
@@ -89,12 +105,12 @@ def _turn(first, second, c, s):
     return c * first + s * second, c * second - s * first
 
 
-def _walk(table, angles, T_base_0, T_last_tip, store):
-    """Walk the chain; ``angles`` (joints, n) are effective joint angles. ``store`` receives each joint's axes."""
-    n = angles.shape[1]
+def _walk(table, joints, T_base_0, T_last_tip, store):
+    """Walk the chain; ``joints`` (joints, n) are with the table's offsets. ``store`` receives each joint's axes."""
+    n = joints.shape[1]
     # columns of constant transforms have one column: they cost nothing until the first joint turns them
     x, y, z, o = (T_base_0[:3, k : k + 1] for k in range(4))
-    cosines, sines = np.cos(angles), np.sin(angles)
+    cosines, sines = np.cos(joints), np.sin(joints)
     for i in range(len(table.a)):
         x_before, o_before = x, o
         if table.a[i] != 0.0:
@@ -104,9 +120,15 @@ def _walk(table, angles, T_base_0, T_last_tip, store):
         y_tilt, o_tilt = y, o
         if table.beta[i] != 0.0:
             z, x = _turn(z, x, np.cos(table.beta[i]), np.sin(table.beta[i]))
-        x, y = _turn(x, y, cosines[i], sines[i])
-        if table.d[i] != 0.0:
-            o = o + table.d[i] * z
+        if table.b[i] != 0.0:
+            o = o + table.b[i] * y
+        if table.prismatic[i]:
+            x, y = _turn(x, y, np.cos(table.theta[i]), np.sin(table.theta[i]))
+            o = o + joints[i] * z
+        else:
+            x, y = _turn(x, y, cosines[i], sines[i])
+            if table.d[i] != 0.0:
+                o = o + table.d[i] * z
         if store is not None:
             for array, value in zip(store, (x_before, o_before, z, o, y_tilt, o_tilt), strict=True):
                 array[i] = value
@@ -116,14 +138,14 @@ def _walk(table, angles, T_base_0, T_last_tip, store):
     return [R[0, k] * x + R[1, k] * y + R[2, k] * z for k in range(3)] + [o + p[0] * x + p[1] * y + p[2] * z]
 
 
-def chain_frames(table, angles, T_base_0, T_last_tip=None):
+def chain_frames(table, joints, T_base_0, T_last_tip=None):
     """Axes and origins of every joint for a block of poses: all that derivatives need.
 
     Parameters
     ----------
     table : DHMTable
-    angles : ndarray, shape (joints, n)
-        Effective joint angles plus the table's theta offsets, radians.
+    joints : ndarray, shape (joints, n)
+        Effective joints plus the table's `DHMTable.offsets`, radians (metres for prismatic joints).
     T_base_0 : ndarray, shape (4, 4)
     T_last_tip : ndarray, shape (4, 4), optional
         Identity unless given.
@@ -132,15 +154,14 @@ def chain_frames(table, angles, T_base_0, T_last_tip=None):
     -------
     ChainFrames
     """
-    joints, n = angles.shape
-    store = np.empty((6, joints, 3, n))
-    return ChainFrames(*store, tip_columns(table, angles, T_base_0, T_last_tip, store))
+    store = np.empty((6, len(joints), 3, joints.shape[1]))
+    return ChainFrames(*store, tip_columns(table, joints, T_base_0, T_last_tip, store))
 
 
-def tip_columns(table, angles, T_base_0, T_last_tip=None, store=None):
+def tip_columns(table, joints, T_base_0, T_last_tip=None, store=None):
     """The tip frame's x, y, z axes and origin in the base frame, shape (4, 3, n); arguments as `chain_frames`."""
-    tip = np.empty((4, 3, angles.shape[1]))
-    for k, column in enumerate(_walk(table, angles, T_base_0, T_last_tip, store)):
+    tip = np.empty((4, 3, joints.shape[1]))
+    for k, column in enumerate(_walk(table, joints, T_base_0, T_last_tip, store)):
         tip[k] = column
     return tip
 
@@ -152,7 +173,7 @@ def forward(table, theta, T_base_0=None, T_last_tip=None):
     ----------
     table : DHMTable
     theta : ndarray, shape (n, joints)
-        Effective joint angles, radians (the table's offsets are added here).
+        Effective joints, radians and metres (the table's offsets are added here).
     T_base_0, T_last_tip : ndarray, shape (4, 4), optional
         Constant transforms before frame 0 and after the last frame; identity unless given.
 
@@ -169,11 +190,11 @@ def forward(table, theta, T_base_0=None, T_last_tip=None):
     # rows of the 4x4 matrices: filled column by column, transposed once per block
     out = np.empty((n, 4, 4))
     out[:, 3] = (0.0, 0.0, 0.0, 1.0)
-    offsets = table.theta[:, None]
+    offsets = table.offsets[:, None]
     for start in range(0, n, BLOCK):
         block = slice(start, min(start + BLOCK, n))
-        angles = np.ascontiguousarray(theta[block].T) + offsets
-        for k, column in enumerate(_walk(table, angles, T_base_0, T_last_tip, None)):
+        joints = np.ascontiguousarray(theta[block].T) + offsets
+        for k, column in enumerate(_walk(table, joints, T_base_0, T_last_tip, None)):
             out[block, :3, k] = column.T
     return out
 

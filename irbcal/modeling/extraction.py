@@ -1,4 +1,4 @@
-"""From six joint axes to a DHM table: what reading a URDF and measuring a robot's axes have in common."""
+"""From joint axes to a DHM table: what reading a URDF and measuring a robot's axes have in common."""
 
 import numpy as np
 
@@ -8,8 +8,8 @@ NEARLY_PARALLEL = np.sin(np.radians(5.0))
 """Sine of the angle below which two axes get Hayati's form instead of a far-away common normal."""
 
 
-def dhm_from_axes(points, axes, T_base_tip):
-    """DHM table of six joint axes and a tip frame at zero joints (Nubiola 2011, section 3.1.2).
+def dhm_from_axes(points, axes, T_base_tip, prismatic=None):
+    """DHM table of joint axes and a tip frame at zero joints (Nubiola 2011, section 3.1.2).
 
     The x axis of each frame runs along the common normal to the next axis; where the axes intersect, its
     sign is the one nearer to the previous x axis. Nearly parallel axes get Hayati's form: the next axis is
@@ -17,33 +17,36 @@ def dhm_from_axes(points, axes, T_base_tip):
 
     Parameters
     ----------
-    points : ndarray, shape (6, 3)
-        A point on each axis, in the base link, metres.
-    axes : ndarray, shape (6, 3)
+    points : ndarray, shape (n, 3)
+        A point on each axis, in the base link, metres; any point will do for a prismatic joint.
+    axes : ndarray, shape (n, 3)
         Unit direction of each axis.
     T_base_tip : ndarray, shape (4, 4)
+    prismatic : sequence of bool, optional
+        Which joints slide; none unless given.
 
     Returns
     -------
     table : DHMTable
-    T_base_0, T_6_tip : ndarray, shape (4, 4)
+    T_base_0, T_last_tip : ndarray, shape (4, 4)
     """
+    n = len(axes)
     z, across = axes[0], np.array([1.0, 0.0, 0.0])
     if abs(z @ across) > 0.9:
         across = np.array([0.0, 1.0, 0.0])
     x = _unit(across - z * (z @ across))
     entry = points[0] - z * (z @ points[0])  # where the chain arrives on this axis
     T_base_0 = frames.transform(np.column_stack([x, np.cross(z, x), z]), entry)
-    alpha, a, theta, d, beta = (np.zeros(6) for _ in range(5))
-    for i in range(6):
+    alpha, a, theta, d, beta = (np.zeros(n) for _ in range(5))
+    for i in range(n):
         z = axes[i]
-        if i < 5:
+        if i < n - 1:
             origin, next_entry, next_x = _common_normal(entry, z, points[i + 1], axes[i + 1], x)
         else:
             origin, next_x = _last_frame(entry, z, x, T_base_tip)
         d[i] = z @ (origin - entry)
         theta[i] = np.arctan2(z @ np.cross(x, next_x), x @ next_x)
-        if i < 5:
+        if i < n - 1:
             x = next_x
             a[i + 1] = x @ (next_entry - origin)
             ahead = np.array([x, np.cross(z, x), z]) @ axes[i + 1]  # next axis seen in this frame
@@ -52,13 +55,13 @@ def dhm_from_axes(points, axes, T_base_tip):
                 x = _carried_x(next_x, z, axes[i + 1], beta[i + 1])
             alpha[i + 1] = np.arctan2(-ahead[1], ahead[2])
             entry = next_entry
-    T_base_6 = frames.transform(np.column_stack([next_x, np.cross(axes[5], next_x), axes[5]]), origin)
+    T_base_last = frames.transform(np.column_stack([next_x, np.cross(axes[-1], next_x), axes[-1]]), origin)
     for column in (alpha, a, theta, d, beta):
         column[np.abs(column) < 1e-14] = 0.0
-    T_6_tip = frames.inverse(T_base_6) @ T_base_tip
-    if np.abs(T_6_tip - np.eye(4)).max() < 1e-12:
-        T_6_tip = np.eye(4)
-    return dhm.DHMTable(alpha, a, theta, d, beta), T_base_0, T_6_tip
+    T_last_tip = frames.inverse(T_base_last) @ T_base_tip
+    if np.abs(T_last_tip - np.eye(4)).max() < 1e-12:
+        T_last_tip = np.eye(4)
+    return dhm.DHMTable(alpha, a, theta, d, beta, prismatic=prismatic), T_base_0, T_last_tip
 
 
 def _unit(v):
@@ -93,7 +96,7 @@ def _common_normal(entry, z, next_point, z_next, x):
 
 
 def _last_frame(entry, z, x, T_base_tip):
-    """Frame 6: the tip itself where its z axis lies on axis 6, else the foot of the tip's origin on it."""
+    """Last frame: the tip itself where its z axis lies on the last axis, else the foot of the tip's origin on it."""
     tip = T_base_tip[:3, 3]
     origin = entry + z * (z @ (tip - entry))
     if np.linalg.norm(T_base_tip[:3, 2] - z) < 1e-9 and np.linalg.norm(tip - origin) < 1e-9:

@@ -18,6 +18,7 @@ __all__ = [
     "branch_number",
     "closed_form",
     "configuration",
+    "has_closed_form",
     "into_limits",
     "nearest",
     "with_configuration",
@@ -51,31 +52,46 @@ def closed_form(arm, T_base_tip):
 
 
 def into_limits(arm, joints, near=None):
-    """Shift joints by whole turns into the limits.
+    """Shift revolute joints by whole turns into the limits.
 
     Parameters
     ----------
     arm : Arm
-    joints : array_like, shape (..., 6)
-        Radians.
-    near : array_like, shape (..., 6), optional
+    joints : array_like, shape (..., joints)
+        Radians (metres for prismatic joints).
+    near : array_like, shape (..., joints), optional
         Where several turns lie within the limits, the one nearest to these joints is taken; zero unless given.
 
     Returns
     -------
-    joints : ndarray, shape (..., 6)
+    joints : ndarray, shape (..., joints)
         Joints that no whole turn brings inside are at the turn nearest to ``near``.
     inside : ndarray of bool, shape (...)
-        Whether all six are within the limits, to `LIMIT_TOLERANCE`; False for NaN.
+        Whether all are within the limits, to `LIMIT_TOLERANCE`; False for NaN.
     """
     joints = np.asarray(joints, dtype=float)
-    near = np.zeros(6) if near is None else np.asarray(near, dtype=float)
+    near = np.zeros(joints.shape[-1]) if near is None else np.asarray(near, dtype=float)
     first = np.ceil((arm.lower - LIMIT_TOLERANCE - joints) * (1.0 / TAU))
     last = np.floor((arm.upper + LIMIT_TOLERANCE - joints) * (1.0 / TAU))
     turns = np.rint((near - joints) * (1.0 / TAU))
     fits = first <= last
     turns = np.where(fits, np.minimum(np.maximum(turns, first), last), turns)
+    slides = arm.table.prismatic
+    if slides.any():
+        turns[..., slides] = 0.0
+        travel = joints[..., slides]
+        low, high = arm.lower[slides] - LIMIT_TOLERANCE, arm.upper[slides] + LIMIT_TOLERANCE
+        fits[..., slides] = (travel >= low) & (travel <= high)
     return joints + TAU * turns, fits.all(axis=-1)
+
+
+def has_closed_form(arm):
+    """Whether `closed_form` takes this arm."""
+    try:
+        OrthoParallel.of(arm)
+    except RobotError:
+        return False
+    return True
 
 
 def nearest(arm, branches, near, limits=True):

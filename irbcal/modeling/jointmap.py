@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from irbcal.errors import RobotError
 from irbcal.units import MM
 
 FORMULA = "irbcal-joint-map-1"
@@ -82,15 +83,57 @@ class Stiffness:
             return None
         return replace(changed, delta_L=(self.L_1 + self.L_2) * np.sin(angle))
 
+    def with_payload(self, delta_kg, L_P, upper_arm_kg):
+        """The parameters with more (or less) mass on the forearm; compliance and upper arm stay as they are.
+
+        With ``p = delta_kg / upper_arm_kg`` the forearm's share grows to ``m' = m + p`` and its centre of mass moves
+        to ``m' L_G2' = m L_G2 + p L_P``, so that ``A' = A + kF1 p L_1`` and ``B' = B + kF1 p L_P`` (Nubiola 2011,
+        eqs. 5.12 to 5.15).
+
+        Parameters
+        ----------
+        delta_kg : float
+            Mass added to what the robot carried when it was measured; negative if it carries less.
+        L_P : float
+            Distance of that mass from axis 3, along the forearm, metres.
+        upper_arm_kg : float
+            Mass of the upper arm: what axis 2 carries and axis 3 does not.
+
+        Returns
+        -------
+        Stiffness
+
+        Raises
+        ------
+        RobotError
+            If the upper arm has no mass, or more is taken off than the forearm weighs.
+
+        Notes
+        -----
+        The split of A into compliance and masses rests on L_G1, m and the upper arm's mass, which positions cannot
+        show: the extrapolation is a physical guess, not a measurement.
+        """
+        if not upper_arm_kg > 0.0:
+            raise RobotError(f"the upper arm's mass must be positive, found {upper_arm_kg:g} kg")
+        share = delta_kg / upper_arm_kg
+        m = self.m + share
+        if not m > 0.0:
+            raise RobotError(
+                f"a payload {-delta_kg:g} kg smaller is impossible: the forearm weighs {self.m * upper_arm_kg:g} kg"
+            )
+        changed = replace(self, m=m, L_G2=(self.m * self.L_G2 + share * L_P) / m)
+        angle = self.k_F1 * changed._lever()
+        return replace(changed, delta_L=(self.L_1 + self.L_2) * np.sin(angle))
+
 
 @dataclass(frozen=True, eq=False)
 class JointMap:
-    """Commanded to effective joint angles for a six-axis arm.
+    """Commanded to effective joints; stiffness and Fourier series are for arms with six revolute joints.
 
     Parameters
     ----------
-    gain : array_like, shape (6,)
-        Relative gain errors k_i (eq. 3.31), dimensionless.
+    gain : array_like, shape (n,)
+        Relative gain errors k_i (eq. 3.31), dimensionless, of all n joints; six unless given.
     stiffness : array_like, shape (2,)
         A and B, radians.
     phases : array_like, shape (2,)
@@ -116,25 +159,27 @@ class JointMap:
         return not (self.gain.any() or self.stiffness.any() or self.fourier.any())
 
     def effective(self, q):
-        """Effective joint angles.
+        """Effective joints.
 
         Parameters
         ----------
-        q : ndarray, shape (n, 6)
-            Commanded joint angles, radians.
+        q : ndarray, shape (n, joints)
+            Commanded joints, radians (metres for prismatic joints).
 
         Returns
         -------
-        ndarray, shape (n, 6)
+        ndarray, shape (n, joints)
         """
         q = np.asarray(q, dtype=float)
         if self.is_identity:
             return q
-        theta = q * (1.0 + self.gain)
-        upper, fore = stiffness_terms(q, self.phases)
-        theta[:, 1] += self.stiffness[0] * upper + self.stiffness[1] * fore
-        theta[:, 2] += self.stiffness[1] * fore
-        theta[:, 5] += self.fourier @ fourier_terms(q)
+        theta = q * (1.0 + self.gain) if self.gain.any() else q.copy()
+        if self.stiffness.any():
+            upper, fore = stiffness_terms(q, self.phases)
+            theta[:, 1] += self.stiffness[0] * upper + self.stiffness[1] * fore
+            theta[:, 2] += self.stiffness[1] * fore
+        if self.fourier.any():
+            theta[:, 5] += self.fourier @ fourier_terms(q)
         return theta
 
     def jacobian(self, q):
@@ -142,28 +187,123 @@ class JointMap:
 
         Parameters
         ----------
-        q : ndarray, shape (n, 6)
-            Radians.
+        q : ndarray, shape (n, joints)
+            Radians (metres for prismatic joints).
 
         Returns
         -------
-        ndarray, shape (n, 6, 6)
+        ndarray, shape (n, joints, joints)
             ``d theta_i / d q_j``.
         """
         q = np.asarray(q, dtype=float)
-        out = np.zeros((len(q), 6, 6))
-        out[:, range(6), range(6)] = 1.0 + self.gain
-        A, B = self.stiffness
-        upper = A * np.cos(q[:, 1] + self.phases[0])
-        fore = B * np.cos(q[:, 1] + q[:, 2] + self.phases[1])
-        out[:, 1, 1] += upper + fore
-        out[:, 1, 2] += fore
-        out[:, 2, 1] += fore
-        out[:, 2, 2] += fore
-        a_1, b_1, a_2, b_2 = self.fourier
-        c, s, c2, s2 = fourier_terms(q)
-        out[:, 5, 5] += b_1 * c - a_1 * s + 2.0 * (b_2 * c2 - a_2 * s2)
+        joints = q.shape[1]
+        out = np.zeros((len(q), joints, joints))
+        out[:, range(joints), range(joints)] = 1.0
+        if self.gain.any():
+            out[:, range(joints), range(joints)] += self.gain
+        if self.stiffness.any():
+            A, B = self.stiffness
+            upper = A * np.cos(q[:, 1] + self.phases[0])
+            fore = B * np.cos(q[:, 1] + q[:, 2] + self.phases[1])
+            out[:, 1, 1] += upper + fore
+            out[:, 1, 2] += fore
+            out[:, 2, 1] += fore
+            out[:, 2, 2] += fore
+        if self.fourier.any():
+            a_1, b_1, a_2, b_2 = self.fourier
+            c, s, c2, s2 = fourier_terms(q)
+            out[:, 5, 5] += b_1 * c - a_1 * s + 2.0 * (b_2 * c2 - a_2 * s2)
         return out
+
+    def jacobian_derivative(self, q, dq):
+        """Time derivative of `jacobian` along a motion.
+
+        Parameters
+        ----------
+        q, dq : ndarray, shape (n, joints)
+            Commanded joints and their speeds, radians and radians per second (metres for prismatic joints).
+
+        Returns
+        -------
+        ndarray, shape (n, joints, joints)
+            ``d/dt (d theta_i / d q_j)``, the second derivatives of `effective` times ``dq``.
+        """
+        q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)
+        joints = q.shape[1]
+        out = np.zeros((len(q), joints, joints))
+        if self.stiffness.any():
+            A, B = self.stiffness
+            upper, fore = stiffness_terms(q, self.phases)
+            upper, fore = -A * upper * dq[:, 1], -B * fore * (dq[:, 1] + dq[:, 2])
+            out[:, 1:3, 1:3] = fore[:, None, None]
+            out[:, 1, 1] += upper
+        if self.fourier.any():
+            a_1, b_1, a_2, b_2 = self.fourier
+            c, s, c2, s2 = fourier_terms(q)
+            out[:, 5, 5] = -(a_1 * c + b_1 * s + 4.0 * (a_2 * c2 + b_2 * s2)) * dq[:, 5]
+        return out
+
+    def effective_limits(self, lower, upper):
+        """A box of effective joints whose commands all respect joint limits.
+
+        Each effective joint grows with its own command, and depends on one other joint at most, through the forearm's
+        stiffness term, which is at most B: the box of joints 2 and 3 is drawn in by that much.
+
+        Parameters
+        ----------
+        lower, upper : array_like, shape (joints,)
+            Limits of the commanded joints, radians (metres for prismatic joints); may be infinite.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (joints,)
+            Limits of the effective joints.
+        """
+        limits = []
+        for bounds, inwards in ((lower, 1.0), (upper, -1.0)):
+            bounds = np.array(bounds, dtype=float)
+            finite = np.isfinite(bounds)
+            at = np.where(finite, bounds, 0.0)
+            alone = replace(self, stiffness=[self.stiffness[0], 0.0])
+            box = np.array(alone.effective(at[None])[0])
+            if self.stiffness.any():
+                box[1:3] += inwards * abs(self.stiffness[1])
+            limits.append(np.where(finite, box, bounds))
+        return tuple(limits)
+
+    def with_payload(self, guess, delta_kg, upper_arm_kg, along, across=0.0):
+        """The joint map with more (or less) mass on the tool, by `Stiffness.with_payload`.
+
+        Parameters
+        ----------
+        guess : Stiffness
+            Its L_G1, m, L_1 and L_2 are used; compliance and L_G2 follow from this map's A and B.
+        delta_kg, upper_arm_kg : float
+            See `Stiffness.with_payload`.
+        along, across : float
+            Place of the added mass from axis 3, metres: along the forearm (phi_3) and square to it (phi_3 + 90
+            degrees). ``across`` turns the phase phi_3.
+
+        Returns
+        -------
+        JointMap
+
+        Raises
+        ------
+        RobotError
+            If A is not positive (it is then unknown how far the arm gives way), or as `Stiffness.with_payload`.
+        """
+        held = guess.with_coefficients(*self.stiffness)
+        if not self.stiffness[0] > 0.0 or held is None:
+            raise RobotError(
+                "the effect of a payload is unknown: it follows from the upper arm giving way under gravity, "
+                f"A > 0, but this joint map has A = {self.stiffness[0]:.3g} rad"
+            )
+        A, B = held.with_payload(delta_kg, along, upper_arm_kg).coefficients
+        # B sin(x) + C cos(x) = R sin(x + turn)
+        C = held.k_F1 * delta_kg / upper_arm_kg * across
+        turn = np.arctan2(C, abs(B)) * np.copysign(1.0, B)
+        return replace(self, stiffness=[A, np.copysign(np.hypot(B, C), B)], phases=self.phases + np.array([0.0, turn]))
 
     def commanded(self, theta):
         """Commanded angles that give these effective angles: the inverse of `effective`.
@@ -173,12 +313,12 @@ class JointMap:
 
         Parameters
         ----------
-        theta : ndarray, shape (n, 6)
-            Effective joint angles, radians.
+        theta : ndarray, shape (n, joints)
+            Effective joints, radians (metres for prismatic joints).
 
         Returns
         -------
-        ndarray, shape (n, 6)
+        ndarray, shape (n, joints)
 
         Raises
         ------
@@ -202,7 +342,7 @@ class JointMap:
 
 
 def stiffness_terms(q, phases):
-    """The two sine terms that A and B multiply, each of shape (n,); q (n, 6) in radians."""
+    """The two sine terms that A and B multiply, each of shape (n,); q (n, joints) in radians."""
     return np.sin(q[:, 1] + phases[0]), np.sin(q[:, 1] + q[:, 2] + phases[1])
 
 

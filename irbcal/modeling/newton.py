@@ -1,7 +1,7 @@
 """Damped Newton steps (Levenberg-Marquardt) from joints to poses of a calibrated robot, for batches.
 
 The Jacobian is the geometric one of the calibrated arm times that of the joint map. Poses are held as columns x, y, z
-and origin in arrays of shape (4, 3, n), joints as (6, n).
+and origin in arrays of shape (4, 3, n), joints as (joints, n).
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ PIECE = 2048
 """Poses whose joint map is taken at once: too few for threads of the BLAS, which wait where other work goes on."""
 
 LONGEST_STEP = 0.5
-"""Radians that a step may turn a joint."""
+"""Radians (or metres) that a step may move a joint."""
 
 
 class CalibratedChain:
@@ -28,11 +28,11 @@ class CalibratedChain:
     def __init__(self, robot, reach):
         self.robot, self.reach = robot, reach
         arm = robot.arm
-        self.after = None if np.array_equal(arm.T_6_tip, np.eye(4)) else arm.T_6_tip
-        self.offsets = arm.table.theta[:, None]
+        self.after = None if np.array_equal(arm.T_last_tip, np.eye(4)) else arm.T_last_tip
+        self.offsets = arm.table.offsets[:, None]
 
     def angles(self, q):
-        """Angles (6, n) of the DHM table for commanded joints (6, n)."""
+        """Joints of the DHM table for commanded joints, both (joints, n)."""
         if self.robot.joint_map.is_identity:
             return q + self.offsets
         out = np.empty_like(q)
@@ -42,7 +42,7 @@ class CalibratedChain:
         return out
 
     def tip(self, q):
-        """Columns (4, 3, n) of ``T_base_tip`` for commanded joints (6, n)."""
+        """Columns (4, 3, n) of ``T_base_tip`` for commanded joints (joints, n)."""
         return dhm.tip_columns(self.robot.arm.table, self.angles(q), self.robot.arm.T_base_0, self.after)
 
     def merit(self, position, rotation):
@@ -56,12 +56,12 @@ class CalibratedChain:
         ----------
         H : ndarray, shape (4, 3, n)
             Target columns.
-        q : ndarray, shape (6, n)
-            Commanded joints, radians.
+        q : ndarray, shape (joints, n)
+            Commanded joints, radians (metres for prismatic joints).
 
         Returns
         -------
-        J : ndarray, shape (n, 6, 6)
+        J : ndarray, shape (n, 6, joints)
             Derivative of position (over the reach) and rotation by the commanded joints, base frame.
         e : ndarray, shape (n, 6)
             What position (over the reach) and rotation lack.
@@ -74,9 +74,13 @@ class CalibratedChain:
         chain = dhm.chain_frames(arm.table, self.angles(q), arm.T_base_0, self.after)
         tip, (zx, zy, zz) = chain.tip, chain.z.swapaxes(0, 1)
         lx, ly, lz = (tip[3] - chain.o).swapaxes(0, 1) / self.reach
-        J, e = np.empty((n, 6, 6)), np.empty((n, 6))
+        J, e = np.empty((n, 6, len(q))), np.empty((n, 6))
         for i, row in enumerate((zy * lz - zz * ly, zz * lx - zx * lz, zx * ly - zy * lx, zx, zy, zz)):
             J[:, i] = row.T
+        slides = arm.table.prismatic
+        if slides.any():
+            J[:, :3, slides] = chain.z[slides].transpose(2, 1, 0) / self.reach
+            J[:, 3:, slides] = 0.0
         if not self.robot.joint_map.is_identity:
             J = J @ self.robot.joint_map.jacobian(q.T)
         e[:, :3] = (H[3] - tip[3]).T / self.reach
@@ -95,17 +99,18 @@ def solve(chain, H, q, good, straighten=0, patience=10):
     chain : CalibratedChain
     H : ndarray, shape (4, 3, n)
         Target columns.
-    q : ndarray, shape (6, n)
-        Commanded joints to start from, radians.
+    q : ndarray, shape (joints, n)
+        Commanded joints to start from, radians (metres for prismatic joints).
     good : callable
         Whether position and rotation errors (n,) are within the tolerance: a mask (n,).
     straighten : int
+        For arms with a spherical wrist.
     patience : int
         Steps are given up when so many of them have not halved the error.
 
     Returns
     -------
-    q : ndarray, shape (6, n)
+    q : ndarray, shape (joints, n)
     position, rotation : ndarray, shape (n,)
         Errors left, metres and radians.
     evaluations : ndarray of int, shape (n,)

@@ -152,12 +152,15 @@ class OrthoParallel:
         Raises
         ------
         RobotError
-            If an entry of the table does not fit; the message says which.
+            If the arm has not six revolute joints, or an entry of the table does not fit; the message says which.
         """
+        if not arm.six_revolute:
+            raise RobotError(f"the closed-form inverse is for arms with six revolute joints, {arm.name} has others")
         table = arm.table
         angles = np.round((table.alpha - _CANONICAL) / np.pi)
         _refuse(arm, "alpha", table.alpha - _CANONICAL - np.pi * angles, table.alpha, range(1, 6), tolerance)
         _refuse(arm, "beta", table.beta, table.beta, range(1, 6), tolerance)
+        _refuse(arm, "b", table.b, table.b, range(6), tolerance)
         # Rot(x, 180) before a joint mirrors its angle and its d: pushed along the chain it ends in the tip
         mirrored = np.cumsum(np.r_[0.0, angles[1:]]) % 2 == 1
         signs = np.where(mirrored, -1.0, 1.0)
@@ -180,7 +183,7 @@ class OrthoParallel:
         shifts -= TAU * np.rint(shifts / TAU)
         before = frames.transform(frames.rot_x(table.alpha[0])) @ frames.transform(None, [table.a[0], 0.0, 0.0])
         before = arm.T_base_0 @ before @ frames.transform(frames.rot_y(table.beta[0]))
-        after = frames.transform(frames.rot_x(np.pi) if mirrored[5] else None) @ arm.T_6_tip
+        after = frames.transform(frames.rot_x(np.pi) if mirrored[5] else None) @ arm.T_last_tip
         left = frames.transform(None, [0.0, 0.0, -d[0]]) @ frames.inverse(before)
         right = frames.inverse(after) @ frames.transform(None, [0.0, 0.0, -d[5]])
         linear = np.kron(right.T, left[:3, :3])

@@ -1,7 +1,9 @@
-"""Error parameters by name, and the levels of the thesis (section 5.4).
+"""Error parameters by name, the levels of the thesis (section 5.4) and the levels for any arm.
 
 A level is a list of error parameters of the robot itself; base (6) and targets (3 each) are always
-identified beside them and have no nominal values.
+identified beside them and have no nominal values. The thesis's levels are for six revolute joints; the
+general ones take a serial arm of any revolute and prismatic joints: ``offsets`` one number a joint,
+``placement`` all six numbers that place a joint, of which the identification holds what cannot be seen.
 """
 
 import fnmatch
@@ -13,7 +15,7 @@ import numpy as np
 from irbcal.errors import IdentificationError
 from irbcal.units import DEG, MM
 
-GEOMETRIC = ("alpha", "a", "theta", "d", "beta")
+GEOMETRIC = ("alpha", "a", "theta", "d", "beta", "b")
 FOURIER = ("a1", "b1", "a2", "b2")
 
 
@@ -51,12 +53,12 @@ def parameter(name):
     IdentificationError
         If there is no such parameter.
     """
-    match = re.fullmatch(r"delta_(alpha|a|theta|d|beta)([1-6])", name)
+    match = re.fullmatch(r"delta_(alpha|a|theta|d|beta|b)([1-9]\d?)", name)
     if match:
         kind, joint = match.groups()
-        length = kind in ("a", "d")
+        length = kind in ("a", "d", "b")
         return Parameter(name, kind, int(joint) - 1, "m" if length else "rad", 5 * MM if length else 0.5 * DEG)
-    match = re.fullmatch(r"gain([1-6])", name)
+    match = re.fullmatch(r"gain([1-9]\d?)", name)
     if match:
         return Parameter(name, "gain", int(match[1]) - 1, "1", 5e-3)
     if name in ("stiffness_A", "stiffness_B"):
@@ -71,7 +73,7 @@ _LENGTHS = ["delta_a2", "delta_a3", "delta_a4", "delta_d4", "delta_d6"]
 _LINKS = [f"delta_{kind}{i}" for i in range(2, 7) for kind in ("alpha", "a", "theta", "d")]
 _JOINT_MAP = ["stiffness_A", "stiffness_B", *(f"fourier_{name}" for name in FOURIER)]
 
-LEVELS = {
+THESIS_LEVELS = {
     "nominal": [],
     "11": _THETA,
     "16": _THETA + _LENGTHS,
@@ -82,13 +84,31 @@ LEVELS = {
 """Level -> names of its error parameters. Level 34 counts four stiffness parameters in the thesis; they
 act through two numbers, which are what is identified (see `irbcal.modeling.jointmap`)."""
 
+GENERAL_LEVELS = ("nominal", "offsets", "placement")
+"""Levels for any serial arm. Joint 1 has no errors of its own there: the base takes them."""
 
-def level_parameters(level):
+LEVELS = (*THESIS_LEVELS, *GENERAL_LEVELS[1:])
+"""All levels."""
+
+
+def levels_of(arm):
+    """Levels to compare for an arm, from small to large."""
+    return tuple(THESIS_LEVELS) if arm.six_revolute else GENERAL_LEVELS
+
+
+def default_level(arm):
+    """The level for an arm where none is asked for."""
+    return "34" if arm.six_revolute else "placement"
+
+
+def level_parameters(level, arm=None):
     """Error parameters of a level.
 
     Parameters
     ----------
     level : str
+    arm : Arm, optional
+        Six revolute joints unless given.
 
     Returns
     -------
@@ -97,24 +117,41 @@ def level_parameters(level):
     Raises
     ------
     IdentificationError
-        If there is no such level.
+        If there is no such level for this arm.
     """
     if level not in LEVELS:
         raise IdentificationError(f"unknown model {level!r}: choose one of {', '.join(LEVELS)}")
-    return tuple(parameter(name) for name in LEVELS[level])
+    if level in THESIS_LEVELS and (level == "nominal" or arm is None or arm.six_revolute):
+        return tuple(parameter(name) for name in THESIS_LEVELS[level])
+    if level in THESIS_LEVELS:
+        raise IdentificationError(
+            f"model {level} is for arms with six revolute joints, {arm.name} has {_joints(arm)}: choose one of "
+            f"{', '.join(GENERAL_LEVELS)}"
+        )
+    slides = (False,) * 6 if arm is None else arm.table.prismatic
+    names = []
+    for i in range(2, len(slides) + 1):
+        kinds = GEOMETRIC if level == "placement" else ("d",) if slides[i - 1] else ("theta",)
+        names += [f"delta_{kind}{i}" for kind in kinds]
+    return tuple(parameter(name) for name in names)
 
 
-ALL_NAMES = (
-    *(f"delta_{kind}{i}" for i in range(1, 7) for kind in GEOMETRIC),
-    "stiffness_A",
-    "stiffness_B",
-    *(f"fourier_{name}" for name in FOURIER),
-    *(f"gain{i}" for i in range(1, 7)),
-)
-"""Names of all error parameters that exist."""
+def _joints(arm):
+    slides = int(arm.table.prismatic.sum())
+    turns = len(arm.joint_names) - slides
+    return f"{turns} revolute and {slides} prismatic" if slides else f"{turns}"
 
 
-def selected_parameters(level, free=(), hold=()):
+def all_names(arm=None):
+    """Names of all error parameters that an arm can have; of six revolute joints unless given."""
+    joints = range(1, (6 if arm is None else len(arm.joint_names)) + 1)
+    names = [f"delta_{kind}{i}" for i in joints for kind in GEOMETRIC]
+    if arm is None or arm.six_revolute:
+        names += ["stiffness_A", "stiffness_B", *(f"fourier_{name}" for name in FOURIER)]
+    return (*names, *(f"gain{i}" for i in joints))
+
+
+def selected_parameters(level, free=(), hold=(), arm=None):
     """Error parameters of a level with some added and some left out.
 
     Parameters
@@ -122,6 +159,8 @@ def selected_parameters(level, free=(), hold=()):
     level : str
     free, hold : sequence of str
         Names or shell patterns (``gain*``, ``delta_alpha[45]``); ``hold`` has the last word.
+    arm : Arm, optional
+        Six revolute joints unless given.
 
     Returns
     -------
@@ -133,16 +172,18 @@ def selected_parameters(level, free=(), hold=()):
     IdentificationError
         If there is no such level, or a pattern matches nothing.
     """
-    names = [item.name for item in level_parameters(level)]
+    names = [item.name for item in level_parameters(level, arm)]
+    existing = all_names(arm)
     for pattern in (*free, *hold):
-        if not fnmatch.filter(ALL_NAMES, pattern):
+        if not fnmatch.filter(existing, pattern):
+            joint_map = ", ".join(name for name in existing if name.startswith(("stiffness", "fourier")))
             raise IdentificationError(
-                f"no error parameter is called {pattern!r}: names are delta_alpha, delta_a, delta_theta, delta_d and "
-                "delta_beta with the joint's number, stiffness_A, stiffness_B, fourier_a1, fourier_b1, fourier_a2, "
-                "fourier_b2, gain1 … gain6"
+                f"no error parameter is called {pattern!r}: names are delta_alpha, delta_a, delta_theta, delta_d, "
+                f"delta_beta and delta_b with the joint's number, {joint_map + ', ' if joint_map else ''}"
+                f"gain1 … {existing[-1]}"
             )
     for pattern in free:
-        names += [name for name in fnmatch.filter(ALL_NAMES, pattern) if name not in names]
+        names += [name for name in fnmatch.filter(existing, pattern) if name not in names]
     for pattern in hold:
         names = [name for name in names if not fnmatch.fnmatchcase(name, pattern)]
     return tuple(parameter(name) for name in names)

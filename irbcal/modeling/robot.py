@@ -44,8 +44,8 @@ class Robot:
 
         Parameters
         ----------
-        q : array_like, shape (n, 6)
-            Radians.
+        q : array_like, shape (n, joints)
+            Radians (metres for prismatic joints).
 
         Returns
         -------
@@ -59,8 +59,8 @@ class Robot:
 
         Parameters
         ----------
-        q : array_like, shape (n, 6)
-            Radians.
+        q : array_like, shape (n, joints)
+            Radians (metres for prismatic joints).
         target : str or sequence of str, length n
             One target for all poses, or one for each.
 

@@ -90,7 +90,12 @@ def test_calibrate_json_keeps_its_contract(calibration):
         assert set(result[key]) == {"n", "mean_mm", "sigma_mm", "max_mm", "mean_plus_3sigma_mm", "rms_mm"}
     assert 0 <= result["pinocchio_check"]["position_m"] < 1e-9
     assert 0 <= result["pinocchio_check"]["rotation_rad"] < 1e-9
-    assert sorted(path.name for path in folder.iterdir()) == ["calibrated.urdf", "calibration.json", "report.html"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "calibrated.urdf",
+        "calibration.json",
+        "joint_origins.yaml",
+        "report.html",
+    ]
 
 
 def test_evaluate_json_keeps_its_contract(calibration, data):
@@ -227,7 +232,7 @@ def test_bad_robots_and_folders(data, tmp_path):
     )
     assert "'nothing.urdf' does not exist; shipped robots are irb1600, irb120" in robot("nothing.urdf")
     assert "document types and entities are refused" in robot(tmp_path / "trick.urdf")
-    assert "found 7 moving joints: joint_1 (revolute)" in robot(tmp_path / "seven.urdf")
+    assert "missing column q7_deg: irb120_3_058 has 7 joints" in robot(tmp_path / "seven.urdf")
     (tmp_path / "file").write_text("")
     message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "file")
     assert "expected a folder to write to, found a file" in message

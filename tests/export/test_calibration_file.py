@@ -10,7 +10,7 @@ from support import TARGETS, arm, measured, random_robot, write_measurements
 import irbcal
 from irbcal import workflow
 from irbcal.errors import CalibrationError
-from irbcal.export import calibration_file, pinocchio_model
+from irbcal.export import calibration_file, pinocchio_check
 from irbcal.export.uncertainty import position_std
 from irbcal.modeling.jointmap import FORMULA
 
@@ -40,7 +40,7 @@ def test_three_ways_to_predict_agree(outcome, folder):
     q = outcome.urdf.arm.random_joints(500, 3)
     robot = loaded.robot_calibrated()
     theta = robot.joint_map.effective(q)
-    T = pinocchio_model.poses((folder / "calibrated.urdf").read_bytes(), loaded.arm(), theta)
+    T = pinocchio_check.poses((folder / "calibrated.urdf").read_bytes(), loaded.arm(), theta)
     for name in TARGETS:
         from_fit = outcome.fit.robot.points(q, name)
         base = np.einsum("nij,j->ni", T[:, :3, :3], robot.targets[name]) + T[:, :3, 3]
@@ -73,14 +73,14 @@ def test_joint_map_can_be_implemented_from_the_file_alone(folder):
     section = json.loads((folder / "calibration.json").read_text())["joint_map"]
     assert section["formula"] == FORMULA
     for vector in section["test_vectors"]:
-        q = vector["commanded_rad"]
+        q = vector["commanded"]
         theta = [angle * (1 + k) for angle, k in zip(q, section["gain"], strict=True)]
         fore = section["stiffness_B_rad"] * np.sin(q[1] + q[2] + section["phi3_rad"])
         theta[1] += section["stiffness_A_rad"] * np.sin(q[1] + section["phi2_rad"]) + fore
         theta[2] += fore
         theta[5] += section["fourier_a1_rad"] * np.cos(q[5]) + section["fourier_b1_rad"] * np.sin(q[5])
         theta[5] += section["fourier_a2_rad"] * np.cos(2 * q[5]) + section["fourier_b2_rad"] * np.sin(2 * q[5])
-        assert np.abs(np.array(theta) - vector["effective_rad"]).max() < 1e-14
+        assert np.abs(np.array(theta) - vector["effective"]).max() < 1e-14
 
 
 def test_statistics_are_those_of_the_held_out_poses(outcome, folder):

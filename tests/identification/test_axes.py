@@ -59,7 +59,7 @@ def test_a_robot_without_noise_is_predicted_exactly(name, home, parallel, tilt, 
         found = axes.calibrate_by_axes(nominal, measured(robot, q, groups=groups), parallel, known_targets=known)
         assert largest_error(found.robot, robot) < 1e-12
         assert found.rms < 1e-13
-        assert np.array_equal(found.robot.arm.T_6_tip, nominal.T_6_tip)
+        assert np.array_equal(found.robot.arm.T_last_tip, nominal.T_last_tip)
         assert np.array_equal(found.robot.arm.T_base_0, nominal.T_base_0)
         assert_same_poses(found.robot.T_world_base, robot.T_world_base, 1e-12, 1e-12)
         # behind the parallel axes the table has one form only; without the tool its last turn is not seen
@@ -133,13 +133,13 @@ def test_a_calibrated_arm_can_be_the_nominal_one():
 def test_a_tip_beside_axis_6_and_a_turned_base_frame_stay():
     nominal = arm("irb1600")
     rng = np.random.default_rng(12)
-    T_base_0, T_6_tip = (frames.from_xyz_angles(rng.uniform(-0.3, 0.3, 6)) for _ in range(2))
+    T_base_0, T_last_tip = (frames.from_xyz_angles(rng.uniform(-0.3, 0.3, 6)) for _ in range(2))
     first = dict(zip(("alpha", "a", "theta", "d"), rng.uniform(-0.3, 0.3, 4), strict=True))
 
     def with_first_row(dhm_table):
         columns = {kind: np.r_[value, getattr(dhm_table, kind)[1:]] for kind, value in first.items()}
         changed = replace(dhm_table, **columns)
-        return Arm("moved", changed, T_base_0, T_6_tip, nominal.joint_names, nominal.lower, nominal.upper)
+        return Arm("moved", changed, T_base_0, T_last_tip, nominal.joint_names, nominal.lower, nominal.upper)
 
     robot = true_robot(nominal, 2)
     robot = robot.replace(arm=with_first_row(robot.table))
@@ -164,8 +164,8 @@ def test_three_parallel_axes_and_an_offset_wrist():
     ]
     directions = np.array([[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 1, 0], [0, 0, -1], [0, 1, 0]], dtype=float)
     T_base_tip = frames.from_xyz_angles([1.18, 0.25, 0.01, -np.pi / 2, 0, 0])
-    made, T_base_0, T_6_tip = dhm_from_axes(np.array(points), directions, T_base_tip)
-    nominal = Arm("three", made, T_base_0, T_6_tip, tuple("123456"), np.full(6, -3.0), np.full(6, 3.0))
+    made, T_base_0, T_last_tip = dhm_from_axes(np.array(points), directions, T_base_tip)
+    nominal = Arm("three", made, T_base_0, T_last_tip, tuple("123456"), np.full(6, -3.0), np.full(6, 3.0))
     rng = np.random.default_rng(0)
     off = {kind: rng.uniform(-2e-3, 2e-3, 6) * (np.arange(6) > 0) for kind in COLUMNS}
     off["beta"] *= np.isin(np.arange(6), [2, 3])

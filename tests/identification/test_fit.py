@@ -11,7 +11,7 @@ from irbcal.identification.fit import identify
 from irbcal.identification.outliers import find_gross_errors
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
-from irbcal.modeling.parameters import LEVELS
+from irbcal.modeling.parameters import THESIS_LEVELS
 
 
 def largest_miss(robot, truth, q):
@@ -19,7 +19,7 @@ def largest_miss(robot, truth, q):
 
 
 @pytest.mark.parametrize("name", ["irb1600", "irb120"])
-@pytest.mark.parametrize("level", list(LEVELS))
+@pytest.mark.parametrize("level", list(THESIS_LEVELS))
 def test_noise_free_data_are_explained_to_a_nanometre_on_other_poses(name, level):
     nominal = arm(name)
     truth = random_robot(nominal, level, np.random.default_rng(21))

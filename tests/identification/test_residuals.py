@@ -32,7 +32,7 @@ def skewed_arm():
         nominal,
         table=dataclasses.replace(nominal.table, **changes),
         T_base_0=frames.from_xyz_angles([0.1, -0.2, 0.3, 0.4, -0.5, 0.6]),
-        T_6_tip=frames.from_xyz_angles([0.02, 0.03, -0.04, -0.3, 0.2, 1.0]),
+        T_last_tip=frames.from_xyz_angles([0.02, 0.03, -0.04, -0.3, 0.2, 1.0]),
     )
 
 

@@ -43,8 +43,8 @@ def one_of(name, level, seed):
     rng = np.random.default_rng(seed)
     robot = random_robot(arm(name), level, rng, size=1.0)
     T_base_0 = frames.transform(random_rotation(rng), rng.uniform(-1, 1, 3))
-    T_6_tip = frames.transform(random_rotation(rng), rng.uniform(-0.3, 0.3, 3))
-    return replace(robot.arm, T_base_0=T_base_0, T_6_tip=T_6_tip)
+    T_last_tip = frames.transform(random_rotation(rng), rng.uniform(-0.3, 0.3, 3))
+    return replace(robot.arm, T_base_0=T_base_0, T_last_tip=T_last_tip)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import arm, central_differences
 
+from irbcal.errors import RobotError
 from irbcal.modeling.jointmap import JointMap, Stiffness
 
 MAP = JointMap(
@@ -77,6 +78,106 @@ def test_jacobian_agrees_with_central_differences():
     for q in np.random.default_rng(0).uniform(-6, 6, (20, 6)):
         numeric = central_differences(lambda x: MAP.effective(x[None])[0], q, 1e-3)
         assert np.abs(MAP.jacobian(q[None])[0] - numeric).max() < 1e-11
+
+
+def test_jacobian_derivative_agrees_with_central_differences():
+    rng = np.random.default_rng(4)
+    for q, dq in zip(rng.uniform(-6, 6, (20, 6)), rng.uniform(-3, 3, (20, 6)), strict=True):
+
+        def along(t, q=q, dq=dq):
+            return MAP.jacobian((q + t[0] * dq)[None])[0].ravel()
+
+        numeric = central_differences(along, [0.0], 1e-3)[:, 0].reshape(6, 6)
+        assert np.abs(MAP.jacobian_derivative(q[None], dq[None])[0] - numeric).max() < 1e-11
+    assert not JointMap().jacobian_derivative(np.ones((2, 7)), np.ones((2, 7))).any()
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_effective_limits_keep_every_command_inside(seed):
+    """Commands of the box's corners, edges and inside lie in the limits, and the box loses little."""
+    rng = np.random.default_rng(seed)
+    joint_map = JointMap(3e-4 * rng.normal(size=6), 1e-3 * rng.normal(size=2), rng.uniform(-3, 3, 2), 1e-3 * np.ones(4))
+    lower, upper = np.array([-3, -1.5, -4, -3.4, -2, -7.0]), np.array([3, 2, 1, 3.4, 2, 7.0])
+    box = joint_map.effective_limits(lower, upper)
+    share = np.clip(rng.uniform(-0.3, 1.3, (2000, 6)), 0, 1)
+    q = joint_map.commanded(box[0] + share * (box[1] - box[0]))
+    assert (q >= lower - 1e-13).all()
+    assert (q <= upper + 1e-13).all()
+    at_limits = np.abs(joint_map.effective(np.array([lower, upper])) - box)
+    assert (at_limits <= 2 * abs(joint_map.stiffness[1]) + 1e-12).all()
+
+
+def test_endless_joints_have_no_effective_limits():
+    lower, upper = MAP.effective_limits([-1, -1, -1, -1, -1, -np.inf], [1, 1, 1, 1, 1, np.inf])
+    assert lower[5] == -np.inf
+    assert upper[5] == np.inf
+
+
+def test_payload_adds_the_gravity_of_a_mass_on_the_forearm():
+    """Worked through with torques: k (F1 d1 + F2 d2' + p g d_P') and k (F2 d2 + p g d_P), eqs. 5.9 to 5.15."""
+    k, g, upper_kg, fore_kg, payload_kg = 3e-6, 9.81, 20.0, 26.0, 3.0
+    L_1, L_G1, L_G2, L_P = 0.7, 0.31, 0.42, 0.74
+    stiffness = Stiffness(1.0, L_G1, 0.1, fore_kg / upper_kg, L_1, 0.6).with_coefficients(
+        k * g * (upper_kg * L_G1 + fore_kg * L_1), k * g * fore_kg * L_G2
+    )
+    loaded = stiffness.with_payload(payload_kg, L_P, upper_kg)
+    q2, q3 = 0.6, -0.9
+    s2, s23 = np.sin(q2), np.sin(q2 + q3 + np.pi / 2)
+    T_3 = g * (fore_kg * L_G2 + payload_kg * L_P) * s23
+    T_2 = g * (upper_kg * L_G1 * s2 + (fore_kg + payload_kg) * L_1 * s2) + T_3
+    q = np.array([[0, q2, q3, 0, 0, 0.0]])
+    change = JointMap(stiffness=loaded.coefficients).effective(q)[0] - q[0]
+    assert abs(change[1] - k * T_2) < 1e-15
+    assert abs(change[2] - k * T_3) < 1e-15
+    assert abs(loaded.k_F1 - k * g * upper_kg) < 1e-15
+    back = loaded.with_payload(-payload_kg, L_P, upper_kg)
+    assert np.abs(np.array(back.coefficients) - stiffness.coefficients).max() < 1e-15
+
+
+def test_payload_predicts_the_order_of_the_deflection_that_the_thesis_measured():
+    """Table 4.3: 3 kg more at the stretched arm's end add 0.29 to 0.31 mm; axis 2 carries about 50 kg (section 4.3.1).
+
+    From the guess of eqs. 5.19 to 5.22 (1.5 mm under the arm's own weight, two halves of 25 kg) it is a guess in turn.
+    """
+    guess = Stiffness.guess(0.7, 0.6)
+    L_P = 0.6 + 0.065 + 0.075  # flange and the centre of the thesis's tool
+
+    def sag(stiffness):
+        A, B = stiffness.coefficients
+        return 0.7 * (A + B) + L_P * (A + 2 * B)
+
+    added = sag(guess.with_payload(3.0, L_P, 25.0)) - sag(guess)
+    assert 0.15e-3 < added < 0.45e-3
+
+
+@pytest.mark.parametrize("B", [8e-4, -8e-4, 0.0])
+def test_payload_beside_the_forearm_turns_the_phase(B):
+    """Two masses, along and square to the forearm, act as one sine of another phase."""
+    joint_map = JointMap(stiffness=[1.2e-3, B], phases=[0.1, 1.4])
+    guess = Stiffness.guess(0.7, 0.6)
+    loaded = joint_map.with_payload(guess, 2.0, 25.0, along=0.5, across=0.2)
+    straight = joint_map.with_payload(guess, 2.0, 25.0, along=0.5)
+    q = np.random.default_rng(5).uniform(-3, 3, (50, 6))
+    k_F1 = 1.2e-3 / (0.35 + 0.7)
+    extra = k_F1 * 2.0 / 25.0 * 0.2 * np.sin(q[:, 1] + q[:, 2] + 1.4 + np.pi / 2)
+    expected = straight.effective(q)
+    expected[:, 1:3] += extra[:, None]
+    assert np.abs(loaded.effective(q) - expected).max() < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("A", "delta_kg", "upper_kg", "words"),
+    [
+        (0.0, 1.0, 20.0, "A > 0"),
+        (-1e-3, 1.0, 20.0, "A > 0"),
+        (1e-3, -21.0, 20.0, "the forearm weighs 20 kg"),
+        (1e-3, 1.0, 0.0, "must be positive"),
+    ],
+)
+def test_impossible_payloads_are_refused(A, delta_kg, upper_kg, words):
+    with pytest.raises(RobotError, match=words):
+        JointMap(stiffness=[A, 1e-4]).with_payload(Stiffness.guess(0.7, 0.6), delta_kg, upper_kg, 0.6)
 
 
 @settings(max_examples=50)

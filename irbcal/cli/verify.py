@@ -1,0 +1,32 @@
+"""``irbcal verify``: is a URDF the one of this calibration."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from irbcal.cli import show
+
+
+def verify(
+    calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
+    urdf: Annotated[Path, typer.Option(help="URDF to compare with it.", show_default=False)],
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+):
+    """Tell whether a URDF found somewhere is this calibration; exit code 1 if it is not."""
+    from irbcal.errors import RobotError
+    from irbcal.export import calibration_file, origins
+
+    saved = calibration_file.load(calibration)
+    try:
+        data = urdf.read_bytes()
+    except OSError as error:
+        raise RobotError(f"{urdf}: cannot read this file: {error.strerror}") from None
+    result = origins.verify(saved, data, str(urdf))
+    if json:
+        show.print_json(asdict(result))
+    else:
+        show.say(f"{urdf}: {result.explanation}")
+    if not result.is_calibration:
+        raise typer.Exit(1)

@@ -1,0 +1,155 @@
+"""Pinocchio as the independent witness of forward kinematics."""
+
+import numpy as np
+
+from irbcal.errors import CalibrationError
+from irbcal.modeling.arm import relative_difference
+
+CHECK_POSES = 10_000
+LIMIT = 1e-9
+"""Largest disagreement (metres, radians) with which a written URDF is accepted."""
+
+
+class ArmInModel:
+    """Where the joints and links of an arm stand in a Pinocchio model, and the arm's joints in its configurations.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+    arm : Arm
+
+    Attributes
+    ----------
+    joint_ids : list of int
+        Pinocchio's numbers of the arm's joints, from base to tip.
+    columns : ndarray of int, shape (joints,)
+        Place of each joint in Pinocchio's velocities.
+    base, tip : int
+        Pinocchio's numbers of the frames of base and tip link.
+
+    Raises
+    ------
+    CalibrationError
+        If the model has no such joint or link.
+    """
+
+    def __init__(self, model, arm):
+        missing = [name for name in arm.joint_names if not model.existJointName(name)]
+        if missing:
+            raise CalibrationError(f"the model of {arm.name} has no joint {missing[0]!r}")
+        self.model = model
+        self.joint_ids = [model.getJointId(name) for name in arm.joint_names]
+        self._joints = [model.joints[k] for k in self.joint_ids]
+        self.columns = np.array([joint.idx_v for joint in self._joints])
+        self.base, self.tip = self.frame(arm.base_link), self.frame(arm.tip_link)
+
+    def frame(self, name):
+        """Number of a frame: a link where there is one of that name, else a joint or an added frame.
+
+        Raises
+        ------
+        CalibrationError
+            If there is no such frame.
+        """
+        names = [frame.name for frame in self.model.frames]
+        if self.model.existBodyName(name):
+            return self.model.getBodyId(name)
+        if name not in names:
+            raise CalibrationError(f"there is no frame {name!r}; frames are {', '.join(names)}")
+        return names.index(name)
+
+    def configurations(self, joints, rest):
+        """Configurations with the arm's joints at given places.
+
+        Parameters
+        ----------
+        joints : ndarray, shape (n, joints)
+            Effective joints, radians (metres for prismatic joints).
+        rest : ndarray, shape (nq,) or (n, nq)
+            Configuration of all joints; those of the arm are replaced.
+
+        Returns
+        -------
+        ndarray, shape (n, nq)
+            Continuous joints are there as (cos, sin).
+        """
+        out = np.array(np.broadcast_to(rest, (len(joints), self.model.nq)), dtype=float)
+        for joint, value in zip(self._joints, np.asarray(joints).T, strict=True):
+            if joint.nq == 1:
+                out[:, joint.idx_q] = value
+            else:
+                out[:, joint.idx_q], out[:, joint.idx_q + 1] = np.cos(value), np.sin(value)
+        return out
+
+    def joints(self, configurations):
+        """The arm's joints in configurations: the inverse of `configurations`.
+
+        Parameters
+        ----------
+        configurations : ndarray, shape (n, nq)
+
+        Returns
+        -------
+        ndarray, shape (n, joints)
+            Effective joints, radians (metres for prismatic joints); continuous ones between -pi and pi.
+        """
+        out = np.empty((len(configurations), len(self._joints)))
+        for k, joint in enumerate(self._joints):
+            first = configurations[:, joint.idx_q]
+            out[:, k] = first if joint.nq == 1 else np.arctan2(configurations[:, joint.idx_q + 1], first)
+        return out
+
+
+def poses(urdf_bytes, arm, q):
+    """Tip poses in the base link as Pinocchio computes them from a URDF.
+
+    Parameters
+    ----------
+    urdf_bytes : bytes
+        Content of the URDF.
+    arm : Arm
+        Names of the joints, base and tip.
+    q : ndarray, shape (n, joints)
+        Effective joints (not commanded ones), radians (metres for prismatic joints).
+
+    Returns
+    -------
+    ndarray, shape (n, 4, 4)
+    """
+    import pinocchio as pin
+
+    model = pin.buildModelFromXML(urdf_bytes.decode("utf-8"))
+    data = model.createData()
+    place = ArmInModel(model, arm)
+    out = np.empty((len(q), 4, 4))
+    for k, configuration in enumerate(place.configurations(q, pin.neutral(model))):
+        pin.framesForwardKinematics(model, data, configuration)
+        out[k] = data.oMf[place.base].actInv(data.oMf[place.tip]).homogeneous
+    return out
+
+
+def check(urdf_bytes, arm, seed=0, n=CHECK_POSES):
+    """Compare an arm's forward kinematics with Pinocchio's on a URDF, at random poses inside the limits.
+
+    Returns
+    -------
+    dict
+        ``position_m``, ``rotation_rad``: largest differences; ``poses``: how many were compared.
+
+    Raises
+    ------
+    CalibrationError
+        If a difference is above 1e-9 m or 1e-9 rad: the URDF does not describe the calibrated arm.
+    """
+    q = arm.random_joints(n, seed)
+    try:
+        by_pinocchio = poses(urdf_bytes, arm, q)
+    except (ValueError, RuntimeError) as error:
+        raise CalibrationError(f"Pinocchio cannot read this robot's URDF: {' '.join(str(error).split())}") from None
+    position, rotation = relative_difference(by_pinocchio, arm.forward(q))
+    if not max(position, rotation) <= LIMIT:
+        raise CalibrationError(
+            f"Pinocchio disagrees with the calibrated robot by {position:.2g} m and {rotation:.2g} rad "
+            f"(at most {LIMIT:g} is accepted): the URDF was not written"
+        )
+    return {"position_m": float(position), "rotation_rad": float(rotation), "poses": n}

@@ -1,0 +1,260 @@
+"""Arms of all kinds from their URDF: read, perturbed, measured (simulated), calibrated, written back, seen by Pinocchio."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support import (
+    assert_same_poses,
+    central_differences,
+    example_robot,
+    measured,
+    random_robot,
+    write_measurements,
+)
+
+import irbcal
+from irbcal import shipped, workflow
+from irbcal.errors import IdentificationError, MeasurementError, RobotError
+from irbcal.export import pinocchio_check, urdf
+from irbcal.identification.fit import identify
+from irbcal.identification.residuals import Problem, State
+from irbcal.measurement.points import distances
+from irbcal.modeling import inverse, numerical, parameters
+from irbcal.modeling.robot import Robot
+
+ON_A_RAIL = """<joint name="rail" type="prismatic">
+    <parent link="rail_base"/><child link="base_link"/>
+    <origin xyz="0 0.1 0.05" rpy="0 0 0.3"/><axis xyz="0 1 0"/>
+    <limit lower="-0.2" upper="2.5" effort="1" velocity="1"/>
+  </joint>
+  <link name="rail_base"/>
+</robot>"""
+
+ROBOTS = {  # file, base, tip, revolute and prismatic joints
+    "ur3": ("ur_description/urdf/ur3_robot.urdf", None, None, 6, 0),
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", None, None, 6, 0),
+    "panda": ("panda_description/urdf/panda.urdf", None, "panda_link8", 7, 0),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", None, "link7", 7, 0),
+    "kinova": ("kinova_description/robots/kinova.urdf", None, "j2s6s200_end_effector", 6, 0),
+    "z1": ("z1_description/urdf/z1.urdf", None, "link06", 6, 0),
+    "rail": (None, "rail_base", "tool0", 6, 1),
+}
+
+
+@pytest.fixture(scope="module")
+def rail(tmp_path_factory):
+    """File of an IRB 120 on a linear axis."""
+    path = tmp_path_factory.mktemp("rail") / "rail.urdf"
+    path.write_text(shipped.robot_file("irb120").read_text().replace("</robot>", ON_A_RAIL))
+    return path
+
+
+@pytest.fixture(params=list(ROBOTS))
+def found(request, rail):
+    """Each robot as read, with its number of revolute and prismatic joints."""
+    file, base, tip, turning, sliding = ROBOTS[request.param]
+    return urdf.read(example_robot(file) if file else rail, base, tip), turning, sliding
+
+
+def by_pinocchio(urdf_bytes, arm, q):
+    """Tip poses from Pinocchio at model joints q."""
+    return pinocchio_check.poses(urdf_bytes, arm, q)
+
+
+def test_written_urdf_agrees_with_pinocchio_and_no_link_flies_away(found):
+    urdf_arm, _, _ = found
+    arm = urdf_arm.arm
+    assert_same_poses(
+        by_pinocchio(urdf.to_bytes(urdf_arm, arm), arm, q := arm.random_joints(300, 0)), arm.forward(q), 1e-12, 1e-12
+    )
+    robot = random_robot(arm, "placement", np.random.default_rng(1), size=0.5)
+    written = urdf.to_bytes(urdf_arm, robot.arm)
+    assert_same_poses(by_pinocchio(written, arm, q), robot.arm.forward(q), 1e-12, 1e-12)
+    again = urdf.from_bytes(written, "written", arm.base_link, arm.tip_link)
+    assert_same_poses(again.arm.forward(q), robot.arm.forward(q), 1e-12, 1e-12)
+    # 2.5 mm and 0.25 degrees a joint at most, the latter at arm's length
+    lever = np.abs(arm.forward(q)[:, :3, 3]).max() + 0.1
+    most = (len(arm.joint_names) - 1) * np.sqrt(3) * (2.5e-3 + np.radians(0.25) * lever)
+    assert urdf.largest_link_shift(urdf_arm, robot.arm) < most
+
+
+def test_six_numbers_a_joint_span_what_pinocchio_says_a_joint_placement_can_do(found):
+    """Derivatives by the six numbers of each joint are a constant 6 x 6 matrix times Pinocchio's kinematic regressor."""
+    import pinocchio as pin
+
+    urdf_arm, _, _ = found
+    arm = urdf_arm.arm
+    model = pin.buildModelFromXML(urdf.to_bytes(urdf_arm, arm).decode())
+    data = model.createData()
+    ours = {item.name: item for item in parameters.level_parameters("placement", arm)}
+    q = arm.random_joints(6, 3)
+    joints = [model.getJointId(name) for name in arm.joint_names]
+    base, tip = model.getFrameId(arm.base_link), model.getFrameId(arm.tip_link)
+    chain = pinocchio_check.ArmInModel(model, arm)
+    regressors = []
+    for configuration in chain.configurations(q, pin.neutral(model)):
+        pin.framesForwardKinematics(model, data, configuration)
+        R_base = data.oMf[base].rotation.T
+        whole = pin.computeFrameKinematicRegressor(model, data, tip, pin.LOCAL_WORLD_ALIGNED)
+        regressors.append(np.kron(np.eye(2), R_base) @ whole)
+    points = measured(Robot(arm, targets={"t": np.zeros(3)}), q)
+    problem = Problem(arm, points, ours.values(), known_targets={"t": np.zeros(3)})
+    J = problem.jacobian(State(np.eye(4), np.zeros((1, 3)), np.zeros(len(ours))))[:, problem.outer :].reshape(
+        len(q), 3, -1
+    )
+    for i in range(1, len(joints)):
+        columns = [k for k, item in enumerate(ours.values()) if item.index == i]
+        mine = J[:, :, columns].reshape(-1, 6)
+        theirs = np.concatenate([r[:3, 6 * (joints[i] - 1) : 6 * joints[i]] for r in regressors])
+        constant, *_ = np.linalg.lstsq(theirs, mine, rcond=1e-10)
+        assert np.abs(theirs @ constant - mine).max() < 1e-12
+        back, *_ = np.linalg.lstsq(mine, theirs, rcond=1e-10)
+        assert np.abs(mine @ back - theirs).max() < 1e-12
+
+
+def test_calibration_finds_all_that_can_be_seen(found):
+    """Without noise: other poses to a nanometre, and 4 numbers a revolute, 2 a prismatic joint, 6 for the base."""
+    urdf_arm, turning, sliding = found
+    arm = urdf_arm.arm
+    robot = random_robot(arm, "placement", np.random.default_rng(2), size=0.2)
+    fit = identify(arm, measured(robot, arm.random_joints(150, 4)), "placement")
+    assert distances(fit.robot, measured(robot, arm.random_joints(200, 5))).max() < 1e-9
+    assert fit.rank == 4 * turning + 2 * sliding + 6 + 3  # three targets: a tool's place and three distances
+    assert max(np.abs(fit.solution.state.errors) / [p.scale for p in fit.problem.parameters]) < 1.0
+
+
+def test_jacobian_with_a_prismatic_joint(rail):
+    arm = urdf.read(rail, "rail_base").arm
+    chosen = [parameters.parameter(name) for name in parameters.all_names(arm)]
+    robot = random_robot(arm, "placement", np.random.default_rng(6))
+    points = measured(robot, arm.random_joints(4, 7))
+    problem = Problem(arm, points, chosen)
+    rng = np.random.default_rng(8)
+    errors = 0.2 * rng.uniform(-1, 1, len(chosen)) * [p.scale for p in chosen]
+    state = State(robot.T_world_base, np.array(list(robot.targets.values())), errors)
+
+    def residuals(step):
+        return problem.residuals(problem.moved(state, step)).ravel()
+
+    J = central_differences(residuals, np.zeros(problem.unknowns))
+    # the base moves the measured points here, the predicted ones in the Jacobian: equal to first order only
+    assert np.abs(J + problem.jacobian(state))[:, 6:].max() < 1e-9
+
+
+def run(*arguments):
+    """The command's standard output as text; exit code 0."""
+    done = subprocess.run([sys.executable, "-m", "irbcal", *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", ["panda", "rail"])
+def test_same_commands_for_other_arms(name, rail, tmp_path):
+    file, base, tip, _, _ = ROBOTS[name]
+    path = example_robot(file) if file else rail
+    arm = urdf.read(path, base, tip).arm
+    rng = np.random.default_rng(9)
+    truth = random_robot(arm, "placement", rng, size=0.2)
+    columns = arm.joint_columns
+    data = write_measurements(
+        tmp_path / "m.csv", measured(truth, arm.random_joints(120, 10), 3e-5, rng), columns=columns
+    )
+    ends = ["--tip-link", arm.tip_link] + (["--base-link", base] if base else [])
+    result = json.loads(run("calibrate", data, "--robot", path, "--out", tmp_path / "cal", *ends, "--json"))
+    assert result["model"] == "placement"
+    assert result["nominal_heldout"]["mean_mm"] > 1.0
+    assert result["heldout"]["mean_mm"] < 0.15  # noise of 0.03 mm an axis
+    assert max(result["pinocchio_check"]["position_m"], result["pinocchio_check"]["rotation_rad"]) < 1e-12
+    # what the tip really does, from commands in a file
+    saved = irbcal.load(tmp_path / "cal")
+    q = arm.random_joints(20, 11)
+    with open(tmp_path / "q.csv", "w") as stream:
+        stream.write(",".join(columns) + "\n")
+        np.savetxt(stream, q / arm.joint_units, delimiter=",", fmt="%.12f")
+    poses = run("fk", tmp_path / "cal", "--joints", tmp_path / "q.csv")
+    (tmp_path / "poses.csv").write_text(poses)
+    T_true = truth.poses(q)
+    xyz = np.array([line.split(",")[:3] for line in poses.splitlines()[1:]], dtype=float) / 1e3
+    assert np.abs(xyz - saved.robot_calibrated().poses(q)[:, :3, 3]).max() < 1e-10
+    assert np.linalg.norm(xyz - T_true[:, :3, 3], axis=1).max() < 5e-3  # frames of base and tip are a convention
+    # and back: other joints perhaps, the same poses
+    lines = run("ik", tmp_path / "cal", "--poses", tmp_path / "poses.csv").splitlines()
+    assert lines[0] == ",".join([*columns, "note"])
+    found = np.array([line.split(",")[:-1] for line in lines[1:] if line.endswith(",")], dtype=float) * arm.joint_units
+    rows = [k for k, line in enumerate(lines[1:]) if line.endswith(",")]
+    assert len(rows) >= 18
+    assert_same_poses(saved.robot_calibrated().poses(found), saved.robot_calibrated().poses(q[rows]), 1e-8, 1e-8)
+    assert ((found >= arm.lower - 1e-9) & (found <= arm.upper + 1e-9)).all()
+    # a program of joints
+    run("filter", tmp_path / "cal", tmp_path / "q.csv", "--out", tmp_path / "fake.csv", "--allow-partial")
+    fake = (
+        np.genfromtxt(tmp_path / "fake.csv", delimiter=",", skip_header=1, usecols=range(len(columns)))
+        * arm.joint_units
+    )
+    changed = np.abs(fake - q).max(axis=1) > 1e-9
+    assert changed.sum() >= 15
+    wanted = saved.arm(calibrated=False).forward(q[changed])
+    assert_same_poses(saved.robot_calibrated().poses(fake[changed]), wanted, 1e-6, 1e-6)
+    # others can tell the URDF
+    assert "is this calibration" in run("verify", tmp_path / "cal", "--urdf", tmp_path / "cal/calibrated.urdf")
+
+
+def test_refusals_name_what_the_arm_has(rail, tmp_path):
+    arm = urdf.read(rail, "rail_base").arm
+    points = measured(random_robot(arm, "placement", np.random.default_rng(1)), arm.random_joints(40, 1))
+    data = write_measurements(tmp_path / "m.csv", points, columns=arm.joint_columns)
+    with pytest.raises(MeasurementError, match=r"m\.csv: row 1: missing column q1_deg: irb120_3_058 has 6 joints"):
+        workflow.calibrate(data, "irb120")
+    with pytest.raises(
+        IdentificationError,
+        match="model 34 is for arms with six revolute joints, irb120_3_058 has 6 revolute and 1 prismatic",
+    ):
+        workflow.calibrate(data, rail, "34", base="rail_base")
+    with pytest.raises(IdentificationError, match="no error parameter is called 'stiffness_A'"):
+        workflow.calibrate(data, rail, base="rail_base", free=["stiffness_A"])
+    with pytest.raises(IdentificationError, match="the method axes is for arms with six revolute joints"):
+        workflow.calibrate(data, rail, base="rail_base", method="axes")
+    with pytest.raises(RobotError, match="the arm-stiffness model is for six revolute joints"):
+        arm.stiffness_geometry()
+    degrees = [name.replace("mm", "deg") for name in arm.joint_columns]
+    wrong = write_measurements(tmp_path / "deg.csv", points, columns=degrees)
+    with pytest.raises(MeasurementError, match="missing column q1_mm: irb120_3_058 has 7 joints"):
+        workflow.calibrate(wrong, rail, base="rail_base")
+    text = data.read_text().replace("q3_deg", "angle3")
+    (tmp_path / "gap.csv").write_text(text)
+    with pytest.raises(MeasurementError, match="missing column q3_deg"):
+        irbcal.read_measurements(tmp_path / "gap.csv")
+
+
+@pytest.mark.parametrize("name", ["ur10", "panda", "rail"])
+def test_numerical_inverse(name, rail):
+    """Poses of random joints are reached within the limits; a seed near the answer is kept near."""
+    file, base, tip, _, _ = ROBOTS[name]
+    arm = urdf.read(example_robot(file) if file else rail, base, tip).arm
+    robot = random_robot(arm, "placement", np.random.default_rng(3), size=0.2)
+    assert not inverse.has_closed_form(arm)
+    q = arm.random_joints(60, 12)
+    T = robot.poses(q)
+    found = numerical.solve(robot, arm, T)
+    solved = found.converged & found.inside
+    assert solved.mean() > 0.95
+    assert_same_poses(robot.poses(found.joints[solved]), T[solved], 1e-9, 1e-9)
+    near = numerical.solve(robot, arm, T, q + 0.01, thorough=False)
+    assert near.converged.all()
+    assert np.abs(near.joints - q)[near.inside].max() < 0.3
+    T[0, 0, 3] = np.nan
+    bad = numerical.solve(robot, arm, T[:2], q[:2])
+    assert list(bad.converged) == [False, True]
+    assert "NaN" in numerical.Reason(bad.reason[0]).words
+    far = numerical.solve(robot, arm, _away(T[1:2]))
+    assert not far.converged.any()
+    assert np.isnan(far.joints).all()
+
+
+def _away(T):
+    T = T.copy()
+    T[:, 2, 3] += 50.0
+    return T
