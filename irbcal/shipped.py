@@ -62,7 +62,8 @@ def package_dirs(*extra):
     Returns
     -------
     list of str
-        As Pinocchio takes it: ``pin.buildGeomFromUrdf(model, file, pin.GeometryType.VISUAL, package_dirs=package_dirs())``.
+        As Pinocchio takes it, by name:
+        ``pin.buildGeomFromUrdf(model, file, pin.GeometryType.VISUAL, package_dirs=package_dirs())``.
         For yourdfpy see `mesh_file`.
     """
     folders = [*map(Path, extra), urdf_folder(), *_ros_folders(), *_example_robots()]
