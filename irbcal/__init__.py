@@ -6,6 +6,7 @@ The public names are imported on first use, so that ``import irbcal`` stays quic
 from importlib import import_module
 
 _PUBLIC = {
+    "CalibratedModel": ("irbcal.export.pinocchio_model", "CalibratedModel"),
     "IrbcalError": ("irbcal.errors", "IrbcalError"),
     "calibrate": ("irbcal.workflow", "calibrate"),
     "evaluate": ("irbcal.workflow", "evaluate"),
@@ -13,6 +14,7 @@ _PUBLIC = {
     "read_measurements": ("irbcal.measurement.table", "read"),
     "read_urdf": ("irbcal.export.urdf", "read"),
     "save": ("irbcal.export.calibration_file", "save"),
+    "view": ("irbcal.view", None),
 }
 
 __all__ = sorted(_PUBLIC)
@@ -22,7 +24,8 @@ def __getattr__(name):
     if name not in _PUBLIC:
         raise AttributeError(f"module 'irbcal' has no attribute {name!r}")
     module, attribute = _PUBLIC[name]
-    return getattr(import_module(module), attribute)
+    found = import_module(module)
+    return getattr(found, attribute) if attribute else found
 
 
 def __dir__():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import assert_same_poses
 
 import irbcal
 
@@ -30,7 +31,7 @@ def test_tables_are_those_that_the_script_makes(name):
 def test_every_option_in_it_exists():
     named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", README)) - {"--check"}
     known = ""
-    for command in ("calibrate", "evaluate", "verify", "fk", "ik", "filter", "demo"):
+    for command in ("calibrate", "evaluate", "verify", "view", "fk", "ik", "filter", "demo"):
         done = subprocess.run(
             [sys.executable, "-m", "irbcal", command, "--help"], capture_output=True, text=True, check=True
         )
@@ -39,14 +40,20 @@ def test_every_option_in_it_exists():
     assert missing == set()
 
 
-def test_its_example_runs(tmp_path, monkeypatch):
+def test_its_python_examples_run_one_after_the_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     outcome = irbcal.calibrate(ROOT / "irbcal" / "data" / "demo_identification.csv", "irb1600")
     irbcal.save(outcome, "my-robot")
-    example = re.search(r"```python\n(.*?)```", README, re.DOTALL)[1]
     names = {}
-    exec(example, names)
+    examples = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    assert len(examples) == 3
+    exec(examples[0], names)
     assert np.abs(names["robot"].joint_map.commanded(names["theta"]) - names["q"]).max() < 1e-13
+    exec(examples[1], names)
+    assert_same_poses(names["planning"].placement(names["q"]), names["robot"].poses(names["q"]), 1e-12, 1e-12)
+    exec(examples[2], names)
+    assert names["visual"].ngeoms >= 7
+    assert len(names["robot"].link_map) >= 8
 
 
 def test_files_that_it_names_exist():

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from irbcal.cli import calibrate, demo, evaluate, filter, fk, ik, verify
+from irbcal.cli import calibrate, demo, evaluate, filter, fk, ik, verify, view
 from irbcal.errors import IrbcalError
 
 app = typer.Typer(
@@ -44,6 +44,7 @@ app.command("verify")(verify.verify)
 app.command("fk")(fk.fk)
 app.command("ik")(ik.ik)
 app.command("filter")(filter.filter_program)
+app.command("view")(view.view)
 
 
 def main():

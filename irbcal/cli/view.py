@@ -1,0 +1,66 @@
+"""``irbcal view``: a calibration, its measured points and its errors in a browser."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def view(
+    robot: Annotated[
+        str, typer.Argument(help="Calibration folder, URDF or shipped robot (irb1600, irb120).", show_default=False)
+    ],
+    measurements: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Measurement file (CSV or Parquet); or joints only (q1_deg …): a plan. Without: joint sliders.",
+            show_default=False,
+        ),
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option(help="Write one self-contained page in place of serving it.", show_default=False)
+    ] = None,
+    plan: Annotated[
+        Path | None, typer.Option(help="Joints to walk through before they are run.", show_default=False)
+    ] = None,
+    magnify: Annotated[
+        float | None, typer.Option(help="Magnification of the error vectors.", show_default="a round number")
+    ] = None,
+    package_dir: Annotated[
+        list[Path] | None,
+        typer.Option(help="Folder in which package:// names of meshes are looked up; repeatable.", show_default=False),
+    ] = None,
+    refit_base: Annotated[
+        bool, typer.Option("--refit-base", help="Place the base anew: the tracker or the robot was moved.")
+    ] = False,
+    base_link: Annotated[
+        str | None, typer.Option(help="Base link of a URDF.", show_default="base_link or the root")
+    ] = None,
+    tip_link: Annotated[
+        str | None, typer.Option(help="Tip link of a URDF.", show_default="tool0, flange … or the last")
+    ] = None,
+    port: Annotated[
+        int | None, typer.Option(min=0, max=65535, help="Port on 127.0.0.1.", show_default="8160 or a free one")
+    ] = None,
+    open_browser: Annotated[bool, typer.Option("--open", help="Open a browser.")] = False,
+):
+    """Look at the robot, measured and modelled points and magnified errors, pose by pose (served on 127.0.0.1 only)."""
+    import irbcal.view
+    from irbcal.cli import show
+
+    shown = irbcal.view.show(
+        robot,
+        measurements,
+        plan=plan,
+        magnification=magnify,
+        package_dirs=package_dir or (),
+        refit_base=refit_base,
+        base=base_link,
+        tip=tip_link,
+    )
+    for note in shown.scene.notes:
+        show.note(note)
+    if html is None:
+        shown.serve(port, open_browser, show.say)
+    else:
+        show.say(f"Written to {shown.save(html)}")

@@ -1,0 +1,88 @@
+"""Serves one page to browsers on this computer, and to no other."""
+
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from irbcal.errors import IrbcalError
+
+ADDRESS = "127.0.0.1"
+PORT = 8160
+"""Tried first, so that a tunnel's command stays the same."""
+
+LOCAL_NAMES = ("127.0.0.1", "localhost")
+
+
+@contextmanager
+def serving(page, port=None):
+    """A server of one page in a thread of its own.
+
+    Parameters
+    ----------
+    page : str
+        HTML.
+    port : int, optional
+        By default 8160, or any free one where that is taken; 0 for any.
+
+    Yields
+    ------
+    str
+        Address of the page.
+
+    Raises
+    ------
+    IrbcalError
+        If the port cannot be had.
+    """
+    from threading import Thread
+
+    server = _open(page.encode("utf-8"), port)
+    thread = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
+    thread.start()
+    try:
+        yield f"http://{ADDRESS}:{server.server_port}/"
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def _open(body, port):
+    for wanted in (PORT, 0) if port is None else (port,):
+        try:
+            return _Server((ADDRESS, wanted), _handler(body))
+        except (OSError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or error
+    raise IrbcalError(f"port {wanted} of {ADDRESS} cannot be used: {reason}")
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    allow_reuse_address = True
+
+    def handle_error(self, request, client_address):
+        """A browser that went away is no error of ours."""
+
+
+def _handler(body):
+    class Handler(BaseHTTPRequestHandler):
+        server_version, sys_version = "irbcal", ""
+
+        def do_GET(self):
+            """The page, to whoever asks for it under a local name (not through a foreign domain's DNS)."""
+            host = self.headers.get("Host", "").rsplit(":", 1)[0].lower()
+            if host not in LOCAL_NAMES:
+                self.send_error(403)
+            elif self.path.partition("?")[0] != "/":
+                self.send_error(404)
+            else:
+                self.send_response(200)
+                self.send_header("Content-Type", "text/html; charset=utf-8")
+                self.send_header("Content-Length", str(len(body)))
+                self.send_header("Cache-Control", "no-store")
+                self.send_header("X-Content-Type-Options", "nosniff")
+                self.end_headers()
+                self.wfile.write(body)
+
+        def log_message(self, *arguments):
+            """No line for each request."""
+
+    return Handler

@@ -1,0 +1,159 @@
+"""Triangles: simple bodies, and meshes with smooth shading.
+
+Bodies are arrays of triangles, shape (m, 3, 3), in metres, counter-clockwise seen from outside.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SEGMENTS = 32
+CREASE = np.cos(np.radians(38.0))
+"""Cosine of the largest angle between faces that are shaded as one smooth surface."""
+
+MOST_FACES_AT_A_CORNER = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """An indexed mesh as the graphics card takes it.
+
+    Attributes
+    ----------
+    vertices : ndarray of float32, shape (n, 3)
+        Metres.
+    normals : ndarray of int8, shape (n, 3)
+        Unit normals times 127.
+    colours : ndarray of uint8, shape (n, 3)
+    faces : ndarray of uint32, shape (m, 3)
+    """
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    colours: np.ndarray
+    faces: np.ndarray
+
+
+def smooth(triangles, colours):
+    """Weld triangles into a mesh whose normals are smooth but for edges sharper than 38 degrees.
+
+    Parameters
+    ----------
+    triangles : ndarray, shape (m, 3, 3)
+    colours : ndarray, shape (m, 3)
+        Red, green, blue in 0 to 1.
+
+    Returns
+    -------
+    Mesh
+    """
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    keep = area > 0
+    triangles, colours, across, area = triangles[keep], np.asarray(colours)[keep], across[keep], area[keep]
+    unit = across / area[:, None]
+    corners = triangles.reshape(-1, 3).astype(np.float32)
+    vertex = _equal_rows(corners)
+    face = np.repeat(np.arange(len(triangles)), 3)
+    normals = _corner_normals(vertex, face, across, unit)
+    packed = np.rint(127 * normals).astype(np.int8)
+    palette, colour = np.unique(np.rint(255 * colours).astype(np.uint8), axis=0, return_inverse=True)
+    key = vertex.astype(np.int64) * len(palette) + colour.reshape(-1)[face]
+    for axis in range(3):
+        key = (key << 8) | (packed[:, axis].astype(np.int64) + 128)
+    _, first, index = np.unique(key, return_index=True, return_inverse=True)
+    return Mesh(
+        corners[first],
+        packed[first],
+        palette[colour.reshape(-1)[face[first]]],
+        index.reshape(-1, 3).astype(np.uint32),
+    )
+
+
+def _equal_rows(rows):
+    """A number for each row, the same for equal rows."""
+    rows = np.ascontiguousarray(rows + np.float32(0))  # -0 becomes 0
+    return np.unique(rows.view([("", rows.dtype)] * rows.shape[1]).ravel(), return_inverse=True)[1].reshape(-1)
+
+
+def _corner_normals(vertex, face, across, unit):
+    """Mean of the normals of the faces at each corner that are not across a sharp edge, weighted by area."""
+    order = np.argsort(vertex, kind="stable")
+    count = np.bincount(vertex)
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    total = across[face].copy()  # corners with very many faces keep their own
+    few = count[vertex] <= MOST_FACES_AT_A_CORNER
+    rows = np.flatnonzero(few)
+    repeats = count[vertex[rows]]
+    corner = np.repeat(rows, repeats)
+    within = np.arange(len(corner)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+    other = face[order[np.repeat(start[vertex[rows]], repeats) + within]]
+    near = np.einsum("ij,ij->i", unit[face[corner]], unit[other]) > CREASE
+    for axis in range(3):
+        summed = np.bincount(corner[near], across[other[near], axis], len(face))
+        total[few, axis] = summed[few]
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.where(length > 0, total / np.where(length > 0, length, 1.0), unit[face])
+
+
+def box(size):
+    """A box about the origin with edges ``size`` (3,)."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners = 0.5 * signs * np.asarray(size, dtype=float)
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    return corners[np.array([[[a, b, c], [a, c, d]] for a, b, c, d in quads]).reshape(-1, 3)]
+
+
+def _turned(profile, segments=SEGMENTS):
+    """The body of revolution about z of a profile (k, 2) of radius and height, from bottom to top."""
+    angle = 2 * np.pi * np.arange(segments + 1) / segments
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    ring[-1] = ring[0]
+    points = np.array([np.column_stack([r * ring, np.full(segments + 1, z)]) for r, z in np.asarray(profile, float)])
+    a, b = points[:-1, :-1], points[:-1, 1:]
+    c, d = points[1:, 1:], points[1:, :-1]
+    return np.concatenate([np.stack(part, axis=-2).reshape(-1, 3, 3) for part in ((a, b, c), (a, c, d))])
+
+
+def cylinder(radius, length):
+    """A closed cylinder about z, its centre in the origin."""
+    h = length / 2
+    return _turned([(0, -h), (radius, -h), (radius, h), (0, h)])
+
+
+def cone(bottom, top, low, high):
+    """A closed frustum about z with radii ``bottom`` at height ``low`` and ``top`` at ``high``."""
+    return _turned([(0, low), (bottom, low), (top, high), (0, high)])
+
+
+def sphere(radius):
+    """A sphere about the origin."""
+    return capsule(radius, 0.0)
+
+
+def capsule(radius, length):
+    """A cylinder about z of this length with half spheres on its ends."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 17)
+    shift = np.where(angle < -1e-9, -length / 2, length / 2)
+    profile = np.column_stack([radius * np.cos(angle), radius * np.sin(angle) + shift])
+    if length:
+        profile = np.insert(profile, 8, [radius, -length / 2], axis=0)
+    profile[[0, -1], 0] = 0.0
+    return _turned(profile)
+
+
+def rod(start, end, radius):
+    """A capsule between two points (3,)."""
+    start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
+    along = end - start
+    length = np.linalg.norm(along)
+    z = along / length if length else np.array([0.0, 0.0, 1.0])
+    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    R = np.column_stack([x, np.cross(z, x), z])
+    return capsule(radius, length) @ R.T + (start + end) / 2
+
+
+def moved(triangles, xyz):
+    """The same body at another place."""
+    return triangles + np.asarray(xyz, dtype=float)

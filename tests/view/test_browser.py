@@ -1,0 +1,243 @@
+"""The page in a real browser (headless chromium), opened from a file without any server."""
+
+import shutil
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import irbcal
+from irbcal.modeling import frames
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+HOSTILE = "</script><script>window.hacked=1</script><img src=x onerror=window.hacked=2>"
+SECONDS = 3.0
+"""Most that a page of 1,000 poses with 3 targets may work before it shows."""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no chromium on this computer")
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as started:
+        found = started.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield found
+        found.close()
+
+
+class Opened:
+    """A page with everything that it asked for and complained about."""
+
+    def __init__(self, browser, path, **size):
+        self.page = browser.new_page(viewport={"width": size.get("width", 800), "height": size.get("height", 600)})
+        self.requests, self.complaints = [], []
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.goto(path.as_uri())
+        self.wait_for("window.irbcalView !== undefined", 30)
+        self.own = path.as_uri()
+
+    def __call__(self, script):
+        return self.page.evaluate(script)
+
+    def wait_for(self, condition, seconds):
+        """Look from outside: the page's own policy forbids evaluation in it."""
+        until = time.monotonic() + seconds
+        while not self(condition):
+            assert time.monotonic() < until, f"{condition} is not true after {seconds} s: {self.complaints}"
+            self.page.wait_for_timeout(50)
+
+    def press(self, *keys):
+        for key in keys:
+            self.page.keyboard.press(key)
+
+    def text(self, selector):
+        return self.page.inner_text(selector)
+
+    def matrix(self, script):
+        return np.array(self(f"({script}).elements")).reshape(4, 4).T
+
+    def check_silence(self):
+        assert self.complaints == []
+        assert [url for url in self.requests if not url.startswith(("data:", "blob:"))] == [self.own]
+        self.page.close()
+
+
+LINK = (
+    "(name, k) => {irbcalView.viewer.scene.updateMatrixWorld(true);"
+    "const scene = irbcalView.viewer.scene.matrixWorld.clone().invert();"
+    "return scene.multiply(irbcalView.viewer.scene_tree.find(['irbcal', name, String(k)]).object.matrixWorld)}"
+)
+
+
+def link(page, name, k):
+    return page.matrix(f"({LINK})({name!r}, {k})")
+
+
+def visible(page, *path):
+    return page(f"irbcalView.viewer.scene_tree.find({list(path)!r}).object.visible")
+
+
+@pytest.fixture(scope="module")
+def measured(browser, cell, tmp_path_factory):
+    table = pd.read_csv(cell / "poses.csv")
+    table["group"] = table["group"].replace("b", HOSTILE)
+    folder = tmp_path_factory.mktemp("page")
+    table.to_csv(folder / "poses.csv", index=False)
+    view = irbcal.view.show(cell / "cal", folder / "poses.csv")
+    return Opened(browser, view.save(folder / "view.html")), view.scene
+
+
+def test_page_of_measurements(measured, cell):
+    page, scene = measured
+    last = max(scene.meshes)  # a link far out on the arm
+    # links: the browser's kinematics against the robots' own
+    place = {robot: page.matrix(f"({LINK})('{robot}', {last})") for robot in ("robot", "ghost")}
+    q = scene.q[:1]
+    tree = scene.drawn.links
+    after = np.eye(4)  # from that link to the tip: fixed joints only
+    k = scene.drawn.tip
+    while k != last:
+        assert tree[k].kind == "fixed"
+        after, k = tree[k].T_parent_joint @ after, tree[k].parent
+    expected = scene.robot.poses(q)[0]
+    assert np.abs(place["robot"] @ after - expected).max() < 1e-6
+    page.page.select_option("#ghost", "place")
+    nominal = irbcal.load(cell / "cal").robot_nominal()
+    expected = frames.inverse(scene.robot.T_world_base) @ nominal.T_world_base @ nominal.poses(q)[0]
+    assert np.abs(link(page, "ghost", last) @ after - expected).max() < 1e-6
+    # the ghost's magnified shift: its origin goes that many times further from the calibrated one
+    page.page.select_option("#ghost", "magnified")
+    origin = {"robot": place["robot"][:3, 3], "ghost": (expected @ np.linalg.inv(after))[:3, 3]}
+    shifted = origin["robot"] + scene.magnification * (origin["ghost"] - origin["robot"])
+    assert np.abs(link(page, "ghost", last)[:3, 3] - shifted).max() < 1e-4
+
+    # vectors: from the modelled point, magnified error long
+    assert page("irbcalView.body.shaft.count") == len(scene.points.pose) == 120
+    for model, press in (("calibrated", ""), ("nominal", "b")):
+        if press:
+            page.press(press)
+        heads = np.array(page("Array.from(irbcalView.body.head.instanceMatrix.array)")).reshape(-1, 4, 4)
+        modelled = getattr(scene.points, model)
+        ends = (np.array([0, 1, 0, 1]) @ heads)[:, :3]
+        assert np.abs(ends - (modelled + scene.magnification * scene.points.error(model))).max() < 1e-5
+    page.press("b")
+
+    # legend, statistics and the pose's own text
+    ticks = [float(text) for text in page.text("#ticks").split()]
+    assert ticks == sorted(ticks)
+    assert ticks[-1] == pytest.approx(scene.scale_top * 1e3)
+    assert page.page.input_value("#magnification") == f"{scene.magnification:g}"
+    size = {name: np.linalg.norm(scene.points.error(name), axis=1) * 1e3 for name in ("nominal", "calibrated")}
+    means = f"mean {size['nominal'].mean():.3f} → {size['calibrated'].mean():.3f} mm"
+    assert means in page.text("#statistics")
+    assert page.text("#pose .name") == "Pose 0"
+    assert "1 of 40 · group a" in page.text("#pose .where")
+    assert f"{size['nominal'][0]:.3f}" in page.text("#pose table")
+    assert f"{size['calibrated'][0]:.3f}" in page.text("#pose table")
+    assert not page.page.is_visible("#simulated")  # nobody said that these were simulated
+
+    # keys
+    for key, expected in (("ArrowRight", 1), ("ArrowRight", 2), ("ArrowLeft", 1), ("End", 39), ("Home", 0)):
+        page.press(key)
+        assert page("irbcalView.state.pose") == expected
+        assert page.page.input_value("#slider") == str(expected)
+    page.press("w")
+    assert page("irbcalView.state.pose") == scene.points.pose[np.argmax(size["calibrated"])]
+    q = scene.q[[page("irbcalView.state.pose")]]
+    assert np.abs(link(page, "robot", last) @ after - scene.robot.poses(q)[0]).max() < 1e-6
+    page.press("Home", " ")
+    page.wait_for("irbcalView.state.pose >= 2", 10)
+    page.press(" ")
+    assert not page("irbcalView.state.playing")
+
+    # groups and layers
+    page.press("Home")
+    page.page.uncheck(f"#group-{sorted(['a', HOSTILE]).index('a')}")
+    assert page("irbcalView.body.measured.count") == 75
+    assert page("irbcalView.state.pose") == 15  # stepping goes through the groups that are on
+    assert page("irbcalView.state.active.length") == 25
+    page.page.check("#only")
+    assert page("irbcalView.body.shaft.count") == 3
+    for name in ("measured", "modelled", "vectors", "ghost", "tracker", "cube", "sight", "robot"):
+        assert visible(page, "irbcal", name)
+        page.page.uncheck(f"#layer-{name}")
+        assert not visible(page, "irbcal", name)
+    page.press("t", "r")
+    assert page("typeof window.hacked") == "undefined"
+    assert HOSTILE in page.text("#pose .where")
+    assert page("document.images.length") == 0
+    page.check_silence()
+
+
+def test_joint_sliders(browser, cell, tmp_path):
+    view = irbcal.view.show(cell / "cal")
+    page = Opened(browser, view.save(tmp_path / "view.html"), width=500, height=500)
+    q = np.array([[0.5, -0.4, 0.3, 1.0, -0.8, 2.0]])
+    for k, value in enumerate(q[0]):
+        page(
+            f"(() => {{const s = document.getElementById('joint-{k}'); s.value = {value};"
+            "s.dispatchEvent(new Event('input'))})()"
+        )
+    # the joint map is part of what is shown: commanded joints, calibrated robot
+    assert not view.scene.robot.joint_map.is_identity
+    tip = view.scene.robot.poses(q)[0, :3, 3] * 1e3
+    shown = [float(text) for text in page.text("#pose .tip").replace("\u2212", "-").split() if text[-1].isdigit()]
+    assert np.abs(np.array(shown) - tip).max() < 0.006
+    sight = np.array(page("Array.from(irbcalView.body.sight.instanceMatrix.array)")).reshape(-1, 4, 4)
+    targets = [
+        frames.apply(view.scene.T_scene_world, view.scene.robot.points(q, name))[0] for name in view.scene.targets
+    ]
+    assert np.abs(sight[:, 3, :3] - view.scene.T_scene_world[:3, 3]).max() < 1e-6
+    assert np.abs((np.array([0, 1, 0, 1]) @ sight)[:, :3] - targets).max() < 1e-6
+    page.check_silence()
+
+
+def test_seven_joints_on_a_rail(browser, tmp_path):
+    joints = [
+        ("prismatic", "0 1 0"),
+        *(("revolute", axis) for axis in ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")),
+    ]
+    text = "".join(
+        f'<link name="l{k}"/><joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/>'
+        f'<origin xyz="0.1 0 0.2" rpy="0.1 {0.2 * k:.1f} 0"/><axis xyz="{axis}"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+        for k, (kind, axis) in enumerate(joints, start=1)
+    )
+    (tmp_path / "rail.urdf").write_text(f'<robot name="rail"><link name="l0"/>{text}</robot>')
+    q = np.random.default_rng(4).uniform(-2, 2, (3, 7))
+    view = irbcal.view.show(tmp_path / "rail.urdf", plan=q)
+    page = Opened(browser, view.save(tmp_path / "view.html"), width=500, height=400)
+    page.press("End")
+    assert np.abs(link(page, "robot", 6)[:3, 3] - link(page, "robot", 0)[:3, 3]).max() > 0.1
+    tip = view.scene.robot.poses(q)[2, :3, 3]
+    shown = page("irbcalView.state.tip.elements.slice(12, 15)")
+    assert np.abs(np.array(shown) - tip).max() < 1e-6
+    assert f"{q[2, 0] * 1e3:.2f} mm".replace("-", "\u2212") in page.text("#pose .values")
+    assert "planned" in page.text("#pose .where")
+    page.check_silence()
+
+
+def test_thousand_poses_with_three_targets(browser, cell, tmp_path):
+    view = irbcal.view.show(cell / "cal", cell / "many.csv")
+    path = view.save(tmp_path / "view.html")
+    seconds = []
+    while not seconds or (min(seconds) >= SECONDS and len(seconds) < 3):  # once more where other work disturbed it
+        page = Opened(browser, path, width=640, height=400)
+        seconds.append(page("irbcalView.seconds"))
+    assert min(seconds) < SECONDS
+    assert page("irbcalView.body.measured.count") == 3000
+    meshes = page("(() => {let n = 0; irbcalView.viewer.scene.traverse((o) => {if (o.isMesh) n++}); return n})()")
+    assert meshes < 50  # whole layers, not points
+    # a step is much shorter than a picture at 30 Hz
+    step = page(
+        "(() => {const t = performance.now(); for (let k = 0; k < 20; k++)"
+        "document.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight'})); return (performance.now() - t) / 20})()"
+    )
+    assert page("irbcalView.state.pose") == 20
+    assert step < 30
+    page.check_silence()
