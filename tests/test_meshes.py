@@ -425,7 +425,7 @@ def test_robots_of_example_robot_data_are_found_without_importing_it():
     )
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", code]
-    said = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
+    said = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.splitlines()
     assert said[1] == "False"
     panda = Path(said[0]) / "example-robot-data" / "robots" / "panda_description" / "urdf" / "panda.urdf"
     named = re.findall(r'<mesh filename="(package://[^"]+)"', panda.read_text())

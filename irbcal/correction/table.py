@@ -1,8 +1,9 @@
 """Programs as CSV: one target in each row, joints or poses of the tip in the base link.
 
 The columns are those of the arm's joints, such as ``q1_deg`` … ``q6_deg``, or ``x_mm``, ``y_mm``, ``z_mm``, ``qw``,
-``qx``, ``qy``, ``qz``; their order is free and all other columns are kept. A corrected file bears a column ``irbcal_filtered`` with the fingerprint of the
-calibration. Errors name the file, the row (line of the file, the header being line 1) and the column.
+``qx``, ``qy``, ``qz``; their order is free and all other columns are kept. A corrected file bears a column
+``irbcal_filtered`` with the fingerprint of the calibration. Errors name the file, the row (line of the file, the header
+being line 1) and the column.
 """
 
 from dataclasses import dataclass

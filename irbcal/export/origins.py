@@ -131,8 +131,8 @@ def _explanation(geometry, fingerprint, position, rotation):
         return {
             "same": "this URDF is this calibration",
             "absent": "this URDF has the geometry of this calibration; the fingerprint was taken out of it",
-            "other": "this URDF has the geometry of this calibration, but the fingerprint of another one: the joint map "
-            "or the data are not the same",
+            "other": "this URDF has the geometry of this calibration, but the fingerprint of another one: "
+            "the joint map or the data are not the same",
         }[fingerprint]
     if geometry == "nominal":
         return "this URDF has the nominal geometry: it is not calibrated"
