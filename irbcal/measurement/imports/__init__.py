@@ -1,0 +1,1 @@
+"""Measurement files as other programs write them: a map says what stands where, the reader makes irbcal's own table."""

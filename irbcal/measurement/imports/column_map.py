@@ -1,0 +1,455 @@
+"""The map of a foreign file: which of its columns mean what, in which units.
+
+A map is a small YAML file. The presets that ship beside this module are maps too: copy one and change it. Units are
+declared in the map or the import is refused; nothing about them is guessed.
+"""
+
+import difflib
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+
+from irbcal.errors import MeasurementError
+
+PRESETS = Path(__file__).parent / "presets"
+LARGEST_MAP = 64 * 1024
+"""Bytes of a map file."""
+RESERVED = (
+    *("pose", "pose_index", "row", "target", "group", "cycle", "x_mm", "y_mm", "z_mm"),
+    *("qw", "qx", "qy", "qz", "u95_mm", "time_s", "payload_kg"),
+)
+"""Columns of a measurement file that are not to be kept from elsewhere."""
+FIELDS = ("pose", "target", "group", "cycle", "ignore")
+"""What a name pattern such as ``{pose}_{target}`` may hold."""
+
+
+def _column(value):
+    if isinstance(value, bool) or not isinstance(value, str | int):
+        raise ValueError("expected a column's name (in quotes if it reads as yes, no, on or off) or its number")
+    if value == 0:
+        raise ValueError("columns are numbered from 1, or from -1 backwards")
+    return value
+
+
+Column = Annotated[str | int, BeforeValidator(_column)]
+Name = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")
+]
+Three = Annotated[list[Column], Field(min_length=3, max_length=3)]
+JointUnit = Literal["deg", "rad", "mm", "m", "inch"]
+AngleUnit = Literal["deg", "rad"]
+LengthUnit = Literal["mm", "m", "inch"]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Dialect(_Model):
+    """How a text file is cut into cells.
+
+    ``encoding: auto`` is UTF-8, or what a byte order mark says; ``delimiter: auto`` looks for tabs, semicolons, bars,
+    commas and blanks, in this order; ``decimal: auto`` takes a comma only where it can be nothing else.
+    """
+
+    encoding: Literal["auto", "utf-8", "utf-16", "latin-1", "cp1252"] = "auto"
+    delimiter: Literal["auto", ",", ";", "\t", "|", "tab", "space"] = "auto"
+    decimal: Literal["auto", ".", ","] = "."
+    comment: Annotated[str, StringConstraints(min_length=1, max_length=10)] | None = None
+    skip_rows: Annotated[int, Field(ge=0, le=10_000)] = 0
+    header: bool = True
+
+
+class Columns(_Model):
+    """Columns by name, or by number from 1 (from -1 backwards).
+
+    ``position`` is three columns, or three for each of several targets that share a row. ``name`` is one column or
+    several (joined with ``::``) that ``names`` takes apart. ``keep`` hands columns on under new names. ``optional``
+    lists those that are used only where the file has them.
+    """
+
+    position: Three | dict[Name, Three]
+    joints: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
+    orientation: Annotated[list[Column], Field(min_length=3, max_length=4)] | None = None
+    pose: Column | None = None
+    target: Column | None = None
+    name: Annotated[list[Column], Field(min_length=1, max_length=5)] | None = None
+    group: Column | None = None
+    cycle: Column | None = None
+    time: Column | None = None
+    u95: Column | None = None
+    payload: Column | None = None
+    keep: Annotated[dict[Name, Column], Field(max_length=50)] = {}
+    optional: list[Literal["orientation", "target", "group", "cycle", "time", "u95", "payload"]] = []
+
+
+class Units(_Model):
+    """Units of the file: joints (one unit, or one for each joint), lengths, angles of an orientation, time."""
+
+    joints: JointUnit | list[JointUnit] | None = None
+    lengths: LengthUnit | None = None
+    angles: AngleUnit | None = None
+    time: Literal["s", "ms", "iso"] | None = None
+
+
+class Orientation(_Model):
+    """What the numbers of an orientation mean.
+
+    ``quaternion`` needs ``scalar``; ``euler`` needs ``axes`` (the order of the turns and of the columns) and ``about``
+    (``moving``: each turn about the axes as turned so far; ``fixed``: about those of the tracker); ``ur`` is a
+    rotation vector in radians. ``maps`` says which coordinates the rotation turns into which.
+    """
+
+    kind: Literal["quaternion", "euler", "rotation-vector", "ur"] | None = None
+    scalar: Literal["first", "last"] | None = None
+    axes: Annotated[str, StringConstraints(pattern=r"^[xyz]{3}$")] | None = None
+    about: Literal["moving", "fixed"] | None = None
+    maps: Literal["target-to-tracker", "tracker-to-target"] = "target-to-tracker"
+
+    @model_validator(mode="after")
+    def _axes_turn(self):
+        if self.axes and (self.axes[0] == self.axes[1] or self.axes[1] == self.axes[2]):
+            raise ValueError(f"expected two different axes after one another, found {self.axes!r}")
+        return self
+
+
+class Status(_Model):
+    """A column that says whether a row's point was measured; other values than ``good`` mean that it is lost."""
+
+    column: Column
+    good: Annotated[list[str | int], Field(min_length=1)]
+
+
+class Lost(_Model):
+    """Cells that stand for a lost point, as text or number; an empty position and 0,0,0 always do."""
+
+    markers: Annotated[list[str | int | float], Field(max_length=50)] = []
+    status: Status | None = None
+
+
+class JointRules(_Model):
+    """From readings to irbcal's joints: ``sign * (reading + readings of the joints in add) + offset``."""
+
+    signs: list[Literal[1, -1]] | None = None
+    offsets_deg: list[float] | None = None
+    add: dict[int, int] = {}
+
+
+class GroupRule(_Model):
+    """A group for poses by name (``*`` stands for anything) or by number in the order of the file, from 1."""
+
+    group: Name
+    poses: Name | None = None
+    first: Annotated[int, Field(ge=1)] | None = None
+    last: Annotated[int, Field(ge=1)] | None = None
+
+    @model_validator(mode="after")
+    def _chooses(self):
+        if (self.poses is None) == (self.first is None and self.last is None):
+            raise ValueError("expected either poses (a name such as 'ISO_*'), or first and last")
+        return self
+
+
+class Fixed(_Model):
+    """Values that the file does not hold."""
+
+    target: Name | None = None
+    group: Name | None = None
+    payload_kg: Annotated[float, Field(ge=0)] | None = None
+    u95_mm: Annotated[float, Field(gt=0)] | None = None
+
+
+class JointsFileColumns(_Model):
+    """Columns of the joints file."""
+
+    joints: Annotated[list[Column], Field(min_length=1, max_length=20)]
+    pose: Column | None = None
+    group: Column | None = None
+
+
+class JointsFileUnits(_Model):
+    """Units of the joints file."""
+
+    joints: JointUnit | list[JointUnit]
+
+
+class JointsFile(_Model):
+    """A joints file that is not in irbcal's own format."""
+
+    file: Dialect = Dialect()
+    columns: JointsFileColumns
+    units: JointsFileUnits
+
+
+class ImportMap(_Model):
+    """All that is to be known about a foreign file. See the presets for examples.
+
+    Attributes
+    ----------
+    about : str
+        For people.
+    file : Dialect
+    columns : Columns
+    units : Units
+    orientation : Orientation
+    lost : Lost
+    joints : JointRules
+    names : list of str
+        Patterns such as ``{pose}_{target}`` for ``columns.name``; the first that fits all names is used.
+    file_name : str or None
+        Pattern for the name of each source without its ending, such as ``{target}``.
+    pose_by : ``row`` or ``joints``
+        Without a pose column: each row is a pose, or neighbouring rows with the same joints are one.
+    join : ``name``, ``order`` or None
+        How a joints file is joined; None: by name where the source names its poses, else by order.
+    rename : dict of str to str
+        New names of targets; those that begin with ``ref`` are fixed to the floor.
+    groups : list of GroupRule
+        The first that fits a pose names its group.
+    fixed : Fixed
+    joints_file : JointsFile or None
+    trust_units : bool
+        Take the declared units even where the numbers look like others.
+    """
+
+    about: str = ""
+    file: Dialect = Dialect()
+    columns: Columns
+    units: Units = Units()
+    orientation: Orientation = Orientation()
+    lost: Lost = Lost()
+    joints: JointRules = JointRules()
+    names: Annotated[list[Name], Field(max_length=10)] = []
+    file_name: Name | None = None
+    pose_by: Literal["row", "joints"] = "row"
+    join: Literal["name", "order"] | None = None
+    rename: dict[Name, Name] = {}
+    groups: Annotated[list[GroupRule], Field(max_length=200)] = []
+    fixed: Fixed = Fixed()
+    joints_file: JointsFile | None = None
+    trust_units: bool = False
+
+    @model_validator(mode="after")
+    def _one_orientation_for_one_target(self):
+        if isinstance(self.columns.position, dict) and self.columns.orientation:
+            raise ValueError("columns.orientation: expected one target in a row, found positions of several")
+        return self
+
+    @model_validator(mode="after")
+    def _kept_columns_are_new(self):
+        taken = [name for name in self.columns.keep if name in RESERVED or re.fullmatch(r"q\d+_(deg|mm)", name)]
+        if taken:
+            raise ValueError(
+                f"columns.keep: expected a new name for the column, found {taken[0]!r}, which has a meaning"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _patterns_are_known(self):
+        for pattern in [*self.names, *([self.file_name] if self.file_name else [])]:
+            pattern_regex(pattern)
+        if bool(self.columns.name) != bool(self.names):
+            raise ValueError("columns.name and names (patterns such as '{pose}_{target}') belong together")
+        return self
+
+
+def pattern_regex(pattern):
+    """Regular expression of a name pattern: fields in braces, all else as it stands; no field holds ``::``.
+
+    Raises
+    ------
+    ValueError
+        If a field is unknown, stands there twice or touches another one.
+    """
+    parts = re.split(r"\{([^{}]*)\}", pattern)
+    fields = parts[1::2]
+    strange = [name for name in fields if name not in FIELDS]
+    if strange or not 1 <= len(fields) <= len(FIELDS):
+        found = f"{{{strange[0]}}}" if strange else pattern
+        raise ValueError(f"expected a pattern of {', '.join(f'{{{name}}}' for name in FIELDS)}, found {found!r}")
+    double = [name for name in fields if name != "ignore" and fields.count(name) > 1]
+    if double or any(part == "" for part in parts[2:-1:2]):
+        raise ValueError(f"expected each field once with something between the fields, found {pattern!r}")
+    text = ""
+    for k, part in enumerate(parts):
+        if k % 2 == 0:
+            text += re.escape(part)
+        else:
+            text += ("(" if part == "ignore" else f"(?P<{part}>") + "(?:(?!::).)+)"
+    return text
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain YAML only: no anchors (which can blow up), no key twice (of which one would be lost)."""
+
+    def compose_node(self, parent, index):
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
+            mark = event.start_mark
+            raise yaml.MarkedYAMLError(problem="anchors and aliases are not taken", problem_mark=mark)
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node, deep=False):
+        keys = [key.value for key, _ in node.value]
+        double = [key for key, _ in node.value if keys.count(key.value) > 1]
+        if double:
+            raise yaml.MarkedYAMLError(
+                problem=f"{double[1].value!r} stands there twice", problem_mark=double[1].start_mark
+            )
+        return super().construct_mapping(node, deep)
+
+
+def presets():
+    """Names of the shipped presets."""
+    return sorted(path.stem for path in PRESETS.glob("*.yaml"))
+
+
+def preset_text(name):
+    """The YAML text of a preset.
+
+    Raises
+    ------
+    MeasurementError
+        If there is none of this name; the sentence lists those that are there.
+    """
+    if name not in presets():
+        near = difflib.get_close_matches(name, presets(), n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise MeasurementError(f"{name}: expected a preset ({', '.join(presets())}) or a map file (.yaml){hint}")
+    return (PRESETS / f"{name}.yaml").read_text(encoding="utf-8")
+
+
+def read_map(name, changes=()):
+    """Read a preset or a map file.
+
+    Parameters
+    ----------
+    name : str or Path
+        Name of a preset, or path of a YAML file.
+    changes : sequence of str
+        ``key=value`` with the key's place written with dots and the value in YAML, such as ``units.lengths=mm``.
+
+    Returns
+    -------
+    ImportMap
+
+    Raises
+    ------
+    MeasurementError
+        If there is no such map or it is not one; the sentence names the file and the key.
+    """
+    source = str(name)
+    if source in presets() or (Path(source).suffix.lower() not in (".yaml", ".yml") and not Path(source).is_file()):
+        text, source = preset_text(source), f"preset {source}"
+    else:
+        text = _read_text(source)
+    values = _yaml(text, source)
+    if not isinstance(values, dict):
+        raise MeasurementError(f"{source}: expected keys and values such as 'columns:', found {_short(values)}")
+    for change in changes:
+        _change(values, change)
+    try:
+        return ImportMap.model_validate(values)
+    except ValidationError as error:
+        raise MeasurementError(f"{source}: {_sentence(error)}") from None
+
+
+def _read_text(source):
+    try:
+        with open(source, "rb") as stream:
+            data = stream.read(LARGEST_MAP + 1)
+    except FileNotFoundError:
+        raise MeasurementError(f"{source}: there is no such file") from None
+    except OSError as error:
+        raise MeasurementError(f"{source}: cannot read this map: {error.strerror}") from None
+    if len(data) > LARGEST_MAP:
+        raise MeasurementError(f"{source}: expected a map of at most {LARGEST_MAP // 1024} KiB, found more")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data[: error.start].count(b"\n") + 1
+        raise MeasurementError(f"{source}: row {line}: expected UTF-8 text, found other bytes") from None
+
+
+def _yaml(text, source):
+    try:
+        return yaml.load(text, Loader=_Loader)  # a child of SafeLoader
+    except yaml.MarkedYAMLError as error:
+        row = f"row {error.problem_mark.line + 1}: " if error.problem_mark else ""
+        raise MeasurementError(f"{source}: {row}not a map in YAML: {error.problem}") from None
+    except (yaml.YAMLError, ValueError, TypeError) as error:
+        raise MeasurementError(f"{source}: not a map in YAML: {' '.join(str(error).split())}") from None
+    except RecursionError:
+        raise MeasurementError(f"{source}: not a map in YAML: nested too deeply") from None
+
+
+def _change(values, change):
+    key, found, text = change.partition("=")
+    steps = key.strip().split(".")
+    if not found or not all(steps):
+        raise MeasurementError(f"--set {change}: expected key=value such as units.lengths=mm")
+    if len(text) > LARGEST_MAP:
+        raise MeasurementError(f"--set {key}: expected at most {LARGEST_MAP // 1024} KiB, found more")
+    # a lone , ; or | is no YAML, but it is what one wants to say here
+    value = text if text in (",", ";", "|", "\t") else _yaml(text, f"--set {key}")
+    for step in steps[:-1]:
+        inner = values.get(step)
+        if inner is None:
+            inner = values[step] = {}
+        if not isinstance(inner, dict):
+            raise MeasurementError(f"--set {change}: {step} is no group of keys")
+        values = inner
+    values[steps[-1]] = value
+
+
+def _sentence(error):
+    """The first fault in a map, with its place."""
+    fault = min(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
+    place = [str(step) for step in fault["loc"] if not re.search(r"[\[(]|^(str|int|list|dict|literal)$", str(step))]
+    key = ".".join(map(_plain, place)) or "the map"
+    if fault["type"] == "extra_forbidden":
+        key, place = str(fault["loc"][-1]), [str(step) for step in fault["loc"][:-1]]
+        known = _keys(place)
+        near = difflib.get_close_matches(key, known, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}" if known else "it is unknown"
+        return f"{'.'.join([*place, _plain(key)])}: there is no such key; {hint}"
+    if fault["type"] == "missing":
+        return f"{key}: expected this key, found nothing"
+    text = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    text = re.sub(r"a valid dictionary( or instance of \w+)?", "a group of keys", text)
+    text = re.sub(r"^(?:List|Dictionary|String) should (?:have )?|after validation, not \d+", "", text).strip()
+    if fault["type"] == "value_error":
+        return text if key == "the map" else f"{key}: {text}" + ("" if "found" in text else f", found {_value(fault)}")
+    return f"{key}: expected {text[:1].lower() + text[1:]}, found {_value(fault)}"
+
+
+def _plain(text):
+    """Text from a map for a sentence: short, and on one line."""
+    return _short(text) if len(text) > 40 or not text.isprintable() else text
+
+
+def _keys(place):
+    """Keys that a part of the map may have."""
+    model = ImportMap
+    for step in place:
+        inner = model.model_fields.get(step)
+        kinds = [] if inner is None else [inner.annotation, *getattr(inner.annotation, "__args__", ())]
+        models = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+        if not models:
+            return []
+        model = models[0]
+    return list(model.model_fields)
+
+
+def _value(fault):
+    return _short(fault["input"])
+
+
+def _short(value):
+    if value is None:
+        return "nothing"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:60] + "…"
