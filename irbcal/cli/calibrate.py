@@ -35,7 +35,8 @@ def calibrate(
         Model | None,
         typer.Option(
             help="Level of the error model (thesis, section 5.4); offsets, placement: for any arm; auto: by "
-            "cross-validation. [default: 34; placement for other arms than six revolute joints]"
+            "cross-validation.",
+            show_default="34; placement for other arms than six revolute joints",
         ),
     ] = None,
     method: Annotated[
@@ -44,7 +45,7 @@ def calibrate(
     objective: Annotated[
         Objective, typer.Option(help="What to minimise: rms, the largest error (max) or between (pnorm).")
     ] = Objective.rms,
-    power: Annotated[float | None, typer.Option(min=2.0, help="Power of pnorm [default: 8].")] = None,
+    power: Annotated[float | None, typer.Option(min=2.0, help="Power of pnorm.", show_default="8")] = None,
     loss: Annotated[Loss, typer.Option(help="With rms: soft_l1 or huber bend less to gross errors.")] = Loss.linear,
     free: Annotated[
         list[str] | None, typer.Option(help="Add error parameters by name or pattern, such as 'gain*'.")
@@ -68,15 +69,18 @@ def calibrate(
     verify: Annotated[
         Path | None, typer.Option(help="Measurements to prove it with, in place of --holdout.", show_default=False)
     ] = None,
-    base_link: Annotated[str | None, typer.Option(help="Base link [default: base_link or the root].")] = None,
+    base_link: Annotated[
+        str | None, typer.Option(help="Base link of the arm.", show_default="base_link or the root")
+    ] = None,
     tip_link: Annotated[
-        str | None, typer.Option(help="Tip link [default: tool0, flange, ee_link or the last link].")
+        str | None,
+        typer.Option(help="Tip link of the arm.", show_default="tool0, flange, ee_link, tcp or the last link"),
     ] = None,
     world_link: Annotated[bool, typer.Option("--world-link", help="Add the measuring frame to the URDF.")] = False,
     target_links: Annotated[bool, typer.Option("--target-links", help="Add the reflectors to the URDF.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ):
-    """Identify a robot, prove it on held-out poses, write calibrated.urdf, calibration.json and report.html."""
+    """Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report."""
     if power is not None and objective != Objective.pnorm:
         raise typer.BadParameter("only --objective pnorm has a power", param_hint="--power")
     if not holdout < 1 and not (holdout < 1e9 and holdout == int(holdout)):
@@ -223,4 +227,4 @@ def _print(calibration, out):
         f"{check.rotation_rad:.1e} rad"
     )
     show.say(f"Link frames moved by at most {calibration.largest_link_shift_mm:.3f} mm at zero joints")
-    show.say(f"Written to {out}: calibrated.urdf, calibration.json, report.html")
+    show.say(f"Written to {out}: calibrated.urdf, joint_origins.yaml, calibration.json, report.html")

@@ -18,7 +18,7 @@ def ik(
     ],
     near: Annotated[
         str | None,
-        typer.Option(help="Joints in degrees (mm): the nearest solution is taken. [default: zero, or near it]"),
+        typer.Option(help="Joints in degrees (mm): the nearest solution is taken.", show_default="zero, or near it"),
     ] = None,
     all_branches: Annotated[bool, typer.Option("--all-branches", help="Every branch within the joint limits.")] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,

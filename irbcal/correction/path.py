@@ -11,7 +11,10 @@ import numpy as np
 from irbcal.correction.fake import Corrected, correct_joints
 from irbcal.errors import RobotError
 from irbcal.modeling import frames, inverse
-from irbcal.units import MM
+from irbcal.units import DEG, MM
+
+LARGEST_ARC = 240 * DEG
+"""Of one circular move, radians."""
 
 
 @dataclass(frozen=True)
@@ -248,7 +251,7 @@ class Subdivision:
     deviation : float
         Largest distance of the true tool centre point from the wanted path between them, metres.
     uncut : float
-        The same for the path left in one piece.
+        The same for the path in the fewest moves there can be: one, for circles one for each 240 degrees begun.
     """
 
     s: np.ndarray
@@ -297,11 +300,13 @@ def subdivide(path, robot, nominal, seed, tolerance=None, length=None, T_tip_tcp
     def cut(moves):
         return _cut(path, robot, nominal, seed, moves, T_tip_tcp)
 
-    _, _, uncut = cut(1)
+    # a single circular move can neither return to its start nor tell, near there, which way round it goes
+    fewest = int(np.ceil(abs(path.angle) / LARGEST_ARC - 1e-9)) if isinstance(path, Circle) else 1
+    _, _, uncut = cut(fewest)
     if length is not None:
-        moves = max(1, int(np.ceil(path.length / length - 1e-9)))
+        moves = max(fewest, int(np.ceil(path.length / length - 1e-9)))
     else:
-        moves, fails = 1, 0
+        moves, fails = fewest, fewest - 1
         while cut(moves)[2] > tolerance:
             fails, moves = moves, 2 * moves
             if moves > most:

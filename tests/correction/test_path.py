@@ -113,6 +113,16 @@ def test_more_moves_keep_the_true_path_closer(kind):
     assert len(by_length.s) - 1 == (2 if kind == "circle" else 1) * int(np.ceil(path.length / 0.03))
 
 
+def test_a_whole_circle_takes_two_moves_at_least():
+    nominal = arm()
+    robot = random_robot(nominal, "34", np.random.default_rng(4), size=0.2)
+    path, seed = small_circle(nominal)
+    coarse = subdivide(path, robot, nominal, seed, length=10.0)
+    assert len(coarse.s) == 5
+    # halves of the circle keep near it: an arc through a wrong point would leave by its diameter
+    assert coarse.deviation == coarse.uncut < 5e-4
+
+
 def test_impossible_wishes_are_refused():
     nominal = arm()
     robot = random_robot(nominal, "34", np.random.default_rng(4), size=0.2)
