@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from irbcal.cli import calibrate, demo, evaluate, filter, fk, ik, import_, verify, view
+from irbcal.cli import (
+    calibrate,
+    demo,
+    evaluate,
+    filter,
+    fk,
+    ik,
+    import_,
+    simulate,
+    verify,
+    view,
+)
 from irbcal.errors import IrbcalError
 
 app = typer.Typer(
@@ -38,9 +49,10 @@ def common(
 
 
 app.command("demo")(demo.demo)
+app.command("import")(import_.import_files)
+app.command("simulate")(simulate.simulate)
 app.command("calibrate")(calibrate.calibrate)
 app.command("evaluate")(evaluate.evaluate)
-app.command("import")(import_.import_files)
 app.command("verify")(verify.verify)
 app.command("fk")(fk.fk)
 app.command("ik")(ik.ik)

@@ -1,0 +1,107 @@
+"""Gravity torques of an arm and its payload for batches of poses.
+
+A torque is the derivative of the potential energy by its joint (what Pinocchio calls the generalised gravity): with the
+mass M beyond joint j and the height of its centre P, ``g_j = 9.81 M (z_j x (P - o_j)) . up`` for a revolute joint and
+``9.81 M z_j . up`` for a prismatic one. All poses are walked at once, in blocks, along the chain's frames.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from irbcal.modeling import dhm
+
+GRAVITY = 9.81
+"""Metres per second squared, along -z of the base link."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Masses that the joints carry.
+
+    Parameters
+    ----------
+    mass : array_like, shape (joints,)
+        What moves with each joint and not with the next one, kilograms.
+    centre : array_like, shape (joints, 3)
+        Its centre of mass in the joint's DHM frame, metres.
+    """
+
+    mass: np.ndarray
+    centre: np.ndarray
+
+    def __post_init__(self):
+        for name in ("mass", "centre"):
+            value = np.array(getattr(self, name), dtype=float)
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def with_payload(self, kilograms, centre, T_last_tip):
+        """The bodies with a payload on the tip link.
+
+        Parameters
+        ----------
+        kilograms : float
+        centre : array_like, shape (3,)
+            In the tip link, metres.
+        T_last_tip : ndarray, shape (4, 4)
+            Tip link in the last DHM frame.
+
+        Returns
+        -------
+        Bodies
+        """
+        if kilograms == 0.0:
+            return self
+        mass, centres = self.mass.copy(), self.centre.copy()
+        place = T_last_tip[:3, :3] @ np.asarray(centre, dtype=float) + T_last_tip[:3, 3]
+        mass[-1] += kilograms
+        centres[-1] += kilograms / mass[-1] * (place - centres[-1])
+        return Bodies(mass, centres)
+
+
+def torques_and_origins(arm, bodies, theta):
+    """Gravity torques, and where the joints are.
+
+    Parameters
+    ----------
+    arm : Arm
+    bodies : Bodies
+    theta : ndarray, shape (n, joints)
+        Effective joints, radians (metres for prismatic joints).
+
+    Returns
+    -------
+    torque : ndarray, shape (n, joints)
+        Derivative of the potential energy by each joint, newton metres (newtons for prismatic joints).
+    origins : ndarray, shape (n, joints + 1, 3)
+        Origins of the base link and of the DHM frames in the base link, metres.
+    """
+    n, joints = theta.shape
+    torque, origins = np.empty((n, joints)), np.zeros((n, joints + 1, 3))
+    for start in range(0, n, dhm.BLOCK):
+        block = slice(start, min(start + dhm.BLOCK, n))
+        angles = np.ascontiguousarray(theta[block].T) + arm.table.offsets[:, None]
+        chain = dhm.chain_frames(arm.table, angles, arm.T_base_0)
+        torque[block] = _torques(arm.table.prismatic, bodies, chain)
+        origins[block, 1:] = chain.o.transpose(2, 0, 1)
+    return torque, origins
+
+
+def _torques(prismatic, bodies, chain):
+    """Torques of one block, shape (n, joints); sums of mass and first moment run from the tip to the base."""
+    joints, _, n = chain.z.shape
+    torque = np.empty((n, joints))
+    mass, moment = 0.0, np.zeros((2, n))  # up is z: heights only change with x and y of the lever
+    for j in range(joints - 1, -1, -1):
+        x = chain.x_before[j + 1] if j + 1 < joints else chain.tip[0]
+        z, o, c = chain.z[j], chain.o[j], bodies.centre[j]
+        y = [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2]]
+        mass += bodies.mass[j]
+        for k in range(2):
+            moment[k] += bodies.mass[j] * (o[k] + c[0] * x[k] + c[1] * y[k] + c[2] * z[k])
+        if prismatic[j]:
+            torque[:, j] = GRAVITY * mass * z[2]
+        else:
+            torque[:, j] = GRAVITY * (z[0] * (moment[1] - mass * o[1]) - z[1] * (moment[0] - mass * o[0]))
+    return torque
