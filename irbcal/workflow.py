@@ -1,7 +1,7 @@
 """The main job from measurements to a proven calibration, as plain functions."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,13 +20,9 @@ from irbcal.modeling import frames
 from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
-from irbcal.validation.accuracy import (
-    distances,
-    rotation_distances,
-    rotation_statistics,
-    statistics,
-    statistics_by,
-)
+from irbcal.validation import accuracy, bootstrap, comparison
+from irbcal.validation.accuracy import distances, rotation_distances, rotation_statistics, statistics
+from irbcal.validation.prepared import prepare
 
 LARGEST_TURN = 3 * DEG
 """Median angle from the nominal robot above which measured orientations are refused, radians."""
@@ -257,7 +253,19 @@ def calibrate(
     )
 
 
-def evaluate(calibration, measurements, refit_base=False):
+def evaluate(
+    calibration,
+    measurements,
+    refit_base=False,
+    intervals=False,
+    relative=None,
+    frame_points=None,
+    sphere=None,
+    flange=False,
+    compare=None,
+    verified=None,
+    seed=0,
+):
     """Errors of a saved calibration and of its nominal robot on other measurements.
 
     Parameters
@@ -268,12 +276,29 @@ def evaluate(calibration, measurements, refit_base=False):
         Registered to the calibration's reference points where both have them.
     refit_base : bool
         Place the base anew for each model (for measurements from another tracker station without references).
+    intervals : bool
+        Add bootstrap intervals, see `irbcal.validation.bootstrap`.
+    relative : str, optional
+        ``virtual`` or ``three-points``: add relative errors, see `irbcal.validation.accuracy`.
+    frame_points : sequence of three (pose, target), optional
+        The points of the frame for ``three-points``.
+    sphere : sequence of four float, optional
+        Centre in the base link and diameter, metres: regard only points measured inside.
+    flange : bool
+        Add position and orientation errors of the tip from three targets or measured orientations.
+    compare : Calibration, optional
+        Another one, to compare with pose by pose on the same data.
+    verified : str, Path or MeasurementSet, optional
+        Measurements of the same poses (by name) run with this calibration's fake targets.
+    seed : int
+        Of the bootstrap.
 
     Returns
     -------
     dict
-        ``nominal``, ``calibrated``, ``per_target``, ``per_group``, ``orientation`` (None where none was measured),
-        ``excluded``, ``notes``, ``simulated``.
+        ``nominal``, ``calibrated``, ``per_target``, ``per_group``, ``per_payload``, ``per_group_payload``,
+        ``percentiles``, ``largest_covers``, ``orientation`` (None where none was measured), ``excluded``, ``notes``,
+        ``simulated``; ``intervals``, ``relative``, ``flange``, ``comparison``, ``verified`` where asked for, else None.
 
     Raises
     ------
@@ -281,30 +306,144 @@ def evaluate(calibration, measurements, refit_base=False):
         If an input is refused.
     """
     seen = _read(measurements, calibration.arm())
-    robots = {"nominal": calibration.robot_nominal(), "calibrated": calibration.robot_calibrated()}
-    shape = calibration.tool_shape()
-    cleaned = cleaning.clean(seen, calibration.reference_places() or None, shape or robots["calibrated"].targets)
-    points = as_poses(cleaned.points, seen.source, shape)[0] if shape else cleaned.points
-    if refit_base:
-        robots = {name: _with_base_on(robot, points) for name, robot in robots.items()}
+    ready, robots = _evaluated(calibration, seen, refit_base)
+    if sphere is not None:
+        inside = accuracy.within_sphere(robots["calibrated"], ready.points, sphere[:3], sphere[3])
+        if not inside.any():
+            raise MeasurementError(f"{seen.source}: no point was measured inside the sphere")
+        ready = ready.keep(inside)
+    points = ready.points
     errors = {name: distances(robot, points) for name, robot in robots.items()}
     turns = {name: rotation_statistics(rotation_distances(robot, points)) for name, robot in robots.items()}
-    _refuse_far_points(robots["calibrated"], points, errors["calibrated"], seen.source, refit_base)
-    notes = list(cleaned.notes)
+    notes = list(ready.notes)
     if seen.sha256 in {item.sha256 for item in calibration.data}:
         notes.append("This file was used for the calibration: fitted poses among these are no proof of accuracy.")
-    names, groups = points.names(), points.groups[points.pose]
-    by_target = {name: statistics_by(error, names) for name, error in errors.items()}
-    by_group = {name: statistics_by(error, groups) for name, error in errors.items()}
+    parts = _parts(ready)
+
+    def of(mask):
+        return {name: statistics(error[mask]) for name, error in errors.items()}
+
     return {
         **{name: statistics(error) for name, error in errors.items()},
-        "per_target": {t: {name: by_target[name][t] for name in errors} for t in by_target["nominal"]},
-        "per_group": {g: {name: by_group[name][g] for name in errors} for g in by_group["nominal"] if g},
+        **{part: _by_label(labels, of) for part, labels in parts.items()},
+        "percentiles": {name: accuracy.percentiles(error) for name, error in errors.items()},
+        "largest_covers": accuracy.largest_covers(points.poses),
         "orientation": turns if turns["nominal"] else None,
-        "excluded": [vars(item) for item in cleaned.excluded],
+        "intervals": _intervals(errors, points, parts, seed) if intervals else None,
+        "relative": _relative(robots, points, relative, frame_points, seen.source) if relative else None,
+        "flange": _flange(robots, points, seen.source) if flange else None,
+        "comparison": _comparison(compare, seen, refit_base, robots["calibrated"], ready, seed) if compare else None,
+        "verified": _verified(calibration, robots["calibrated"], points, verified) if verified is not None else None,
+        "excluded": [vars(item) for item in ready.excluded],
         "notes": notes,
         "simulated": seen.simulated or calibration.simulated,
     }
+
+
+def _evaluated(calibration, seen, refit_base):
+    """Points ready for a calibration, and its nominal and calibrated robot."""
+    ready = prepare(seen, calibration)
+    robots = {"nominal": calibration.robot_nominal(), "calibrated": calibration.robot_calibrated()}
+    if refit_base:
+        robots = {name: _with_base_on(robot, ready.points) for name, robot in robots.items()}
+    error = distances(robots["calibrated"], ready.points)
+    _refuse_far_points(robots["calibrated"], ready.points, error, seen.source, refit_base)
+    return ready, robots
+
+
+def _parts(ready):
+    """Label of each point in each way of dividing the points; an empty label belongs to no part."""
+    points = ready.points
+    loads = ready.labels("payload_kg")
+    payload = np.array([f"{load} kg" if load else "" for load in loads], dtype=object)
+    both = np.array([f"{g}, {p}" if g and p else "" for g, p in zip(points.groups, payload, strict=True)], dtype=object)
+    return {
+        "per_target": points.names(),
+        "per_group": points.groups[points.pose],
+        "per_payload": payload[points.pose],
+        "per_group_payload": both[points.pose],
+    }
+
+
+def _by_label(labels, of):
+    """``of(mask)`` for each label but the empty one."""
+    return {str(label): of(labels == label) for label in sorted(set(labels)) if label}
+
+
+def _intervals(errors, points, parts, seed):
+    def of(mask):
+        return {name: bootstrap.intervals(e[mask], points.pose[mask], seed=seed) for name, e in errors.items()}
+
+    return {
+        "level": bootstrap.LEVEL,
+        "resamples": bootstrap.RESAMPLES,
+        "seed": seed,
+        **of(np.ones(len(points), dtype=bool)),
+        **{part: _by_label(labels, of) for part, labels in parts.items()},
+    }
+
+
+def _relative(robots, points, kind, frame_points, source):
+    if kind == "virtual":
+        found = {name: accuracy.relative_to_virtual_frame(robot, points) for name, robot in robots.items()}
+        shift = {name: (shift / MM).tolist() for name, (_, shift) in found.items()}
+        return {"kind": kind, "shift_mm": shift, **{name: statistics(d) for name, (d, _) in found.items()}}
+    if kind != "three-points":
+        raise MeasurementError(f"relative errors are those from a virtual frame or from three-points, not {kind!r}")
+    names = [(str(points.pose_ids[k]), str(t)) for k, t in zip(points.pose, points.names(), strict=True)]
+    rows = None
+    if frame_points is not None:
+        missing = [item for item in frame_points if tuple(item) not in names]
+        if missing:
+            raise MeasurementError(f"{source}: pose {missing[0][0]} has no usable point of target {missing[0][1]}")
+        rows = [names.index(tuple(item)) for item in frame_points]
+    found = {name: accuracy.relative_to_three_points(robot, points, rows) for name, robot in robots.items()}
+    rows = found["nominal"][1]
+    return {
+        "kind": kind,
+        "points": ["/".join(names[k]) for k in rows],
+        **{name: statistics(d) for name, (d, _) in found.items()},
+    }
+
+
+def _flange(robots, points, source):
+    out = {}
+    for name, robot in robots.items():
+        found = accuracy.tip_errors(robot, points, source)
+        turned = rotation_statistics(found.rotation)
+        turned["mean_plus_3sigma_deg"] = turned["mean_deg"] + 3 * turned["sigma_deg"]
+        out[name] = {"position": statistics(found.position), "orientation": turned}
+    return out
+
+
+def _comparison(other, seen, refit_base, robot, ready, seed):
+    """Two calibrations, pose by pose on the points that both know."""
+    theirs, robots = _evaluated(other, seen, refit_base)
+    mine = [replace(item.points, pose_ids=item.number) for item in (ready, theirs)]
+    rows = comparison.common_points(*mine)
+    first = distances(robot, ready.points)[rows[0]]
+    second = distances(robots["calibrated"], theirs.points)[rows[1]]
+    found = comparison.compare(first, second, ready.points.pose[rows[0]], ready.points.pose_ids, seed)
+    return {
+        "other_model": other.model,
+        "this": statistics(first),
+        "other": statistics(second),
+        "poses": len(found.pose),
+        "other_minus_this_mm": found.difference / MM,
+        "interval_mm": None if found.interval is None else [value / MM for value in found.interval],
+        "other_better_share": found.second_is_better,
+        "verdict": found.verdict("this calibration", "the other"),
+        "per_pose": {
+            "pose": [str(name) for name in found.pose],
+            "this_mm": (found.first / MM).tolist(),
+            "other_mm": (found.second / MM).tolist(),
+        },
+    }
+
+
+def _verified(calibration, robot, points, verified):
+    other = prepare(_read(verified, calibration.arm()), calibration).points
+    return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, other)
 
 
 def _read(measurements, arm):

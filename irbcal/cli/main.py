@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import (
+    ballbar,
     calibrate,
     demo,
     evaluate,
@@ -15,7 +16,9 @@ from irbcal.cli import (
     fk,
     ik,
     import_,
+    iso9283,
     simulate,
+    tracker,
     verify,
     view,
 )
@@ -57,6 +60,9 @@ app.command("verify")(verify.verify)
 app.command("fk")(fk.fk)
 app.command("ik")(ik.ik)
 app.command("filter")(filter.filter_program)
+app.command("iso9283")(iso9283.iso9283)
+app.command("tracker")(tracker.tracker)
+app.command("ballbar")(ballbar.ballbar)
 app.command("view")(view.view)
 
 

@@ -1,11 +1,39 @@
-"""Accuracy: statistics of the distances between measured and predicted points."""
+"""Accuracy: statistics of measured against predicted points and poses, absolute and relative.
+
+Every figure of accuracy that the program shows is computed here, in `irbcal.validation.bootstrap` (intervals) and in
+`irbcal.validation.comparison` (two calibrations, expected against verified errors).
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
+from irbcal.errors import MeasurementError
+from irbcal.measurement.cleaning import by_pose
 from irbcal.measurement.points import distances, rotation_distances
+from irbcal.measurement.registration import register
+from irbcal.modeling import frames
 from irbcal.units import DEG, MM
 
-__all__ = ["distances", "rotation_distances", "rotation_statistics", "statistics", "statistics_by"]
+__all__ = [
+    "TipErrors",
+    "distances",
+    "error_vectors",
+    "largest_covers",
+    "percentiles",
+    "relative_to_three_points",
+    "relative_to_virtual_frame",
+    "rotation_distances",
+    "rotation_statistics",
+    "statistics",
+    "statistics_by",
+    "tip_errors",
+    "widest_triangle",
+    "within_sphere",
+]
+
+PERCENTILES = (50, 90, 95, 99)
+"""Percentiles that are reported."""
 
 
 def rotation_statistics(angles):
@@ -50,3 +78,225 @@ def statistics_by(distance, labels):
     """`statistics` of the distances of each label, as a dict in the order of the sorted labels."""
     labels = np.asarray(labels, dtype=object)
     return {str(label): statistics(distance[labels == label]) for label in sorted(set(labels))}
+
+
+def percentiles(distance):
+    """`PERCENTILES` of distances in metres, interpolated linearly: ``p50_mm`` and so on; None for no distances."""
+    d = np.asarray(distance, dtype=float) / MM
+    if not len(d):
+        return None
+    return {f"p{p}_mm": float(value) for p, value in zip(PERCENTILES, np.percentile(d, PERCENTILES), strict=True)}
+
+
+def largest_covers(poses, confidence=0.95):
+    """Share of all poses whose error stays below the largest one seen, without any assumption on the distribution.
+
+    The largest of n independent errors exceeds the share p of all errors with probability 1 - p^n (Wilks 1941).
+    This stands in for an interval of the maximum, which resampling cannot give.
+
+    Parameters
+    ----------
+    poses : int
+        Poses drawn independently from those that are meant.
+    confidence : float
+
+    Returns
+    -------
+    float
+    """
+    return float((1.0 - confidence) ** (1.0 / poses))
+
+
+# --- position and orientation of the tip ------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class TipErrors:
+    """Errors of whole poses, reduced to the tip link (Nubiola 2011, section 7.7.3.5).
+
+    Attributes
+    ----------
+    pose : ndarray of int, shape (k,)
+        Rows of the point set's poses that were measured as poses.
+    T_world_tip : ndarray, shape (k, 4, 4)
+        Measured.
+    T_predicted : ndarray, shape (k, 4, 4)
+    """
+
+    pose: np.ndarray
+    T_world_tip: np.ndarray
+    T_predicted: np.ndarray
+
+    @property
+    def position(self):
+        """Distance of measured from predicted origin, shape (k,), metres."""
+        return np.linalg.norm(self.T_world_tip[:, :3, 3] - self.T_predicted[:, :3, 3], axis=1)
+
+    @property
+    def rotation(self):
+        """Angle between measured and predicted orientation, shape (k,), radians."""
+        return frames.rotation_distance(self.T_world_tip[:, :3, :3], self.T_predicted[:, :3, :3])
+
+
+def tip_errors(robot, points, source="the measurements"):
+    """Poses of the tip as measured by three or more targets, or by targets with an orientation, and as predicted.
+
+    The places of the targets in the tip link are the robot's own. Three points of a pose give its tip by the best
+    rigid fit; so the errors of the reflectors' places appear as errors of the tip, but the lever from tip to
+    reflector does not enlarge the position error.
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+        In the robot's measuring frame; every target must be one of the robot's.
+    source : str
+        File name for messages.
+
+    Returns
+    -------
+    TipErrors
+
+    Raises
+    ------
+    MeasurementError
+        If no pose was measured as a whole, or the targets lie on a line.
+    """
+    known = np.isin(points.names().astype(str), list(robot.target_rotations))
+    rows = np.flatnonzero(points.oriented() & known)
+    if len(rows):
+        pose, T = _tips_of_frames(robot, points, rows)
+    else:
+        pose, T = _tips_of_three(robot, points, source)
+    return TipErrors(pose, T, robot.T_world_base @ robot.poses(points.q[pose]))
+
+
+def _tips_of_frames(robot, points, rows):
+    """Tips from measured target frames; the first of a pose counts."""
+    pose, first = np.unique(points.pose[rows], return_index=True)
+    rows = rows[first]
+    names = points.names()[rows]
+    T_tip_target = np.array([frames.transform(robot.target_rotations[n], robot.targets[n]) for n in names])
+    T_world_target = np.tile(np.eye(4), (len(rows), 1, 1))
+    T_world_target[:, :3, :3], T_world_target[:, :3, 3] = points.rotation[rows], points.xyz[rows]
+    return pose, T_world_target @ frames.inverse(T_tip_target)
+
+
+def _tips_of_three(robot, points, source):
+    every = np.ones(len(points), dtype=bool)
+    seen = by_pose(points.pose, points.names(), points.xyz, every, points.target_names)
+    found = None
+    if len(points.target_names) >= 3:
+        found = register(seen, points.target_names, source, robot.targets, what="targets")
+    if found is None:
+        raise MeasurementError(
+            f"{source}: position and orientation of the flange need three targets in a pose, or measured orientations; "
+            f"targets are {', '.join(points.target_names)}"
+        )
+    return np.flatnonzero(found.own), frames.inverse(found.T_frame_pose[found.own])
+
+
+# --- relative accuracy ------------------------------------------------------------------------------------
+
+
+def error_vectors(robot, points):
+    """Measured minus predicted places, shape (m, 3), metres, in the measuring frame."""
+    return points.xyz - _predicted(robot, points)
+
+
+def _predicted(robot, points):
+    local = np.array([robot.targets[name] for name in points.target_names])[points.target]
+    T = (robot.T_world_base @ robot.poses(points.q))[points.pose]
+    return np.einsum("mij,mj->mi", T[:, :3, :3], local) + T[:, :3, 3]
+
+
+def within_sphere(robot, points, center, diameter):
+    """Which points were measured inside a sphere given in the base link, shape (m,).
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+    center : array_like, shape (3,)
+        Metres, in the base link.
+    diameter : float
+        Metres.
+    """
+    at_base = frames.apply(frames.inverse(robot.T_world_base), points.xyz)
+    return np.linalg.norm(at_base - np.asarray(center, dtype=float), axis=1) <= diameter / 2
+
+
+def relative_to_virtual_frame(robot, points):
+    """Errors that are left when the measured places may be shifted as a whole (Nubiola 2011, section 7.7.3.6).
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+
+    Returns
+    -------
+    distance : ndarray, shape (m,)
+        Of the error vectors from their mean, metres.
+    shift : ndarray, shape (3,)
+        The mean error vector along the axes of the base link, metres.
+    """
+    error = error_vectors(robot, points)
+    mean = error.mean(axis=0)
+    return np.linalg.norm(error - mean, axis=1), robot.T_world_base[:3, :3].T @ mean
+
+
+def relative_to_three_points(robot, points, rows=None):
+    """Errors in a frame of three measured points, as a user teaches one (Nubiola 2011, section 7.7.3.7).
+
+    The frame is made (eqs. 3.13 to 3.19) of the three points as measured and as predicted; all others are compared in
+    these frames. Errors of the three points enter all others.
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+    rows : sequence of three int, optional
+        The points: two on the x axis, one on the side of y; by default `widest_triangle`.
+
+    Returns
+    -------
+    distance : ndarray, shape (m - 3,)
+        Of all points but the three, metres.
+    rows : ndarray of int, shape (3,)
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer than four points or the three lie on a line.
+    """
+    if len(points) < 4:
+        raise MeasurementError(f"a frame of three points leaves nothing to compare of {len(points)} points")
+    rows = widest_triangle(points.xyz) if rows is None else np.asarray(rows, dtype=int)
+    predicted = _predicted(robot, points)
+    try:
+        measured = frames.apply(frames.inverse(frames.from_three_points(*points.xyz[rows])), points.xyz)
+        predicted = frames.apply(frames.inverse(frames.from_three_points(*predicted[rows])), predicted)
+    except ValueError as error:
+        raise MeasurementError(f"the frame of relative errors: {error}") from None
+    rest = np.setdiff1d(np.arange(len(points)), rows)
+    return np.linalg.norm(measured[rest] - predicted[rest], axis=1), rows
+
+
+def widest_triangle(xyz):
+    """Three points far apart, found without looking at any error.
+
+    The farthest from the middle, the farthest from that one, and the farthest from the line through both.
+
+    Parameters
+    ----------
+    xyz : ndarray, shape (m, 3)
+
+    Returns
+    -------
+    ndarray of int, shape (3,)
+    """
+    first = int(np.argmax(np.linalg.norm(xyz - xyz.mean(axis=0), axis=1)))
+    second = int(np.argmax(np.linalg.norm(xyz - xyz[first], axis=1)))
+    third = int(np.argmax(np.linalg.norm(np.cross(xyz - xyz[first], xyz[second] - xyz[first]), axis=1)))
+    return np.array([first, second, third])

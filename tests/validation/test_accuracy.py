@@ -1,9 +1,13 @@
-"""Statistics against numbers worked out by hand."""
+"""Statistics and errors against numbers worked out by hand and motions put in."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import arm, measured, random_robot
+from support import arm, measured, random_robot, random_rotation
 
+from irbcal.errors import MeasurementError
+from irbcal.modeling import frames
 from irbcal.validation import accuracy
 
 
@@ -36,3 +40,116 @@ def test_distances_are_those_of_shifted_points():
     distance = accuracy.distances(robot, points)
     assert distance[4] == pytest.approx(5e-3, abs=1e-12)
     assert np.delete(distance, 4).max() < 1e-13
+
+
+def test_percentiles_and_what_the_largest_covers():
+    found = accuracy.percentiles(np.arange(101) * 1e-3)
+    assert found == pytest.approx({"p50_mm": 50.0, "p90_mm": 90.0, "p95_mm": 95.0, "p99_mm": 99.0})
+    assert accuracy.percentiles([]) is None
+    # with 59 poses one may be 95 % sure that 95 % of all lie below the largest: the textbook's sample size
+    assert accuracy.largest_covers(59) > 0.95 > accuracy.largest_covers(58)
+
+
+def three_target_points(n=40):
+    nominal = arm()
+    robot = random_robot(nominal, "34", np.random.default_rng(1))
+    return robot, measured(robot, nominal.random_joints(n, 3))
+
+
+def test_tip_errors_are_those_of_moved_tips():
+    """Tips moved by 1 mm and turned by 0.1 degrees about themselves: the lever to the targets does not count."""
+    robot, points = three_target_points()
+    T = robot.T_world_base @ robot.poses(points.q)
+    angle = np.radians(0.1)
+    T[:, :3, :3] = frames.rot_z(angle) @ T[:, :3, :3]
+    T[:, :3, 3] += [0.6e-3, 0.0, -0.8e-3]
+    local = np.array([robot.targets[name] for name in points.target_names])[points.target]
+    xyz = np.einsum("mij,mj->mi", T[points.pose, :3, :3], local) + T[points.pose, :3, 3]
+    moved = replace(points, xyz=xyz)
+    found = accuracy.tip_errors(robot, moved)
+    assert np.abs(found.position - 1e-3).max() < 1e-12
+    assert np.abs(found.rotation - angle).max() < 1e-10
+    assert np.abs(accuracy.distances(robot, moved) - 1e-3).max() > 1e-4, "the targets themselves feel the lever"
+
+
+def test_tip_errors_of_measured_frames_equal_those_of_points():
+    robot, points = three_target_points()
+    R_tip_target = random_rotation(np.random.default_rng(5))
+    robot = robot.replace(target_rotations={"smr2": R_tip_target})
+    T = robot.T_world_base @ robot.poses(points.q)
+    xyz = points.xyz + np.array([0.0, 2e-3, 0.0])
+    rotation = np.full((len(points), 3, 3), np.nan)
+    mine = points.names() == "smr2"
+    turn = frames.rot_x(1e-3)
+    rotation[mine] = turn @ T[points.pose[mine], :3, :3] @ R_tip_target
+    found = accuracy.tip_errors(robot, replace(points, xyz=xyz, rotation=rotation))
+    assert np.abs(found.rotation - 1e-3).max() < 1e-10
+    # the tip lies -R p from the target: turning about x moves it in the plane across
+    lever = -(T[:, :3, :3] @ robot.targets["smr2"])
+    expected = np.linalg.norm(lever @ turn.T - lever + [0.0, 2e-3, 0.0], axis=1)
+    assert np.abs(found.position - expected).max() < 1e-12
+
+
+def test_two_targets_make_no_pose():
+    robot, points = three_target_points(5)
+    with pytest.raises(MeasurementError, match="three targets"):
+        accuracy.tip_errors(robot, points.take(points.target < 2).with_seen_targets())
+
+
+def test_virtual_frame_takes_a_common_shift_off():
+    robot, points = three_target_points()
+    rest = 1e-4 * np.random.default_rng(2).standard_normal(points.xyz.shape)
+    shift_base = np.array([18e-6, -117e-6, 20e-6])
+    xyz = points.xyz + robot.T_world_base[:3, :3] @ shift_base + rest
+    distance, shift = accuracy.relative_to_virtual_frame(robot, replace(points, xyz=xyz))
+    expected = shift_base + robot.T_world_base[:3, :3].T @ rest.mean(axis=0)
+    assert np.abs(shift - expected).max() < 1e-12
+    assert np.abs(distance - np.linalg.norm(rest - rest.mean(axis=0), axis=1)).max() < 1e-12
+
+
+def test_three_points_take_any_rigid_motion_off_and_pass_their_errors_on():
+    robot, points = three_target_points()
+    T = frames.transform(frames.rotation_from_vector([1e-3, -2e-3, 1e-3]), [3e-3, 1e-3, -2e-3])
+    moved = replace(points, xyz=frames.apply(T, points.xyz))
+    distance, rows = accuracy.relative_to_three_points(robot, moved)
+    assert len(distance) == len(points) - 3
+    assert distance.max() < 1e-10
+    xyz = moved.xyz.copy()
+    xyz[rows[0]] += 1e-3
+    spoiled, again = accuracy.relative_to_three_points(robot, replace(moved, xyz=xyz), rows)
+    assert (again == rows).all()
+    assert 1e-4 < np.median(spoiled) < 5e-3
+    with pytest.raises(MeasurementError, match="on a line"):
+        accuracy.relative_to_three_points(robot, moved, [0, 0, 1])
+
+
+def test_sphere_is_one_of_the_base():
+    robot, points = three_target_points()
+    base = frames.apply(frames.inverse(robot.T_world_base), points.xyz)
+    inside = accuracy.within_sphere(robot, points, base[7], 0.4)
+    assert inside[7]
+    assert (inside == (np.linalg.norm(base - base[7], axis=1) <= 0.2)).all()
+
+
+def test_flange_poses_of_a_real_robot_are_those_of_scipy(shared_data):
+    """IRB 120, three reflectors: tips by scipy's align_vectors, pose by pose; the flange's errors are below the points'."""
+    from scipy.spatial.transform import Rotation
+
+    import irbcal
+
+    outcome = irbcal.calibrate(
+        shared_data / "irb120_laser_tracker" / "measurements.csv", "irb120", "34", holdout=296, order="last"
+    )
+    robot, points = outcome.fit.robot, outcome.heldout_points
+    found = accuracy.tip_errors(robot, points)
+    assert len(found.pose) == 296
+    local = np.array([robot.targets[name] for name in points.target_names])
+    for k, pose in list(enumerate(found.pose))[::20]:
+        mine = points.pose == pose
+        places, on_tool = points.xyz[mine], local[points.target[mine]]
+        R = Rotation.align_vectors(places - places.mean(axis=0), on_tool - on_tool.mean(axis=0))[0].as_matrix()
+        assert np.abs(found.T_world_tip[k, :3, :3] - R).max() < 1e-8
+        assert np.abs(found.T_world_tip[k, :3, 3] - (places.mean(axis=0) - R @ on_tool.mean(axis=0))).max() < 1e-9
+    flange, at_points = accuracy.statistics(found.position), accuracy.statistics(accuracy.distances(robot, points))
+    assert 0.35 < flange["mean_mm"] < at_points["mean_mm"] < 0.45
+    assert 0.05 < accuracy.rotation_statistics(found.rotation)["mean_deg"] < 0.1

@@ -1,0 +1,175 @@
+"""Bootstrap intervals: how much the statistics would change with other poses of the same kind.
+
+Whole poses are drawn again with replacement, because the points of one pose share its error. Intervals of mean,
+sigma, mean + 3 sigma and rms are bias-corrected and accelerated (BCa; Efron 1987), with the acceleration from leaving
+out one pose at a time; those of percentiles are plain percentile intervals, since leaving out one pose says nothing
+about a percentile. There is none for the maximum: no resample can exceed it, see
+`irbcal.validation.accuracy.largest_covers`.
+"""
+
+import numpy as np
+
+from irbcal.units import MM
+from irbcal.validation.accuracy import PERCENTILES
+
+RESAMPLES = 2000
+LEVEL = 0.95
+FEWEST_POSES = 10
+"""Poses below which intervals would be far too narrow: none are given then."""
+
+MOMENTS = ("mean_mm", "sigma_mm", "mean_plus_3sigma_mm", "rms_mm")
+BLOCK = 4_000_000
+"""Numbers that are worked on at a time."""
+
+
+def draws(poses, resamples=RESAMPLES, seed=0):
+    """How often each pose is in each resample.
+
+    Parameters
+    ----------
+    poses : int
+    resamples : int
+    seed : int
+
+    Returns
+    -------
+    iterator of ndarray of int, shape (block, poses)
+        Blocks of resamples; the same for the same seed whatever their size.
+    """
+    rng = np.random.default_rng(seed)
+    step = max(1, BLOCK // poses)
+    for start in range(0, resamples, step):
+        k = min(step, resamples - start)
+        picked = rng.integers(poses, size=(k, poses))
+        picked += poses * np.arange(k)[:, None]
+        yield np.bincount(picked.ravel(), minlength=k * poses).reshape(k, poses).astype(np.int32)
+
+
+def intervals(distance, pose, resamples=RESAMPLES, seed=0, level=LEVEL):
+    """Bootstrap intervals of the statistics of distances.
+
+    Parameters
+    ----------
+    distance : ndarray, shape (m,)
+        Metres.
+    pose : ndarray, shape (m,)
+        Pose of each distance.
+    resamples, seed : int
+    level : float
+
+    Returns
+    -------
+    dict of str to [float, float], or None
+        Low and high ends in mm for the keys of `MOMENTS` and ``p50_mm`` and so on; None for fewer than `FEWEST_POSES`
+        poses.
+    """
+    pose = np.unique(np.asarray(pose), return_inverse=True)[1].ravel()
+    n = int(pose.max(initial=-1)) + 1
+    if n < FEWEST_POSES:
+        return None
+    d = np.asarray(distance, dtype=float) / MM
+    sums = _Sums.of(d, pose, n)
+    order = np.argsort(d, kind="stable")
+    moments, quantiles = [], []
+    for count in draws(n, resamples, seed):
+        moments.append(sums.moments(*(count @ s for s in sums.by_pose)))
+        step = max(1, BLOCK // len(d))
+        for start in range(0, len(count), step):
+            quantiles.append(_percentiles(d[order], count[start : start + step, pose[order]]))
+    moments, quantiles = np.concatenate(moments, axis=1), np.concatenate(quantiles, axis=1)
+    total = [s.sum() for s in sums.by_pose]
+    estimate = sums.moments(*total)
+    left_out = sums.moments(*(t - s for t, s in zip(total, sums.by_pose, strict=True)))
+    out = {
+        name: bca(replicates, value, jackknife, level)
+        for name, replicates, value, jackknife in zip(MOMENTS, moments, estimate, left_out, strict=True)
+    }
+    ends = 100 * np.array([0.5 - level / 2, 0.5 + level / 2])
+    for p, replicates in zip(PERCENTILES, quantiles, strict=True):
+        out[f"p{p}_mm"] = np.percentile(replicates, ends).tolist()
+    return out
+
+
+def difference(values, resamples=RESAMPLES, seed=0, level=LEVEL):
+    """BCa interval of the mean of one value for each pose; None for fewer than `FEWEST_POSES`.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    resamples, seed : int
+    level : float
+
+    Returns
+    -------
+    [float, float] or None
+        In the unit of the values.
+    """
+    values = np.asarray(values, dtype=float)
+    n = len(values)
+    if n < FEWEST_POSES:
+        return None
+    replicates = np.concatenate([count @ values / n for count in draws(n, resamples, seed)])
+    return bca(replicates, values.mean(), (values.sum() - values) / (n - 1), level)
+
+
+def bca(replicates, estimate, jackknife, level=LEVEL):
+    """Bias-corrected and accelerated interval (Efron 1987).
+
+    Parameters
+    ----------
+    replicates : ndarray, shape (resamples,)
+        The statistic of each resample.
+    estimate : float
+        That of the data.
+    jackknife : ndarray, shape (n,)
+        That of the data without one pose each.
+    level : float
+
+    Returns
+    -------
+    [float, float]
+    """
+    from scipy.special import ndtr, ndtri
+
+    count = len(replicates)
+    share = (np.sum(replicates < estimate) + 0.5 * np.sum(replicates == estimate)) / count
+    bias = ndtri(np.clip(share, 0.5 / count, 1 - 0.5 / count))
+    u = jackknife.mean() - jackknife
+    spread = np.sum(u**2)
+    acceleration = np.sum(u**3) / (6 * spread**1.5) if spread > 0 else 0.0
+    z = bias + ndtri([0.5 - level / 2, 0.5 + level / 2])
+    ends = ndtr(bias + z / (1 - acceleration * z))
+    return np.percentile(replicates, 100 * ends).tolist()
+
+
+class _Sums:
+    """Sums over each pose, from which moments of any resample follow."""
+
+    def __init__(self, shift, by_pose):
+        self.shift, self.by_pose = shift, by_pose
+
+    @classmethod
+    def of(cls, d, pose, n):
+        shift = d.mean()  # keeps the digits of sigma
+        rest = d - shift
+        return cls(shift, [np.bincount(pose, w, n) for w in (np.ones_like(d), rest, rest**2)])
+
+    def moments(self, s0, s1, s2):
+        """`MOMENTS` from count, sum and sum of squares of the shifted distances, shape (4, ...)."""
+        mean = s1 / s0
+        variance = np.maximum(s2 - s1 * mean, 0.0)
+        sigma = np.sqrt(variance / np.maximum(s0 - 1, 1))
+        mean = mean + self.shift
+        return np.array([mean, sigma, mean + 3 * sigma, np.sqrt(variance / s0 + mean**2)])
+
+
+def _percentiles(d, count):
+    """Linear percentiles of sorted values (m,) that occur ``count`` (k, m) times, shape (percentiles, k)."""
+    until = np.cumsum(count, axis=1, dtype=np.int32)
+    last = until[:, -1:] - 1
+    place = last * (np.array(PERCENTILES) / 100)
+    low = np.floor(place)
+    wanted = np.hstack([low, np.minimum(low + 1, last)])
+    ends = d[np.array([np.searchsorted(row, k, side="right") for row, k in zip(until, wanted, strict=True)])]
+    first, second = np.hsplit(ends, 2)
+    return (first + (place - low) * (second - first)).T
