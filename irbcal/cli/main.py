@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import (
+    axes,
     ballbar,
     calibrate,
     demo,
@@ -60,6 +61,7 @@ app.command("verify")(verify.verify)
 app.command("fk")(fk.fk)
 app.command("ik")(ik.ik)
 app.command("filter")(filter.filter_program)
+app.command("axes")(axes.axes)
 app.command("iso9283")(iso9283.iso9283)
 app.command("tracker")(tracker.tracker)
 app.command("ballbar")(ballbar.ballbar)
