@@ -17,6 +17,7 @@ from support import (
 
 import irbcal
 from irbcal import shipped, workflow
+from irbcal.correction.fake import correct_joints
 from irbcal.errors import IdentificationError, MeasurementError, RobotError
 from irbcal.export import pinocchio_check, urdf
 from irbcal.identification.fit import identify
@@ -200,6 +201,79 @@ def test_same_commands_for_other_arms(name, rail, tmp_path):
     assert_same_poses(saved.robot_calibrated().poses(fake[changed]), wanted, 1e-6, 1e-6)
     # others can tell the URDF
     assert "is this calibration" in run("verify", tmp_path / "cal", "--urdf", tmp_path / "cal/calibrated.urdf")
+
+
+SCARA = """<robot name="scara"><link name="base_link"/><link name="a"/><link name="b"/><link name="c"/><link name="tool0"/>
+<joint name="j1" type="revolute"><parent link="base_link"/><child link="a"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="j3" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0.3 0 0"/><axis xyz="0 0 -1"/><limit lower="0" upper="0.2" effort="1" velocity="1"/></joint>
+<joint name="j4" type="revolute"><parent link="c"/><child link="tool0"/><axis xyz="0 0 -1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-5])
+def test_a_scara_is_calibrated_although_its_base_and_tool_cannot_be_told_apart(noise, tmp_path):
+    """Axes all parallel: height of base and tool are one number, and still every other pose is predicted."""
+    (tmp_path / "scara.urdf").write_text(SCARA)
+    arm = urdf.read(tmp_path / "scara.urdf").arm
+    assert arm.planar
+    assert not urdf.read("irb120").arm.planar
+    rng = np.random.default_rng(3)
+    robot = random_robot(arm, "placement", rng, size=0.1)
+    data = write_measurements(
+        tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), noise, rng), columns=arm.joint_columns
+    )
+    outcome = workflow.calibrate(data, tmp_path / "scara.urdf", holdout=0.0)
+    other = measured(robot, arm.random_joints(200, 5))
+    error = distances(outcome.fit.robot, other)
+    nominal = distances(outcome.nominal.robot, other)
+    assert nominal.mean() > 3e-4
+    assert error.max() < (1e-4 if noise else 1e-8)
+    # the axes of the real arm are not quite parallel, so that height is seen a little; those of the nominal one are
+    rows = {row.name: row for row in outcome.nominal.parameters()}
+    assert rows["target_smr1_z"].state == "tied"
+    assert rows["target_smr1_z"].std is None
+    assert "all axes of this arm are parallel" in rows["target_smr1_z"].reason
+    assert rows["target_smr1_x"].state == "identified"
+    irbcal.save(outcome, tmp_path / "cal")
+    assert irbcal.load(tmp_path / "cal").rank == outcome.fit.rank
+
+
+def test_arms_with_few_joints(tmp_path):
+    """What fk prints, ik finds again; fake targets are refused with the reason."""
+    (tmp_path / "scara.urdf").write_text(SCARA)
+    arm = urdf.read(tmp_path / "scara.urdf").arm
+    q = arm.random_joints(15, 6)
+    with open(tmp_path / "q.csv", "w") as stream:
+        stream.write(",".join(arm.joint_columns) + "\n")
+        np.savetxt(stream, q / arm.joint_units, delimiter=",", fmt="%.9f")
+    (tmp_path / "p.csv").write_text(run("fk", tmp_path / "scara.urdf", "--joints", tmp_path / "q.csv"))
+    lines = run("ik", tmp_path / "scara.urdf", "--poses", tmp_path / "p.csv").splitlines()[1:]
+    assert sum(line.endswith(",") for line in lines) >= 14
+    with pytest.raises(RobotError, match="scara has 4 joints: with fewer than six there are no fake targets"):
+        correct_joints(Robot(arm), arm, q)
+
+
+def test_fk_and_ik_take_the_links_of_a_urdf(rail, tmp_path):
+    (tmp_path / "q.csv").write_text("q1_mm,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,q7_deg\n500,10,20,30,40,50,60\n")
+    printed = run("fk", rail, "--base-link", "rail_base", "--tip-link", "tool0", "--joints", tmp_path / "q.csv")
+    xyz = np.array(printed.splitlines()[1].split(",")[:3], dtype=float) / 1e3
+    arm = urdf.read(rail, "rail_base", "tool0").arm
+    q = np.array([[0.5, *np.radians([10, 20, 30, 40, 50, 60])]])
+    assert np.abs(xyz - by_pinocchio(rail.read_bytes(), arm, q)[0, :3, 3]).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["ur3", "z1", "kinova"])
+def test_arms_not_built_like_the_thesis_get_the_general_model(name, tmp_path):
+    """By default, and by cross-validation where level 34 does not even apply."""
+    file, base, tip, _, _ = ROBOTS[name]
+    arm = urdf.read(example_robot(file), base, tip).arm
+    rng = np.random.default_rng(5)
+    robot = random_robot(arm, "placement", rng, size=0.1)
+    data = write_measurements(tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), 1e-5, rng))
+    for model in (None, "auto"):
+        outcome = workflow.calibrate(data, example_robot(file), model, base=base, tip=tip)
+        assert outcome.fit.level == "placement"
+        assert distances(outcome.fit.robot, outcome.heldout_points).mean() < 4e-5
 
 
 def test_refusals_name_what_the_arm_has(rail, tmp_path):

@@ -118,9 +118,10 @@ def _print(found, out, written, expected):
         Console().print(view)
         if len(changes) > SHOWN:
             show.say(f"… and {len(changes) - SHOWN} more")
+        shifts = changes["shift_mm"]
         show.say(
-            f"{len(changes)} targets corrected, by {changes['shift_mm'].mean():.3f} mm on average and at most "
-            f"{changes['shift_mm'].max():.3f} mm"
+            f"{len(changes)} target{'s' if len(changes) != 1 else ''} corrected, by {shifts.mean():.3f} mm on average "
+            f"and at most {shifts.max():.3f} mm"
         )
     if expected is not None:
         show.say(f"Expected error afterwards: {expected:.3f} mm mean, that of the calibration's held-out poses")

@@ -25,13 +25,20 @@ def fk(
         bool, typer.Option("--uncertainty", help="Add standard deviations of the position (calibrations only).")
     ] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
+    base_link: Annotated[
+        str | None, typer.Option(help="Base link of a URDF.", show_default="base_link or the root")
+    ] = None,
+    tip_link: Annotated[
+        str | None,
+        typer.Option(help="Tip link of a URDF.", show_default="tool0, flange, ee_link, tcp or the last link"),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
 ):
     """Where a robot really ends: poses of the tip in the base link (mm, unit quaternion, scalar first), as CSV."""
     from irbcal.export import poses
     from irbcal.measurement import table
 
-    model = poses.open_robot(robot, nominal)
+    model = poses.open_robot(robot, nominal, base_link, tip_link)
     q = table.read_joints(joints, model.arm.joint_columns)
     frame = poses.target_table(model, q, target) if target else poses.pose_table(model, q)
     if uncertainty:

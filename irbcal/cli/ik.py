@@ -22,6 +22,13 @@ def ik(
     ] = None,
     all_branches: Annotated[bool, typer.Option("--all-branches", help="Every branch within the joint limits.")] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
+    base_link: Annotated[
+        str | None, typer.Option(help="Base link of a URDF.", show_default="base_link or the root")
+    ] = None,
+    tip_link: Annotated[
+        str | None,
+        typer.Option(help="Tip link of a URDF.", show_default="tool0, flange, ee_link, tcp or the last link"),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
 ):
     """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot."""
@@ -30,7 +37,7 @@ def ik(
     from irbcal.export import poses as tables
     from irbcal.measurement import table
 
-    model, arm = tables.open_pair(robot, nominal)
+    model, arm = tables.open_pair(robot, nominal, base_link, tip_link)
     start = np.clip(np.zeros(len(arm.lower)), arm.lower, arm.upper)
     if near is not None:
         try:

@@ -11,7 +11,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 
 
-def open_robot(name, nominal=False):
+def open_robot(name, nominal=False, base=None, tip=None):
     """The robot of a calibration folder, of a URDF or shipped with the package.
 
     Parameters
@@ -19,6 +19,8 @@ def open_robot(name, nominal=False):
     name : str or Path
     nominal : bool
         The nominal behaviour of a calibration (its base and tool identified with the nominal model).
+    base, tip : str, optional
+        Link names for a URDF, see `irbcal.export.urdf.read`.
 
     Returns
     -------
@@ -29,10 +31,10 @@ def open_robot(name, nominal=False):
     IrbcalError
         If there is no such robot.
     """
-    return open_pair(name, nominal)[0]
+    return open_pair(name, nominal, base, tip)[0]
 
 
-def open_pair(name, nominal=False):
+def open_pair(name, nominal=False, base=None, tip=None):
     """As `open_robot`, with the nominal arm that belongs to the robot.
 
     Returns
@@ -41,10 +43,12 @@ def open_pair(name, nominal=False):
     arm : Arm
     """
     if Path(name).is_dir():
+        if base or tip:
+            raise RobotError(f"{name}: a calibration has its own base and tip link: choose links for a URDF only")
         calibration = calibration_file.load(name)
         robot = calibration.robot_nominal() if nominal else calibration.robot_calibrated()
         return robot, calibration.arm(calibrated=False)
-    arm = urdf.read(name).arm
+    arm = urdf.read(name, base, tip).arm
     return Robot(arm), arm
 
 
@@ -78,7 +82,9 @@ def joint_table(robot, nominal, T_base_tip, near, all_branches=False):
 
     columns, units = nominal.joint_columns, nominal.joint_units
     if not all_branches and not inverse.has_closed_form(nominal):
-        found = numerical.solve(robot, nominal, T_base_tip, near)
+        # with fewer than six joints a pose is met only as well as its file is rounded
+        tolerance = 1e-8 if len(columns) < 6 else 1e-10
+        found = numerical.solve(robot, nominal, T_base_tip, near, tolerance, tolerance)
         table = pd.DataFrame(found.joints / units, columns=columns)
         table["note"] = _notes(found)
         return table

@@ -245,7 +245,10 @@ def _choose_tip(tip, links, by_child, source):
     deepest = max(map(depth, leaves), default=0)
     best = [link for link in leaves if depth(link) == deepest]
     if len(best) != 1:
-        raise RobotError(f"{source}: which link is the tip? candidates are {', '.join(best)}: name one with --tip")
+        raise RobotError(
+            f"{source}: which link is the tip? candidates are {', '.join(best)}: name one of these, or a link before "
+            "them, with --tip-link"
+        )
     return best[0]
 
 

@@ -290,22 +290,30 @@ def _report(fit):
         deviation = None if deviation is None else _outside(deviation, unit)[0]
         rows.append(ParameterReport(name, value, outside, deviation, state_name, reason))
 
+    hidden = np.linalg.norm(information.outer_null, axis=1) if information.outer_null.shape[1] else np.zeros(len(std))
+    outer = "base and tool cannot be told apart in all ways: all axes of this arm are parallel"
+
+    def add_outer(name, value, unit, deviation, share):
+        free = share <= TIED
+        add(name, value, unit, deviation if free else None, *(() if free else ("tied", outer)))
+
     T = state.T_world_base
     moved = T[:3, :3] @ covariance[3:6, 3:6] @ T[:3, :3].T
+    moved_hidden = np.linalg.norm(T[:3, :3] @ information.outer_null[3:6], axis=1)
     base = frames.to_xyz_angles(T)
     for k, name in enumerate("xyz"):
-        add(f"base_{name}", base[k], "m", np.sqrt(moved[k, k]))
+        add_outer(f"base_{name}", base[k], "m", np.sqrt(moved[k, k]), moved_hidden[k])
     for k, name in enumerate(("rx", "ry", "rz")):
-        add(f"base_{name}", base[3 + k], "rad", std[k])
+        add_outer(f"base_{name}", base[3 + k], "rad", std[k], hidden[k])
     names, b = fit.problem.points.target_names, 6
     for j in fit.problem.free:
         for k in range(3):
-            add(f"target_{names[j]}_{'xyz'[k]}", state.targets[j, k], "m", std[b + k])
+            add_outer(f"target_{names[j]}_{'xyz'[k]}", state.targets[j, k], "m", std[b + k], hidden[b + k])
         b += 3
     for j in fit.problem.framed:
         angles = frames.to_xyz_angles(frames.transform(state.rotations[j]))[3:]
         for k in range(3):
-            add(f"target_{names[j]}_r{'xyz'[k]}", angles[k], "rad", std[b + k])
+            add_outer(f"target_{names[j]}_r{'xyz'[k]}", angles[k], "rad", std[b + k], hidden[b + k])
         b += 3
     held = information.held_fraction()
     sentences = _held_sentences(fit)

@@ -36,6 +36,9 @@ class Information:
         How base and targets follow the (unscaled) error parameters: ``dn = -follow @ de``.
     sigma : float
         Standard deviation of one coordinate residual, metres.
+    outer_null : ndarray, shape (b, k)
+        Directions of base and targets that no pose of the arm can show, unit vectors; only arms whose axes are all
+        parallel have any.
     """
 
     eigenvalues: np.ndarray
@@ -45,11 +48,12 @@ class Information:
     H_nn_inverse: np.ndarray
     follow: np.ndarray
     sigma: float
+    outer_null: np.ndarray
 
     @property
     def rank(self):
         """Number of seen directions, base and targets included."""
-        return len(self.H_nn_inverse) + int(self.seen.sum())
+        return len(self.H_nn_inverse) - self.outer_null.shape[1] + int(self.seen.sum())
 
     def covariance(self):
         """Covariance of base (rotation vector, translation), targets and error parameters, SI units.
@@ -172,30 +176,34 @@ def information(problem, H, rss):
     Raises
     ------
     IdentificationError
-        If the poses do not determine base and targets, or if there are no equations to spare.
+        If the poses do not determine base and targets although those of another choice would, or if there are no
+        equations to spare.
     """
     b = problem.outer
     equations = 3 * problem.rows
     values, vectors = np.linalg.eigh(H[:b, :b])
-    if values[0] < 1e-9 * values[-1]:
+    null = values < 1e-9 * values[-1]
+    if null.any() and not problem.arm.planar:
         raise IdentificationError(
             f"the {problem.points.poses} poses do not determine base and tool: they are too alike; "
             "measure poses that turn the tool about at least two directions"
         )
-    H_nn_inverse = (vectors / values) @ vectors.T
+    # a direction that nothing depends on gets no step: base and tool stay as they started along it
+    H_nn_inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
     follow = H_nn_inverse @ H[:b, b:]
     scale = np.array([p.scale for p in problem.parameters])
     S = (H[b:, b:] - H[b:, :b] @ follow) * scale[:, None] * scale
     eigenvalues, directions = np.linalg.eigh(0.5 * (S + S.T)) if len(scale) else (np.zeros(0), np.zeros((0, 0)))
     largest = eigenvalues[-1] if len(scale) else 0.0
     solid = eigenvalues > ROUNDING * max(largest, 0.0)
-    spare = equations - b - int(solid.sum())
+    known = b - int(null.sum()) + int(solid.sum())
+    spare = equations - known
     if spare < 1:
         raise IdentificationError(
             f"{len(problem.points)} points of {problem.points.poses} poses give {equations} equations for "
-            f"{b + int(solid.sum())} unknowns: measure at least {-(-(1 - spare) // 3)} more points or choose a "
+            f"{known} unknowns: measure at least {-(-(1 - spare) // 3)} more points or choose a "
             "smaller model"
         )
     sigma = np.sqrt(rss / spare)
     seen = solid & (eigenvalues > sigma**2)
-    return Information(eigenvalues, directions, seen, scale, H_nn_inverse, follow, float(sigma))
+    return Information(eigenvalues, directions, seen, scale, H_nn_inverse, follow, float(sigma), vectors[:, null])

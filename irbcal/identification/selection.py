@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.errors import IdentificationError
+from irbcal.errors import IdentificationError, RobotError
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import distances
 from irbcal.modeling.parameters import levels_of
@@ -106,7 +106,7 @@ def choose_level(arm, points, seed=0, levels=None, progress=None, **options):
             progress(f"cross-validating model {level}")
         try:
             errors = pose_errors(arm, points, level, folds, **options)
-        except IdentificationError as error:
+        except (IdentificationError, RobotError) as error:
             if chosen is None:
                 raise
             table.append(Candidate(level, None, None, None, False, str(error)))

@@ -89,8 +89,9 @@ class MeasurementSet:
             missing = [name for name in expected if name not in found]
             which = f"missing column {', '.join(missing)}" if missing else f"there is a column {found[len(expected)]}"
             raise MeasurementError(
-                f"{self.source}: row 1: {which}: {arm.name} has {len(expected)} joints with the columns "
-                f"{expected[0]} … {expected[-1]}, found {', '.join(found)}"
+                f"{self.source}: row 1: {which}: {arm.name} has {len(expected)} joints between the links "
+                f"{arm.base_link} and {arm.tip_link} (--base-link, --tip-link) with the columns {expected[0]} … "
+                f"{expected[-1]}, found {', '.join(found)}"
             )
 
     def is_reference(self):

@@ -50,6 +50,13 @@ class Arm:
         return len(self.joint_names) == 6 and not self.table.prismatic.any()
 
     @property
+    def planar(self):
+        """Whether all turning axes are parallel (SCARA): such an arm cannot tell its base from its tool in all ways."""
+        values = self.random_joints(3, 0).T + self.table.offsets[:, None]
+        turning = dhm.chain_frames(self.table, values, self.T_base_0).z[~self.table.prismatic]
+        return bool(np.abs(np.cross(turning, turning[:1, :, :1], axis=1)).max(initial=0.0) < np.sin(1.0 * DEG))
+
+    @property
     def joint_columns(self):
         """Columns of joint values in files: ``q1_deg`` and so on, ``q1_mm`` for a prismatic joint."""
         return [f"q{i}_{'mm' if slides else 'deg'}" for i, slides in enumerate(self.table.prismatic, start=1)]
@@ -108,8 +115,9 @@ class Arm:
         axis = z[1]
         if abs(axis[2]) > 1e-6 or abs(axis @ z[2] - 1.0) > 1e-9:
             raise RobotError(
-                f"the arm-stiffness model needs axes 2 and 3 horizontal and parallel, but those of {self.name} "
-                f"point along {np.round(z[1], 3)} and {np.round(z[2], 3)} in {self.base_link}: use level 26"
+                f"the arm-stiffness model needs axes 2 and 3 horizontal and pointing the same way, but those of "
+                f"{self.name} point along {np.round(z[1], 3) + 0.0} and {np.round(z[2], 3) + 0.0} in {self.base_link}: "
+                "use model placement"
             )
         upper = o[2] - o[1] - axis * (axis @ (o[2] - o[1]))
         # the forearm runs along axis 4 where that lies in the arm's plane (spherical wrist), else to axis 4

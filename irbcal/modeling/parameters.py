@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.errors import IdentificationError
+from irbcal.modeling import inverse
 from irbcal.units import DEG, MM
 
 GEOMETRIC = ("alpha", "a", "theta", "d", "beta", "b")
@@ -93,12 +94,12 @@ LEVELS = (*THESIS_LEVELS, *GENERAL_LEVELS[1:])
 
 def levels_of(arm):
     """Levels to compare for an arm, from small to large."""
-    return tuple(THESIS_LEVELS) if arm.six_revolute else GENERAL_LEVELS
+    return (*THESIS_LEVELS, "placement") if arm.six_revolute else GENERAL_LEVELS
 
 
 def default_level(arm):
-    """The level for an arm where none is asked for."""
-    return "34" if arm.six_revolute else "placement"
+    """The level for an arm where none is asked for: ``34`` for arms built like the thesis's, else ``placement``."""
+    return "34" if inverse.has_closed_form(arm) else "placement"
 
 
 def level_parameters(level, arm=None):

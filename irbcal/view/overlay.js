@@ -525,7 +525,7 @@ const LAYERS = [
   ["measured", "measured points", measured, [["measured"]], "#17324d"],
   ["modelled", measured ? "modelled points" : "expected points", !!points, [["modelled"]], measured ? "#fff" : "#17324d"],
   ["vectors", "error vectors", measured, [["vectors"]], data.scale.colours[3]],
-  ["shown", measured ? "targets of this pose" : "targets", true, [["shown"]], "#ffd23f"],
+  ["shown", measured ? "targets of this pose" : data.targets.some((t) => t.place.some((v) => v !== 0)) ? "targets" : "tip", true, [["shown"]], "#ffd23f"],
   ["path", "way of the first target", data.path, [["path"]], "#0b7a75"],
   ["tracker", "laser tracker", data.tracker, [["tracker"]], "#3a4149"],
   ["sight", "lines of sight", data.tracker, [["sight"]], "#d6002f"],

@@ -433,6 +433,11 @@ def _turns(robot, points):
 def _plan_joints(plan, arm):
     if isinstance(plan, (str, Path)):
         return table.read_joints(plan, arm.joint_columns)
+    plan = np.asarray(plan, dtype=float)
+    if plan.ndim != 2 or not len(plan) or not np.isfinite(plan).all():
+        raise RobotError(
+            f"a plan for {arm.name} needs finite joints of shape (n, {len(arm.joint_names)}), n at least 1"
+        )
     return arm.check_joints(plan)
 
 

@@ -51,7 +51,10 @@ def folder_from_command_line(description):
 
 def make_demo(folder):
     """Calibrate the shipped SIMULATED IRB 1600 into a folder."""
-    irbcal.save(irbcal.calibrate(shipped.demo_file("demo_identification.csv"), "irb1600", "34"), folder)
+    identification, verification = (
+        shipped.demo_file(f"demo_{name}.csv") for name in ("identification", "verification")
+    )
+    irbcal.save(irbcal.calibrate(identification, "irb1600", "34", verify=verification), folder)
     return folder
 
 

@@ -78,6 +78,7 @@ def test_verify_tells_calibrations_apart(folders):
         "nominal": (nominal, False, "nominal", "same"),
         "changed by hand": (moved(own, 1e-5), False, "other", "same"),
         "rounded to a nanometre": (moved(own, 5e-10), True, "calibrated", "same"),
+        "rounded to a micrometre": (moved(own, 1e-6), True, "rounded", "same"),
     }
     for name, (data, yes, geometry, mark) in cases.items():
         result = origins.verify(saved, data, "found.urdf")
@@ -100,6 +101,31 @@ def test_same_geometry_with_another_joint_map_is_another_calibration(folders):
     result = origins.verify(saved, own.replace(mark, b"0" * len(mark)), "found.urdf")
     assert not result.is_calibration
     assert "the joint map or the data are not the same" in result.explanation
+
+
+def test_links_whose_short_names_collide_keep_all_their_joints(folders):
+    saved = irbcal.load(folders[0])
+    for names in (["arm", "arm_link"], ["hash", "x"], ["_link", "y"]):
+        links = [item.link for item in saved.joint_origins]
+        links[1:3] = names
+        items = [item.model_copy(update={"link": link}) for item, link in zip(saved.joint_origins, links, strict=True)]
+        entries = yaml.safe_load(origins.to_yaml(saved.model_copy(update={"joint_origins": items})))["kinematics"]
+        assert [entry["joint"] for key, entry in entries.items() if key != "hash"] == [
+            f"joint_{i}" for i in range(1, 7)
+        ]
+
+
+def test_a_cell_may_give_links_and_joints_a_prefix(folders):
+    saved = irbcal.load(folders[0])
+    own = (folders[0] / "calibrated.urdf").read_bytes()
+    cell = (
+        own.replace(b'"base_link"', b'"left_base_link"')
+        .replace(b'"tool0"', b'"left_tool0"')
+        .replace(b'"joint_', b'"left_joint_')
+    )
+    with pytest.raises(RobotError, match="there is no link 'base_link'"):
+        origins.verify(saved, cell, "cell.urdf")
+    assert origins.verify(saved, cell, "cell.urdf", "left_base_link", "left_tool0").is_calibration
 
 
 def test_calibrating_a_calibrated_urdf_again_leaves_one_fingerprint(folders, tmp_path):

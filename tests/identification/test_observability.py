@@ -123,7 +123,7 @@ def test_the_level_is_chosen_by_what_the_data_support():
         truth = random_robot(nominal, level, rng, size=0.3)
         choice = choose_level(nominal, measured(truth, nominal.random_joints(60, 1), 5e-5, rng))
         assert choice.level == level
-        assert [row.level for row in choice.table] == ["nominal", "11", "16", "26", "34", "34b"]
+        assert [row.level for row in choice.table] == ["nominal", "11", "16", "26", "34", "34b", "placement"]
         for row in choice.table[1:]:
             assert row.chosen == (row.gain_mm > row.gain_std_mm)
         assert choice.explanation.count(". ") == 1
