@@ -18,6 +18,7 @@ from irbcal.cli import (
     ik,
     import_,
     iso9283,
+    plan,
     simulate,
     tracker,
     verify,
@@ -54,6 +55,7 @@ def common(
 
 app.command("demo")(demo.demo)
 app.command("import")(import_.import_files)
+app.command("plan")(plan.plan)
 app.command("simulate")(simulate.simulate)
 app.command("calibrate")(calibrate.calibrate)
 app.command("evaluate")(evaluate.evaluate)

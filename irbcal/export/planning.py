@@ -1,0 +1,722 @@
+"""Measuring plans of a robot by its name: from wishes to poses, and from poses to the files that carry them out."""
+
+import io
+import json
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from irbcal import shipped
+from irbcal.errors import MeasurementError
+from irbcal.export import calibration_file
+from irbcal.export import urdf as urdf_module
+from irbcal.identification import design
+from irbcal.measurement import cell, cell_tool, plan, route
+from irbcal.measurement import table as tables
+from irbcal.modeling import frames
+from irbcal.modeling.parameters import default_level
+from irbcal.modeling.robot import Robot
+from irbcal.units import DEG, MM
+
+READINGS_S = cell.SECONDS_PER_POINT
+"""Seconds that the tracker needs for a reflector."""
+MOST_REFLECTORS = 3
+"""Reflectors measured in a pose; more tell little about the robot."""
+VOLUME_SAMPLES = 400
+USUAL_SPEED = (60 * DEG, 0.5)
+"""Of revolute and prismatic joints where the URDF has none, SI units."""
+DIRECTIONS = ("nx", "ny", "nz")
+SPEED_NAMES = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000, 1500, 2000, 2500, 3000)
+"""Speeds that RAPID has names for, mm/s."""
+VOLUMES = ("both", "cube", "range")
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """What a plan should hold.
+
+    Parameters
+    ----------
+    axis : int
+        `plan.FEW` or `plan.MANY` axis moves (of six joints; as many for each joint of others), or 0.
+    cube, all_range : int
+        Random poses in the cube and in the whole range.
+    optimal : int
+        Poses chosen out of ``candidates``, half in the cube, half in the whole range.
+    candidates : int
+    criterion : str
+        See `irbcal.identification.design`.
+    volume : str
+        Where positions count for the criterion ``position``: ``cube``, ``range`` or ``both``.
+    level : str, optional
+        Error model; that of a calibration without a wish unless given.
+    noise : float
+        Standard deviation of a coordinate, metres.
+    imagined : float
+        Size of joint errors that no model describes, against which the criterion ``position`` guards, radians.
+    wait_s, speed : float
+        Seconds of rest before a measurement; speed of the tip, m/s.
+    payload_kg : float, optional
+    seed : int
+    """
+
+    axis: int = plan.FEW
+    cube: int = 52
+    all_range: int = 50
+    optimal: int = 0
+    candidates: int = 2000
+    criterion: str = "position"
+    volume: str = "both"
+    level: str | None = None
+    noise: float = design.NOISE
+    imagined: float = design.IMAGINED_SIZE
+    wait_s: float = 4.0
+    speed: float = 0.5
+    payload_kg: float | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Where a plan is made for.
+
+    Attributes
+    ----------
+    name : str
+        As the user named the robot.
+    links : tuple of (str or None)
+        Base and tip link, where the user named them.
+    setting : Setting
+    nominal : Arm
+        What the controller believes: predictions are made there.
+    T_world_base : ndarray, shape (4, 4)
+        The base link in the frame of the expected coordinates.
+    cube : tuple
+        Centre (3,) in the base link and edge, metres.
+    joint_speed : ndarray, shape (joints,)
+        SI units.
+    notes : list of str
+    """
+
+    name: str
+    links: tuple
+    setting: plan.Setting
+    nominal: object
+    T_world_base: np.ndarray
+    cube: tuple
+    joint_speed: np.ndarray
+    notes: list = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A plan.
+
+    Attributes
+    ----------
+    scene : Scene
+    wish : Wish
+    q : ndarray, shape (n, joints)
+        Commanded joints in the order of the run, radians (metres for prismatic joints).
+    asked : ndarray of bool, shape (n, k)
+        Reflectors measured in each pose.
+    groups : ndarray of str, shape (n,)
+    over_home : ndarray of bool, shape (n,)
+        Poses to which the robot goes over its home joints, for the direct way is not free.
+    tallies : dict of str to Tally
+        Of each source of poses.
+    prediction : Prediction
+    position_std : dict of str to ndarray
+        Standard deviations of the first measured reflector's predicted position in ``cube`` and ``range``, metres.
+    stops : ndarray, shape (n,)
+        When the robot stands still in each pose, seconds from the start.
+    comparison : Comparison or None
+        Of optimal poses with random ones.
+    notes : list of str
+    """
+
+    scene: Scene
+    wish: Wish
+    q: np.ndarray
+    asked: np.ndarray
+    groups: np.ndarray
+    over_home: np.ndarray
+    tallies: dict
+    prediction: design.Prediction
+    position_std: dict
+    stops: np.ndarray
+    comparison: object
+    notes: list
+
+    @property
+    def hold_s(self):
+        """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
+        return self.wish.wait_s + READINGS_S * self.asked.sum(axis=1)
+
+    @property
+    def duration_s(self):
+        """Of the whole run, an estimate."""
+        return float(self.stops[-1] + self.hold_s[-1])
+
+    def expected(self):
+        """Pose and reflector of each measurement, its place in the frame of the expected coordinates, and its time.
+
+        Returns
+        -------
+        pose, target : ndarray of int, shape (m,)
+        xyz : ndarray, shape (m, 3)
+            Metres.
+        time_s : ndarray, shape (m,)
+        """
+        pose, target = np.nonzero(self.asked)
+        _, points, _ = self.scene.setting.places(self.q)
+        number = (np.cumsum(self.asked, axis=1) - 1)[pose, target]
+        time = self.stops[pose] + self.wish.wait_s + READINGS_S * number
+        return pose, target, frames.apply(self.scene.T_world_base, points[pose, target]), time
+
+
+# --- what a plan is made for ---------------------------------------------------------------------------------
+
+
+def open_scene(
+    name,
+    targets=None,
+    tracker=None,
+    without=(),
+    margin=2 * DEG,
+    acceptance=plan.ACCEPTANCE,
+    heights=None,
+    cube=None,
+    package_dirs=(),
+    base=None,
+    tip=None,
+):
+    """Robot, reflectors, tracker and conditions.
+
+    Parameters
+    ----------
+    name : str or Path
+        Calibration folder, URDF, or shipped robot.
+    targets : str or Path, optional
+        A file of reflectors (see `read_targets`); how many of the thesis tool's nine reflectors, or which, with
+        commas between their names. Three unless given, of a calibration its own.
+    tracker : sequence of float, optional
+        x, y, z (metres) in the base link and, at will, the turn of its axes about z (radians). Of a calibration, the
+        origin of its measuring frame unless given; else the place in the thesis's cell, scaled to the arm.
+    without : sequence of str
+        Conditions that are switched off.
+    margin, acceptance : float
+        Radians.
+    heights : tuple of float, optional
+        In front and at the back, metres; those of the thesis's cell for the IRB 1600, none for others.
+    cube : tuple, optional
+        Centre (3,) in the base link and edge, metres.
+    package_dirs : sequence of str or Path
+    base, tip : str, optional
+        Link names, for a URDF.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    IrbcalError
+        If an input is refused.
+    """
+    unknown = [item for item in without if item not in plan.CONDITIONS]
+    if unknown:
+        raise MeasurementError(f"unknown condition {unknown[0]!r}: conditions are {', '.join(plan.CONDITIONS)}")
+    robot, nominal, urdf, data, folder = _open_robot(name, base, tip)
+    arm, notes = robot.arm, []
+    T_world_base = _base(robot, tracker, notes)
+    place = frames.inverse(T_world_base)[:3, 3]
+    reflectors = _reflectors(robot, targets, place)
+    on = tuple(item for item in plan.CONDITIONS if item not in without)
+    if reflectors.directions is None and "acceptance" in on:
+        notes.append(
+            "the reflectors' directions are not known: the condition acceptance is off (--targets FILE with nx, ny, nz)"
+        )
+    thesis_robot = plan.has_thesis_cube(arm)
+    heights = plan.IRB1600_HEIGHTS if heights is None and thesis_robot else heights
+    solids = None
+    if plan.SOLID & set(on):
+        from irbcal.export.collisions import CollisionModel
+
+        solids = CollisionModel(data, arm, package_dirs=shipped.package_dirs(*package_dirs, folder))
+        if solids.overlapping:
+            pairs = ", ".join(" and ".join(pair) for pair in solids.overlapping)
+            notes.append(f"links that overlap by construction are not checked against each other: {pairs}")
+    setting = plan.Setting(robot, reflectors, place, on, margin, acceptance, heights, solids)
+    return Scene(
+        str(name), (base, tip), setting, nominal, T_world_base, cube or _cube(setting), _joint_speed(urdf), notes
+    )
+
+
+def _open_robot(name, base, tip):
+    if Path(name).is_dir():
+        saved = calibration_file.load(name)
+        data = calibration_file.calibrated_urdf(name)
+        section = saved.robot
+        urdf = urdf_module.from_bytes(data, f"URDF of {section.name}", section.base_link, section.tip_link)
+        return saved.robot_calibrated(), saved.arm(calibrated=False), urdf, data, Path(name)
+    path = shipped.robot_file(name)
+    data = path.read_bytes()
+    urdf = urdf_module.from_bytes(data, str(path), base, tip)
+    return Robot(urdf.arm), urdf.arm, urdf, data, path.parent
+
+
+def _base(robot, tracker, notes):
+    """The base link in the frame of the expected coordinates."""
+    if tracker is not None:
+        x, y, z, yaw = [*tracker, 0.0][:4]
+        return frames.inverse(frames.from_xyz_angles([x, y, z, 0.0, 0.0, yaw]))
+    if robot.targets:
+        notes.append("no --tracker given: it is taken to stand where it stood for the calibration's measurements")
+        return robot.T_world_base
+    T = np.array(cell.T_TRACKER_BASE)
+    T[:3, 3] *= cell.size_of(robot.arm)
+    x, y, z = frames.inverse(T)[:3, 3] / MM
+    notes.append(
+        f"no --tracker given: it is taken to stand at {x:.0f}, {y:.0f}, {z:.0f} mm in the base link; "
+        "the expected coordinates hold for that place and turn only"
+    )
+    return T
+
+
+def _reflectors(robot, wanted, place):
+    own = robot.targets
+    if wanted is None and own:
+        return plan.Targets(tuple(own), np.array(list(own.values())))
+    found = read_targets(wanted) if wanted is not None and Path(wanted).is_file() else None
+    if found is None:
+        found = _thesis_targets(robot.arm, "3" if wanted is None else str(wanted), place)
+    if not own:
+        return found
+    missing = [name for name in found.names if name not in own]
+    if missing:
+        raise MeasurementError(f"unknown target {missing[0]!r}: this calibration has {', '.join(own)}")
+    return plan.Targets(found.names, [own[name] for name in found.names], found.directions)
+
+
+def _thesis_targets(arm, wanted, place):
+    """Reflectors of the thesis's tool; those on the front look at the tracker when the arm is at home."""
+    home = arm.forward(plan.home_joints(arm)[None])[0]
+    look = home[:3, :3].T @ (place - home[:3, 3])
+    tool = cell_tool.thesis_tool(look, cell.size_of(arm))
+    names = tool.names if wanted == "thesis" else tuple(dict.fromkeys(part.strip() for part in wanted.split(",")))
+    if wanted.isdigit() and 1 <= int(wanted) <= len(tool.names):
+        names = tool.names[: int(wanted)]
+    unknown = [name for name in names if name not in tool.names]
+    if unknown:
+        raise MeasurementError(
+            f"unknown target {unknown[0]!r}: expected a file, a number from 1 to {len(tool.names)} or names of "
+            f"{', '.join(tool.names)}"
+        )
+    tool = tool.only(names)
+    return plan.Targets(tool.names, tool.cad, tool.direction)
+
+
+def read_targets(path):
+    """Read a file of reflectors.
+
+    Columns ``target``, ``x_mm``, ``y_mm``, ``z_mm`` (in the tip link) and, at will, ``nx``, ``ny``, ``nz``: where they
+    look.
+
+    Returns
+    -------
+    Targets
+
+    Raises
+    ------
+    MeasurementError
+        If the file cannot be read or does not keep the format.
+    """
+    places = tables.read_targets(path)
+    raw, source, _ = tables._read_columns(path, ["target"])
+    given = [name for name in DIRECTIONS if name in raw.columns]
+    if not given:
+        return plan.Targets(tuple(places), np.array(list(places.values())))
+    if len(given) < 3:
+        missing = ", ".join(name for name in DIRECTIONS if name not in given)
+        raise MeasurementError(f"{source}: row 1: missing column {missing}; a direction needs nx, ny, nz")
+    looks = np.column_stack([tables._numbers(raw, name, source, "a part of a direction") for name in DIRECTIONS])
+    short = np.linalg.norm(looks, axis=1) < 1e-6
+    if short.any():
+        row = raw.index[np.flatnonzero(short)[0]]
+        raise MeasurementError(f"{source}: row {row}, columns nx, ny, nz: expected a direction, found zero length")
+    return plan.Targets(tuple(places), np.array(list(places.values())), looks)
+
+
+def _cube(setting):
+    lower, upper = setting.bounds
+
+    def keep(q):
+        good = ((q >= lower) & (q <= upper)).all(axis=1)
+        return good if setting.heights is None else good & setting.high(*setting.places(q)[:2])
+
+    return plan.iso_cube(setting.arm, keep)
+
+
+def _joint_speed(urdf):
+    limits = {
+        joint.get("name"): joint.find("limit").get("velocity")
+        for joint in urdf.tree.getroot().findall("joint")
+        if joint.find("limit") is not None
+    }
+    usual = np.where(urdf.arm.table.prismatic, USUAL_SPEED[1], USUAL_SPEED[0])
+    found = np.array([float(limits.get(name) or 0.0) for name in urdf.arm.joint_names])
+    return np.where(found > 0, found, usual)
+
+
+# --- the plan ------------------------------------------------------------------------------------------------
+
+
+def make(scene, wish, step=None):
+    """Make a plan.
+
+    Parameters
+    ----------
+    scene : Scene
+    wish : Wish
+    step : callable, optional
+        Called with a text at the beginning of each step.
+
+    Returns
+    -------
+    Made
+
+    Raises
+    ------
+    IrbcalError
+        If the wish cannot be met; the sentence counts what each condition removed.
+    """
+    step = step or (lambda text: None)
+    setting = scene.setting
+    if wish.axis not in (0, plan.FEW, plan.MANY):
+        raise MeasurementError(f"expected {plan.FEW}, {plan.MANY} or 0 axis moves, found {wish.axis}")
+    if not (wish.axis or wish.cube or wish.all_range or wish.optimal):
+        raise MeasurementError("the plan has no poses: ask for axis moves, cube, all-range or optimal poses")
+    if wish.volume not in VOLUMES:
+        raise MeasurementError(f"unknown volume {wish.volume!r}: choose one of {', '.join(VOLUMES)}")
+    model = design.Model(scene.nominal, setting.targets, wish.level or default_level(scene.nominal), wish.noise)
+    seeds = [int(k) for k in np.random.SeedSequence(wish.seed).generate_state(6)]
+    inside = plan.in_cube(*scene.cube)
+    parts, tallies = [], {}
+    if wish.axis:
+        step("axis moves")
+        parts.append(plan.axis_moves(setting, wish.axis == plan.MANY))
+        tallies["axis"] = parts[0].tally
+    for count, group, region, seed in (
+        (wish.cube, "iso_cube", inside, seeds[0]),
+        (wish.all_range, "all_range", None, seeds[1]),
+    ):
+        if count:
+            step(f"{count} poses, {group}")
+            parts.append(plan.random_poses(setting, count, group, seed, region))
+            tallies[group] = parts[-1].tally
+    samples, comparison = _samples(scene, seeds[4:], step), None
+    if wish.optimal:
+        chosen, comparison = _optimal(scene, wish, model, parts, samples, seeds[2:4], tallies, step)
+        parts.append(chosen)
+    step("order")
+    start = plan.home_joints(setting.arm)
+    q, asked, groups, over_home, notes = _in_order(scene, wish, parts, start)
+    step("prediction")
+    prediction = design.predict(model, q, asked)
+    first = prediction.model.targets.names[0]
+    std = {name: prediction.position_std(places, first) for name, places in samples.items()}
+    stops = _stops(scene, wish, q, asked, start, over_home)
+    notes = [*scene.notes, *notes]
+    return Made(scene, wish, q, asked, groups, over_home, tallies, prediction, std, stops, comparison, notes)
+
+
+def _samples(scene, seeds, step):
+    """Poses of cube and range where predicted positions are looked at, whether the tracker sees them or not."""
+    step("the workspace")
+    wide = replace(scene.setting, conditions=tuple(set(scene.setting.conditions) & {"limits", "height", "collision"}))
+    regions = {"cube": plan.in_cube(*scene.cube), "range": None}
+    return {
+        name: plan.random_poses(wide, VOLUME_SAMPLES, name, seed, region).q
+        for (name, region), seed in zip(regions.items(), seeds, strict=True)
+    }
+
+
+def _optimal(scene, wish, model, parts, samples, seeds, tallies, step):
+    half = wish.candidates // 2
+    pools = []
+    for count, group, region, seed in (
+        (half, "iso_cube", plan.in_cube(*scene.cube), seeds[0]),
+        (wish.candidates - half, "all_range", None, seeds[1]),
+    ):
+        step(f"{count} candidates, {group}")
+        pools.append(plan.random_poses(scene.setting, count, group, seed, region))
+        tallies[f"candidates, {group}"] = pools[-1].tally
+    pool = _joined(pools)
+    asked = plan.first_seen(pool.seen, MOST_REFLECTORS)
+    step(f"{wish.optimal} poses of {len(pool.q)} candidates")
+    imagined = wish.imagined if wish.criterion == "position" else 0.0
+    cared_for = np.concatenate([samples[name] for name in samples if wish.volume in ("both", name)])
+    most = int(np.argmax(asked.sum(axis=0)))
+    aim = model.aim(wish.criterion, cared_for, most, imagined)
+    for part in parts:
+        there = plan.first_seen(part.seen, MOST_REFLECTORS)
+        aim = aim.with_given(model.candidates(part.q, there, imagined))
+    rated = model.candidates(pool.q, asked, imagined)
+    found = design.exchange(rated, wish.optimal, aim)
+    step("random plans to compare with")
+    comparison = design.compare(rated, found, aim, seeds[0])
+    chosen = pool.take(found.rows)
+    groups = np.array([f"optimal_{group}" for group in chosen.groups], dtype=object)
+    return plan.Poses(chosen.q, chosen.seen, groups, plan.Tally()), comparison
+
+
+def _joined(parts):
+    return plan.Poses(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("q", "seen", "groups")), plan.Tally()
+    )
+
+
+def _in_order(scene, wish, parts, start):
+    """Axis moves first, as they are; then all others on a short way."""
+    setting, notes = scene.setting, []
+    axis = parts[:1] if wish.axis else []
+    others = parts[len(axis) :]
+    done = list(axis)
+    if axis:
+        notes += _axis_notes(setting, axis[0])
+    over_home = np.zeros(sum(len(part.q) for part in axis), dtype=bool)
+    if others:
+        rest, over, blocked = plan.ordered(
+            setting, _joined(others), axis[0].q[-1] if axis else start, scene.joint_speed
+        )
+        done.append(rest)
+        if over.any():
+            notes.append(f"to {int(over.sum())} poses the robot goes over its home joints: the direct way is not free")
+        if blocked.any():
+            numbers = [str(len(over_home) + k + 1) for k in np.flatnonzero(blocked)]
+            more = " …" if len(numbers) > 8 else ""
+            notes.append(f"the way to pose {', '.join(numbers[:8])}{more} is not free: put a pose between by hand")
+        over_home = np.append(over_home, over)
+    poses = _joined(done)
+    return poses.q, plan.first_seen(poses.seen, MOST_REFLECTORS), poses.groups, over_home, notes
+
+
+def _axis_notes(setting, axis):
+    notes = []
+    _, points, looks = setting.places(axis.q)
+    if looks is not None:
+        away = cell_tool.turned_away(points, looks, setting.place, setting.acceptance)
+        count = int((axis.seen & away).any(axis=1).sum())
+        if count:
+            notes.append(f"in {count} of {len(axis.q)} axis moves a reflector must be turned to the tracker by hand")
+    if setting.heights is not None:
+        tip, points, _ = setting.places(axis.q)
+        low = ~setting.high(tip, points)
+        if low.any():
+            notes.append(
+                f"axis moves below the height limits, which hold for random poses only: {int(low.sum())}, down to z = "
+                f"{points[low][..., 2].min() / MM:.0f} mm; see that nothing stands there"
+            )
+    return notes
+
+
+def _stops(scene, wish, q, asked, start, over_home):
+    """When the robot stands still in each pose: at the speed of the slowest joint or of the tip."""
+    before = np.concatenate([start[None], q[:-1]])
+    home = np.broadcast_to(start, q.shape)
+    direct = _move_times(scene, wish, before, q)
+    around = _move_times(scene, wish, before, home) + _move_times(scene, wish, home, q)
+    hold = wish.wait_s + READINGS_S * asked.sum(axis=1)
+    return np.cumsum(np.where(over_home, around, direct) + np.concatenate([[0.0], hold[:-1]]))
+
+
+def _move_times(scene, wish, q_from, q_to):
+    way, starts = route.between(q_from, q_to, scene.setting.arm.table.prismatic)
+    tip = scene.setting.places(way)[0]
+    pieces = np.append(np.linalg.norm(np.diff(tip, axis=0), axis=1), 0.0)
+    pieces[starts[1:] - 1] = 0.0
+    by_joint = route.move_times(q_from, q_to, scene.joint_speed)
+    return np.maximum(by_joint, np.add.reduceat(pieces, starts) / wish.speed)
+
+
+# --- files ---------------------------------------------------------------------------------------------------
+
+
+def files(made, page=None):
+    """The files of a plan.
+
+    Parameters
+    ----------
+    made : Made
+    page : str, optional
+        The scene to look at, HTML.
+
+    Returns
+    -------
+    dict of str to bytes
+        ``plan.csv`` (what the tracker is asked for), ``poses.csv`` (what the robot does), ``plan.json``; ``plan.mod``
+        for arms with six revolute joints; ``plan.html`` with a page.
+    """
+    out = {
+        "plan.csv": _csv(plan_table(made)),
+        "poses.csv": _csv(pose_table(made)),
+        "plan.json": (json.dumps(summary(made), indent=1, allow_nan=False) + "\n").encode(),
+    }
+    if made.scene.setting.arm.six_revolute:
+        out["plan.mod"] = rapid(made).encode()
+    if page is not None:
+        out["plan.html"] = page.encode("utf-8")
+    return out
+
+
+def _csv(table):
+    stream = io.StringIO()
+    table.to_csv(stream, index=False, lineterminator="\n")
+    return stream.getvalue().encode()
+
+
+def _joint_texts(made):
+    """Joints as they are commanded, text, shape (n, joints)."""
+    values = made.q / made.scene.setting.arm.joint_units
+    return [[f"{value:.{plan.DECIMALS}f}" for value in np.round(row, plan.DECIMALS) + 0.0] for row in values]
+
+
+def plan_table(made):
+    """A row for each reflector to measure: joints, reflector, where the tracker should expect it, when.
+
+    Returns
+    -------
+    DataFrame
+    """
+    pose, target, xyz, time = made.expected()
+    names = made.scene.setting.arm.joint_columns
+    table = pd.DataFrame(np.array(_joint_texts(made))[pose], columns=names)
+    table.insert(0, "pose", pose + 1)
+    table.insert(1, "group", made.groups[pose])
+    table["target"] = np.array(made.scene.setting.targets.names, dtype=object)[target]
+    for k, axis in enumerate("xyz"):
+        table[f"expected_{axis}_mm"] = [f"{value:.3f}" for value in xyz[:, k] / MM]
+    table["time_s"] = [f"{value:.1f}" for value in time]
+    if made.wish.payload_kg is not None:
+        table["payload_kg"] = made.wish.payload_kg
+    return table
+
+
+def pose_table(made):
+    """A row for each pose: joints, reflectors with spaces between them, wait.
+
+    Returns
+    -------
+    DataFrame
+    """
+    table = pd.DataFrame(_joint_texts(made), columns=made.scene.setting.arm.joint_columns)
+    table.insert(0, "pose", np.arange(1, len(table) + 1))
+    table.insert(1, "group", made.groups)
+    table["targets"] = _target_texts(made)
+    table["wait_s"] = made.wish.wait_s
+    return table
+
+
+def _target_texts(made):
+    names = np.array(made.scene.setting.targets.names, dtype=object)
+    return [" ".join(names[row]) for row in made.asked]
+
+
+def rapid(made):
+    """A RAPID module that runs the plan: absolute joint moves, and a wait in each pose for rest and readings."""
+    wish, speed = made.wish, round(made.wish.speed / MM)
+    speed = f"v{speed}" if speed in SPEED_NAMES else f"[{speed},500,5000,1000]"
+    absent = ",".join(["9E9"] * 6)
+
+    def move(joints):
+        return f"    MoveAbsJ [[{','.join(joints)}],[{absent}]]\\NoEOffs,{speed},fine,tool0;"
+
+    home = [f"{value:.{plan.DECIMALS}f}" for value in plan.home_joints(made.scene.setting.arm) / DEG]
+    lines = [
+        "MODULE irbcal_plan",
+        f"  ! Measuring plan for {made.scene.setting.arm.name}: {len(made.q)} poses, about "
+        f"{made.duration_s / 60:.0f} minutes.",
+        f"  ! In each pose: {wish.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector.",
+        "  ! The commanded joints are those of plan.csv: do not run this module through a filter.",
+        "  PROC main()",
+        "    AccSet 50,50;",
+        move(home),
+    ]
+    rows = zip(_joint_texts(made), made.groups, _target_texts(made), made.hold_s, made.over_home, strict=True)
+    for number, (joints, group, names, hold, over) in enumerate(rows, start=1):
+        lines += [f"    ! pose {number}, {group}: {names}", *([move(home)] if over else [])]
+        lines += [move(joints), f"    WaitTime {hold:g};"]
+    return "\n".join([*lines, move(home), "  ENDPROC", "ENDMODULE", ""])
+
+
+def summary(made):
+    """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
+    scene, wish, setting = made.scene, made.wish, made.scene.setting
+    groups = pd.Series(made.groups).value_counts(sort=False)
+    return {
+        "robot": setting.arm.name,
+        "source": scene.name,
+        "poses": len(made.q),
+        "points": int(made.asked.sum()),
+        "duration_s": made.duration_s,
+        "groups": {name: int(count) for name, count in groups.items()},
+        "conditions": list(setting.conditions),
+        "conditions_off": [name for name in plan.CONDITIONS if name not in setting.conditions],
+        "counts": {
+            name: {"tried": tally.tried, "kept": tally.kept, "removed": dict(tally.removed)}
+            for name, tally in made.tallies.items()
+        },
+        "predicted": {
+            "noise_mm": wish.noise / MM,
+            "note": "from the scatter of the points alone: what the model does not describe is not in it",
+            "model": made.prediction.model.level,
+            "position_target": made.prediction.model.targets.names[0],
+            "position_std_mm": {
+                name: {"rms": float(np.sqrt(np.mean(std**2)) / MM), "max": float(std.max() / MM)}
+                for name, std in made.position_std.items()
+            },
+            "parameters": [
+                {"name": item.name, "unit": item.unit, "std": item.std, "state": item.state}
+                for item in made.prediction.parameters
+            ],
+        },
+        "compared_with_random": None
+        if made.comparison is None
+        else {
+            "criterion": wish.criterion,
+            "optimal": {"poses": wish.optimal, "value": made.comparison.optimal},
+            "random": [{"poses": n, "value": value} for n, value in made.comparison.random.items()],
+            "as_good_as_random_poses": made.comparison.as_good_as,
+        },
+        "settings": {
+            "seed": wish.seed,
+            "axis": wish.axis,
+            "cube": wish.cube,
+            "all_range": wish.all_range,
+            "optimal": wish.optimal,
+            "candidates": wish.candidates if wish.optimal else 0,
+            "criterion": wish.criterion,
+            "volume": wish.volume,
+            "imagined_joint_errors_deg": wish.imagined / DEG if wish.criterion == "position" else 0.0,
+            "margin_deg": round(setting.margin / DEG, 9),
+            "acceptance_deg": round(setting.acceptance / DEG, 9),
+            "min_height_mm": None if setting.heights is None else [value / MM for value in setting.heights],
+            "front_begins_at_x_mm": plan.FRONT / MM,
+            "cube_centre_mm": (np.asarray(scene.cube[0]) / MM).tolist(),
+            "cube_edge_mm": scene.cube[1] / MM,
+            "tracker_mm": (setting.place / MM).tolist(),
+            "T_tracker_base": scene.T_world_base.tolist(),
+            "targets_mm": dict(zip(setting.targets.names, (setting.targets.places / MM).tolist(), strict=True)),
+            "targets_look_along": None
+            if setting.targets.directions is None
+            else dict(zip(setting.targets.names, setting.targets.directions.tolist(), strict=True)),
+            "wait_s": wish.wait_s,
+            "readings_s": READINGS_S,
+            "speed_mm_s": wish.speed / MM,
+            "payload_kg": wish.payload_kg,
+        },
+        "notes": made.notes,
+    }
