@@ -20,6 +20,7 @@ from irbcal.cli import (
     iso9283,
     plan,
     simulate,
+    study,
     tracker,
     verify,
     view,
@@ -57,6 +58,7 @@ app.command("demo")(demo.demo)
 app.command("import")(import_.import_files)
 app.command("plan")(plan.plan)
 app.command("simulate")(simulate.simulate)
+app.command("study")(study.study)
 app.command("calibrate")(calibrate.calibrate)
 app.command("evaluate")(evaluate.evaluate)
 app.command("verify")(verify.verify)

@@ -135,7 +135,9 @@ def simulate(
     for name, count in run.unseen.items():
         show.say(f"  {count} points without a position: {name}")
     if found:
-        show.statistics_table("Distances from where the program wanted the targets", [("all targets", "commanded", found, True)])
+        show.statistics_table(
+            "Distances from where the program wanted the targets", [("all targets", "commanded", found, True)]
+        )
     show.say(f"Written to {out}, the truth to {result['truth']}")
     if run.unseen.get("visibility", 0) > MOSTLY_HIDDEN * asked:
         show.note(

@@ -85,8 +85,8 @@ def correct_joints(robot: Robot, nominal: Arm, q):
     q = nominal.check_joints(q)
     if q.shape[1] < 6:
         raise RobotError(
-            f"{nominal.name} has {q.shape[1]} joints: with fewer than six there are no fake targets, because position and "
-            "orientation cannot both be corrected"
+            f"{nominal.name} has {q.shape[1]} joints: with fewer than six there are no fake targets, because position "
+            "and orientation cannot both be corrected"
         )
     return _correct(robot, nominal, nominal.forward(q), q)
 
