@@ -67,7 +67,7 @@ def simulate(
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ):
     """Measure with a virtual robot, tool and laser tracker: SIMULATED data for trying out plans and calibrations."""
-    from irbcal.measurement.cell_effects import EFFECTS, check_names
+    from irbcal.cell.effects import EFFECTS, check_names
 
     if list_effects:
         _list(EFFECTS, json)
@@ -82,8 +82,9 @@ def simulate(
     if (wanted is None) != (calibration is None):
         raise typer.BadParameter("--wanted and --calibration go together", param_hint="--wanted")
 
-    from irbcal.export import calibration_file, simulation
-    from irbcal.measurement.cell import ROBOT_SEED
+    from irbcal.cell import simulation
+    from irbcal.cell.cell import ROBOT_SEED
+    from irbcal.export import calibration_file
     from irbcal.measurement.table import read_joints
     from irbcal.validation.accuracy import statistics
 

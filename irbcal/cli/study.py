@@ -56,8 +56,8 @@ def study(
         raise typer.BadParameter("missing", param_hint="--out")
     sizes, curve = _counts(procedures, "--procedures"), _counts(poses_curve, "--poses-curve", empty=True)
 
-    from irbcal.validation import study as studies
-    from irbcal.validation import study_run
+    from irbcal.validation.study import repetition as studies
+    from irbcal.validation.study import runner as study_run
 
     settings = studies.Settings(sizes, each, curve, model.value, method.value, points, seed)
     start = time.perf_counter()
@@ -106,7 +106,7 @@ def _print(tables):
 
 
 def _document(out, settings, outcome, tables, seconds):
-    from irbcal.validation.study_tables import Cell
+    from irbcal.validation.study.tables import Cell
 
     def plain(value):
         return {"value": value.value, "thesis": value.thesis} if isinstance(value, Cell) else value

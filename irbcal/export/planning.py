@@ -9,11 +9,13 @@ import numpy as np
 import pandas as pd
 
 from irbcal import shipped
+from irbcal.cell import cell
+from irbcal.cell import tool as cell_tool
 from irbcal.errors import MeasurementError
 from irbcal.export import calibration_file
 from irbcal.export import urdf as urdf_module
 from irbcal.identification import design
-from irbcal.measurement import cell, cell_tool, plan, route
+from irbcal.measurement import plan, route
 from irbcal.measurement import table as tables
 from irbcal.modeling import frames
 from irbcal.modeling.parameters import default_level

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from irbcal.cell.tool import ACCEPTANCE, turned_away
 from irbcal.errors import MeasurementError
 from irbcal.measurement import route
-from irbcal.measurement.cell_tool import ACCEPTANCE, turned_away
 from irbcal.units import DEG, MM
 
 CONDITIONS = {

@@ -13,10 +13,11 @@ from support import arm
 from typer.testing import CliRunner
 
 from irbcal import workflow
+from irbcal.cell import simulation
 from irbcal.cli.main import app, main
 from irbcal.correction import rapid
 from irbcal.errors import IrbcalError, MeasurementError
-from irbcal.export import pinocchio_check, planning, simulation
+from irbcal.export import pinocchio_check, planning
 from irbcal.export.calibration_file import save, write_together
 from irbcal.export.collisions import BEAM_GAP
 from irbcal.measurement import plan as plans

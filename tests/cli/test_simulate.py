@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal import shipped, workflow
+from irbcal.cell.effects import NAMES
 from irbcal.cli import main
 from irbcal.errors import IrbcalError
 from irbcal.measurement import table
-from irbcal.measurement.cell_effects import NAMES
 
 
 def run(*arguments):
@@ -192,7 +192,7 @@ def test_refusals_and_wrong_calls(tmp_path, plan):
 
 
 def test_a_tracker_that_sees_nothing_is_refused(tmp_path, monkeypatch):
-    from irbcal.measurement import cell_procedure
+    from irbcal.cell import procedure as cell_procedure
 
     monkeypatch.setattr(cell_procedure, "MOST_BLOCKS", 2)
     inside = ("--tracker", "0,0,200")  # within the robot's base

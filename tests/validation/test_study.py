@@ -7,11 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from irbcal.cell import simulation
 from irbcal.errors import IrbcalError
-from irbcal.export import simulation
 from irbcal.modeling.jointmap import JointMap
-from irbcal.validation import study, study_page, study_run, study_tables
-from irbcal.validation.study import AREAS, Repetition
+from irbcal.validation.study import page as study_page
+from irbcal.validation.study import repetition as study
+from irbcal.validation.study import runner as study_run
+from irbcal.validation.study import tables as study_tables
+from irbcal.validation.study.repetition import AREAS, Repetition
 
 SMALL = study.Settings(procedures=(80, 120), each=2, curve=(80,), method="least-squares", points=520, seed=4)
 

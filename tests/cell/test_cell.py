@@ -12,14 +12,13 @@ import pytest
 from support import example_robot
 
 from irbcal import shipped
+from irbcal.cell import cell as cells
+from irbcal.cell import effects, procedure, simulation
+from irbcal.cell.gravity import torques_and_origins
+from irbcal.cell.tool import TABLE_3_1, Tracker, behind_arm, turned_away
 from irbcal.errors import MeasurementError
-from irbcal.export import simulation, urdf
+from irbcal.export import urdf
 from irbcal.identification.fit import identify
-from irbcal.measurement import cell as cells
-from irbcal.measurement import cell_effects as effects
-from irbcal.measurement import cell_procedure as procedure
-from irbcal.measurement.cell_gravity import torques_and_origins
-from irbcal.measurement.cell_tool import TABLE_3_1, Tracker, behind_arm, turned_away
 from irbcal.measurement.points import distances
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM

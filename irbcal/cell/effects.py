@@ -14,8 +14,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from irbcal.cell.tool import behind_arm, turned_away
 from irbcal.errors import MeasurementError
-from irbcal.measurement.cell_tool import behind_arm, turned_away
 from irbcal.units import DEG, MM
 
 MINUTE, HOUR = 60.0, 3600.0

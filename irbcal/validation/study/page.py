@@ -10,10 +10,13 @@ from functools import partial
 import numpy as np
 
 from irbcal.colours import CALIBRATED, NOMINAL
-from irbcal.validation import study, study_svg, study_tables, study_thesis
-from irbcal.validation.study import AREAS, PAYLOADS, Repetition
-from irbcal.validation.study_svg import INK
-from irbcal.validation.study_tables import AREA_NAMES, COMPARED, MODEL_NAMES
+from irbcal.validation.study import repetition as study
+from irbcal.validation.study import svg as study_svg
+from irbcal.validation.study import tables as study_tables
+from irbcal.validation.study import thesis as study_thesis
+from irbcal.validation.study.repetition import AREAS, PAYLOADS, Repetition
+from irbcal.validation.study.svg import INK
+from irbcal.validation.study.tables import AREA_NAMES, COMPARED, MODEL_NAMES
 
 GREEN, PURPLE, GREY = "#2f9463", "#9560bd", "#7d868f"
 MODEL_COLOURS = {"nominal": NOMINAL, "11": GREEN, "axes": PURPLE, "34": CALIBRATED}

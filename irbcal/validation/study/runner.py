@@ -20,9 +20,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from irbcal.cell import simulation
 from irbcal.errors import IrbcalError, MeasurementError
-from irbcal.export import simulation
-from irbcal.validation import study, study_tables
+from irbcal.validation.study import repetition as study
+from irbcal.validation.study import tables as study_tables
 
 FORMAT = 1
 """Of the folder and of what the numbers mean: a change makes older folders strangers."""
@@ -62,7 +63,7 @@ def run(settings, folder, jobs=None, only=None, report=lambda text: None):
         Processes; as many as there are cores unless given. The results do not depend on it. Started from a script,
         that needs the usual ``if __name__ == "__main__"``.
     only : sequence of str, optional
-        Tables (`irbcal.validation.study_tables.TABLES`) whose repetitions are computed; all unless given.
+        Tables (`irbcal.validation.study.tables.TABLES`) whose repetitions are computed; all unless given.
     report : callable
         Called with a text after each repetition.
 
@@ -290,7 +291,7 @@ def write(settings, folder):
     frame : DataFrame
     """
     from irbcal.export.calibration_file import write_together
-    from irbcal.validation import study_page
+    from irbcal.validation.study import page as study_page
 
     folder = Path(folder)
     done = [r for r in study.repetitions(settings) if (folder / PARTS / f"{r.name}.csv").exists()]

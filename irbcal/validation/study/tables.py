@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from irbcal.validation import study, study_thesis
-from irbcal.validation.study import AREAS, PAYLOADS, Repetition
+from irbcal.validation.study import repetition as study
+from irbcal.validation.study import thesis as study_thesis
+from irbcal.validation.study.repetition import AREAS, PAYLOADS, Repetition
 
 AREA_NAMES = {"iso_cube": "ISO cube", "all_range": "all range"}
 STATISTICS = ("mean", "sigma", "max", "mean_plus_3sigma")

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from irbcal.cell import cell as cells
+from irbcal.cell import procedure as cell_procedure
+from irbcal.cell.gravity import Bodies
 from irbcal.errors import MeasurementError
 from irbcal.export import urdf as urdf_module
-from irbcal.measurement import cell as cells
-from irbcal.measurement import cell_procedure
 from irbcal.measurement import table as tables
-from irbcal.measurement.cell_gravity import Bodies
 from irbcal.modeling import frames
 from irbcal.units import MM
 
@@ -74,7 +74,7 @@ def _inertial(link, name, source):
 
 
 def open_cell(robot, base=None, tip=None, **options):
-    """The shipped virtual cell of a robot; options as `irbcal.measurement.cell.shipped_cell`."""
+    """The shipped virtual cell of a robot; options as `irbcal.cell.cell.shipped_cell`."""
     found = urdf_module.read(robot, base, tip)
     return cells.shipped_cell(found.arm, bodies(found), **options)
 

@@ -1,7 +1,7 @@
 """The virtual cell: a robot that errs, a tool with reflectors and a laser tracker, measured like the real ones.
 
 The true robot has geometric errors of all links, a joint map (arm stiffness, joint-6 Fourier series) and effects that
-no level of the models contains (`irbcal.measurement.cell_effects`), each of which can be switched off. A run takes
+no level of the models contains (`irbcal.cell.effects`), each of which can be switched off. A run takes
 commanded joints in their order, for the order decides where each joint came from and what time it is, and gives the
 points in the tracker's frame. Nothing here is read by the identification.
 
@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from irbcal.cell import effects as effects_module
+from irbcal.cell.effects import EFFECTS, Motion, Shot, check_names
+from irbcal.cell.gravity import Bodies, torques_and_origins
+from irbcal.cell.tool import PAYLOAD_KG, EndEffector, Tracker, thesis_tool
 from irbcal.errors import MeasurementError, RobotError
-from irbcal.measurement import cell_effects as effects_module
-from irbcal.measurement.cell_effects import EFFECTS, Motion, Shot, check_names
-from irbcal.measurement.cell_gravity import Bodies, torques_and_origins
-from irbcal.measurement.cell_tool import PAYLOAD_KG, EndEffector, Tracker, thesis_tool
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

@@ -14,11 +14,10 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from irbcal.cell import procedure, simulation
 from irbcal.errors import IdentificationError, MeasurementError
-from irbcal.export import simulation
 from irbcal.identification.axes import calibrate_by_axes
 from irbcal.identification.methods import identify_by
-from irbcal.measurement import cell_procedure as procedure
 from irbcal.modeling import frames, inverse, iterative
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
