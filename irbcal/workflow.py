@@ -305,8 +305,8 @@ def evaluate(
     IrbcalError
         If an input is refused.
     """
-    seen = _read(measurements, calibration.arm())
-    ready, robots = _evaluated(calibration, seen, refit_base)
+    ready, robots = in_frame_of_calibration(calibration, measurements, refit_base)
+    seen = ready.measurements
     if sphere is not None:
         inside = accuracy.within_sphere(robots["calibrated"], ready.points, sphere[:3], sphere[3])
         if not inside.any():
@@ -340,8 +340,28 @@ def evaluate(
     }
 
 
-def _evaluated(calibration, seen, refit_base):
-    """Points ready for a calibration, and its nominal and calibrated robot."""
+def in_frame_of_calibration(calibration, measurements, refit_base=False):
+    """Clean measurements in the frame of a calibration, and its robots.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    measurements : str, Path or MeasurementSet
+    refit_base : bool
+        As `evaluate`.
+
+    Returns
+    -------
+    ready : Prepared
+    robots : dict of str to Robot
+        ``nominal`` and ``calibrated``.
+
+    Raises
+    ------
+    IrbcalError
+        If the measurements are refused, or are nowhere near what the calibrated robot predicts.
+    """
+    seen = _read(measurements, calibration.arm())
     ready = prepare(seen, calibration)
     robots = {"nominal": calibration.robot_nominal(), "calibrated": calibration.robot_calibrated()}
     if refit_base:
@@ -418,7 +438,7 @@ def _flange(robots, points, source):
 
 def _comparison(other, seen, refit_base, robot, ready, seed):
     """Two calibrations, pose by pose on the points that both know."""
-    theirs, robots = _evaluated(other, seen, refit_base)
+    theirs, robots = in_frame_of_calibration(other, seen, refit_base)
     mine = [replace(item.points, pose_ids=item.number) for item in (ready, theirs)]
     rows = comparison.common_points(*mine)
     first = distances(robot, ready.points)[rows[0]]

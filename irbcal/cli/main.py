@@ -54,22 +54,22 @@ def common(
     """Calibrate six-axis robots from laser-tracker measurements: corrected URDF, joint map, proof."""
 
 
-app.command("demo")(demo.demo)
-app.command("import")(import_.import_files)
-app.command("plan")(plan.plan)
-app.command("simulate")(simulate.simulate)
-app.command("study")(study.study)
-app.command("calibrate")(calibrate.calibrate)
-app.command("evaluate")(evaluate.evaluate)
-app.command("verify")(verify.verify)
-app.command("fk")(fk.fk)
-app.command("ik")(ik.ik)
-app.command("filter")(filter.filter_program)
-app.command("axes")(axes.axes)
-app.command("iso9283")(iso9283.iso9283)
-app.command("tracker")(tracker.tracker)
-app.command("ballbar")(ballbar.ballbar)
-app.command("view")(view.view)
+app.command("demo", rich_help_panel="Calibrate")(demo.demo)
+app.command("import", rich_help_panel="Calibrate")(import_.import_files)
+app.command("calibrate", rich_help_panel="Calibrate")(calibrate.calibrate)
+app.command("evaluate", rich_help_panel="Calibrate")(evaluate.evaluate)
+app.command("view", rich_help_panel="Calibrate")(view.view)
+app.command("fk", rich_help_panel="Use")(fk.fk)
+app.command("ik", rich_help_panel="Use")(ik.ik)
+app.command("filter", rich_help_panel="Use")(filter.filter_program)
+app.command("verify", rich_help_panel="Use")(verify.verify)
+app.command("plan", rich_help_panel="Prepare")(plan.plan)
+app.command("simulate", rich_help_panel="Prepare")(simulate.simulate)
+app.command("study", rich_help_panel="Prepare")(study.study)
+app.command("axes", rich_help_panel="Validate")(axes.axes)
+app.command("iso9283", rich_help_panel="Validate")(iso9283.iso9283)
+app.command("tracker", rich_help_panel="Validate")(tracker.tracker)
+app.command("ballbar", rich_help_panel="Validate")(ballbar.ballbar)
 
 
 def main():

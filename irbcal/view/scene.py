@@ -14,8 +14,7 @@ from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, Robot
 from irbcal.export import calibration_file
 from irbcal.export import urdf as urdf_module
 from irbcal.export.schema import Calibration
-from irbcal.measurement import cleaning, table
-from irbcal.measurement.poses import as_poses
+from irbcal.measurement import table
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
@@ -382,22 +381,14 @@ def _drawn(urdf, tree, T_scene_base):
 
 def _registered(calibration, measurements, refit_base):
     """Measurements in the calibration's frame, cleaned as `irbcal.workflow.evaluate` does."""
-    robots = [calibration.robot_nominal(), calibration.robot_calibrated()]
-    seen = workflow._read(measurements, calibration.arm())
-    shape = calibration.tool_shape()
-    cleaned = cleaning.clean(seen, calibration.reference_places() or None, shape or robots[1].targets)
-    points = as_poses(cleaned.points, seen.source, shape)[0] if shape else cleaned.points
-    if refit_base:
-        robots = [workflow._with_base_on(robot, points) for robot in robots]
-    miss = np.linalg.norm(points.xyz - robots[1].points(points.joints(), points.names()), axis=1)
-    workflow._refuse_far_points(robots[1], points, miss, seen.source, refit_base)
-    notes = list(cleaned.notes)
-    if cleaned.excluded:
-        count = len(cleaned.excluded)
+    ready, robots = workflow.in_frame_of_calibration(calibration, measurements, refit_base)
+    seen, notes = ready.measurements, list(ready.notes)
+    if ready.excluded:
+        count = len(ready.excluded)
         notes.insert(0, f"{count} points are left out (lost, or wrong); irbcal evaluate lists them.")
     if seen.sha256 in {item.sha256 for item in calibration.data}:
         notes.append("This file was used for the calibration: fitted poses among these are no proof of accuracy.")
-    return seen, points, robots[1], robots[0], notes
+    return seen, ready.points, robots["calibrated"], robots["nominal"], notes
 
 
 def _measured_points(model, nominal, points, T_scene_world):
