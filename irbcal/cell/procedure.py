@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.errors import MeasurementError
+from irbcal.measurement.plan import IRB1600_CUBE
 from irbcal.measurement.points import PointSet
 from irbcal.units import DEG, MM
 
@@ -16,9 +17,7 @@ BLOCK = 20_000
 """Random poses that are looked at together."""
 MOST_BLOCKS = 2000
 
-CUBE_CENTRE = np.array([645.65, 0.0, 1165.70]) * MM
-CUBE_EDGE = 650 * MM
-"""The ISO cube in front of the robot (section 7.2)."""
+CUBE_CENTRE, CUBE_EDGE = IRB1600_CUBE
 
 AREAS = ("iso_cube", "all_range")
 IDENTIFIED = ("smr1", "smr2", "smr3")

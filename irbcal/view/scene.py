@@ -15,16 +15,12 @@ from irbcal.export import calibration_file
 from irbcal.export import urdf as urdf_module
 from irbcal.export.schema import Calibration
 from irbcal.measurement import table
+from irbcal.measurement.plan import IRB1600_CUBE, IRB1600_P1
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 from irbcal.validation.accuracy import rotation_distances
 from irbcal.view import robot as robot_module
-
-CUBE_EDGE = 0.650
-CUBE_JOINTS = np.radians([[0.0, -14.0, 14.0, 0.0, 0.0, 0.0]])
-CUBE_CENTRE = np.array([0.64565, 0.0, 1.16570])
-"""ISO 9283 cube of the IRB 1600 of Nubiola 2011, Table A I-1: pose P1, its flange position and the edge, metres."""
 
 NICE = (1.0, 2.0, 5.0)
 NEAR_TRACKER = 0.2
@@ -483,5 +479,5 @@ def _cube(cube, nominal):
         return centre, edge
     if len(nominal.joint_names) != 6:
         return None
-    flange = nominal.forward(CUBE_JOINTS)[0, :3, 3]
-    return (CUBE_CENTRE, CUBE_EDGE) if np.linalg.norm(flange - CUBE_CENTRE) < 0.02 * MM else None
+    flange = nominal.forward(IRB1600_P1)[0, :3, 3]
+    return IRB1600_CUBE if np.linalg.norm(flange - IRB1600_CUBE[0]) < 0.02 * MM else None
