@@ -45,7 +45,7 @@ def axes(
         raise typer.BadParameter("give --calibration or --robot, not both")
     periods = _frequency(frequency)
     from irbcal.measurement import table
-    from irbcal.validation import joint_behaviour
+    from irbcal.validation.joints import behaviour as joint_behaviour
 
     with show.progress(3, quiet=json) as step:
         step("reading the measurements")
@@ -56,7 +56,7 @@ def axes(
         written = []
         if plots is not None:
             from irbcal.export.calibration_file import write_together
-            from irbcal.validation import joint_plots
+            from irbcal.validation.joints import plots as joint_plots
 
             step("drawing")
             drawn = joint_plots.draw(report)

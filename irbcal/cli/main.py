@@ -19,6 +19,7 @@ from irbcal.cli import (
     import_,
     iso9283,
     plan,
+    report,
     simulate,
     study,
     tracker,
@@ -59,6 +60,7 @@ app.command("import", rich_help_panel="Calibrate")(import_.import_files)
 app.command("calibrate", rich_help_panel="Calibrate")(calibrate.calibrate)
 app.command("evaluate", rich_help_panel="Calibrate")(evaluate.evaluate)
 app.command("view", rich_help_panel="Calibrate")(view.view)
+app.command("report", rich_help_panel="Calibrate")(report.report)
 app.command("fk", rich_help_panel="Use")(fk.fk)
 app.command("ik", rich_help_panel="Use")(ik.ik)
 app.command("filter", rich_help_panel="Use")(filter.filter_program)

@@ -30,6 +30,7 @@ from irbcal.export.schema import (
     Placement,
     PointTable,
     Pose,
+    PoseTable,
     RobotSection,
     Row,
     TestVector,
@@ -44,12 +45,15 @@ from irbcal.validation.accuracy import (
     statistics,
     statistics_by,
 )
+from irbcal.validation.joints.moves import last_moves
 
 SCHEMA = "irbcal-calibration-1"
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
 ORIGINS_NAME = "joint_origins.yaml"
 TEST_VECTORS = 5
 NORMAL_95 = 1.959964
+PLACE_DIGITS, JOINT_DIGITS, QUATERNION_DIGITS = 6, 9, 12
+"""Decimals of measured places (mm), joints (degrees, mm) and quaternions: far below what is measured."""
 
 
 def _rows(table):
@@ -212,15 +216,76 @@ def _errors(robot, points):
 
 def _point_table(outcome):
     columns = {key: [] for key in PointTable.model_fields}
-    for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
+    sets = ((outcome.fit_points, False), (outcome.heldout_points, True))
+    with_u95 = any(points.u95 is not None and np.isfinite(points.u95).any() for points, _ in sets)
+    turned = any(points.oriented().any() for points, _ in sets)
+    before = 0
+    for points, heldout in sets:
         columns["pose"] += [str(value) for value in points.pose_ids[points.pose]]
         columns["group"] += [str(value) for value in points.groups[points.pose]]
         columns["target"] += [str(value) for value in points.names()]
         columns["heldout"] += [heldout] * len(points)
-        if len(points):
-            columns["nominal_mm"] += (distances(outcome.nominal.robot, points) / MM).tolist()
-            columns["calibrated_mm"] += (distances(outcome.fit.robot, points) / MM).tolist()
+        columns["row"] += (points.pose + before).tolist()
+        before += points.poses
+        if not len(points):
+            continue
+        columns["nominal_mm"] += (distances(outcome.nominal.robot, points) / MM).tolist()
+        columns["calibrated_mm"] += (distances(outcome.fit.robot, points) / MM).tolist()
+        for name, values in zip("xyz", points.xyz.T, strict=True):
+            columns[f"{name}_mm"] += np.round(values / MM, PLACE_DIGITS).tolist()
+        if with_u95:
+            u95 = np.full(len(points), np.nan) if points.u95 is None else points.u95 / MM
+            columns["u95_mm"] += _known(np.round(u95, PLACE_DIGITS))
+        if turned:
+            for name, values in zip(("qx", "qy", "qz", "qw"), _quaternions(points).T, strict=True):
+                columns[name] += _known(np.round(values, QUATERNION_DIGITS))
     return PointTable(**columns)
+
+
+def _known(values):
+    return [value if np.isfinite(value) else None for value in values.tolist()]
+
+
+def _quaternions(points):
+    """Measured orientations, scalar last, shape (m, 4); NaN where there is none."""
+    from scipy.spatial.transform import Rotation
+
+    have = points.oriented()
+    out = np.full((len(points), 4), np.nan)
+    if have.any():
+        out[have] = Rotation.from_matrix(points.rotation[have]).as_quat(canonical=True)
+    return out
+
+
+def _pose_table(outcome):
+    arm = outcome.urdf.arm
+    columns = {"pose": [], "group": [], "heldout": []}
+    joints, sides = [], []
+    for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
+        seen = outcome.verification if heldout and outcome.verification is not None else outcome.measurements
+        columns["pose"] += [str(value) for value in points.pose_ids]
+        columns["group"] += [str(value) for value in points.groups]
+        columns["heldout"] += [heldout] * points.poses
+        joints.append(np.round(points.q / arm.joint_units, JOINT_DIGITS))
+        sides.append(_came_from(seen, points))
+    came_from = ["".join("-0+"[int(sign) + 1] for sign in column) for column in np.concatenate(sides).T]
+    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from)
+
+
+def _came_from(measurements, points):
+    """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints)."""
+    first = measurements.table.groupby("pose_index", sort=True).first()
+    groups = first["group"].to_numpy(dtype=object) if "group" in first else None
+    q = measurements.joints()
+    sign = np.sign(np.nan_to_num(last_moves(q, groups)))
+    found = {}
+    for name, joints, row in zip(first["pose"].astype(str), q, sign, strict=True):
+        key = (name, joints.tobytes())
+        # of poses with the same name and joints it is not known which one this is
+        found[key] = np.where(found.get(key, row) == row, row, 0.0)
+    unknown = np.zeros(q.shape[1])
+    keys = [(str(name), joints.tobytes()) for name, joints in zip(points.pose_ids, points.q, strict=True)]
+    return np.array([found.get(key, unknown) for key in keys]).reshape(points.poses, q.shape[1])
 
 
 def software():
@@ -295,6 +360,7 @@ def build(outcome, with_world=False, with_targets=False):
         poses_heldout=outcome.heldout_points.poses,
         poses_excluded=outcome.poses_asked - outcome.fit_points.poses - outcome.heldout_points.poses,
         points=_point_table(outcome),
+        poses=_pose_table(outcome),
         excluded=[vars(item) for item in outcome.excluded],
         notes=outcome.notes,
         data=[DataFile(file=Path(item.source).name, sha256=item.sha256) for item in files],

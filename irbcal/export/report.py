@@ -1,15 +1,18 @@
 """``report.html``: one self-contained page that shows what a calibration is worth and how to use it.
 
-The page says what ``calibration.json`` says: nothing is computed here beyond differences and counts. It
-runs no script and loads nothing.
+The page says what ``calibration.json`` says; what it adds about the poses is computed in `irbcal.validation`. It runs
+no script and loads nothing. The same figures and their data can be had as files.
 """
 
-from io import BytesIO
+import csv
+from io import StringIO
 
-NOMINAL, CALIBRATED = "#dd7d11", "#1f72bd"
-"""Colours of the two models, the same in every figure and table; safe for the colour-blind."""
-INK = "#010203"
-"""Stands for the text's colour in figures until the page's own takes its place."""
+from irbcal.colours import CALIBRATED, NOMINAL
+from irbcal.export import charts
+from irbcal.export.charts import fixed
+from irbcal.units import DEG, MM
+
+__all__ = ["CALIBRATED", "NOMINAL", "data_files", "figure_files", "fixed", "render", "verdict"]
 
 DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 STATISTICS = (
@@ -23,12 +26,14 @@ MOST_LISTED = 2000
 """Left-out points that are listed one by one; all are in ``calibration.json``."""
 
 
-def render(calibration):
+def render(calibration, evidence=None):
     """The report as one HTML page.
 
     Parameters
     ----------
     calibration : Calibration
+    evidence : irbcal.validation.evidence.Evidence, optional
+        Computed unless given.
 
     Returns
     -------
@@ -43,16 +48,24 @@ def render(calibration):
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"fixed": fixed, "unit": _in_unit, "std": _deviation, "count": _count}
+    environment.filters |= {"fixed": fixed, "unit": _in_unit, "std": _deviation, "count": _count, "svg": charts.inline}
     environment.filters["repr"] = repr
     robot = calibration.robot
+    evidence = gather(calibration) if evidence is None else evidence
     return environment.get_template("report.html.j2").render(
         c=calibration,
-        colours={"nominal": NOMINAL, "calibrated": CALIBRATED},
+        paint=charts.PAINT,
+        key_mark=charts.key,
         verdict=verdict(calibration),
         statistics=STATISTICS,
         error_tables=_error_tables(calibration),
-        figures=_figures(calibration),
+        sets={poses.name: poses for poses in evidence.sets},
+        figures=draw(calibration, evidence),
+        approach=evidence.approach,
+        approach_name=evidence.approach_name,
+        approach_note=evidence.approach_note,
+        backlash=_backlash(evidence.approach),
+        seen=_seen(evidence.approach),
         states=_states(calibration.parameters),
         dhm_columns=_dhm_columns(robot),
         dhm_rows=list(zip(robot.joint_names, robot.dhm_nominal, robot.dhm_calibrated, strict=True)),
@@ -60,6 +73,40 @@ def render(calibration):
         coefficients=_coefficients(calibration.joint_map),
         left_out=_left_out(calibration.excluded),
     )
+
+
+def gather(calibration):
+    """See `irbcal.validation.evidence.gather`."""
+    from irbcal.validation import evidence
+
+    return evidence.gather(calibration)
+
+
+def draw(calibration, evidence):
+    """See `irbcal.export.report_figures.figures`."""
+    from irbcal.export import report_figures
+
+    return report_figures.figures(calibration, evidence)
+
+
+def figure_files(calibration, evidence, kind="png"):
+    """The figures of the page as files.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    evidence : Evidence
+    kind : str
+        ``png`` or ``svg``.
+
+    Returns
+    -------
+    dict of str to bytes
+        Contents by file name.
+    """
+    mark = "SIMULATED data. " if calibration.simulated else ""
+    sections = draw(calibration, evidence).values()
+    return {f"{f.name}.{kind}": charts.file(f, kind, mark) for figures in sections for f in figures}
 
 
 def verdict(calibration):
@@ -96,11 +143,6 @@ def _change(poses, model, nominal, calibrated):
 
 
 # --- numbers ---------------------------------------------------------------------------------------------
-
-
-def fixed(value, digits):
-    """A number with a fixed count of decimals, without a minus sign before zero."""
-    return format(round(value, digits) + 0.0, f".{digits}f")
 
 
 def _in_unit(value, unit):
@@ -192,198 +234,153 @@ def _left_out(excluded):
     }
 
 
-# --- figures ---------------------------------------------------------------------------------------------
+def _backlash(approach):
+    """Joint, value and interval in its unit, p and what to think of it, for each joint."""
+    if approach is None:
+        return []
+    slides = approach.robot.arm.table.prismatic
+    rows = []
+    for term in approach.terms:
+        unit, size = ("mm", MM) if slides[term.joint - 1] else ("deg", DEG)
+        amount = [value[0] / size for value in (term.values, term.low, term.high)] if term.tested else None
+        rows.append({"joint": term.joint, "unit": unit, "amount": amount, "term": term})
+    return rows
 
 
-def _figures(c):
-    """Per set of poses: errors in order of measurement and their histogram (Nubiola 2011, Figures 7.4-7.7).
+def _seen(approach):
+    """Joints with an effect of the direction, in words, and those of them where it is negative."""
+    terms = () if approach is None else approach.terms
+    seen = [term for term in terms if term.tested and term.verdict != "not seen"]
+    return {"all": _joints(seen), "beyond": _joints([term for term in seen if term.values[0] < 0])}
 
-    No name from the data goes into a figure.
+
+def _joints(terms):
+    numbers = [str(term.joint) for term in terms]
+    if len(numbers) < 2:
+        return "".join(f"joint {number}" for number in numbers)
+    return f"joints {', '.join(numbers[:-1])} and {numbers[-1]}"
+
+
+# --- data ------------------------------------------------------------------------------------------------
+
+
+def data_files(calibration, evidence):
+    """The data behind the figures and tables of the page as CSV files.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    evidence : Evidence
+
+    Returns
+    -------
+    dict of str to bytes
+        Contents by file name. Lengths in mm, angles in degrees; places and vectors along the axes of the base link.
     """
-    import matplotlib
-
-    out = []
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(
+    tables = {
+        "points.csv": _points_rows(evidence),
+        "poses.csv": _poses_rows(calibration, evidence),
+        "errors.csv": _errors_rows(calibration, evidence),
+        "parameters.csv": [vars(parameter) for parameter in calibration.parameters],
+        "singular_values.csv": [
+            {"direction": k, "singular_value_mm": value, "seen": k <= calibration.observability.seen}
+            for k, value in enumerate(calibration.observability.singular_values_mm, 1)
+        ],
+        "left_out.csv": [vars(item) for item in calibration.excluded],
+        "joints.csv": _joints_rows(evidence),
+        "backlash.csv": [
             {
-                "svg.fonttype": "none",
-                "svg.hashsalt": "irbcal",
-                "text.parse_math": False,
-                "font.size": 12,
-                "axes.labelcolor": INK,
-                "axes.edgecolor": INK,
-                "text.color": INK,
-                "xtick.color": INK,
-                "ytick.color": INK,
-                "axes.spines.top": False,
-                "axes.spines.right": False,
-                "axes.axisbelow": True,
-                "axes.grid": True,
-                "grid.color": INK,
-                "grid.alpha": 0.15,
+                "joint": row["joint"],
+                "unit": row["unit"],
+                **dict(zip(("backlash", "low", "high"), row["amount"] or (None,) * 3, strict=True)),
+                "p": row["term"].p if row["amount"] else None,
+                "verdict": row["term"].verdict,
+                "note": row["term"].note,
             }
-        )
-        for key, wanted, title, nominal, calibrated in (
-            ("heldout", True, "held-out", c.heldout_nominal, c.heldout),
-            ("fit", False, "fitted", c.fit_nominal, c.fit),
-        ):
-            picked = [k for k, heldout in enumerate(c.points.heldout) if heldout == wanted]
-            if not picked:
-                continue
-            errors = {
-                name: ([getattr(c.points, f"{name}_mm")[k] for k in picked], statistics.all)
-                for name, statistics in _models(c, nominal, calibrated).items()
-            }
-            drawings = []
-            for name, draw, text in (
-                ("order", _in_order, "Position error of each {} point in order of measurement"),
-                ("histogram", _histogram, "Histogram of the position errors of the {} points"),
-            ):
-                text = text.format(title)
-                drawings.append((text, _draw(draw, errors, f"{key}-{name}", text)))
-            out.append({"title": f"{title.capitalize()} points", "drawings": drawings})
-        drawings = []
-        if c.observability.singular_values_mm:
-            text = "Singular values of the scaled Jacobian: how far all points move together for a plausible error"
-            drawings.append((text, _draw(_singular_values, c.observability, "singular-values", text)))
-        if len(c.history.get("iteration", ())) > 1:
-            text = "Course of the identification: objective, and mean and largest error of poses that took no part"
-            unused = [name.removesuffix("_mean_mm") for name in c.history if name.endswith("_mean_mm")]
-            if len(unused) > 1:
-                text += f" ({', '.join(f'{k}: {name}' for k, name in enumerate(unused, 1))})"
-            drawings.append((text, _draw(_course, c.history, "course", text)))
-        if drawings:
-            out.append({"title": "Identification", "drawings": drawings})
-    return out
+            for row in _backlash(evidence.approach)
+        ],
+    }
+    return {name: _csv(rows, calibration.simulated) for name, rows in tables.items() if rows}
 
 
-def _draw(draw, data, key, text):
-    """One figure as inline SVG; ``draw`` returns the handles of a legend, if there is one."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.8, 3.6), layout="constrained")
-    handles = draw(figure, data)
-    if handles:
-        figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, handlelength=1.0)
-    stream = BytesIO()
-    figure.savefig(stream, format="svg", transparent=True, dpi=180, metadata={"Date": None})
-    return _inline(stream.getvalue(), key, text)
+def _csv(rows, simulated):
+    stream = StringIO()
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    writer = csv.DictWriter(stream, [*columns, "simulated"], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(row | {"simulated": int(simulated)} for row in rows)
+    return stream.getvalue().encode("utf-8", "replace")
 
 
-def _colour(name):
-    return NOMINAL if name == "nominal" else CALIBRATED
+def _points_rows(evidence):
+    rows = []
+    for poses in evidence.sets:
+        for m, pose in enumerate(poses.pose):
+            row = {"set": poses.name, "pose": poses.pose_names[pose], "group": poses.groups[pose]}
+            row["target"] = poses.target[m]
+            if poses.place is not None:
+                row |= {f"{axis}_mm": round(v / MM, 6) for axis, v in zip("xyz", poses.place[m], strict=True)}
+            for name, model in poses.models.items():
+                if model.vector is not None:
+                    for axis, v in zip("xyz", model.vector[m], strict=True):
+                        row[f"{name}_d{axis}_mm"] = round(v / MM, 6)
+                row[f"{name}_mm"] = round(model.distance[m] / MM, 6)
+                if model.rotation is not None:
+                    row[f"{name}_deg"] = round(model.rotation[m] / DEG, 6)
+            rows.append(row)
+    return rows
 
 
-def _models_legend(errors):
-    from matplotlib.patches import Patch
-
-    return [
-        Patch(color=_colour(name), label=f"{name} (mean {fixed(all_.mean_mm, 3)} mm)")
-        for name, (_, all_) in errors.items()
-    ]
-
-
-def _singular_values(figure, observability):
-    axes = figure.add_subplot()
-    values = observability.singular_values_mm
-    seen = range(1, observability.seen + 1)
-    axes.semilogy(seen, values[: observability.seen], "o", color=CALIBRATED, label="seen")
-    held = range(observability.seen + 1, len(values) + 1)
-    floor = min(values[: observability.seen], default=1.0) / 10
-    shown = [max(value, floor) for value in values[observability.seen :]]
-    if shown:
-        axes.semilogy(held, shown, "v", color=NOMINAL, label=f"held (below {floor:.2g} mm drawn there)")
-    axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.set_xlabel("direction")
-    axes.set_ylabel("singular value (mm)")
-    _plain_numbers(axes)
-    return axes.get_legend_handles_labels()[0]
+def _poses_rows(c, evidence):
+    kinds = [("mm", MM) if kind == "prismatic" else ("deg", DEG) for kind in c.robot.joint_types]
+    rows = []
+    for poses in evidence.sets:
+        for n, name in enumerate(poses.pose_names):
+            row = {"set": poses.name, "pose": name, "group": poses.groups[n]}
+            if poses.points is not None:
+                for j, (unit, size) in enumerate(kinds):
+                    row[f"q{j + 1}_{unit}"] = round(poses.points.q[n, j] / size, 9)
+            row |= {f"{model}_mm": round(m.per_pose[n] / MM, 6) for model, m in poses.models.items()}
+            rows.append(row)
+    return rows
 
 
-def _plain_numbers(axes):
-    """A logarithmic axis labelled 1, 10, 100 where it spans decades, and 1, 2, 5, 10 where it does not."""
-    from matplotlib.ticker import LogLocator
-
-    low, high = axes.get_ylim()
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 50 * low else (1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("")
-
-
-def _course(figure, history):
-    axes = figure.add_subplot()
-    iteration = history["iteration"]
-    axes.semilogy(iteration, history["objective_mm"], "-o", color=CALIBRATED, markersize=4, label="objective")
-    unused = [name for name in history if name.endswith(("_mean_mm", "_max_mm"))]
-    for k, name in enumerate(unused):
-        what, number = ("mean", "max")[k % 2], f" {k // 2 + 1}" if len(unused) > 2 else ""
-        style = {"color": NOMINAL, "marker": "osd^v"[k // 2 % 5], "linestyle": ("-", "--")[k % 2], "markersize": 4}
-        axes.semilogy(iteration, history[name], label=f"unused{number}, {what}", **style)
-    axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.set_xlabel("iteration")
-    axes.set_ylabel("error (mm)")
-    _plain_numbers(axes)
-    return axes.get_legend_handles_labels()[0]
+def _errors_rows(c, evidence):
+    models = {poses.proves: poses.models for poses in evidence.sets}
+    rows = []
+    for table in _error_tables(c):
+        name_of_set = "held-out" if table["proves"] else "fitted"
+        for part, labels in table["parts"].items():
+            for label, statistics in labels.items():
+                for name, values in statistics.items():
+                    row = {"set": name_of_set, "by": part, "label": label, "model": name} | vars(values)
+                    model = models.get(table["proves"], {}).get(name)
+                    intervals = model.intervals if model and not part else None
+                    for key, (low, high) in (intervals or {}).items():
+                        row |= {f"{key}_low": low, f"{key}_high": high}
+                    rows.append(row)
+    return rows
 
 
-def _in_order(figure, errors):
-    """A panel for each model, one above the other, so that neither hides the other."""
-    panels = figure.subplots(len(errors), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    for axes, (name, (distance, _)) in zip(panels, errors.items(), strict=True):
-        n = len(distance)
-        size = min(6.0, max(2.6, 90 / n**0.5))
-        style = {"color": _colour(name), "alpha": 0.75, "markersize": size, "markeredgewidth": 0}
-        axes.plot(range(1, n + 1), distance, "o", rasterized=True, **style)
-        axes.set_ylabel("error (mm)")
-        axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.set_xlim(1 - 0.02 * n, n + 0.02 * n)
-    axes.set_ylim(bottom=0)
-    axes.set_xlabel("point, in order of measurement")
-    return _models_legend(errors)
-
-
-def _histogram(figure, errors):
-    import numpy as np
-
-    axes = figure.add_subplot()
-    largest = max(max(distance) for distance, _ in errors.values())
-    edges = np.linspace(0.0, largest or 1.0, 41)
-    for name, (distance, all_) in errors.items():
-        colour = _colour(name)
-        style = {"facecolor": (colour, 0.3), "edgecolor": colour, "linewidth": 1.2}
-        axes.hist(distance, edges, histtype="stepfilled", **style)
-        axes.axvline(all_.mean_mm, color=colour, linewidth=1.4, linestyle=(0, (4, 2)))
-    axes.set_xlim(0, edges[-1])
-    axes.yaxis.get_major_locator().set_params(integer=True)
-    axes.set_xlabel("error (mm); dashed: mean")
-    axes.set_ylabel("points")
-    return _models_legend(errors)
-
-
-def _inline(svg, key, text):
-    """An SVG file as part of a page: ids of its own, the page's colour, no metadata, no namespaces."""
-    from lxml import etree
-    from markupsafe import Markup
-
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
-    root = etree.fromstring(svg, parser)
-    for element in list(root.iter()):
-        element.tag = etree.QName(element).localname
-        if element.tag in ("metadata", "style"):
-            element.getparent().remove(element)
-            continue
-        for name, value in list(element.attrib.items()):
-            local = etree.QName(name).localname
-            del element.attrib[name]
-            if local == "id":
-                value = f"{key}-{value}"
-            elif local == "href" and value.startswith("#"):
-                value = f"#{key}-{value[1:]}"
-            element.set(local, value.replace("url(#", f"url(#{key}-").replace(INK, "currentColor"))
-    for name in ("width", "height", "version"):
-        root.attrib.pop(name, None)
-    root.set("role", "img")
-    root.set("aria-label", text)
-    etree.cleanup_namespaces(root)
-    return Markup(etree.tostring(root, encoding="unicode"))
+def _joints_rows(evidence):
+    found = evidence.approach
+    if found is None:
+        return []
+    slides = found.robot.arm.table.prismatic
+    rows = []
+    for n, pose in enumerate(found.points.pose_ids):
+        for j in range(found.angle.shape[1]):
+            if found.angle[n, j] == found.angle[n, j]:
+                unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
+                rows.append(
+                    {
+                        "set": evidence.approach_name,
+                        "pose": pose,
+                        "joint": j + 1,
+                        "unit": unit,
+                        "q": round(found.points.q[n, j] / size, 9),
+                        "came_from": "below" if found.direction[n, j] > 0 else "above",
+                        "residual": round(found.angle[n, j] / size, 9),
+                    }
+                )
+    return rows

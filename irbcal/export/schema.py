@@ -1,10 +1,12 @@
 """What stands in ``calibration.json``: a checked schema, and the robots that it describes."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
+from pydantic_core import PydanticUndefined
 
+from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
@@ -161,7 +163,11 @@ class Errors(_Model):
 
 
 class PointTable(_Model):
-    """Every used point, column by column: what the report's figures are drawn from."""
+    """Every used point, column by column: what the report's figures are drawn from.
+
+    ``row`` counts the poses of `PoseTable`; places are in the measuring frame; uncertainties and orientations (unit
+    quaternion, scalar first) are null where a point has none, and the columns are empty where no point has.
+    """
 
     pose: list[str]
     group: list[str]
@@ -169,6 +175,46 @@ class PointTable(_Model):
     heldout: list[bool]
     nominal_mm: list[float]
     calibrated_mm: list[float]
+    row: list[int] = []
+    x_mm: list[float] = []
+    y_mm: list[float] = []
+    z_mm: list[float] = []
+    u95_mm: list[float | None] = []
+    qw: list[float | None] = []
+    qx: list[float | None] = []
+    qy: list[float | None] = []
+    qz: list[float | None] = []
+
+    @model_validator(mode="after")
+    def _of_one_length(self):
+        n = len(self.pose)
+        for name, column in self:
+            added_later = type(self).model_fields[name].default is not PydanticUndefined
+            if len(column) != n and not (added_later and not column):
+                raise ValueError(f"column {name} has {len(column)} values for {n} points")
+        return self
+
+
+class PoseTable(_Model):
+    """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
+
+    ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
+    where that is not known.
+    """
+
+    pose: list[str]
+    group: list[str]
+    heldout: list[bool]
+    joints: list[list[float]]
+    came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
+
+    @model_validator(mode="after")
+    def _of_one_length(self):
+        n = len(self.pose)
+        columns = [self.group, self.heldout, *self.joints, *self.came_from]
+        if any(len(column) != n for column in columns) or len(self.joints) != len(self.came_from):
+            raise ValueError(f"every column must have {n} values, one for each pose")
+        return self
 
 
 class Exclusion(_Model):
@@ -282,6 +328,7 @@ class Calibration(_Model):
     poses_heldout: int
     poses_excluded: int
     points: PointTable
+    poses: PoseTable | None = None
     excluded: list[Exclusion]
     notes: list[str]
     data: list[DataFile]
@@ -289,6 +336,18 @@ class Calibration(_Model):
     largest_link_shift_mm: float
     software: dict[str, str]
     seconds: float
+
+    @model_validator(mode="after")
+    def _points_of_known_poses(self):
+        p, rows = self.poses, self.points.row
+        if p is not None and any(
+            not 0 <= row < len(p.pose) or p.heldout[row] != heldout
+            for row, heldout in zip(rows, self.points.heldout, strict=False)
+        ):
+            raise ValueError("a point belongs to a pose that is not among the poses")
+        if p is not None and len(p.joints) != len(self.robot.joint_names):
+            raise ValueError(f"poses have {len(p.joints)} joints, the robot has {len(self.robot.joint_names)}")
+        return self
 
     def arm(self, calibrated=True):
         """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
@@ -327,6 +386,44 @@ class Calibration(_Model):
         """The nominal robot with base and tool identified from the same poses."""
         return Robot(self.arm(calibrated=False), JointMap(), *_placed(self.placement_nominal))
 
+    def used_points(self, heldout):
+        """The used points, fitted or held out, and the directions from which their joints were reached.
+
+        Parameters
+        ----------
+        heldout : bool
+
+        Returns
+        -------
+        points : PointSet
+        came_from : ndarray, shape (n, joints)
+            1: from below, -1: from above, 0: not known.
+
+        ``None`` in place of both for calibrations that were saved without measured places.
+        """
+        t, p = self.points, self.poses
+        if p is None or not t.x_mm:
+            return None
+        poses = np.array(p.heldout, dtype=bool) == heldout
+        mine = np.array(t.heldout, dtype=bool) == heldout
+        slides = [kind == "prismatic" for kind in self.robot.joint_types]
+        units = np.where(slides, MM, DEG)
+        names = sorted(set(np.array(t.target, dtype=object)[mine]))
+        u95 = np.array(t.u95_mm, dtype=float)[mine] * MM if t.u95_mm else None
+        points = PointSet(
+            np.array(p.joints, dtype=float).T[poses] * units,
+            (np.cumsum(poses) - 1)[np.array(t.row, dtype=int)[mine]],
+            np.array([names.index(t.target[k]) for k in np.flatnonzero(mine)], dtype=int),
+            np.column_stack([t.x_mm, t.y_mm, t.z_mm])[mine] * MM,
+            tuple(names),
+            np.array(p.pose, dtype=object)[poses],
+            np.array(p.group, dtype=object)[poses],
+            _rotations(np.column_stack([t.qx, t.qy, t.qz, t.qw])[mine]) if t.qw else None,
+            u95,
+        )
+        came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
+        return points, came_from.T[poses]
+
     def tool_shape(self):
         """Places of the reflectors that make up the tool's pose, dict of arrays (3,), metres; empty if none do."""
         return {name: np.array(place) * MM for name, place in self.tool_shape_mm.items()}
@@ -351,6 +448,18 @@ def _table(rows, prismatic):
         ),
         prismatic,
     )
+
+
+def _rotations(quaternions):
+    """Matrices (m, 3, 3) of quaternions (m, 4), scalar last; NaN where there is none."""
+    from scipy.spatial.transform import Rotation
+
+    quaternions = quaternions.astype(float)
+    have = np.isfinite(quaternions).all(axis=1)
+    out = np.full((len(quaternions), 3, 3), np.nan)
+    if have.any():
+        out[have] = Rotation.from_quat(quaternions[have]).as_matrix()
+    return out
 
 
 def _placed(placement):

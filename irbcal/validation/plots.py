@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from irbcal.colours import ACCENT, CALIBRATED, NOMINAL
 from irbcal.errors import IrbcalError
-from irbcal.export.report import CALIBRATED, NOMINAL
 from irbcal.units import MM
 
-MEASURED, ACCENT = "#333333", "#7a5195"
-"""Colours of measured values and of what is computed from them: not those of a model."""
+MEASURED = "#333333"
+"""Colour of measured values; what is computed from them has `ACCENT`: neither is that of a model."""
 RUNS = (MEASURED, ACCENT, "#2f8f5b", "#a0527a", "#6b7280")
 COLOURS = {"nominal": NOMINAL, "calibrated": CALIBRATED, "measured": MEASURED}
 """One colour for each model, the same as in the report."""

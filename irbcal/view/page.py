@@ -14,10 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from irbcal.colours import ERRORS
 from irbcal.units import DEG, MM
-
-SCALE = ("#2166ac", "#2b9c9c", "#d9a400", "#e8590c", "#9e0b26")
-"""Colours of errors from zero to the top of the scale."""
 
 
 def render(scene):
@@ -115,7 +113,7 @@ def content(scene):
         "cube": None if scene.cube is None else {"centre": scene.cube[0].tolist(), "edge": scene.cube[1]},
         "path": scene.path is not None,
         "magnification": scene.magnification,
-        "scale": {"top_mm": scene.scale_top / MM, "colours": SCALE},
+        "scale": {"top_mm": scene.scale_top / MM, "colours": ERRORS},
     }
 
 

@@ -12,9 +12,9 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.jointmap import JointMap, Stiffness
 from irbcal.modeling.robot import Robot
-from irbcal.validation import joint_behaviour as behaviour
-from irbcal.validation.joint_moves import analyse_moves, last_moves
-from irbcal.validation.joint_residuals import analyse_residuals
+from irbcal.validation.joints import behaviour
+from irbcal.validation.joints.moves import analyse_moves, last_moves
+from irbcal.validation.joints.residuals import analyse_residuals
 
 BACKLASH = np.radians(0.05)
 SERIES = np.array([-0.000373, -0.000750, -0.000956, -0.000244])
@@ -247,12 +247,12 @@ def test_a_lag_is_told_from_play():
 
 def test_what_left_out_poses_say_agrees_with_leaving_them_out():
     # 30 poses: the errors of poses left out, by the hat matrix, against as many fits by brute force
-    from irbcal.validation.joint_residuals import _Linear
+    from irbcal.validation.joints.residuals import Linearised
 
     points, step, robot = simulated(
         random_commands(30, 4), None, np.radians([0.05, 0, 0, 0, 0, 0]), noise=1e-4, rng=np.random.default_rng(4)
     )
-    model = _Linear(robot, points, step)
+    model = Linearised(robot, points, step)
     X = -0.5 * model.per_joint(np.sign(step))[:, :1]
     found = model.test(X)
     design = np.hstack([model.basis(), X])

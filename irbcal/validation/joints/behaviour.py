@@ -2,11 +2,11 @@ r"""Behaviour of each joint: what it does beyond geometry (Nubiola 2011, chapter
 
 Two ways of looking at a joint:
 
-- one-joint moves (`irbcal.validation.joint_moves`): groups ``axis1``, ``axis2``, ...; several tests of one joint may be
-  called ``axis6_b``, ``axis6_c``. Circles alone give the axis; radial, axial and tangential errors of every point and
-  the angular error of every pose follow without a robot model;
-- residuals of a robot model (`irbcal.validation.joint_residuals`): any poses. Effects of a joint are estimated by least
-  squares through the analytic Jacobian, with base, targets and link geometry refitted at the same time.
+- one-joint moves (`irbcal.validation.joints.moves`): groups ``axis1``, ``axis2``, ...; several tests of one joint may
+  be called ``axis6_b``, ``axis6_c``. Circles alone give the axis; radial, axial and tangential errors of every point
+  and the angular error of every pose follow without a robot model;
+- residuals of a robot model (`irbcal.validation.joints.residuals`): any poses. Effects of a joint are estimated by
+  least squares through the analytic Jacobian, with base, targets and link geometry refitted at the same time.
 
 Backlash is the joint's angle reached from above minus the angle reached from below, for one command: twice the
 half-width, positive where the joint stops short of where it was sent. Intervals are 95 %: of one-joint moves from the
@@ -27,9 +27,9 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.jointmap import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
-from irbcal.validation.joint_moves import analyse_moves, has_moves, last_moves, one_series
-from irbcal.validation.joint_residuals import ResidualAnalysis, analyse_residuals
-from irbcal.validation.joint_terms import SIGNIFICANT, WORTH
+from irbcal.validation.joints.moves import analyse_moves, has_moves, last_moves, one_series
+from irbcal.validation.joints.residuals import ResidualAnalysis, analyse_residuals
+from irbcal.validation.joints.terms import SIGNIFICANT, WORTH
 
 # --- stiffness as one angle ------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from irbcal.errors import IdentificationError
 from irbcal.identification import circles
 from irbcal.measurement.points import PointSet
 from irbcal.units import DEG, MM
-from irbcal.validation.joint_terms import (
+from irbcal.validation.joints.terms import (
     HIGHEST_FREQUENCY,
     Term,
     best_frequency,

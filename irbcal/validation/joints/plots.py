@@ -9,12 +9,12 @@ from io import BytesIO
 
 import numpy as np
 
-from irbcal.export.report import CALIBRATED, NOMINAL
+from irbcal.colours import CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL
 from irbcal.units import DEG, MM
-from irbcal.validation.joint_behaviour import equivalent_error, predicted_series
-from irbcal.validation.joint_terms import fourier_columns
+from irbcal.validation.joints.behaviour import equivalent_error, predicted_series
+from irbcal.validation.joints.terms import fourier_columns
 
-FROM_BELOW, FROM_ABOVE, UNKNOWN = "#1b9e77", "#7b3fa0", "#8a8a8a"
+UNKNOWN = "#8a8a8a"
 """Colours of the directions of approach; those of the models are the report's."""
 
 DIRECTIONS = (
@@ -33,7 +33,7 @@ def draw(report):
 
     Parameters
     ----------
-    report : irbcal.validation.joint_behaviour.Report
+    report : irbcal.validation.joints.behaviour.Report
 
     Returns
     -------

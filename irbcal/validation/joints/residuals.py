@@ -20,7 +20,7 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
-from irbcal.validation.joint_terms import (
+from irbcal.validation.joints.terms import (
     HIGHEST_FREQUENCY,
     SIGNIFICANT,
     WORTH,
@@ -132,7 +132,7 @@ def analyse_residuals(robot, points, step, joint=None, order=2, frequency=1.0):
     points : PointSet
         Every target must be one of the robot's.
     step : ndarray, shape (n, joints)
-        Of `irbcal.validation.joint_moves.last_moves`, for the poses of ``points``.
+        Of `irbcal.validation.joints.moves.last_moves`, for the poses of ``points``.
     joint : int, optional
         Only this joint, counted from 1 (backlash is estimated for all joints together all the same).
     order : int
@@ -153,12 +153,12 @@ def analyse_residuals(robot, points, step, joint=None, order=2, frequency=1.0):
     if joint is not None and joint > joints:
         raise IdentificationError(f"there is no joint {joint}: {robot.arm.name} has {joints}")
     step = step[np.isin(np.arange(points.poses), points.pose)]
-    robot, points, step, excluded = _placed(robot, points.without_empty_poses(), step)
-    model = _Linear(robot, points, step)
+    robot, points, step, excluded = placed(robot, points.without_empty_poses(), step)
+    model = Linearised(robot, points, step)
     chosen = range(joints) if joint is None else [joint - 1]
     turning = [j for j in chosen if not robot.arm.table.prismatic[j]]
     rms, approach = model.rms(), _approach(model)
-    backlash, halves, halves_p, angle = _backlash(model)
+    backlash, halves, halves_p, angle = backlash_terms(model)
     backlash, moves = judged(backlash), judged([_per_move(model, j) for j in range(joints)])
     # directions go with places, more or less: what depends on the one is not to be taken for the other
     for found, columns in ((backlash, _play(model)), (moves, model.per_joint(model.step))):
@@ -189,7 +189,7 @@ def analyse_residuals(robot, points, step, joint=None, order=2, frequency=1.0):
     )
 
 
-def _placed(robot, points, step):
+def placed(robot, points, step):
     """The robot with its base where the points say; points that no joint could explain are left out."""
     excluded = ()
     while True:
@@ -221,7 +221,7 @@ def _placed(robot, points, step):
     return robot, points, step, excluded
 
 
-class _Linear:
+class Linearised:
     """A robot's residuals and their derivatives by geometry, joint map and joint angles, all at one place.
 
     Rows are those of `irbcal.identification.residuals.Problem`, three numbers each; columns are flat, (3 rows, ...).
@@ -373,7 +373,7 @@ class _Linear:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Outcome of `_Linear.test`: which coefficients were seen, their values, covariance and test."""
+    """Outcome of `Linearised.test`: which coefficients were seen, their values, covariance and test."""
 
     kept: np.ndarray
     beta: np.ndarray
@@ -444,7 +444,7 @@ def _play(model):
     return -0.5 * model.per_joint(np.sign(model.step))
 
 
-def _backlash(model):
+def backlash_terms(model):
     """Backlash of all joints together, its two halves and what is left about each joint."""
     X, joints = _play(model), range(model.joints)
     signs = np.sign(np.nan_to_num(model.step))
