@@ -367,7 +367,7 @@ def test_one_joint_moves_of_a_real_arm(shared_data):
         assert 5e-6 < np.sqrt(np.mean(series.axial**2)) < 5e-5
         assert joint.backlash.note.startswith("no joint angle was reached from both sides")
     # -360 and 360 degrees are one place: the angular errors there differ by what the raw points are apart
-    raw = seen.table.set_index(["group", "q4_deg", "target"])
+    raw = seen.table.set_index(["group", "q4_deg", "target"]).sort_index()
     (series,) = report.moves[3].series
     radius = dict(zip(series.fit.targets, series.fit.radii, strict=True))
     for t, name in enumerate(series.points.target_names):
