@@ -462,7 +462,9 @@ def _comparison(other, seen, refit_base, robot, ready, seed):
 
 
 def _verified(calibration, robot, points, verified):
-    other = prepare(_read(verified, calibration.arm()), calibration).points
+    seen = _read(verified, calibration.arm())
+    other = prepare(seen, calibration).points
+    _refuse_far_points(robot, other, distances(robot, other), seen.source, False)
     return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, other)
 
 

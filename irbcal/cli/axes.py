@@ -132,7 +132,7 @@ def _table(title, columns, rows):
         table.add_column(name, justify="right" if right else "left")
     for row in rows:
         table.add_row(*row)
-    Console().print(table)
+    Console(markup=False).print(table)
 
 
 def _errors(title, moves):

@@ -182,7 +182,8 @@ def _print_verified(result, shown):
     if found["command_mm"] > 0.1:
         show.note(
             f"the verified commands miss this calibration's own fake targets by up to {found['command_mm']:.3f} mm: "
-            "they were made with another calibration"
+            "they are not its fake targets for poses of these names (not filtered, filtered with another calibration, "
+            "or poses named otherwise)"
         )
 
 

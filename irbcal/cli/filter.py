@@ -37,6 +37,7 @@ def filter_program(
     from irbcal.export import calibration_file
     from irbcal.units import MM
 
+    calibration_file.refuse_to_overwrite(out, program)
     saved = calibration_file.load(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     fingerprint = saved.calibrated_urdf_sha256[:16]
@@ -115,7 +116,7 @@ def _print(found, out, written, expected):
             largest = max(abs(row[name] - row[f"{name}_before"]) for name in found.joint_columns)
             cells = (f"{row['shift_mm']:.3f}", f"{row['turn_deg']:.4f}", f"{largest:.4f}")
             view.add_row(str(row["target"]), str(row["line"]), *cells)
-        Console().print(view)
+        Console(markup=False).print(view)
         if len(changes) > SHOWN:
             show.say(f"… and {len(changes) - SHOWN} more")
         shifts = changes["shift_mm"]

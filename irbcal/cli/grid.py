@@ -24,7 +24,7 @@ def table(title, columns, rows):
         grid.add_column(name, justify="right" if k else "left", no_wrap=True)
     for row in rows:
         grid.add_row(*(cell(value) for value in row))
-    Console(width=max(100, len(columns) * 14)).print(grid)
+    Console(width=max(100, len(columns) * 14), markup=False).print(grid)
 
 
 def cell(value, digits=3):

@@ -161,7 +161,7 @@ def _table(found):
     from rich.table import Table
     from rich.text import Text
 
-    console = Console()
+    console = Console(markup=False)
     rows, origin = _first_rows(found, max(2, min(SHOWN, (console.width - 16) // 13)))
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("row of file")

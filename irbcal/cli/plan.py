@@ -77,6 +77,9 @@ def plan(
         float | None, typer.Option(min=0.0, help="kg; goes into the plan's table.", show_default=False)
     ] = None,
     wait_s: Annotated[float, typer.Option(min=0.0, max=3600.0, help="Rest before a measurement.")] = 4.0,
+    references: Annotated[
+        int, typer.Option(min=0, max=20, help="References on the floor to measure in each pose, too: they take time.")
+    ] = 3,
     speed: Annotated[float, typer.Option(min=1.0, max=7000.0, help="Of the tool, mm/s.")] = 500.0,
     noise_mm: Annotated[
         float, typer.Option(min=1e-4, max=10.0, help="Standard deviation of a measured coordinate.")
@@ -125,6 +128,7 @@ def plan(
                 level=level,
                 noise=noise_mm * MM,
                 wait_s=wait_s,
+                references=references,
                 speed=speed * MM,
                 payload_kg=payload,
                 seed=seed,
@@ -266,7 +270,7 @@ def _print_counts(result):
         words = "outside the cube" if name == "place" else f"removed by {name}"
         table.add_row(words, *("" if count is None else f"{count:,}" for count in removed))
     table.add_row("left", *(f"{tally['kept']:,}" for tally in counts.values()), style="bold")
-    Console().print(table)
+    Console(markup=False).print(table)
 
 
 def _words(source):

@@ -61,7 +61,7 @@ def statistics_table(title, rows):
         cells = [format(values[key], form) for _, key, form in COLUMNS]
         table.add_row("" if label == previous else label, model, *cells, style="bold" if headline else None)
         previous = label
-    Console().print(table)
+    Console(markup=False).print(table)
 
 
 def say(text=""):

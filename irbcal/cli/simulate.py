@@ -98,6 +98,7 @@ def simulate(
     cell = cell if only is None else cell.only(*only)
     cell = cell.without(*(without or ()))
     cell = cell if payload is None else cell.with_payload(payload)
+    calibration_file.refuse_to_overwrite(out, plan, wanted)
     cell = cell if place is None else cell.replace(tracker=cell.tracker.moved(place))
     poses = (
         simulation.random_plan(cell, random, seed, wait) if plan is None else simulation.read_plan(plan, cell.arm, wait)

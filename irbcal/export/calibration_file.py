@@ -451,6 +451,9 @@ def write_together(folder, contents):
     """
     folder = Path(folder)
     done = []
+    taken = [name for name in contents if (folder / name).is_dir()]
+    if taken:
+        raise CalibrationError(f"{folder / taken[0]}: expected a file to write, found a folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".irbcal-", dir=folder) as temporary:
@@ -478,6 +481,19 @@ def write_together(folder, contents):
                 raise
     except OSError as error:
         raise CalibrationError(f"{folder}: cannot write to this folder: {error.strerror}") from None
+
+
+def refuse_to_overwrite(out, *inputs):
+    """Refuse a file to write that is one of those to read.
+
+    Raises
+    ------
+    CalibrationError
+        If it is.
+    """
+    for path in inputs:
+        if path is not None and Path(out).exists() and Path(path).exists() and os.path.samefile(out, path):
+            raise CalibrationError(f"{out}: this is the file to read from: name another one to write")
 
 
 def load(folder):

@@ -76,6 +76,28 @@ class CollisionModel:
         self._links = [self.model.frames[solid.parentFrame].name for solid in self.geometry.geometryObjects]
         self._add_pairs()
 
+    def add_obstacle(self, place, radius):
+        """A ball that stands still, such as the tracker; the moving links are checked against it from now on.
+
+        Parameters
+        ----------
+        place : array_like, shape (3,)
+            Its middle in the base link, metres.
+        radius : float
+            Metres.
+        """
+        import coal
+        import pinocchio as pin
+
+        T = pin.SE3(self.T_universe_base) * pin.SE3(np.eye(3), np.asarray(place, dtype=float))
+        ball = self.geometry.addGeometryObject(
+            pin.GeometryObject(f"obstacle_{self.geometry.ngeoms}", 0, T, coal.Sphere(radius))
+        )
+        for k, solid in enumerate(self.geometry.geometryObjects[: self.solids]):
+            if solid.parentJoint > 0:
+                self.geometry.addCollisionPair(pin.CollisionPair(k, ball))
+        self.geometry_data = self.geometry.createData()
+
     def _add_pairs(self):
         import pinocchio as pin
 

@@ -23,6 +23,8 @@ from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
 
 READINGS_S = cell.SECONDS_PER_POINT
+TRACKER_RADIUS, NEAR_TRACKER = 0.25, 0.3
+"""Metres: the ball around the tracker that the robot keeps out of, and how far from the base link it must stand."""
 """Seconds that the tracker needs for a reflector."""
 MOST_REFLECTORS = 3
 """Reflectors measured in a pose; more tell little about the robot."""
@@ -60,6 +62,8 @@ class Wish:
         Size of joint errors that no model describes, against which the criterion ``position`` guards, radians.
     wait_s, speed : float
         Seconds of rest before a measurement; speed of the tip, m/s.
+    references : int
+        Reference reflectors that are measured in each pose, too: they take time.
     payload_kg : float, optional
     seed : int
     """
@@ -75,6 +79,7 @@ class Wish:
     noise: float = design.NOISE
     imagined: float = design.IMAGINED_SIZE
     wait_s: float = 4.0
+    references: int = 3
     speed: float = 0.5
     payload_kg: float | None = None
     seed: int = 0
@@ -155,7 +160,7 @@ class Made:
     @property
     def hold_s(self):
         """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
-        return self.wish.wait_s + READINGS_S * self.asked.sum(axis=1)
+        return self.wish.wait_s + READINGS_S * (self.asked.sum(axis=1) + self.wish.references)
 
     @property
     def duration_s(self):
@@ -248,6 +253,12 @@ def open_scene(
         from irbcal.export.collisions import CollisionModel
 
         solids = CollisionModel(data, arm, package_dirs=shipped.package_dirs(*package_dirs, folder))
+        if np.linalg.norm(place) < NEAR_TRACKER:
+            raise MeasurementError(
+                f"--tracker: expected a place at least {NEAR_TRACKER / MM:.0f} mm from the base link, found "
+                f"{np.linalg.norm(place) / MM:.0f} mm"
+            )
+        solids.add_obstacle(place, TRACKER_RADIUS)
         if solids.overlapping:
             pairs = ", ".join(" and ".join(pair) for pair in solids.overlapping)
             notes.append(f"links that overlap by construction are not checked against each other: {pairs}")
@@ -531,7 +542,7 @@ def _stops(scene, wish, q, asked, start, over_home):
     home = np.broadcast_to(start, q.shape)
     direct = _move_times(scene, wish, before, q)
     around = _move_times(scene, wish, before, home) + _move_times(scene, wish, home, q)
-    hold = wish.wait_s + READINGS_S * asked.sum(axis=1)
+    hold = wish.wait_s + READINGS_S * (asked.sum(axis=1) + wish.references)
     return np.cumsum(np.where(over_home, around, direct) + np.concatenate([[0.0], hold[:-1]]))
 
 
@@ -641,7 +652,8 @@ def rapid(made):
         "MODULE irbcal_plan",
         f"  ! Measuring plan for {made.scene.setting.arm.name}: {len(made.q)} poses, about "
         f"{made.duration_s / 60:.0f} minutes.",
-        f"  ! In each pose: {wish.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector.",
+        f"  ! In each pose: {wish.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, "
+        f"{wish.references} references among them.",
         "  ! The commanded joints are those of plan.csv: do not run this module through a filter.",
         "  PROC main()",
         "    AccSet 50,50;",

@@ -13,6 +13,7 @@ being line 1) and the column.
 import csv
 import hashlib
 import re
+import unicodedata
 import warnings
 from dataclasses import dataclass
 from io import BytesIO, StringIO
@@ -148,11 +149,14 @@ def read(path):
         if (values == "").any():
             row = values.index[values == ""][0]
             raise MeasurementError(f"{source}: row {row}, column {name}: expected a name, found nothing")
+        _refuse_control_characters(values, name, source)
         table[name] = values.to_numpy()
     for name in [c for c in raw.columns if c not in table.columns]:
         if name in NUMERIC_EXTRAS:
             table[name] = _numbers(raw, name, source, "a number or nothing", lost=True)
         else:
+            if name in ("group", "cycle"):
+                _refuse_control_characters(raw[name].astype(str), name, source)
             table[name] = raw[name].to_numpy()
     xyz = table[POSITION].to_numpy()
     lost = np.isnan(xyz).any(axis=1) | (xyz == 0.0).all(axis=1)
@@ -341,6 +345,14 @@ def _parse_parquet(data, source, required):
     _check_header(list(raw.columns), required, source)
     raw.index = range(1, len(raw) + 1)
     return raw.astype(str)
+
+
+def _refuse_control_characters(values, name, source):
+    """Names go to terminals, tables and pages: what would act there instead of being shown is refused."""
+    for value in values.unique():
+        if any(unicodedata.category(character) == "Cc" for character in value):
+            row = values.index[values == value][0]
+            raise MeasurementError(f"{source}: row {row}, column {name}: expected a name, found {value!r}")
 
 
 def _numbers(raw, name, source, expected, lost=False):

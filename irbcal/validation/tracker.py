@@ -186,6 +186,12 @@ def drift(path):
     table = files.read_points(path, numbers=("time_s",), optional=ENVIRONMENT)
     if len(table) < FEWEST:
         raise MeasurementError(f"{path}: {len(table)} readings are too few for drift, expected {FEWEST} or more")
+    targets = sorted(set(table["target"].astype(str))) if "target" in table.columns else []
+    if len(targets) > 1:
+        raise MeasurementError(
+            f"{path}: column target: expected the readings of one fixed target, found {', '.join(targets[:8])}: "
+            "keep one of them"
+        )
     table = table.sort_values("time_s", kind="stable")
     time, xyz = table["time_s"].to_numpy(), table[XYZ].to_numpy() * MM
     if time[-1] == time[0]:

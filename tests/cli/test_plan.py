@@ -152,7 +152,7 @@ def test_the_rapid_module_commands_the_same_joints_and_holds_still_long_enough(m
     assert {use.tool for target in program.targets for use in target.uses} == {"tool0"}
     text = (out / "plan.mod").read_text()
     waits = [float(line.split()[1].rstrip(";")) for line in text.splitlines() if "WaitTime" in line]
-    assert waits == [4 + 2.5 * count for count in plan.groupby("pose").size()]
+    assert waits == [4 + 2.5 * (count + 3) for count in plan.groupby("pose").size()]
     assert text.isascii()
 
 
@@ -169,7 +169,9 @@ def test_ways_over_home_stand_in_the_rapid_module():
 def test_times_follow_from_speed_wait_and_readings():
     """The first axis move: 30 degrees with the tip 815 mm from axis 1, at 250 mm/s."""
     scene = planning.open_scene("irb1600", without=plans.SOLID)
-    made = planning.make(scene, planning.Wish(cube=0, all_range=0, level="nominal", speed=0.25, wait_s=3.0))
+    made = planning.make(
+        scene, planning.Wish(cube=0, all_range=0, level="nominal", speed=0.25, wait_s=3.0, references=0)
+    )
     _, _, _, time = made.expected()
     first = np.pi / 6 * 0.815 / 0.25
     assert time[:4] == pytest.approx([first + 3, first + 5.5, first + 8, first + 10.5 + first + 3], rel=1e-3)

@@ -171,8 +171,14 @@ def analyse(
         for item in cleaned.excluded
     ]
     moves = []
+    notes = list(cleaned.notes)
     if has_moves(points):
-        moves = _named(measurements.source, analyse_moves, points, step, joint, order, frequency)
+        try:
+            moves = _named(measurements.source, analyse_moves, points, step, joint, order, frequency)
+        except IdentificationError as error:
+            if robot is None:
+                raise
+            notes.append(f"The one-joint moves are not analysed by themselves: {error}")
         excluded += [
             _far(item, "its circle") for joint_moves in moves for s in joint_moves.series for item in s.excluded
         ]
@@ -192,7 +198,7 @@ def analyse(
     if nominal is not None:
         with suppress(RobotError):
             geometry = nominal.stiffness_geometry()
-    return Report(measurements.source, is_simulated, moves, residuals, excluded, list(cleaned.notes), geometry)
+    return Report(measurements.source, is_simulated, moves, residuals, excluded, notes, geometry)
 
 
 def _groups(table):
