@@ -30,7 +30,7 @@ from irbcal.errors import IrbcalError
 
 app = typer.Typer(
     name="irbcal",
-    help="Calibrate six-axis robots from laser-tracker measurements: corrected URDF, joint map, proof.",
+    help="Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -52,7 +52,7 @@ def common(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
     ] = False,
 ):
-    """Calibrate six-axis robots from laser-tracker measurements: corrected URDF, joint map, proof."""
+    """Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."""
 
 
 app.command("demo", rich_help_panel="Calibrate")(demo.demo)
