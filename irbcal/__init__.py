@@ -1,4 +1,4 @@
-"""irbcal: calibrate six-axis robots from laser-tracker measurements, with URDF in and URDF out.
+"""irbcal: calibrate robot arms from laser-tracker measurements, with URDF in and URDF out.
 
 The public names are imported on first use, so that ``import irbcal`` stays quick.
 """
