@@ -141,6 +141,9 @@ def simulate(
             "Distances from where the program wanted the targets", [("all targets", "commanded", found, True)]
         )
     show.say(f"Written to {out}, the truth to {result['truth']}")
+    beyond = int(((poses.q < cell.arm.lower - 1e-9) | (poses.q > cell.arm.upper + 1e-9)).any(axis=1).sum())
+    if beyond:
+        show.note(f"{beyond} of {len(poses.q)} poses command joints beyond the limits of {cell.arm.name}")
     if run.unseen.get("visibility", 0) > MOSTLY_HIDDEN * asked:
         show.note(
             f"the tracker did not see {run.unseen['visibility']} of {asked} targets: --random chooses poses that it "

@@ -35,7 +35,9 @@ def study(
     seed: Annotated[int, typer.Option(min=0, help="Of poses, noise and choices.")] = 0,
     points: Annotated[
         int,
-        typer.Option(help="Verification points in each area with each payload; an eighth of them with fake targets."),
+        typer.Option(
+            help="Verification points in each area with each payload; an eighth of them with fake targets; 520 or more."
+        ),
     ] = 8000,
     poses_curve: Annotated[
         str, typer.Option(help="Numbers of measurements for the curve of the error; none: no curve.")
