@@ -1,7 +1,6 @@
 """The virtual cell: each part against a hand calculation, a closed form or Pinocchio, and the whole against the thesis."""
 
 import sys
-import time
 from dataclasses import replace
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_loader
@@ -373,16 +372,6 @@ def test_without_effects_level_34_is_exact_and_with_noise_it_is_at_the_noise(cel
         drawn = np.random.default_rng(0).standard_normal((200, len(r), 3)) * sigma
         expected = np.linalg.norm(drawn, axis=2).mean()
         assert off.mean() == pytest.approx(expected, rel=0.06)  # 38 parameters from 2,700 numbers add 1 %
-
-
-def test_eight_thousand_poses_of_three_targets_take_a_moment(cell, q):
-    joints = np.tile(q, (27, 1))[:8000]
-    took = []
-    for _ in range(3):
-        start = time.perf_counter()
-        cell.measure(joints)
-        took.append(time.perf_counter() - start)
-    assert min(took) < 0.6  # 0.07 s on an idle machine
 
 
 @pytest.mark.parametrize("name", list(OTHERS))
