@@ -31,7 +31,25 @@ def test_tables_are_those_that_the_script_makes(name):
 def test_every_option_in_it_exists():
     named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", README)) - {"--check"}
     known = ""
-    for command in ("calibrate", "evaluate", "import", "report", "study", "plan", "simulate", "iso9283", "tracker", "ballbar", "axes", "verify", "view", "fk", "ik", "filter", "demo"):
+    for command in (
+        "calibrate",
+        "evaluate",
+        "import",
+        "report",
+        "study",
+        "plan",
+        "simulate",
+        "iso9283",
+        "tracker",
+        "ballbar",
+        "axes",
+        "verify",
+        "view",
+        "fk",
+        "ik",
+        "filter",
+        "demo",
+    ):
         done = subprocess.run(
             [sys.executable, "-m", "irbcal", command, "--help"], capture_output=True, text=True, check=True
         )

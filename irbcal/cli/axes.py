@@ -55,7 +55,7 @@ def axes(
         report = joint_behaviour.analyse(seen, model, joint=joint, order=order, frequency=periods, **options)
         written = []
         if plots is not None:
-            from irbcal.export.calibration_file import write_together
+            from irbcal.export.files import write_together
             from irbcal.validation.joints import plots as joint_plots
 
             step("drawing")

@@ -116,8 +116,9 @@ def run(measurements, robot, out, json, save, **options):
     """The main job with its output; also what the demo runs."""
     from irbcal import workflow
     from irbcal.export import calibration_file
+    from irbcal.export.files import check_writable
 
-    made = calibration_file.check_writable(out)
+    made = check_writable(out, calibration_file.NAMES)
     try:
         with show.progress(STEPS, quiet=json) as step:
             outcome = workflow.calibrate(measurements, robot, progress=step, **options)

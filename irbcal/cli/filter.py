@@ -35,9 +35,10 @@ def filter_program(
     from irbcal.correction import filter as filters
     from irbcal.correction import rapid, table
     from irbcal.export import calibration_file
+    from irbcal.export.files import refuse_to_overwrite, write_together
     from irbcal.units import MM
 
-    calibration_file.refuse_to_overwrite(out, program)
+    refuse_to_overwrite(out, program)
     saved = calibration_file.load(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     fingerprint = saved.calibrated_urdf_sha256[:16]
@@ -50,10 +51,10 @@ def filter_program(
     write = bool(len(shifts)) and (allow_partial or not found.left)
     if write:
         contents = {out.name: found.data}
-        calibration_file.write_together(out.parent, contents)
+        write_together(out.parent, contents)
         if changes:
             text = found.changes.to_csv(index=False, float_format="%.6f")
-            calibration_file.write_together(changes.parent, {changes.name: text.encode()})
+            write_together(changes.parent, {changes.name: text.encode()})
     expected = saved.heldout.all.mean_mm if saved.heldout else None
     if json:
         show.print_json(

@@ -77,7 +77,7 @@ def import_files(
 
     Try any of them with --dry-run first.
     """
-    from irbcal.export import calibration_file
+    from irbcal.export.files import write_together
     from irbcal.measurement.imports import column_map, reader
 
     if out is None and not dry_run:
@@ -89,7 +89,7 @@ def import_files(
     data = found.csv()
     if not dry_run:
         _refuse_folder(out)
-        calibration_file.write_together(out.parent, {out.name: data})
+        write_together(out.parent, {out.name: data})
     if json:
         show.print_json(_summary(found, None if dry_run else out, dry_run))
     else:

@@ -94,10 +94,11 @@ def plan(
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ):
     """Plan measurements: poses that the robot reaches and the tracker sees, a RAPID module, and what they promise."""
-    from irbcal.export import calibration_file, planning
+    from irbcal.export import plan_files, planning
+    from irbcal.export.files import check_writable, write_together
     from irbcal.units import DEG, MM
 
-    made_folders = calibration_file.check_writable(out)
+    made_folders = check_writable(out)
     try:
         with show.progress(12, quiet=json) as step:
             step("robot")
@@ -136,8 +137,8 @@ def plan(
             made = planning.make(scene, wish, step)
             step("files")
             page = _page(made, package_dir or ())
-            contents = planning.files(made, page)
-            calibration_file.write_together(out, contents)
+            contents = plan_files.files(made, page)
+            write_together(out, contents)
     except BaseException:
         for folder in made_folders:  # innermost first; those that are still empty were made for nothing
             try:
@@ -145,7 +146,7 @@ def plan(
             except OSError:
                 break
         raise
-    result = {"out": str(out), "files": list(contents), **planning.summary(made)}
+    result = {"out": str(out), "files": list(contents), **plan_files.summary(made)}
     if json:
         show.print_json(result)
     else:

@@ -26,6 +26,7 @@ def report(
     """Write report.html again from calibration.json; its figures (PNG, SVG) and data (CSV) on request."""
     from irbcal.export import calibration_file
     from irbcal.export import report as page
+    from irbcal.export.files import check_writable, write_together
 
     made = []
     try:
@@ -34,7 +35,7 @@ def report(
             saved = calibration_file.load(calibration)
             folders = {folder: {} for folder in (calibration, figures, data) if folder is not None}
             for folder in folders:
-                made += calibration_file.check_writable(folder)
+                made += check_writable(folder)
             step("computing errors")
             evidence = page.gather(saved)
             step("drawing")
@@ -44,7 +45,7 @@ def report(
                 folders[data] |= page.data_files(saved, evidence)
             folders[calibration][calibration_file.REPORT_NAME] = page.render(saved, evidence).encode("utf-8")
             for folder, files in folders.items():
-                calibration_file.write_together(folder, files)
+                write_together(folder, files)
     except BaseException:
         for folder in made:  # an empty folder would look like a result
             with suppress(OSError):

@@ -85,6 +85,7 @@ def simulate(
     from irbcal.cell import simulation
     from irbcal.cell.cell import ROBOT_SEED
     from irbcal.export import calibration_file
+    from irbcal.export.files import refuse_to_overwrite, write_together
     from irbcal.measurement.table import read_joints
     from irbcal.validation.accuracy import statistics
 
@@ -98,7 +99,7 @@ def simulate(
     cell = cell if only is None else cell.only(*only)
     cell = cell.without(*(without or ()))
     cell = cell if payload is None else cell.with_payload(payload)
-    calibration_file.refuse_to_overwrite(out, plan, wanted)
+    refuse_to_overwrite(out, plan, wanted)
     cell = cell if place is None else cell.replace(tracker=cell.tracker.moved(place))
     poses = (
         simulation.random_plan(cell, random, seed, wait) if plan is None else simulation.read_plan(plan, cell.arm, wait)
@@ -108,7 +109,7 @@ def simulate(
     if wanted is not None:
         saved = calibration_file.load(calibration)
         found = statistics(simulation.misses(run, read_joints(wanted, cell.arm.joint_columns), saved))
-    calibration_file.write_together(out.parent, simulation.files(run, poses, cell, out, robot))
+    write_together(out.parent, simulation.files(run, poses, cell, out, robot))
     asked = int(run.asked[:, : run.targets].sum())
     result = {
         "out": str(out),

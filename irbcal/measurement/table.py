@@ -145,12 +145,7 @@ def read(path):
     for name in POSITION:
         table[name] = _numbers(raw, name, source, "a position in mm or nothing", lost=True)
     for name in ("pose", "target"):
-        values = raw[name].astype(str).str.strip()
-        if (values == "").any():
-            row = values.index[values == ""][0]
-            raise MeasurementError(f"{source}: row {row}, column {name}: expected a name, found nothing")
-        _refuse_control_characters(values, name, source)
-        table[name] = values.to_numpy()
+        table[name] = _names(raw, name, source)
     for name in [c for c in raw.columns if c not in table.columns]:
         if name in NUMERIC_EXTRAS:
             table[name] = _numbers(raw, name, source, "a number or nothing", lost=True)
@@ -345,6 +340,16 @@ def _parse_parquet(data, source, required):
     _check_header(list(raw.columns), required, source)
     raw.index = range(1, len(raw) + 1)
     return raw.astype(str)
+
+
+def _names(raw, name, source):
+    """Names of a column, an array of str; every row must have one that can be shown."""
+    values = raw[name].astype(str).str.strip()
+    if (values == "").any():
+        row = values.index[values == ""][0]
+        raise MeasurementError(f"{source}: row {row}, column {name}: expected a name, found nothing")
+    _refuse_control_characters(values, name, source)
+    return values.to_numpy()
 
 
 def _refuse_control_characters(values, name, source):

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.table import POSITION, QUATERNION, _check_quaternions, _numbers, _read_columns
+from irbcal.measurement.table import POSITION, QUATERNION, _check_quaternions, _names, _numbers, _read_columns
 
 
 def read(path, numbers, labels=(), optional=()):
@@ -35,10 +35,7 @@ def read(path, numbers, labels=(), optional=()):
     for name in numbers:
         table[name] = _numbers(raw, name, source, "a number")
     for name in labels:
-        values = raw[name].astype(str).str.strip()
-        if (values == "").any():
-            raise MeasurementError(f"{source}: row {values.index[values == ''][0]}, column {name}: found nothing")
-        table[name] = values.to_numpy()
+        table[name] = _names(raw, name, source)
     for name in [c for c in raw.columns if c not in table.columns]:
         if name in (*optional, *QUATERNION):
             table[name] = _numbers(raw, name, source, "a number or nothing", lost=True)

@@ -47,7 +47,7 @@ def save(draw, path, *data, size=(7.2, 4.4)):
     import matplotlib
     from matplotlib.figure import Figure
 
-    from irbcal.export.calibration_file import write_together
+    from irbcal.export.files import write_together
 
     path = check_name(path)
     with matplotlib.rc_context():

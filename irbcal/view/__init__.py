@@ -124,7 +124,7 @@ class View:
             If it cannot be written.
         """
         from irbcal.errors import IrbcalError
-        from irbcal.export.calibration_file import write_together
+        from irbcal.export.files import write_together
 
         path = Path(path)
         if path.is_dir():

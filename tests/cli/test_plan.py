@@ -17,9 +17,10 @@ from irbcal.cell import simulation
 from irbcal.cli.main import app, main
 from irbcal.correction import rapid
 from irbcal.errors import IrbcalError, MeasurementError
-from irbcal.export import pinocchio_check, planning
-from irbcal.export.calibration_file import save, write_together
+from irbcal.export import pinocchio_check, plan_files, planning
+from irbcal.export.calibration_file import save
 from irbcal.export.collisions import BEAM_GAP
+from irbcal.export.files import write_together
 from irbcal.measurement import plan as plans
 from irbcal.measurement import table
 from irbcal.shipped import robot_file
@@ -159,8 +160,8 @@ def test_the_rapid_module_commands_the_same_joints_and_holds_still_long_enough(m
 def test_ways_over_home_stand_in_the_rapid_module():
     scene = planning.open_scene("irb1600", without=plans.SOLID)
     made = planning.make(scene, planning.Wish(axis=0, cube=0, all_range=4, level="nominal"))
-    direct = rapid.parse(planning.rapid(made).encode()).targets
-    over = rapid.parse(planning.rapid(replace(made, over_home=np.array([False, True, False, True]))).encode()).targets
+    direct = rapid.parse(plan_files.rapid(made).encode()).targets
+    over = rapid.parse(plan_files.rapid(replace(made, over_home=np.array([False, True, False, True]))).encode()).targets
     assert len(direct) == 6
     assert len(over) == 8
     assert [not target.value.any() for target in over] == [True, False, True, False, False, True, False, True]
@@ -189,7 +190,9 @@ def test_the_page_plays_the_plan(made):
 def test_seeds_decide_the_plan():
     scene = planning.open_scene("irb1600", without=plans.SOLID)
     kinds = {"axis": 0, "cube": 3, "all_range": 3, "optimal": 3, "candidates": 30, "level": "11"}
-    texts = [planning.files(planning.make(scene, planning.Wish(seed=seed, **kinds)))["plan.csv"] for seed in (4, 4, 5)]
+    texts = [
+        plan_files.files(planning.make(scene, planning.Wish(seed=seed, **kinds)))["plan.csv"] for seed in (4, 4, 5)
+    ]
     assert texts[0] == texts[1] != texts[2]
 
 
@@ -198,7 +201,7 @@ def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     cell = simulation.open_cell("irb1600", seed=3).with_targets(("smr1", "smr2", "smr3")).without("lost", "visibility")
     scene = planning.open_scene("irb1600", without=plans.SOLID)
     axis = planning.make(scene, planning.Wish(cube=0, all_range=0, level="nominal"))
-    (tmp_path / "poses.csv").write_bytes(planning.files(axis)["poses.csv"])
+    (tmp_path / "poses.csv").write_bytes(plan_files.files(axis)["poses.csv"])
     asked = simulation.read_plan(tmp_path / "poses.csv", cell.arm)
     assert asked.targets is not None
     run = cell.measure(asked.q, simulation.asked(asked, cell), asked.wait_s)

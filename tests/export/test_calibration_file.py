@@ -10,7 +10,7 @@ from support import TARGETS, arm, measured, random_robot, write_measurements
 import irbcal
 from irbcal import workflow
 from irbcal.errors import CalibrationError
-from irbcal.export import calibration_file, pinocchio_check
+from irbcal.export import files, pinocchio_check
 from irbcal.export.uncertainty import position_std
 from irbcal.modeling.jointmap import FORMULA
 
@@ -153,8 +153,8 @@ def content(folder):
 
 def test_files_replace_earlier_ones_and_leave_others_alone(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
-    calibration_file.write_together(tmp_path, {"a": b"1", "b": b"2"})
-    calibration_file.write_together(tmp_path, {"a": b"3", "b": b"4"})
+    files.write_together(tmp_path, {"a": b"1", "b": b"2"})
+    files.write_together(tmp_path, {"a": b"3", "b": b"4"})
     assert content(tmp_path) == {"a": b"3", "b": b"4", "notes.txt": b"mine"}
 
 
@@ -164,7 +164,7 @@ def test_files_replace_earlier_ones_and_leave_others_alone(tmp_path):
 def test_an_interrupted_write_leaves_everything_as_it_was(tmp_path, monkeypatch, fail_at, earlier, error):
     folder = tmp_path / "out"
     if earlier:
-        calibration_file.write_together(folder, {"a": b"1", "b": b"2", "c": b"3"})
+        files.write_together(folder, {"a": b"1", "b": b"2", "c": b"3"})
     before = content(folder) if earlier else {}
     calls, replace = [], os.replace
 
@@ -176,14 +176,14 @@ def test_an_interrupted_write_leaves_everything_as_it_was(tmp_path, monkeypatch,
 
     monkeypatch.setattr(os, "replace", fails)
     with pytest.raises((CalibrationError, KeyboardInterrupt)):
-        calibration_file.write_together(folder, {"a": b"x", "b": b"y", "c": b"z"})
+        files.write_together(folder, {"a": b"x", "b": b"y", "c": b"z"})
     assert content(folder) == before
 
 
 def test_a_folder_that_is_a_file_is_refused(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(CalibrationError, match="expected a folder to write to, found a file"):
-        calibration_file.check_writable(tmp_path / "out")
+        files.check_writable(tmp_path / "out")
 
 
 def test_a_urdf_that_pinocchio_reads_otherwise_is_never_written(outcome, tmp_path, monkeypatch):

@@ -1,6 +1,5 @@
 """Foreign files: each preset on an example written by hand, any dialect back to the numbers, and the refusals."""
 
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -123,7 +123,7 @@ def open_folder(settings, folder):
     MeasurementError
         If it belongs to another.
     """
-    from irbcal.export.calibration_file import check_writable, write_together
+    from irbcal.export.files import check_writable, write_together
 
     path = folder / SETTINGS
     check_writable(folder)
@@ -244,7 +244,7 @@ def part(stage, repetition):
 
 
 def _keep(folder, repetition, rows, series):
-    from irbcal.export.calibration_file import write_together
+    from irbcal.export.files import write_together
 
     write_together(folder / PARTS, {f"{repetition.name}.npz": series, f"{repetition.name}.csv": rows})
 
@@ -290,7 +290,7 @@ def write(settings, folder):
     tables : list of Table
     frame : DataFrame
     """
-    from irbcal.export.calibration_file import write_together
+    from irbcal.export.files import write_together
     from irbcal.validation.study import page as study_page
 
     folder = Path(folder)
