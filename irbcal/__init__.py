@@ -6,15 +6,16 @@ The public names are imported on first use, so that ``import irbcal`` stays quic
 from importlib import import_module
 
 _PUBLIC = {
-    "CalibratedModel": ("irbcal.export.pinocchio_model", "CalibratedModel"),
+    "CalibratedModel": ("irbcal.planners.calibrated_model", "CalibratedModel"),
     "IrbcalError": ("irbcal.errors", "IrbcalError"),
-    "calibrate": ("irbcal.workflow", "calibrate"),
-    "evaluate": ("irbcal.workflow", "evaluate"),
-    "load": ("irbcal.export.calibration_file", "load"),
+    "calibrate": ("irbcal.calibrating", "calibrate"),
+    "evaluate": ("irbcal.calibrating", "evaluate"),
+    "load": ("irbcal.files.calibration_folder", "load"),
     "read_measurements": ("irbcal.measurement.table", "read"),
-    "read_urdf": ("irbcal.export.urdf", "read"),
-    "save": ("irbcal.export.calibration_file", "save"),
-    "view": ("irbcal.view", None),
+    "read_urdf": ("irbcal.files.urdf", "read"),
+    "save": ("irbcal.files.calibration_folder", "save"),
+    "view": ("irbcal.viewer.view", "view"),
+    "shipped": ("irbcal.files.robots", None),
 }
 
 __all__ = sorted(_PUBLIC)

@@ -2,12 +2,63 @@
 
 Every message is one sentence for the person at the keyboard: where (file, row, column), what was
 expected, what was found. The command line prints it and exits with code 1; anything else keeps its
-traceback.
+traceback. The same facts stand in the error as data, for programs that catch it.
 """
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike, fspath
 
 
 class IrbcalError(Exception):
-    """Base of all refusals; the message is written for the user."""
+    """Base of all refusals; the message is written for the user.
+
+    Parameters
+    ----------
+    message : str
+        What was expected and what was found; the place is put before it.
+    file : str or Path, optional
+        The file that is refused.
+    row, line : int, optional
+        Row of a table, or line of a text: the line of the file, counted from 1. Both are kept as ``row``.
+    column : str or sequence of str, optional
+        The column or columns meant.
+    parameter : str, optional
+        Name of the option, argument or model parameter that is refused.
+
+    Attributes
+    ----------
+    file, row, column, parameter
+        As given, ``column`` as one text; None where unknown.
+
+    Examples
+    --------
+    >>> raise MeasurementError("expected a number, found 'abc'", file="points.csv", row=3, column="x_mm")
+    Traceback (most recent call last):
+    irbcal.errors.MeasurementError: points.csv: row 3, column x_mm: expected a number, found 'abc'
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        file: str | PathLike[str] | None = None,
+        row: int | None = None,
+        line: int | None = None,
+        column: str | Sequence[str] | None = None,
+        parameter: str | None = None,
+    ) -> None:
+        self.file = None if file is None else fspath(file)
+        self.row = row if line is None else line
+        self.column = column if column is None or isinstance(column, str) else ", ".join(column)
+        self.parameter = parameter
+        place = []
+        if self.row is not None:
+            place.append(f"{'row' if line is None else 'line'} {self.row}")
+        if self.column is not None:
+            place.append(f"{'columns' if ', ' in self.column else 'column'} {self.column}")
+        super().__init__(": ".join(part for part in (self.file, ", ".join(place), message) if part))
 
 
 class RobotError(IrbcalError):
@@ -28,3 +79,13 @@ class CalibrationError(IrbcalError):
 
 class ProgramError(IrbcalError):
     """A robot program cannot be read, understood or rewritten."""
+
+
+class OptionError(IrbcalError):
+    """An option or argument of a function has a value that it does not know."""
+
+    @classmethod
+    def unknown(cls, parameter: str, found: object, choices: Sequence[str]) -> OptionError:
+        """Refusal of a value that is not among the choices; the sentence lists them."""
+        expected = " or ".join(filter(None, [", ".join(choices[:-1]), choices[-1]]))
+        return cls(f"{parameter}: expected {expected}, found {found!r}", parameter=parameter)

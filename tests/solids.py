@@ -7,24 +7,24 @@ import numpy as np
 import trimesh
 from scipy.optimize import linprog
 
-from irbcal import shipped
+from irbcal.files import robots
 
 
 @functools.cache
 def hulls(name):
     """(link, convex hull in the link's frame) of each collision element, read with trimesh."""
-    root = ET.parse(shipped.robot_file(name)).getroot()
+    root = ET.parse(robots.robot_file(name)).getroot()
     out = []
     for link in root.findall("link"):
         for mesh in link.findall("collision/geometry/mesh"):
-            path = shipped.urdf_folder() / mesh.get("filename").removeprefix("package://")
+            path = robots.urdf_folder() / mesh.get("filename").removeprefix("package://")
             out.append((link.get("name"), trimesh.load_mesh(path).convex_hull))
     return out
 
 
 @functools.cache
 def joints(name):
-    root = ET.parse(shipped.robot_file(name)).getroot()
+    root = ET.parse(robots.robot_file(name)).getroot()
     return [
         (
             joint.find("parent").get("link"),

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irbcal.export import urdf
+from irbcal.files import urdf
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.arm import relative_difference
-from irbcal.modeling.jointmap import JointMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 
 TARGETS = {

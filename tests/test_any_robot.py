@@ -16,14 +16,15 @@ from support import (
 )
 
 import irbcal
-from irbcal import shipped, workflow
-from irbcal.correction.fake import correct_joints
+from irbcal import calibrating
+from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import IdentificationError, MeasurementError, RobotError
-from irbcal.export import pinocchio_check, urdf
+from irbcal.files import robots, urdf, urdf_check
 from irbcal.identification.fit import identify
 from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import distances
-from irbcal.modeling import inverse, numerical, parameters
+from irbcal.modeling import parameters
+from irbcal.modeling.inverse import any_arm, closed_form
 from irbcal.modeling.robot import Robot
 
 ON_A_RAIL = """<joint name="rail" type="prismatic">
@@ -49,7 +50,7 @@ ROBOTS = {  # file, base, tip, revolute and prismatic joints
 def rail(tmp_path_factory):
     """File of an IRB 120 on a linear axis."""
     path = tmp_path_factory.mktemp("rail") / "rail.urdf"
-    path.write_text(shipped.robot_file("irb120").read_text().replace("</robot>", ON_A_RAIL))
+    path.write_text(robots.robot_file("irb120").read_text().replace("</robot>", ON_A_RAIL))
     return path
 
 
@@ -62,7 +63,7 @@ def found(request, rail):
 
 def by_pinocchio(urdf_bytes, arm, q):
     """Tip poses from Pinocchio at model joints q."""
-    return pinocchio_check.poses(urdf_bytes, arm, q)
+    return urdf_check.poses(urdf_bytes, arm, q)
 
 
 def test_written_urdf_agrees_with_pinocchio_and_no_link_flies_away(found):
@@ -94,7 +95,7 @@ def test_six_numbers_a_joint_span_what_pinocchio_says_a_joint_placement_can_do(f
     q = arm.random_joints(6, 3)
     joints = [model.getJointId(name) for name in arm.joint_names]
     base, tip = model.getFrameId(arm.base_link), model.getFrameId(arm.tip_link)
-    chain = pinocchio_check.ArmInModel(model, arm)
+    chain = urdf_check.ArmInModel(model, arm)
     regressors = []
     for configuration in chain.configurations(q, pin.neutral(model)):
         pin.framesForwardKinematics(model, data, configuration)
@@ -222,7 +223,7 @@ def test_a_scara_is_calibrated_although_its_base_and_tool_cannot_be_told_apart(n
     data = write_measurements(
         tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), noise, rng), columns=arm.joint_columns
     )
-    outcome = workflow.calibrate(data, tmp_path / "scara.urdf", holdout=0.0)
+    outcome = calibrating.calibrate(data, tmp_path / "scara.urdf", holdout=0.0)
     other = measured(robot, arm.random_joints(200, 5))
     error = distances(outcome.fit.robot, other)
     nominal = distances(outcome.nominal.robot, other)
@@ -271,7 +272,7 @@ def test_arms_not_built_like_the_thesis_get_the_general_model(name, tmp_path):
     robot = random_robot(arm, "placement", rng, size=0.1)
     data = write_measurements(tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), 1e-5, rng))
     for model in (None, "auto"):
-        outcome = workflow.calibrate(data, example_robot(file), model, base=base, tip=tip)
+        outcome = calibrating.calibrate(data, example_robot(file), model, base=base, tip=tip)
         assert outcome.fit.level == "placement"
         assert distances(outcome.fit.robot, outcome.heldout_points).mean() < 4e-5
 
@@ -281,22 +282,22 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
     points = measured(random_robot(arm, "placement", np.random.default_rng(1)), arm.random_joints(40, 1))
     data = write_measurements(tmp_path / "m.csv", points, columns=arm.joint_columns)
     with pytest.raises(MeasurementError, match=r"m\.csv: row 1: missing column q1_deg: irb120_3_058 has 6 joints"):
-        workflow.calibrate(data, "irb120")
+        calibrating.calibrate(data, "irb120")
     with pytest.raises(
         IdentificationError,
         match="model 34 is for arms with six revolute joints, irb120_3_058 has 6 revolute and 1 prismatic",
     ):
-        workflow.calibrate(data, rail, "34", base="rail_base")
+        calibrating.calibrate(data, rail, "34", base="rail_base")
     with pytest.raises(IdentificationError, match="no error parameter is called 'stiffness_A'"):
-        workflow.calibrate(data, rail, base="rail_base", free=["stiffness_A"])
+        calibrating.calibrate(data, rail, base="rail_base", free=["stiffness_A"])
     with pytest.raises(IdentificationError, match="the method axes is for arms with six revolute joints"):
-        workflow.calibrate(data, rail, base="rail_base", method="axes")
+        calibrating.calibrate(data, rail, base="rail_base", method="axes")
     with pytest.raises(RobotError, match="the arm-stiffness model is for six revolute joints"):
         arm.stiffness_geometry()
     degrees = [name.replace("mm", "deg") for name in arm.joint_columns]
     wrong = write_measurements(tmp_path / "deg.csv", points, columns=degrees)
     with pytest.raises(MeasurementError, match="missing column q1_mm: irb120_3_058 has 7 joints"):
-        workflow.calibrate(wrong, rail, base="rail_base")
+        calibrating.calibrate(wrong, rail, base="rail_base")
     text = data.read_text().replace("q3_deg", "angle3")
     (tmp_path / "gap.csv").write_text(text)
     with pytest.raises(MeasurementError, match="missing column q3_deg"):
@@ -309,21 +310,21 @@ def test_numerical_inverse(name, rail):
     file, base, tip, _, _ = ROBOTS[name]
     arm = urdf.read(example_robot(file) if file else rail, base, tip).arm
     robot = random_robot(arm, "placement", np.random.default_rng(3), size=0.2)
-    assert not inverse.has_closed_form(arm)
+    assert not closed_form.has_closed_form(arm)
     q = arm.random_joints(60, 12)
     T = robot.poses(q)
-    found = numerical.solve(robot, arm, T)
+    found = any_arm.solve(robot, arm, T)
     solved = found.converged & found.inside
     assert solved.mean() > 0.95
     assert_same_poses(robot.poses(found.joints[solved]), T[solved], 1e-9, 1e-9)
-    near = numerical.solve(robot, arm, T, q + 0.01, thorough=False)
+    near = any_arm.solve(robot, arm, T, q + 0.01, thorough=False)
     assert near.converged.all()
     assert np.abs(near.joints - q)[near.inside].max() < 0.3
     T[0, 0, 3] = np.nan
-    bad = numerical.solve(robot, arm, T[:2], q[:2])
+    bad = any_arm.solve(robot, arm, T[:2], q[:2])
     assert list(bad.converged) == [False, True]
-    assert "NaN" in numerical.Reason(bad.reason[0]).words
-    far = numerical.solve(robot, arm, _away(T[1:2]))
+    assert "NaN" in any_arm.Reason(bad.reason[0]).words
+    far = any_arm.solve(robot, arm, _away(T[1:2]))
     assert not far.converged.any()
     assert np.isnan(far.joints).all()
 

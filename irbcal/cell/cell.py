@@ -23,7 +23,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
-from irbcal.modeling.jointmap import JointMap, stiffness_terms
+from irbcal.modeling.joint_map import JointMap, stiffness_terms
 from irbcal.modeling.parameters import FOURIER as FOURIER_NAMES
 from irbcal.units import DEG, MM
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.plan import IRB1600_CUBE
 from irbcal.measurement.points import PointSet
+from irbcal.thesis_setup import IRB1600_CUBE
 from irbcal.units import DEG, MM
 
 BLOCK = 20_000

@@ -13,7 +13,7 @@ from irbcal.cell import cell as cells
 from irbcal.cell import procedure as cell_procedure
 from irbcal.cell.gravity import Bodies
 from irbcal.errors import MeasurementError
-from irbcal.export import urdf as urdf_module
+from irbcal.files import urdf as urdf_module
 from irbcal.measurement import table as tables
 from irbcal.modeling import frames
 from irbcal.units import MM
@@ -306,7 +306,7 @@ def misses(run, wanted, calibration):
     run : Run
     wanted : ndarray, shape (n, joints)
         Joints of the uncorrected program, radians (metres for prismatic joints).
-    calibration : Calibration
+    calibration : Record
 
     Returns
     -------

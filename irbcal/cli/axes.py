@@ -44,8 +44,8 @@ def axes(
     if calibration is not None and robot is not None:
         raise typer.BadParameter("give --calibration or --robot, not both")
     periods = _frequency(frequency)
+    from irbcal.joint_behaviour import behaviour as joint_behaviour
     from irbcal.measurement import table
-    from irbcal.validation.joints import behaviour as joint_behaviour
 
     with show.progress(3, quiet=json) as step:
         step("reading the measurements")
@@ -55,8 +55,8 @@ def axes(
         report = joint_behaviour.analyse(seen, model, joint=joint, order=order, frequency=periods, **options)
         written = []
         if plots is not None:
-            from irbcal.export.files import write_together
-            from irbcal.validation.joints import plots as joint_plots
+            from irbcal.files.atomic import write_together
+            from irbcal.joint_behaviour import plots as joint_plots
 
             step("drawing")
             drawn = joint_plots.draw(report)
@@ -74,9 +74,9 @@ def axes(
 def _model(calibration, robot, seen):
     """The robot of a calibration with what belongs to it, or a nominal arm."""
     if calibration is not None:
-        from irbcal.export import calibration_file
+        from irbcal.files import calibration_folder
 
-        saved = calibration_file.load(calibration)
+        saved = calibration_folder.load(calibration)
         seen.check_joints(saved.arm())
         options = {
             "nominal": saved.arm(calibrated=False),
@@ -85,7 +85,7 @@ def _model(calibration, robot, seen):
         }
         return saved.robot_calibrated(), options
     if robot is not None:
-        from irbcal.export import urdf
+        from irbcal.files import urdf
 
         arm = urdf.read(robot).arm
         seen.check_joints(arm)

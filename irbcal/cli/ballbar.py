@@ -42,7 +42,7 @@ def ballbar(
     """Radial errors of a circle as a ballbar shows them: nominal targets, fake targets, measured; joint reversals."""
     import numpy as np
 
-    from irbcal.export import calibration_file
+    from irbcal.files import calibration_folder
     from irbcal.units import DEG, MM
     from irbcal.validation import ballbar as bars
     from irbcal.validation import plots
@@ -53,7 +53,7 @@ def ballbar(
     place[:3] *= MM
     T_tip_tcp = bars.tool(place)
     axes = [grid.numbers(text, (3,), option) for text, option in ((normal, "--normal"), (start, "--start"))]
-    saved = calibration_file.load(calibration)
+    saved = calibration_folder.load(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     q = np.array(grid.numbers(joints or "0,0,0,0,90,0", (len(nominal.joint_names),), "--joints")) * nominal.joint_units
     circle = bars.circle(nominal, q, bar * MM, T_tip_tcp, *axes, height * MM, tilt * DEG)

@@ -114,16 +114,16 @@ def calibrate(
 
 def run(measurements, robot, out, json, save, **options):
     """The main job with its output; also what the demo runs."""
-    from irbcal import workflow
-    from irbcal.export import calibration_file
-    from irbcal.export.files import check_writable
+    from irbcal import calibrating
+    from irbcal.files import calibration_folder
+    from irbcal.files.atomic import check_writable
 
-    made = check_writable(out, calibration_file.NAMES)
+    made = check_writable(out, calibration_folder.NAMES)
     try:
         with show.progress(STEPS, quiet=json) as step:
-            outcome = workflow.calibrate(measurements, robot, progress=step, **options)
+            outcome = calibrating.calibrate(measurements, robot, progress=step, **options)
             step("checking with Pinocchio, writing")
-            calibration = calibration_file.save(outcome, out, **save)
+            calibration = calibration_folder.save(outcome, out, **save)
     except BaseException:
         for folder in made:  # an empty folder would look like a result
             with suppress(OSError):

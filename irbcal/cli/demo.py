@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from irbcal import shipped
 from irbcal.cli import calibrate, show
+from irbcal.files import robots
 
 
 def demo(
@@ -20,13 +20,13 @@ def demo(
     if not json:
         show.say("Demonstration on SIMULATED measurements of an IRB 1600 that errs like the one of the thesis.")
     calibrate.run(
-        shipped.demo_file("demo_identification.csv"),
+        robots.demo_file("demo_identification.csv"),
         "irb1600",
         out,
         json,
         save={"with_world": False, "with_targets": False},
         model=model.value,
-        verify=shipped.demo_file("demo_verification.csv"),
+        verify=robots.demo_file("demo_verification.csv"),
     )
     if not json:
         show.say("\nNext, with your own file:")

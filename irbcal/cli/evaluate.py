@@ -46,14 +46,14 @@ def evaluate(
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ):
     """Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the calibrated robot."""
-    from irbcal import workflow
-    from irbcal.export import calibration_file
+    from irbcal import calibrating
+    from irbcal.files import calibration_folder
     from irbcal.units import MM
 
     points = _frame_points(frame_points, relative)
     ball = None if sphere is None else [value * MM for value in grid.numbers(sphere, (4,), "--sphere")]
-    saved = calibration_file.load(calibration)
-    result = workflow.evaluate(
+    saved = calibration_folder.load(calibration)
+    result = calibrating.evaluate(
         saved,
         measurements,
         refit_base,
@@ -62,7 +62,7 @@ def evaluate(
         points,
         ball,
         flange,
-        calibration_file.load(compare) if compare else None,
+        calibration_folder.load(compare) if compare else None,
         verified,
         seed,
     )

@@ -33,13 +33,13 @@ def filter_program(
 ):
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
     from irbcal.correction import filter as filters
-    from irbcal.correction import rapid, table
-    from irbcal.export import calibration_file
-    from irbcal.export.files import refuse_to_overwrite, write_together
+    from irbcal.correction.languages import rapid, table
+    from irbcal.files import calibration_folder
+    from irbcal.files.atomic import refuse_to_overwrite, write_together
     from irbcal.units import MM
 
     refuse_to_overwrite(out, program)
-    saved = calibration_file.load(calibration)
+    saved = calibration_folder.load(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     fingerprint = saved.calibrated_urdf_sha256[:16]
     if program.suffix.lower() == ".csv":

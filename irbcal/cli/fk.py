@@ -35,21 +35,21 @@ def fk(
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
 ):
     """Where a robot really ends: poses of the tip in the base link (mm, unit quaternion, scalar first), as CSV."""
-    from irbcal.export import poses
+    from irbcal import kinematics
     from irbcal.measurement import table
 
-    model = poses.open_robot(robot, nominal, base_link, tip_link)
+    model = kinematics.open_robot(robot, nominal, base_link, tip_link)
     q = table.read_joints(joints, model.arm.joint_columns)
-    frame = poses.target_table(model, q, target) if target else poses.pose_table(model, q)
+    frame = kinematics.target_table(model, q, target) if target else kinematics.pose_table(model, q)
     if uncertainty:
         from irbcal.errors import RobotError
-        from irbcal.export import calibration_file
-        from irbcal.export.uncertainty import position_std
+        from irbcal.files import calibration_folder
         from irbcal.units import MM
+        from irbcal.validation.uncertainty import position_std
 
         if not Path(robot).is_dir() or nominal:
             raise RobotError(f"{robot}: only the calibrated behaviour of a calibration folder knows its uncertainty")
-        saved = calibration_file.load(robot)
+        saved = calibration_folder.load(robot)
         std = position_std(saved, q, target) / MM
         for k, axis in enumerate("xyz"):
             frame[f"std_{axis}_mm"] = std[:, k]

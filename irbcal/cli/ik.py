@@ -34,7 +34,7 @@ def ik(
     """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot."""
     import numpy as np
 
-    from irbcal.export import poses as tables
+    from irbcal import kinematics as tables
     from irbcal.measurement import table
 
     model, arm = tables.open_pair(robot, nominal, base_link, tip_link)

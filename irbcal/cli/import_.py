@@ -77,7 +77,7 @@ def import_files(
 
     Try any of them with --dry-run first.
     """
-    from irbcal.export.files import write_together
+    from irbcal.files.atomic import write_together
     from irbcal.measurement.imports import column_map, reader
 
     if out is None and not dry_run:

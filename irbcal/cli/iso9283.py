@@ -97,9 +97,9 @@ def _evaluate(measurements, calibration, commanded, target, set_size, approaches
         saved = None
         seen = table.read(measurements)
         if calibration is not None:
-            from irbcal.export import calibration_file
+            from irbcal.files import calibration_folder
 
-            saved = calibration_file.load(calibration)
+            saved = calibration_folder.load(calibration)
             seen.check_joints(saved.arm())
         result["poses"] = pose_tests.evaluate(seen, saved, commanded, target, set_size)
     if approaches is not None:
@@ -122,7 +122,8 @@ def _plan(robot, center, edge, inset, plane, near):
 
     import numpy as np
 
-    from irbcal.export import poses, urdf
+    from irbcal import kinematics
+    from irbcal.files import urdf
     from irbcal.modeling.robot import Robot
     from irbcal.units import MM
     from irbcal.validation import iso9283
@@ -136,7 +137,7 @@ def _plan(robot, center, edge, inset, plane, near):
         plane,
         iso9283.FRACTION if inset is None else inset / 100,
     )
-    table = poses.pose_table(Robot(arm), found.q)
+    table = kinematics.pose_table(Robot(arm), found.q)
     for k, name in enumerate(arm.joint_columns):
         table.insert(k, name, found.q[:, k] / arm.joint_units[k] + 0.0)
     table = table.round(6) + 0.0  # no minus before zero

@@ -94,15 +94,15 @@ def plan(
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ):
     """Plan measurements: poses that the robot reaches and the tracker sees, a RAPID module, and what they promise."""
-    from irbcal.export import plan_files, planning
-    from irbcal.export.files import check_writable, write_together
+    from irbcal.files.atomic import check_writable, write_together
+    from irbcal.planning import measuring_plan, plan_files
     from irbcal.units import DEG, MM
 
     made_folders = check_writable(out)
     try:
         with show.progress(12, quiet=json) as step:
             step("robot")
-            scene = planning.open_scene(
+            scene = measuring_plan.open_scene(
                 robot,
                 targets,
                 _tracker(tracker),
@@ -118,7 +118,7 @@ def plan(
             usual = {"axis": Axis["18"], "cube": 52, "all_range": 50} if not optimal else {}
             given = {"axis": axis, "cube": cube, "all_range": all_range}
             counts = {name: usual.get(name, 0) if value is None else value for name, value in given.items()}
-            wish = planning.Wish(
+            wish = measuring_plan.Wish(
                 axis=int(getattr(counts["axis"], "value", counts["axis"])),
                 cube=counts["cube"],
                 all_range=counts["all_range"],
@@ -134,7 +134,7 @@ def plan(
                 payload_kg=payload,
                 seed=seed,
             )
-            made = planning.make(scene, wish, step)
+            made = measuring_plan.make(scene, wish, step)
             step("files")
             page = _page(made, package_dir or ())
             contents = plan_files.files(made, page)
@@ -157,18 +157,16 @@ def _page(made, package_dirs):
     """The plan to look at: robot, tracker, cube, reflectors and their way; HTML."""
     from dataclasses import replace
 
-    import irbcal.view
     from irbcal.modeling import frames
-    from irbcal.view.scene import Points
+    from irbcal.viewer.scene import Points
+    from irbcal.viewer.view import View, view
 
     scene, setting = made.scene, made.scene.setting
     base, tip = scene.links
-    shown = irbcal.view.show(
-        scene.name, plan=made.q, package_dirs=package_dirs, cube=scene.cube, base=base, tip=tip
-    ).scene
+    shown = view(scene.name, plan=made.q, package_dirs=package_dirs, cube=scene.cube, base=base, tip=tip).scene
     pose, target, xyz, _ = made.expected()
     T_scene_world = frames.inverse(scene.T_world_base)
-    return irbcal.view.View(
+    return View(
         replace(
             shown,
             robot=setting.robot.replace(T_world_base=scene.T_world_base),
@@ -184,7 +182,7 @@ def _page(made, package_dirs):
 
 def _way(made):
     """Way of the first reflector from pose to pose in the base link, (k, 3), metres."""
-    from irbcal.measurement import route
+    from irbcal.planning import route
 
     setting = made.scene.setting
     if len(made.q) < 2:

@@ -24,15 +24,15 @@ def report(
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ):
     """Write report.html again from calibration.json; its figures (PNG, SVG) and data (CSV) on request."""
-    from irbcal.export import calibration_file
-    from irbcal.export import report as page
-    from irbcal.export.files import check_writable, write_together
+    from irbcal.files import calibration_folder
+    from irbcal.files.atomic import check_writable, write_together
+    from irbcal.reports import report_page as page
 
     made = []
     try:
         with show.progress(3, quiet=json) as step:
             step("reading the calibration")
-            saved = calibration_file.load(calibration)
+            saved = calibration_folder.load(calibration)
             folders = {folder: {} for folder in (calibration, figures, data) if folder is not None}
             for folder in folders:
                 made += check_writable(folder)
@@ -43,7 +43,7 @@ def report(
                 folders[figures] |= page.figure_files(saved, evidence, format.value)
             if data is not None:
                 folders[data] |= page.data_files(saved, evidence)
-            folders[calibration][calibration_file.REPORT_NAME] = page.render(saved, evidence).encode("utf-8")
+            folders[calibration][calibration_folder.REPORT_NAME] = page.render(saved, evidence).encode("utf-8")
             for folder, files in folders.items():
                 write_together(folder, files)
     except BaseException:

@@ -84,10 +84,10 @@ def simulate(
 
     from irbcal.cell import simulation
     from irbcal.cell.cell import ROBOT_SEED
-    from irbcal.export import calibration_file
-    from irbcal.export.files import refuse_to_overwrite, write_together
+    from irbcal.files import calibration_folder
+    from irbcal.files.atomic import refuse_to_overwrite, write_together
+    from irbcal.measurement.statistics import statistics
     from irbcal.measurement.table import read_joints
-    from irbcal.validation.accuracy import statistics
 
     only = [] if only == ["none"] else only
     check_names([*(only or ()), *(without or ())])
@@ -107,7 +107,7 @@ def simulate(
     run = cell.measure(poses.q, simulation.asked(poses, cell), poses.wait_s)
     found = None
     if wanted is not None:
-        saved = calibration_file.load(calibration)
+        saved = calibration_folder.load(calibration)
         found = statistics(simulation.misses(run, read_joints(wanted, cell.arm.joint_columns), saved))
     write_together(out.parent, simulation.files(run, poses, cell, out, robot))
     asked = int(run.asked[:, : run.targets].sum())

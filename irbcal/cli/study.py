@@ -58,8 +58,8 @@ def study(
         raise typer.BadParameter("missing", param_hint="--out")
     sizes, curve = _counts(procedures, "--procedures"), _counts(poses_curve, "--poses-curve", empty=True)
 
-    from irbcal.validation.study import repetition as studies
-    from irbcal.validation.study import runner as study_run
+    from irbcal.studies import repetition as studies
+    from irbcal.studies import runner as study_run
 
     settings = studies.Settings(sizes, each, curve, model.value, method.value, points, seed)
     start = time.perf_counter()
@@ -108,7 +108,7 @@ def _print(tables):
 
 
 def _document(out, settings, outcome, tables, seconds):
-    from irbcal.validation.study.tables import Cell
+    from irbcal.studies.tables import Cell
 
     def plain(value):
         return {"value": value.value, "thesis": value.thesis} if isinstance(value, Cell) else value

@@ -22,9 +22,9 @@ def verify(
 ):
     """Tell whether a URDF found somewhere is this calibration; exit code 1 if it is not."""
     from irbcal.errors import RobotError
-    from irbcal.export import calibration_file, origins
+    from irbcal.files import calibration_folder, origins
 
-    saved = calibration_file.load(calibration)
+    saved = calibration_folder.load(calibration)
     try:
         data = urdf.read_bytes()
     except OSError as error:

@@ -45,10 +45,10 @@ def view(
     open_browser: Annotated[bool, typer.Option("--open", help="Open a browser.")] = False,
 ):
     """Look at the robot, measured and modelled points and magnified errors, pose by pose (served on 127.0.0.1 only)."""
-    import irbcal.view
     from irbcal.cli import show
+    from irbcal.viewer.view import view as look
 
-    shown = irbcal.view.show(
+    shown = look(
         robot,
         measurements,
         plan=plan,

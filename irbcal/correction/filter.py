@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 
 from irbcal.correction import program as programs
-from irbcal.correction import table
-from irbcal.correction.fake import Corrected, correct_joints, correct_poses
+from irbcal.correction.fake_targets import Corrected, correct_joints, correct_poses
+from irbcal.correction.languages import table
 from irbcal.correction.program import ConfData
 from irbcal.errors import ProgramError
-from irbcal.modeling import inverse
+from irbcal.modeling.inverse import closed_form
 from irbcal.units import DEG, MM
 
 QUADRANT_TOLERANCE = 1e-6
@@ -70,7 +70,7 @@ def filter_module(robot, nominal, program, fingerprint, mark):
     nominal : Arm
         What the controller computes with.
     program : Program
-        As read, see `irbcal.correction.rapid`.
+        As read, see `irbcal.correction.languages.rapid.reader`.
     fingerprint : str
         Of the calibration; goes into the mark.
     mark : callable
@@ -100,7 +100,7 @@ def filter_module(robot, nominal, program, fingerprint, mark):
     if poses:
         wanted = programs.tip_poses(program, poses)
         seed, told = seeds_of(nominal, wanted, [targets[k].configuration for k in poses])
-        found = correct_poses(robot, nominal, wanted, seed, inverse.configuration(nominal, np.nan_to_num(seed)))
+        found = correct_poses(robot, nominal, wanted, seed, closed_form.configuration(nominal, np.nan_to_num(seed)))
         found = _without(found, ~told, "its configuration data fit no solution of the robot within the joint limits")
         rows = np.flatnonzero(found.ok)
         chosen = [poses[row] for row in rows]
@@ -179,8 +179,8 @@ def seeds_of(nominal, T_base_tip, configurations):
     told : ndarray of bool, shape (n,)
         False where the pose can be reached, but not with its configuration data.
     """
-    branches = inverse.closed_form(nominal, T_base_tip)
-    nearest, _ = inverse.nearest(nominal, branches, np.zeros(6))
+    branches = closed_form.branches(nominal, T_base_tip)
+    nearest, _ = closed_form.nearest(nominal, branches, np.zeros(6))
     n = len(nearest)
     wanted = np.array([[c.cf1, c.cf4, c.cf6] if c else [0, 0, 0] for c in configurations]).reshape(n, 3)
     cfx = np.array([c.cfx if c else -1 for c in configurations])

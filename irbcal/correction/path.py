@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.correction.fake import Corrected, correct_joints
+from irbcal.correction.fake_targets import Corrected, correct_joints
 from irbcal.errors import RobotError
-from irbcal.modeling import frames, inverse
+from irbcal.modeling import frames
+from irbcal.modeling.inverse import closed_form
 from irbcal.units import DEG, MM
 
 LARGEST_ARC = 240 * DEG
@@ -227,8 +228,8 @@ def _tip_of(T_tip_tcp):
 
 
 def _joints_along(T_base_tip, nominal, seed):
-    branch = inverse.configuration(nominal, np.asarray(seed, dtype=float))
-    branches = inverse.closed_form(nominal, T_base_tip)
+    branch = closed_form.configuration(nominal, np.asarray(seed, dtype=float))
+    branches = closed_form.branches(nominal, T_base_tip)
     q = branches.joints[:, int(branch)]
     if not np.isfinite(q).all():
         place = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])

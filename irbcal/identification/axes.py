@@ -14,14 +14,12 @@ import numpy as np
 
 from irbcal.errors import IdentificationError
 from irbcal.identification import circles
+from irbcal.measurement.last_moves import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.extraction import NEARLY_PARALLEL, dhm_from_axes
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
-
-STILL = 2e-3 * DEG
-"""Largest change of a joint, whole turns aside, that still counts as standing still: what rounding a file does."""
 
 PARALLEL = 1.0 * DEG
 """Angle below which ``parallel="forced"`` gives consecutive axes one direction."""

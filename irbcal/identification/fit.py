@@ -9,7 +9,7 @@ from irbcal.identification import least_squares, start
 from irbcal.identification.residuals import Problem
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
-from irbcal.modeling.jointmap import Stiffness
+from irbcal.modeling.joint_map import Stiffness
 from irbcal.modeling.parameters import level_parameters, thesis_count
 from irbcal.modeling.robot import Robot
 from irbcal.units import UNIT_OUTSIDE

@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from irbcal.modeling import dhm, frames, parameters
-from irbcal.modeling.jointmap import JointMap, fourier_terms, stiffness_terms
+from irbcal.modeling.joint_map import JointMap, fourier_terms, stiffness_terms
 
 BLOCK = 2048
 """Poses whose Jacobian is in memory at a time."""
@@ -78,7 +78,7 @@ class Problem:
     points : PointSet
     error_parameters : sequence of Parameter
     phases : array_like, shape (2,)
-        Of the stiffness terms, see `irbcal.modeling.jointmap`.
+        Of the stiffness terms, see `irbcal.modeling.joint_map`.
     known_targets : dict of str to array_like, shape (3,), optional
         Positions in the tip link that are not identified, metres.
     orientation_length : float

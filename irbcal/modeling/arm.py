@@ -6,7 +6,7 @@ import numpy as np
 
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm, frames
-from irbcal.modeling.jointmap import Stiffness
+from irbcal.modeling.joint_map import Stiffness
 from irbcal.units import DEG, MM
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.errors import IdentificationError
-from irbcal.modeling import inverse
+from irbcal.modeling.inverse import closed_form
 from irbcal.units import DEG, MM
 
 GEOMETRIC = ("alpha", "a", "theta", "d", "beta", "b")
@@ -83,7 +83,7 @@ THESIS_LEVELS = {
     "34b": ["delta_beta3" if name == "delta_d3" else name for name in _LINKS + _JOINT_MAP],
 }
 """Level -> names of its error parameters. Level 34 counts four stiffness parameters in the thesis; they
-act through two numbers, which are what is identified (see `irbcal.modeling.jointmap`)."""
+act through two numbers, which are what is identified (see `irbcal.modeling.joint_map`)."""
 
 GENERAL_LEVELS = ("nominal", "offsets", "placement")
 """Levels for any serial arm. Joint 1 has no errors of its own there: the base takes them."""
@@ -99,7 +99,7 @@ def levels_of(arm):
 
 def default_level(arm):
     """The level for an arm where none is asked for: ``34`` for arms built like the thesis's, else ``placement``."""
-    return "34" if inverse.has_closed_form(arm) else "placement"
+    return "34" if closed_form.has_closed_form(arm) else "placement"
 
 
 def level_parameters(level, arm=None):

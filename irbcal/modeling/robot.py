@@ -7,7 +7,7 @@ import numpy as np
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.jointmap import JointMap
+from irbcal.modeling.joint_map import JointMap
 
 
 @dataclass(frozen=True, eq=False)

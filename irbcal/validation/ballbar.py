@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.correction.fake import correct_joints
+from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.path import Circle, joint_history, reversals
 from irbcal.errors import MeasurementError, RobotError
+from irbcal.measurement import readings
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM
-from irbcal.validation import files
 
 SAMPLES = 720
 """Places on a circle at which errors are predicted."""
@@ -309,7 +309,7 @@ def read(path, bar):
     MeasurementError
         If the file does not keep the format, the radius is another one or too little of the circle was measured.
     """
-    table = files.read(path, ("angle_deg",), (), ("radius_mm", "error_mm"))
+    table = readings.read(path, ("angle_deg",), (), ("radius_mm", "error_mm"))
     have = [name for name in ("radius_mm", "error_mm") if name in table.columns]
     if len(have) != 1:
         found = "both" if have else "neither"

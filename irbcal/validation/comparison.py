@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.errors import MeasurementError
-from irbcal.modeling.jointmap import JointMap
+from irbcal.measurement.points import distances
+from irbcal.measurement.statistics import statistics
+from irbcal.modeling.joint_map import JointMap
 from irbcal.units import MM
 from irbcal.validation import bootstrap
-from irbcal.validation.accuracy import distances, statistics
 
 SAME_COMMAND = 0.1 * MM
 """Distance within which a command counts as the calibration's fake target, metres."""

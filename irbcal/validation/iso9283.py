@@ -13,7 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.errors import MeasurementError, RobotError
-from irbcal.modeling import frames, inverse
+from irbcal.modeling import frames
+from irbcal.modeling.inverse import closed_form
+from irbcal.thesis_setup import IRB1600_CUBE
 from irbcal.units import MM
 
 POSES = ("P1", "P2", "P3", "P4", "P5")
@@ -37,7 +39,7 @@ PLANES = {
 """Inclined planes of the cube, and the directions of P2 to P5 from its centre; the thesis took ``x=z``."""
 
 CUBES = {
-    "irb1600_6_145": ((0.6456547, 0.0, 1.165707), 0.65),
+    "irb1600_6_145": IRB1600_CUBE,
     "irb120_3_058": ((0.374, 0.0, 0.40), 0.25),
 }
 """Centre in the base link and edge of the test cube of the shipped robots, metres; IRB 1600 as in annex I."""
@@ -125,14 +127,14 @@ def five_poses(arm, center=None, edge=None, near=None, plane="x=z", fraction=FRA
     home = np.clip(np.zeros(len(arm.lower)), arm.lower, arm.upper)
     near = home if near is None else arm.check_joints(near)[0]
     T = cube_poses(center, edge, arm.forward(near[None])[0, :3, :3], plane, fraction)
-    if inverse.has_closed_form(arm):
-        q, branch = inverse.nearest(arm, inverse.closed_form(arm, T), near)
+    if closed_form.has_closed_form(arm):
+        q, branch = closed_form.nearest(arm, closed_form.branches(arm, T), near)
         reached = branch >= 0
     else:
-        from irbcal.modeling import numerical
+        from irbcal.modeling.inverse import any_arm
         from irbcal.modeling.robot import Robot
 
-        found = numerical.solve(Robot(arm), arm, T, near)
+        found = any_arm.solve(Robot(arm), arm, T, near)
         q, reached = found.joints, found.converged & found.inside
     if not reached.all():
         k = int(np.flatnonzero(~reached)[0])

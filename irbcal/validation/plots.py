@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from irbcal.colours import ACCENT, CALIBRATED, NOMINAL
 from irbcal.errors import IrbcalError
+from irbcal.figures.colours import ACCENT, CALIBRATED, NOMINAL
 from irbcal.units import MM
 
 MEASURED = "#333333"
@@ -47,7 +47,7 @@ def save(draw, path, *data, size=(7.2, 4.4)):
     import matplotlib
     from matplotlib.figure import Figure
 
-    from irbcal.export.files import write_together
+    from irbcal.files.atomic import write_together
 
     path = check_name(path)
     with matplotlib.rc_context():

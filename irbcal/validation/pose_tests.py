@@ -9,10 +9,12 @@ column ``direction`` (three directions of approach) are those of the multi-direc
 import numpy as np
 
 from irbcal.errors import MeasurementError
+from irbcal.measurement import readings
 from irbcal.measurement.poses import as_poses
+from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM
-from irbcal.validation import accuracy, files, iso9283
+from irbcal.validation import accuracy, iso9283
 from irbcal.validation.prepared import prepare
 
 GROUP, DRIFT = "iso9283", "iso9283_drift"
@@ -28,7 +30,7 @@ def evaluate(measurements, calibration=None, commanded=None, target=None, set_si
     Parameters
     ----------
     measurements : MeasurementSet
-    calibration : Calibration, optional
+    calibration : Record, optional
         Gives the commanded poses at the file's joints, by the nominal and by the calibrated robot.
     commanded : str or Path, optional
         File of commanded poses: ``pose,x_mm,y_mm,z_mm`` and for orientations ``qw,qx,qy,qz``. With a calibration, poses
@@ -102,7 +104,7 @@ def _check_cycles(measurements):
 
 
 def _commanded_table(path):
-    table = files.read(path, ("x_mm", "y_mm", "z_mm"), ("pose",))
+    table = readings.read(path, ("x_mm", "y_mm", "z_mm"), ("pose",))
     double = table["pose"].duplicated()
     if double.any():
         row = table[double].iloc[0]
@@ -112,7 +114,7 @@ def _commanded_table(path):
 
 def _whole(points, robots, table):
     """Whether poses are measured as a whole and what was commanded is, too."""
-    if table is not None and files.rotations(table) is None:
+    if table is not None and readings.rotations(table) is None:
         return False
     robot = next(iter(robots.values()))
     if robot is None:
@@ -149,7 +151,7 @@ class _Attained:
             if missing:
                 raise MeasurementError(f"{table.attrs['source']}: there is no commanded pose {missing[0]}")
             rows = [list(table["pose"]).index(name) for name in self.pose]
-            place, R = table[["x_mm", "y_mm", "z_mm"]].to_numpy()[rows] * MM, files.rotations(table)
+            place, R = table[["x_mm", "y_mm", "z_mm"]].to_numpy()[rows] * MM, readings.rotations(table)
             T = np.tile(np.eye(4), (len(rows), 1, 1))
             T[:, :3, 3] = place
             if R is not None:
@@ -303,8 +305,8 @@ def _overall(cycles):
         turn = frames.rotation_distance(cycles.rotation, about)
     overall = {
         "from": "commanded" if cycles.wanted is not None else "mean",
-        "position": accuracy.statistics(error),
-        "orientation": None if turn is None else accuracy.rotation_statistics(turn),
+        "position": statistics(error),
+        "orientation": None if turn is None else rotation_statistics(turn),
     }
     history = {
         "pose": cycles.pose.tolist(),
@@ -386,7 +388,7 @@ def read_approaches(path):
     MeasurementError
         If the file does not keep the format or time does not go on.
     """
-    table = files.read_points(path, numbers=("time_s",))
+    table = readings.read_points(path, numbers=("time_s",))
     runs = table["run"].astype(str).str.strip() if "run" in table.columns else None
     out = {}
     for name in ["1"] if runs is None else list(dict.fromkeys(runs)):
@@ -471,10 +473,10 @@ def path_accuracy(measured, commanded):
     MeasurementError
         If a file does not keep the format or the paths do not fit.
     """
-    table, path = files.read_points(measured, labels=("cycle",)), files.read_points(commanded)
+    table, path = readings.read_points(measured, labels=("cycle",)), readings.read_points(commanded)
     if len(path) < 3:
         raise MeasurementError(f"{commanded}: a commanded path needs three points or more, found {len(path)}")
-    place, turn = table[["x_mm", "y_mm", "z_mm"]].to_numpy() * MM, files.rotations(table)
+    place, turn = table[["x_mm", "y_mm", "z_mm"]].to_numpy() * MM, readings.rotations(table)
     rows = [np.flatnonzero(table["cycle"] == name) for name in dict.fromkeys(table["cycle"])]
     short = [k for k in rows if len(k) < 2]
     if short:
@@ -484,7 +486,7 @@ def path_accuracy(measured, commanded):
             [place[k] for k in rows],
             path[["x_mm", "y_mm", "z_mm"]].to_numpy() * MM,
             None if turn is None else [turn[k] for k in rows],
-            files.rotations(path),
+            readings.rotations(path),
         )
     except MeasurementError as error:
         raise MeasurementError(f"{measured}: {error}") from None

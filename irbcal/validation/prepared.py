@@ -61,7 +61,7 @@ def prepare(measurements, calibration=None):
     Parameters
     ----------
     measurements : MeasurementSet
-    calibration : Calibration, optional
+    calibration : Record, optional
 
     Returns
     -------

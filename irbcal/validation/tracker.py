@@ -15,9 +15,10 @@ check          further columns
 import numpy as np
 
 from irbcal.errors import MeasurementError
+from irbcal.measurement import readings
+from irbcal.measurement.statistics import statistics
 from irbcal.units import MM
-from irbcal.validation import files, iso9283
-from irbcal.validation.accuracy import statistics
+from irbcal.validation import iso9283
 
 CHECKS = ("bar", "repeat", "drift", "settle")
 ENVIRONMENT = ("temperature_c", "pressure_mmhg", "pressure_hpa", "humidity_percent")
@@ -28,7 +29,7 @@ FEWEST = 10
 
 def kind(path):
     """Which check a file is for, by its columns: one of `CHECKS`."""
-    columns = files.read(path, ()).columns
+    columns = readings.read(path, ()).columns
     if "end" in columns or "distance_mm" in columns:
         return "bar"
     if "time_s" in columns:
@@ -78,7 +79,7 @@ def scale_bar(path, length):
 
 
 def _distances(path):
-    table = files.read(path, (), (), (*XYZ, "distance_mm"))
+    table = readings.read(path, (), (), (*XYZ, "distance_mm"))
     position = _names(table, "position")
     if "distance_mm" in table.columns:
         distance = table["distance_mm"].to_numpy()
@@ -86,7 +87,7 @@ def _distances(path):
             row = table["row"].iloc[int(np.argmax(np.isnan(distance)))]
             raise MeasurementError(f"{path}: row {row}, column distance_mm: expected a number, found nothing")
         return position, distance * MM
-    table = files.read_points(path, ("end",))
+    table = readings.read_points(path, ("end",))
     position, xyz = _names(table, "position"), table[XYZ].to_numpy() * MM
     ends = list(dict.fromkeys(table["end"]))
     if len(ends) != 2:
@@ -143,7 +144,7 @@ def repeatability(path):
     MeasurementError
         If the file does not keep the format or a point was measured once only.
     """
-    table = files.read_points(path)
+    table = readings.read_points(path)
     position, xyz = _names(table, "position"), table[XYZ].to_numpy() * MM
     error, out = np.empty(len(xyz)), {}
     for name in dict.fromkeys(position):
@@ -183,7 +184,7 @@ def drift(path):
     MeasurementError
         If the file does not keep the format.
     """
-    table = files.read_points(path, numbers=("time_s",), optional=ENVIRONMENT)
+    table = readings.read_points(path, numbers=("time_s",), optional=ENVIRONMENT)
     if len(table) < FEWEST:
         raise MeasurementError(f"{path}: {len(table)} readings are too few for drift, expected {FEWEST} or more")
     targets = sorted(set(table["target"].astype(str))) if "target" in table.columns else []

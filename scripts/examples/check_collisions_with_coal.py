@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 import virtual_robot
 
-from irbcal import shipped
+from irbcal.files import robots
 from irbcal.units import DEG, MM
 
 STEPS = 60
@@ -59,7 +59,7 @@ def solids(calibrated):
     pinocchio.GeometryModel
     """
     model = calibrated.model
-    text, folders = calibrated.urdf.decode("utf-8"), shipped.package_dirs()
+    text, folders = calibrated.urdf.decode("utf-8"), robots.package_dirs()
     geometry = pin.buildGeomFromUrdfString(model, text, pin.COLLISION, None, folders)
     for solid in geometry.geometryObjects:
         if isinstance(solid.geometry, coal.BVHModelBase):  # a mesh: its hull is quicker, and solid inside

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import irbcal
-from irbcal import shipped
-from irbcal.export.pinocchio_model import CalibratedModel
+from irbcal.files import robots
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
+from irbcal.planners.calibrated_model import CalibratedModel
 from irbcal.units import DEG, MM
 
 TARGET = "smr1"
@@ -51,16 +51,14 @@ def folder_from_command_line(description):
 
 def make_demo(folder):
     """Calibrate the shipped SIMULATED IRB 1600 into a folder."""
-    identification, verification = (
-        shipped.demo_file(f"demo_{name}.csv") for name in ("identification", "verification")
-    )
+    identification, verification = (robots.demo_file(f"demo_{name}.csv") for name in ("identification", "verification"))
     irbcal.save(irbcal.calibrate(identification, "irb1600", "34", verify=verification), folder)
     return folder
 
 
 def is_demo(folder):
     """Whether the calibration was made from the shipped simulated measurements."""
-    shipped_bytes = shipped.demo_file("demo_identification.csv").read_bytes()
+    shipped_bytes = robots.demo_file("demo_identification.csv").read_bytes()
     return irbcal.load(folder).data[0].sha256 == hashlib.sha256(shipped_bytes).hexdigest()
 
 
@@ -73,7 +71,7 @@ def nominal(folder):
     """The demo's nominal URDF, with base and tool identified from the same measurements."""
     robot = irbcal.load(folder).robot_nominal()
     tool = {f"target_{name}": frames.transform(None, xyz) for name, xyz in robot.targets.items()}
-    return Side(CalibratedModel(shipped.robot_file("irb1600").read_bytes(), robot.arm, tip_frames=tool), robot)
+    return Side(CalibratedModel(robots.robot_file("irb1600").read_bytes(), robot.arm, tip_frames=tool), robot)
 
 
 def frame_to_place(side):

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from support import example_robot
 
-from irbcal import shipped
 from irbcal.cell import cell as cells
 from irbcal.cell import effects, procedure, simulation
 from irbcal.cell.gravity import torques_and_origins
 from irbcal.cell.tool import TABLE_3_1, Tracker, behind_arm, turned_away
 from irbcal.errors import MeasurementError
-from irbcal.export import urdf
+from irbcal.files import robots, urdf
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import distances
 from irbcal.modeling import frames
@@ -50,9 +49,9 @@ def robot_file(name, folder):
     if name in files:
         return example_robot(files[name])
     if name != "rail":
-        return shipped.robot_file(name)
+        return robots.robot_file(name)
     path = folder / "rail.urdf"
-    path.write_text(shipped.robot_file("irb120").read_text().replace("</robot>", ON_A_RAIL))
+    path.write_text(robots.robot_file("irb120").read_text().replace("</robot>", ON_A_RAIL))
     return path
 
 

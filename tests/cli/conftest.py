@@ -6,9 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal import shipped
 from irbcal.cli.main import app
-from irbcal.export import calibration_file
+from irbcal.files import calibration_folder, robots
 
 
 @pytest.fixture(scope="session")
@@ -16,11 +15,11 @@ def calibrated():
     """Calibrates the simulated demonstration robot into a folder, without the report that takes most of the time."""
 
     def make(folder, model):
-        outcome = irbcal.calibrate(shipped.demo_file("demo_identification.csv"), "irb1600", model)
-        calibration, urdf = calibration_file.build(outcome)
+        outcome = irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", model)
+        calibration, urdf = calibration_folder.build(outcome)
         folder.mkdir()
-        (folder / calibration_file.URDF_NAME).write_bytes(urdf)
-        (folder / calibration_file.JSON_NAME).write_text(calibration.model_dump_json(), encoding="utf-8")
+        (folder / calibration_folder.URDF_NAME).write_bytes(urdf)
+        (folder / calibration_folder.JSON_NAME).write_text(calibration.model_dump_json(), encoding="utf-8")
         return folder
 
     return make

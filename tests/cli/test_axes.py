@@ -10,7 +10,7 @@ from support import arm, measured, random_robot
 
 from irbcal.cli import main
 from irbcal.modeling import frames
-from irbcal.modeling.jointmap import JointMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 
 

@@ -11,7 +11,7 @@ import pytest
 from support import arm, measured, random_robot, write_measurements
 
 import irbcal
-from irbcal import shipped
+from irbcal.files import robots
 
 
 def run(*arguments, cwd=None):
@@ -223,7 +223,7 @@ def test_bad_robots_and_folders(data, tmp_path):
     def robot(path):
         return refused("calibrate", data / "good.csv", "--robot", path, "--out", tmp_path / "out")
 
-    text = shipped.robot_file("irb120").read_text()
+    text = robots.robot_file("irb120").read_text()
     (tmp_path / "trick.urdf").write_text(
         '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + text.split("?>")[1]
     )

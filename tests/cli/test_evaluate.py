@@ -6,9 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal import shipped
 from irbcal.cli.main import app
 from irbcal.errors import MeasurementError
+from irbcal.files import robots
 from irbcal.measurement import table
 from irbcal.units import MM
 
@@ -16,7 +16,7 @@ from irbcal.units import MM
 @pytest.fixture(scope="module")
 def verification(tmp_path_factory):
     """The first 60 poses of the simulated verification data, half of them called measured with 6 kg."""
-    rows = pd.read_csv(shipped.demo_file("demo_verification.csv"), dtype=str)
+    rows = pd.read_csv(robots.demo_file("demo_verification.csv"), dtype=str)
     rows = pd.concat([part[part["pose"].isin(part["pose"].unique()[:30])] for _, part in rows.groupby("group")])
     poses = list(rows["pose"].unique())
     rows = rows[~rows["target"].str.startswith("ref")].copy()  # so that nothing is registered

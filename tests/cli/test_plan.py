@@ -12,18 +12,19 @@ from solids import hulls, link_frames, touches_itself
 from support import arm
 from typer.testing import CliRunner
 
-from irbcal import workflow
+from irbcal import calibrating
 from irbcal.cell import simulation
 from irbcal.cli.main import app, main
-from irbcal.correction import rapid
+from irbcal.correction.languages import rapid
 from irbcal.errors import IrbcalError, MeasurementError
-from irbcal.export import pinocchio_check, plan_files, planning
-from irbcal.export.calibration_file import save
-from irbcal.export.collisions import BEAM_GAP
-from irbcal.export.files import write_together
-from irbcal.measurement import plan as plans
+from irbcal.files import urdf_check
+from irbcal.files.atomic import write_together
+from irbcal.files.calibration_folder import save
+from irbcal.files.robots import robot_file
 from irbcal.measurement import table
-from irbcal.shipped import robot_file
+from irbcal.planning import conditions as plans
+from irbcal.planning import measuring_plan, plan_files
+from irbcal.planning.collisions import BEAM_GAP
 from irbcal.units import DEG, MM
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
@@ -87,7 +88,7 @@ def test_every_planned_pose_meets_its_conditions(made):
     place = np.array(settings["tracker_mm"]) * MM
     assert printed["conditions"] == list(plans.CONDITIONS)
     q, groups = poses_of(plan)
-    T = pinocchio_check.poses(robot_file("irb1600").read_bytes(), arm(), q)
+    T = urdf_check.poses(robot_file("irb1600").read_bytes(), arm(), q)
     for k, (joints, group, pose) in enumerate(zip(q, groups, T, strict=True), start=1):
         assert (np.degrees(joints) >= LOWER + 2 - 1e-9).all()
         assert (np.degrees(joints) <= UPPER - 2 + 1e-9).all()
@@ -130,7 +131,7 @@ def test_expected_coordinates_are_where_pinocchio_puts_the_reflectors(made):
     _, plan, printed = made
     T_tracker_base = np.array(printed["settings"]["T_tracker_base"])
     assert np.linalg.inv(T_tracker_base)[:3, 3] / MM == pytest.approx(printed["settings"]["tracker_mm"])
-    T = pinocchio_check.poses(robot_file("irb1600").read_bytes(), arm(), plan[JOINTS].to_numpy() * DEG)
+    T = urdf_check.poses(robot_file("irb1600").read_bytes(), arm(), plan[JOINTS].to_numpy() * DEG)
     local = np.array([printed["settings"]["targets_mm"][name] for name in plan["target"]]) * MM
     points = np.einsum("ij,njk,nk->ni", T_tracker_base[:3, :3], T[:, :3, :3], local)
     points += T[:, :3, 3] @ T_tracker_base[:3, :3].T + T_tracker_base[:3, 3]
@@ -158,8 +159,8 @@ def test_the_rapid_module_commands_the_same_joints_and_holds_still_long_enough(m
 
 
 def test_ways_over_home_stand_in_the_rapid_module():
-    scene = planning.open_scene("irb1600", without=plans.SOLID)
-    made = planning.make(scene, planning.Wish(axis=0, cube=0, all_range=4, level="nominal"))
+    scene = measuring_plan.open_scene("irb1600", without=plans.SOLID)
+    made = measuring_plan.make(scene, measuring_plan.Wish(axis=0, cube=0, all_range=4, level="nominal"))
     direct = rapid.parse(plan_files.rapid(made).encode()).targets
     over = rapid.parse(plan_files.rapid(replace(made, over_home=np.array([False, True, False, True]))).encode()).targets
     assert len(direct) == 6
@@ -169,14 +170,14 @@ def test_ways_over_home_stand_in_the_rapid_module():
 
 def test_times_follow_from_speed_wait_and_readings():
     """The first axis move: 30 degrees with the tip 815 mm from axis 1, at 250 mm/s."""
-    scene = planning.open_scene("irb1600", without=plans.SOLID)
-    made = planning.make(
-        scene, planning.Wish(cube=0, all_range=0, level="nominal", speed=0.25, wait_s=3.0, references=0)
+    scene = measuring_plan.open_scene("irb1600", without=plans.SOLID)
+    made = measuring_plan.make(
+        scene, measuring_plan.Wish(cube=0, all_range=0, level="nominal", speed=0.25, wait_s=3.0, references=0)
     )
     _, _, _, time = made.expected()
     first = np.pi / 6 * 0.815 / 0.25
     assert time[:4] == pytest.approx([first + 3, first + 5.5, first + 8, first + 10.5 + first + 3], rel=1e-3)
-    quick = planning.make(scene, planning.Wish(cube=0, all_range=0, level="nominal", speed=7.0, wait_s=3.0))
+    quick = measuring_plan.make(scene, measuring_plan.Wish(cube=0, all_range=0, level="nominal", speed=7.0, wait_s=3.0))
     assert quick.stops[0] == pytest.approx(30 / 150)  # joint 1 turns 150 degrees a second
 
 
@@ -188,10 +189,11 @@ def test_the_page_plays_the_plan(made):
 
 
 def test_seeds_decide_the_plan():
-    scene = planning.open_scene("irb1600", without=plans.SOLID)
+    scene = measuring_plan.open_scene("irb1600", without=plans.SOLID)
     kinds = {"axis": 0, "cube": 3, "all_range": 3, "optimal": 3, "candidates": 30, "level": "11"}
     texts = [
-        plan_files.files(planning.make(scene, planning.Wish(seed=seed, **kinds)))["plan.csv"] for seed in (4, 4, 5)
+        plan_files.files(measuring_plan.make(scene, measuring_plan.Wish(seed=seed, **kinds)))["plan.csv"]
+        for seed in (4, 4, 5)
     ]
     assert texts[0] == texts[1] != texts[2]
 
@@ -199,8 +201,8 @@ def test_seeds_decide_the_plan():
 def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     """In the virtual cell with 2 mm to find a target: the base comes from 18 axis poses, then a plan for others."""
     cell = simulation.open_cell("irb1600", seed=3).with_targets(("smr1", "smr2", "smr3")).without("lost", "visibility")
-    scene = planning.open_scene("irb1600", without=plans.SOLID)
-    axis = planning.make(scene, planning.Wish(cube=0, all_range=0, level="nominal"))
+    scene = measuring_plan.open_scene("irb1600", without=plans.SOLID)
+    axis = measuring_plan.make(scene, measuring_plan.Wish(cube=0, all_range=0, level="nominal"))
     (tmp_path / "poses.csv").write_bytes(plan_files.files(axis)["poses.csv"])
     asked = simulation.read_plan(tmp_path / "poses.csv", cell.arm)
     assert asked.targets is not None
@@ -208,9 +210,9 @@ def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     write_together(tmp_path, simulation.files(run, asked, cell, tmp_path / "axis.csv", "irb1600"))
     found = {}
     for model in ("nominal", "26"):
-        save(workflow.calibrate(tmp_path / "axis.csv", "irb1600", model=model, holdout=0), tmp_path / model)
-        scene = planning.open_scene(tmp_path / model, without=plans.SOLID, heights=(0.7, 1.1))
-        made = planning.make(scene, planning.Wish(axis=0, cube=60, all_range=60))
+        save(calibrating.calibrate(tmp_path / "axis.csv", "irb1600", model=model, holdout=0), tmp_path / model)
+        scene = measuring_plan.open_scene(tmp_path / model, without=plans.SOLID, heights=(0.7, 1.1))
+        made = measuring_plan.make(scene, measuring_plan.Wish(axis=0, cube=60, all_range=60))
         pose, target, expected, _ = made.expected()
         index = [cell.tool.names.index(scene.setting.targets.names[k]) for k in target]
         miss = np.linalg.norm(cell.measure(made.q, run=1).xyz[pose, index] - expected, axis=1) / MM
@@ -265,12 +267,12 @@ def test_an_earlier_plan_stays_where_a_new_one_is_refused(tmp_path):
 
 def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
     (tmp_path / "plain.csv").write_text("target,x_mm,y_mm,z_mm\na,10,20,30\nb,-40,0,50\n")
-    plain = planning.open_scene("irb1600", tmp_path / "plain.csv", without=plans.SOLID)
+    plain = measuring_plan.open_scene("irb1600", tmp_path / "plain.csv", without=plans.SOLID)
     assert "acceptance" not in plain.setting.conditions
     assert any("directions are not known: the condition acceptance is off" in note for note in plain.notes)
     assert plain.setting.targets.places.tolist() == pytest.approx(np.array([[10, 20, 30], [-40, 0, 50]]) * MM)
     (tmp_path / "full.csv").write_text("target,x_mm,y_mm,z_mm,nx,ny,nz\na,10,20,30,0,0,2\nb,-40,0,50,3,0,4\n")
-    full = planning.open_scene("irb1600", tmp_path / "full.csv", without=plans.SOLID)
+    full = measuring_plan.open_scene("irb1600", tmp_path / "full.csv", without=plans.SOLID)
     assert full.setting.conditions == ("limits", "height", "acceptance")
     assert full.setting.targets.directions.tolist() == pytest.approx(np.array([[0, 0, 1], [0.6, 0, 0.8]]))
     for text, message in (
@@ -283,11 +285,11 @@ def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
     ):
         (tmp_path / "bad.csv").write_text(text)
         with pytest.raises(MeasurementError, match=message):
-            planning.open_scene("irb1600", tmp_path / "bad.csv", without=plans.SOLID)
+            measuring_plan.open_scene("irb1600", tmp_path / "bad.csv", without=plans.SOLID)
 
 
 def test_the_tracker_stands_where_it_is_said_to_stand():
-    scene = planning.open_scene("irb1600", tracker=[2.0, 1.0, 0.5, 90 * DEG], without=plans.SOLID)
+    scene = measuring_plan.open_scene("irb1600", tracker=[2.0, 1.0, 0.5, 90 * DEG], without=plans.SOLID)
     assert scene.setting.place == pytest.approx([2.0, 1.0, 0.5])
     # its x axis points along y of the base: what is 1 m from it along y is at (1, 0, 0)
     assert scene.T_world_base @ [2.0, 2.0, 0.5, 1.0] == pytest.approx([1.0, 0.0, 0.0, 1.0])

@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 from support import arm, example_robot
 
-from irbcal import shipped
 from irbcal.errors import CalibrationError, MeasurementError
-from irbcal.export import pinocchio_check
-from irbcal.export.collisions import CollisionModel
+from irbcal.files import robots, urdf_check
+from irbcal.planning.collisions import CollisionModel
 
 
 @pytest.fixture(scope="module")
 def verification():
     """The first rows of the simulated verification."""
-    return "\n".join(shipped.demo_file("demo_verification.csv").read_text().splitlines()[:400]) + "\n"
+    return "\n".join(robots.demo_file("demo_verification.csv").read_text().splitlines()[:400]) + "\n"
 
 
 def test_names_that_look_like_markup_are_shown_as_they_are(program, demo_calibration, verification, tmp_path):
@@ -61,15 +60,15 @@ def test_readings_of_several_targets_are_no_drift(program, verification, tmp_pat
 @pytest.mark.parametrize("name", ["irb1600", "ur10"])
 def test_the_tracker_is_an_obstacle(name):
     """Where the tip goes, a ball is touched; far away it is not; nothing else changes."""
-    path = shipped.robot_file(name) if name == "irb1600" else example_robot("ur_description/urdf/ur10_robot.urdf")
+    path = robots.robot_file(name) if name == "irb1600" else example_robot("ur_description/urdf/ur10_robot.urdf")
     nominal = arm(path)
-    model = CollisionModel(path.read_bytes(), nominal, package_dirs=shipped.package_dirs())
+    model = CollisionModel(path.read_bytes(), nominal, package_dirs=robots.package_dirs())
     q = nominal.random_joints(40, 1)
     before = model.touching(q)
     model.add_obstacle([50.0, 0.0, 0.0], 0.25)
     assert (model.touching(q) == before).all()
     row = int(np.flatnonzero(~before)[0])
-    tip = pinocchio_check.poses(path.read_bytes(), nominal, q[row : row + 1])[0, :3, 3]
+    tip = urdf_check.poses(path.read_bytes(), nominal, q[row : row + 1])[0, :3, 3]
     model.add_obstacle(tip, 0.25)
     after = model.touching(q)
     assert after[row]

@@ -11,10 +11,11 @@ import pytest
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal import shipped, workflow
+from irbcal import calibrating
 from irbcal.cell.effects import NAMES
 from irbcal.cli import main
 from irbcal.errors import IrbcalError
+from irbcal.files import robots
 from irbcal.measurement import table
 
 
@@ -100,7 +101,7 @@ def test_same_call_same_bytes_another_seed_others(tmp_path):
 def test_round_trip_plan_simulate_calibrate_filter_simulate_verify(tmp_path):
     """With the corrected program the robot's targets come to lie where the uncorrected one wanted them."""
     run("--random", 100, "--robot", "irb1600", "--out", tmp_path / "measured.csv", "--seed", 1)
-    outcome = workflow.calibrate(tmp_path / "measured.csv", "irb1600", "34")
+    outcome = calibrating.calibrate(tmp_path / "measured.csv", "irb1600", "34")
     irbcal.save(outcome, tmp_path / "cal")
     run("--random", 40, "--robot", "irb1600", "--out", tmp_path / "other.csv", "--seed", 2)
     joints = pd.read_csv(tmp_path / "other.csv").drop_duplicates("pose")[["pose", *table.JOINTS]]
@@ -216,7 +217,7 @@ def test_a_plan_with_hidden_targets_says_so(tmp_path):
 
 
 def test_links_without_masses_and_bad_masses(tmp_path):
-    text = shipped.robot_file("irb120").read_text()
+    text = robots.robot_file("irb120").read_text()
     (tmp_path / "bad.urdf").write_text(text.replace('<mass value="3.91"/>', '<mass value="heavy"/>'))
     sentence = refused("--random", 5, "--robot", tmp_path / "bad.urdf", "--out", tmp_path / "m.csv")
     assert "link 'link_2', mass: expected 1 numbers, found 'heavy'" in sentence

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from irbcal.cli import main
 from irbcal.errors import IrbcalError
-from irbcal.validation.study import repetition as study
-from irbcal.validation.study import runner as study_run
+from irbcal.studies import repetition as study
+from irbcal.studies import runner as study_run
 
 CALL = ("--procedures", "80,120", "--each", 1, "--points", 520, "--poses-curve", "none", "--method", "least-squares")
 TABLES = ("--only", "7.1", "--only", "7.13")

@@ -6,10 +6,11 @@ import pytest
 from support import arm, assert_same_poses, random_robot
 
 from irbcal.correction import program as programs
-from irbcal.correction import rapid, table
 from irbcal.correction.filter import configuration_of, filter_module, filter_table, quadrants, seeds_of
+from irbcal.correction.languages import rapid, table
 from irbcal.errors import ProgramError
-from irbcal.modeling import frames, inverse
+from irbcal.modeling import frames
+from irbcal.modeling.inverse import closed_form
 
 FAR = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 TOOL = frames.from_xyz_angles([0.01, 0.02, 0.15, 0.0, 0.3, 0.1])
@@ -29,7 +30,7 @@ def frame_text(T):
 def well_inside(nominal, n):
     """Random joints away from limits and from all singularities."""
     q = 0.6 * nominal.random_joints(20 * n, 4)
-    branches = inverse.closed_form(nominal, nominal.forward(q))
+    branches = closed_form.branches(nominal, nominal.forward(q))
     near = branches.singular(wrist=0.1, shoulder=0.1, elbow=0.02)
     return q[~(near["wrist"] | near["shoulder"] | near["elbow"]).any(axis=1)][:n]
 
@@ -46,7 +47,7 @@ def module(robots):
     nominal, _ = robots
     q = well_inside(nominal, 30)
     T = frames.inverse(WOBJ) @ nominal.forward(q) @ TOOL
-    branch = inverse.configuration(nominal, q)
+    branch = closed_form.configuration(nominal, q)
     lines = [
         "MODULE M",
         f"PERS tooldata tGrip:=[TRUE,{frame_text(TOOL)},[1,[0,0,1],[1,0,0,0],0,0,0]];",

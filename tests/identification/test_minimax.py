@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
+from irbcal.calibrating import split
 from irbcal.errors import IdentificationError
-from irbcal.export import urdf
+from irbcal.files import urdf
 from irbcal.identification import fit, least_squares, minimax
 from irbcal.measurement import cleaning, table
-from irbcal.workflow import split
 
 
 class Translation:

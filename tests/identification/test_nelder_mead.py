@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
+from irbcal.calibrating import split
 from irbcal.errors import IdentificationError
-from irbcal.export import urdf
+from irbcal.files import urdf
 from irbcal.identification import fit, least_squares, minimax, nelder_mead, pnorm
 from irbcal.identification import history as history_module
 from irbcal.identification.history import History
 from irbcal.measurement import cleaning, table
-from irbcal.workflow import split
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support import TARGETS, arm, central_differences, measured, random_robot
 
-from irbcal.export import urdf
+from irbcal.files import urdf
 from irbcal.identification import residuals
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import Parameter

@@ -7,12 +7,14 @@ import pytest
 from support import arm, measured, random_robot, random_rotation
 
 from irbcal.errors import MeasurementError
+from irbcal.measurement.points import distances
+from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.modeling import frames
 from irbcal.validation import accuracy
 
 
 def test_statistics_by_hand():
-    found = accuracy.statistics(np.array([1.0, 2.0, 6.0]) * 1e-3)
+    found = statistics(np.array([1.0, 2.0, 6.0]) * 1e-3)
     assert found["n"] == 3
     assert found["mean_mm"] == pytest.approx(3.0)
     assert found["sigma_mm"] == pytest.approx(np.sqrt((4 + 1 + 9) / 2))
@@ -22,12 +24,12 @@ def test_statistics_by_hand():
 
 
 def test_no_points_have_no_statistics():
-    assert accuracy.statistics([]) is None
-    assert accuracy.statistics([2e-3])["sigma_mm"] == 0.0
+    assert statistics([]) is None
+    assert statistics([2e-3])["sigma_mm"] == 0.0
 
 
 def test_statistics_by_label():
-    found = accuracy.statistics_by(np.array([1e-3, 3e-3, 5e-3]), ["b", "a", "b"])
+    found = statistics_by(np.array([1e-3, 3e-3, 5e-3]), ["b", "a", "b"])
     assert list(found) == ["a", "b"]
     assert found["b"]["mean_mm"] == pytest.approx(3.0)
 
@@ -37,7 +39,7 @@ def test_distances_are_those_of_shifted_points():
     robot = random_robot(nominal, "34", np.random.default_rng(0))
     points = measured(robot, nominal.random_joints(10, 0))
     points.xyz[4] += [3e-3, 0, 4e-3]
-    distance = accuracy.distances(robot, points)
+    distance = distances(robot, points)
     assert distance[4] == pytest.approx(5e-3, abs=1e-12)
     assert np.delete(distance, 4).max() < 1e-13
 
@@ -69,7 +71,7 @@ def test_tip_errors_are_those_of_moved_tips():
     found = accuracy.tip_errors(robot, moved)
     assert np.abs(found.position - 1e-3).max() < 1e-12
     assert np.abs(found.rotation - angle).max() < 1e-10
-    assert np.abs(accuracy.distances(robot, moved) - 1e-3).max() > 1e-4, "the targets themselves feel the lever"
+    assert np.abs(distances(robot, moved) - 1e-3).max() > 1e-4, "the targets themselves feel the lever"
 
 
 def test_tip_errors_of_measured_frames_equal_those_of_points():
@@ -150,6 +152,6 @@ def test_flange_poses_of_a_real_robot_are_those_of_scipy(shared_data):
         R = Rotation.align_vectors(places - places.mean(axis=0), on_tool - on_tool.mean(axis=0))[0].as_matrix()
         assert np.abs(found.T_world_tip[k, :3, :3] - R).max() < 1e-8
         assert np.abs(found.T_world_tip[k, :3, 3] - (places.mean(axis=0) - R @ on_tool.mean(axis=0))).max() < 1e-9
-    flange, at_points = accuracy.statistics(found.position), accuracy.statistics(accuracy.distances(robot, points))
+    flange, at_points = statistics(found.position), statistics(distances(robot, points))
     assert 0.35 < flange["mean_mm"] < at_points["mean_mm"] < 0.45
-    assert 0.05 < accuracy.rotation_statistics(found.rotation)["mean_deg"] < 0.1
+    assert 0.05 < rotation_statistics(found.rotation)["mean_deg"] < 0.1

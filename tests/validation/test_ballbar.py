@@ -6,7 +6,7 @@ from support import arm, random_robot
 
 from irbcal.correction.path import Circle, subdivide
 from irbcal.errors import MeasurementError, RobotError
-from irbcal.modeling import inverse
+from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
 from irbcal.validation import ballbar
 
@@ -24,7 +24,7 @@ def thesis_circle(nominal, radius, height, tilt):
     T = nominal.forward(CENTER_JOINTS[None])[0]
     T[0, 3] += 0.065
     T[2, 3] = height
-    q, _ = inverse.nearest(nominal, inverse.closed_form(nominal, T[None]), CENTER_JOINTS)
+    q, _ = closed_form.nearest(nominal, closed_form.branches(nominal, T[None]), CENTER_JOINTS)
     return ballbar.circle(nominal, q[0], radius, None, [0, 0, -1], [0, -1, 0], tilt=np.radians(tilt)), q[0]
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from irbcal.measurement.statistics import statistics
 from irbcal.validation import bootstrap
-from irbcal.validation.accuracy import percentiles, statistics
+from irbcal.validation.accuracy import percentiles
 
 
 def errors_by_pose(rng, poses=30, spread=0.3):

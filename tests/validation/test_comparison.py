@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
-from irbcal.correction.fake import correct_joints
+from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import MeasurementError
 from irbcal.validation import comparison
 

@@ -1,0 +1,67 @@
+"""Arrays: names of their types, and the lock of the frozen dataclasses that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, NoReturn, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+NameArray: TypeAlias = NDArray[np.object_]
+"""Names (str) in an array of objects."""
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class LockedDict(dict[K, V]):
+    """A dict that cannot be changed; it is pickled and written as JSON like any other."""
+
+    def _refuse(self, *_: Any, **__: Any) -> NoReturn:
+        raise TypeError("this dict belongs to a result that cannot be changed: make a new one with dataclasses.replace")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[type, tuple[dict[K, V]]]:
+        return LockedDict, (dict(self),)
+
+
+def locked(value: Any) -> Any:
+    """The value with all arrays in it copied and read-only: arrays, dicts (made `LockedDict`), lists (made tuples).
+
+    An array that nobody can write to any more is taken as it is.
+    """
+    if isinstance(value, np.ndarray):
+        if _is_locked(value):
+            return value
+        value = value.copy()
+        value.setflags(write=False)
+        return value
+    if isinstance(value, LockedDict):
+        return value
+    if isinstance(value, Mapping):
+        return LockedDict({key: locked(item) for key, item in value.items()})
+    if isinstance(value, list):
+        return tuple(locked(item) for item in value)
+    return value
+
+
+def _is_locked(array: NDArray[Any]) -> bool:
+    owner: Any = array
+    while isinstance(owner, np.ndarray):
+        if owner.flags.writeable:
+            return False
+        owner = owner.base
+    return owner is None
+
+
+def lock(instance: Any) -> None:
+    """Lock all fields of a frozen dataclass: to be called at the end of its ``__post_init__``."""
+    for field in fields(instance):
+        object.__setattr__(instance, field.name, locked(getattr(instance, field.name)))

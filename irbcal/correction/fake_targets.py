@@ -1,0 +1,165 @@
+"""Fake targets: commands with which a robot that errs reaches the pose that was meant (Nubiola 2011, section 6.2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from irbcal.errors import RobotError
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
+from irbcal.modeling.robot import Robot
+from irbcal.units import DEG
+
+_WORDS = {
+    calibrated_arm.Reason.NOT_FOUND: "no small correction reaches it: it lies next to a singularity or just beyond the "
+    "calibrated arm's reach"
+}
+
+LARGEST_CHANGE = 10 * DEG
+"""Largest turn of a joint that counts as a correction, radians; more is needed next to a singularity only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """Fake targets for a batch of n wanted poses.
+
+    Attributes
+    ----------
+    T_wanted : ndarray, shape (n, 4, 4)
+        Tip poses that the robot shall reach, in the base link.
+    q_nominal : ndarray, shape (n, 6)
+        Joints with which the nominal robot would reach them, radians; NaN where it does not.
+    q : ndarray, shape (n, 6)
+        Joints to command instead; NaN where no correction was found.
+    T_fake : ndarray, shape (n, 4, 4)
+        Pose that the nominal controller takes those joints for.
+    ok : ndarray of bool, shape (n,)
+        Whether the target is corrected: reached to the tolerance, within the joint limits, in the same branch, with
+        no joint turned by more than `LARGEST_CHANGE`.
+    reason : ndarray of str, shape (n,)
+        Why not, in words; empty where it is.
+    residual : ndarray, shape (n,)
+        Distance that the calibrated model still misses by, metres.
+    """
+
+    T_wanted: np.ndarray
+    q_nominal: np.ndarray
+    q: np.ndarray
+    T_fake: np.ndarray
+    ok: np.ndarray
+    reason: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def shift(self):
+        """Distance from wanted to fake pose, shape (n,), metres; NaN where not corrected."""
+        return np.linalg.norm(self.T_fake[:, :3, 3] - self.T_wanted[:, :3, 3], axis=1)
+
+    @property
+    def turn(self):
+        """Angle from wanted to fake pose, shape (n,), radians; NaN where not corrected."""
+        return frames.rotation_distance(self.T_fake[:, :3, :3], self.T_wanted[:, :3, :3])
+
+
+def correct_joints(robot: Robot, nominal: Arm, q):
+    """Fake targets for joint targets: the nominal pose of ``q`` is what is wanted.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated.
+    nominal : Arm
+        What the controller computes with.
+    q : ndarray, shape (n, joints)
+        Radians (metres for prismatic joints).
+
+    Returns
+    -------
+    Corrected
+
+    Raises
+    ------
+    RobotError
+        If the arm has fewer than six joints.
+    """
+    q = nominal.check_joints(q)
+    if q.shape[1] < 6:
+        raise RobotError(
+            f"{nominal.name} has {q.shape[1]} joints: with fewer than six there are no fake targets, because position "
+            "and orientation cannot both be corrected"
+        )
+    return _correct(robot, nominal, nominal.forward(q), q)
+
+
+def correct_poses(robot: Robot, nominal: Arm, T_base_tip, seed=None, configuration=None):
+    """Fake targets for poses of the tip in the base link.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated.
+    nominal : Arm
+        What the controller computes with.
+    T_base_tip : ndarray, shape (n, 4, 4)
+    seed : ndarray, shape (n, 6), optional
+        Joints whose branch and turns are meant, radians.
+    configuration : ndarray of int, shape (n,), optional
+        Branch that is meant (see `irbcal.modeling.inverse.closed_form`); without it and ``seed`` the one nearest to
+        zero joints.
+
+    Returns
+    -------
+    Corrected
+
+    Raises
+    ------
+    RobotError
+        If the arm has no closed-form inverse, and so no branches to tell the meant joints by.
+    """
+    if not closed_form.has_closed_form(nominal):
+        raise RobotError(
+            f"{nominal.name} has no closed-form inverse, so a pose does not tell which joints are meant: correct a "
+            "program of joints"
+        )
+    branches = closed_form.branches(nominal, T_base_tip)
+    near = np.zeros(6) if seed is None else seed
+    if configuration is None:
+        q, _ = closed_form.nearest(nominal, branches, near)
+    else:
+        q, inside = closed_form.with_configuration(nominal, branches, configuration, near)
+        q = np.where(inside[:, None], q, np.nan)
+    return _correct(robot, nominal, np.asarray(T_base_tip, dtype=float), q)
+
+
+def _correct(robot, nominal, T_wanted, q_nominal):
+    known = np.isfinite(q_nominal).all(axis=1)
+    n = len(q_nominal)
+    q = np.full(q_nominal.shape, np.nan)
+    residual = np.full(n, np.nan)
+    reason = np.full(n, "", dtype=object)
+    reason[~known] = "the nominal robot does not reach it within its joint limits in this configuration"
+    if known.any():
+        rows = np.flatnonzero(known)
+        solve = calibrated_arm.solve if closed_form.has_closed_form(nominal) else any_arm.solve
+        found = solve(robot, nominal, T_wanted[rows], seed=q_nominal[rows], thorough=False)
+        change = np.abs(found.joints - q_nominal[rows])
+        near = change.max(axis=1) <= LARGEST_CHANGE
+        good = found.converged & found.inside & found.branch_kept & near
+        q[rows[good]] = found.joints[good]
+        residual[rows] = found.position_residual
+        for k in np.flatnonzero(found.converged & ~near):
+            joint = int(np.argmax(change[k]))
+            reason[rows[k]] = (
+                f"it would turn joint {joint + 1} by {change[k, joint] / DEG:.0f} degrees: next to a singularity"
+            )
+        reason[rows[found.converged & ~found.branch_kept]] = "it would need another configuration of the arm"
+        reason[rows[found.converged & ~found.inside]] = "its correction is outside the joint limits"
+        for code in calibrated_arm.Reason:
+            if code != calibrated_arm.Reason.CONVERGED:
+                reason[rows[~found.converged & (found.reason == code)]] = _WORDS.get(code, code.words)
+    ok = np.isfinite(q).all(axis=1)
+    T_fake = np.full((n, 4, 4), np.nan)
+    if ok.any():
+        T_fake[ok] = nominal.forward(q[ok])
+    return Corrected(T_wanted, q_nominal, q, T_fake, ok, reason, residual)

@@ -1,1 +1,0 @@
-"""What others read: URDF, the calibration folder, Pinocchio, the report."""

@@ -1,0 +1,1 @@
+"""Files: how a robot and a calibration are read and written."""

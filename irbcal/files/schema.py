@@ -1,0 +1,476 @@
+"""What stands in ``calibration.json``: a checked schema, and the robots that it describes."""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
+from pydantic_core import PydanticUndefined
+
+from irbcal.measurement.points import PointSet
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.dhm import DHMTable
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.robot import Robot
+from irbcal.units import DEG, MM
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Statistics(_Model):
+    """Statistics of distances between measured and predicted points, mm."""
+
+    n: int
+    mean_mm: float
+    sigma_mm: float
+    max_mm: float
+    mean_plus_3sigma_mm: float
+    rms_mm: float
+
+
+class Row(_Model):
+    """One row of a DHM table; ``beta`` is Hayati's tilt about y, ``b`` a shift along y."""
+
+    alpha_deg: float
+    a_mm: float
+    theta_deg: float
+    d_mm: float
+    beta_deg: float
+    b_mm: float
+
+
+class Pose(_Model):
+    """A frame: position and unit quaternion, scalar first."""
+
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    qw: float
+    qx: float
+    qy: float
+    qz: float
+
+
+class RobotSection(_Model):
+    """The arm: names, limits (null where there is none) and the constant frames around the DHM chain.
+
+    Joint types are ``revolute`` and ``prismatic``; limits are in degrees and mm.
+    """
+
+    name: str
+    urdf: str
+    urdf_sha256: str
+    base_link: str
+    tip_link: str
+    joint_names: list[str]
+    joint_types: list[Literal["revolute", "prismatic"]]
+    lower: list[float | None]
+    upper: list[float | None]
+    base_to_frame0: list[list[float]]
+    last_frame_to_tip: list[list[float]]
+    dhm_nominal: list[Row]
+    dhm_calibrated: list[Row]
+
+
+class Origin(_Model):
+    """A joint frame in its parent link, as URDF has it: metres, and radians about fixed axes."""
+
+    xyz_m: list[float]
+    rpy_rad: list[float]
+
+    @staticmethod
+    def of(T):
+        """From a transform, shape (4, 4)."""
+        return Origin(xyz_m=(T[:3, 3] + 0.0).tolist(), rpy_rad=(frames.rpy_from_matrix(T[:3, :3]) + 0.0).tolist())
+
+    def transform(self):
+        """As a transform, shape (4, 4)."""
+        return frames.transform(frames.matrix_from_rpy(np.array(self.rpy_rad)), self.xyz_m)
+
+
+class JointOrigin(_Model):
+    """Nominal and calibrated origin of one joint of the chain; ``link`` is its child link."""
+
+    joint: str
+    link: str
+    nominal: Origin
+    calibrated: Origin
+
+
+class Parameter(_Model):
+    """One identified, tied or held parameter; ``low`` to ``high`` is its 95 % interval."""
+
+    name: str
+    value: float
+    unit: str
+    std: float | None
+    low: float | None
+    high: float | None
+    state: Literal["identified", "tied", "held"]
+    reason: str
+
+
+class TestVector(_Model):
+    """Commanded joints and the effective joints they give, radians (metres for prismatic joints)."""
+
+    commanded: list[float]
+    effective: list[float]
+
+
+class JointMapSection(_Model):
+    """The joint map, complete enough to be implemented elsewhere."""
+
+    formula: Literal["irbcal-joint-map-1"]
+    equations: list[str]
+    gain: list[float]
+    stiffness_A_rad: float
+    stiffness_B_rad: float
+    phi2_rad: float
+    phi3_rad: float
+    fourier_a1_rad: float
+    fourier_b1_rad: float
+    fourier_a2_rad: float
+    fourier_b2_rad: float
+    test_vectors: list[TestVector]
+
+
+class Placement(_Model):
+    """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
+
+    base: Pose
+    targets: dict[str, list[float]]
+    target_quaternions: dict[str, list[float]]
+
+
+class RotationStatistics(_Model):
+    """Statistics of the angles between measured and predicted target frames, degrees."""
+
+    n: int
+    mean_deg: float
+    sigma_deg: float
+    max_deg: float
+
+
+class Errors(_Model):
+    """Statistics of one set of poses, all points, by target and by group; of orientations where measured."""
+
+    all: Statistics
+    orientation: RotationStatistics | None
+    per_target: dict[str, Statistics]
+    per_group: dict[str, Statistics]
+
+
+class PointTable(_Model):
+    """Every used point, column by column: what the report's figures are drawn from.
+
+    ``row`` counts the poses of `PoseTable`; places are in the measuring frame; uncertainties and orientations (unit
+    quaternion, scalar first) are null where a point has none, and the columns are empty where no point has.
+    """
+
+    pose: list[str]
+    group: list[str]
+    target: list[str]
+    heldout: list[bool]
+    nominal_mm: list[float]
+    calibrated_mm: list[float]
+    row: list[int] = []
+    x_mm: list[float] = []
+    y_mm: list[float] = []
+    z_mm: list[float] = []
+    u95_mm: list[float | None] = []
+    qw: list[float | None] = []
+    qx: list[float | None] = []
+    qy: list[float | None] = []
+    qz: list[float | None] = []
+
+    @model_validator(mode="after")
+    def _of_one_length(self):
+        n = len(self.pose)
+        for name, column in self:
+            added_later = type(self).model_fields[name].default is not PydanticUndefined
+            if len(column) != n and not (added_later and not column):
+                raise ValueError(f"column {name} has {len(column)} values for {n} points")
+        return self
+
+
+class PoseTable(_Model):
+    """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
+
+    ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
+    where that is not known.
+    """
+
+    pose: list[str]
+    group: list[str]
+    heldout: list[bool]
+    joints: list[list[float]]
+    came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
+
+    @model_validator(mode="after")
+    def _of_one_length(self):
+        n = len(self.pose)
+        columns = [self.group, self.heldout, *self.joints, *self.came_from]
+        if any(len(column) != n for column in columns) or len(self.joints) != len(self.came_from):
+            raise ValueError(f"every column must have {n} values, one for each pose")
+        return self
+
+
+class Exclusion(_Model):
+    """A point that was left out, with the reason."""
+
+    pose: str
+    target: str
+    reason: str
+
+
+class Objective(_Model):
+    """What was minimised and what was reached."""
+
+    name: Literal["rms", "max", "pnorm"]
+    value_mm: float
+    lower_bound_mm: float | None
+
+
+class Correlation(_Model):
+    """Two parameters that the data can hardly tell apart."""
+
+    first: str
+    second: str
+    coefficient: float
+
+
+class Observability(_Model):
+    """What the poses can show of the error parameters, base and targets eliminated.
+
+    Singular values (mm) are those of the Jacobian scaled by plausible sizes; ``indices`` are O1 to O5 and the condition
+    number over the seen directions.
+    """
+
+    singular_values_mm: list[float]
+    seen: int
+    indices: dict[str, float]
+    correlations: list[Correlation]
+
+
+class Candidate(_Model):
+    """A level in the comparison by cross-validation."""
+
+    level: str
+    mean_mm: float | None
+    gain_mm: float | None
+    gain_std_mm: float | None
+    chosen: bool
+    refused: str
+
+
+class Choice(_Model):
+    """How the level was chosen."""
+
+    level: str
+    table: list[Candidate]
+    explanation: str
+
+
+class DataFile(_Model):
+    """A data file and its fingerprint."""
+
+    file: str
+    sha256: str
+
+
+class Check(_Model):
+    """Largest disagreement with Pinocchio on the written URDF."""
+
+    position_m: float
+    rotation_rad: float
+    poses: int
+
+
+class Record(_Model):
+    """Content of ``calibration.json``.
+
+    ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map and the data files.
+    ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
+    (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians.
+    """
+
+    schema_name: Literal["irbcal-calibration-1"]
+    created: str
+    simulated: bool
+    fingerprint: str
+    calibrated_urdf_sha256: str
+    robot: RobotSection
+    joint_origins: list[JointOrigin]
+    model: str
+    method: str
+    objective: Objective
+    choice: Choice | None
+    rank: int
+    parameter_count: int
+    parameters: list[Parameter]
+    covariance: list[list[float]]
+    held: list[str]
+    observability: Observability
+    history: dict[str, list[float]]
+    joint_map: JointMapSection
+    placement: Placement
+    placement_nominal: Placement
+    references_mm: dict[str, list[float]]
+    tool_shape_mm: dict[str, list[float]]
+    fit: Errors
+    fit_nominal: Errors
+    heldout: Errors | None
+    heldout_nominal: Errors | None
+    heldout_least_squares: Errors | None
+    poses_fit: int
+    poses_heldout: int
+    poses_excluded: int
+    points: PointTable
+    poses: PoseTable | None = None
+    excluded: list[Exclusion]
+    notes: list[str]
+    data: list[DataFile]
+    pinocchio_check: Check
+    largest_link_shift_mm: float
+    software: dict[str, str]
+    seconds: float
+
+    @model_validator(mode="after")
+    def _points_of_known_poses(self):
+        p, rows = self.poses, self.points.row
+        if p is not None and any(
+            not 0 <= row < len(p.pose) or p.heldout[row] != heldout
+            for row, heldout in zip(rows, self.points.heldout, strict=False)
+        ):
+            raise ValueError("a point belongs to a pose that is not among the poses")
+        if p is not None and len(p.joints) != len(self.robot.joint_names):
+            raise ValueError(f"poses have {len(p.joints)} joints, the robot has {len(self.robot.joint_names)}")
+        return self
+
+    def arm(self, calibrated=True):
+        """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
+        section = self.robot
+        slides = [kind == "prismatic" for kind in section.joint_types]
+        limits = [
+            [
+                np.inf * sign if value is None else value * (MM if sliding else DEG)
+                for value, sliding in zip(values, slides, strict=True)
+            ]
+            for sign, values in ((-1, section.lower), (1, section.upper))
+        ]
+        return Arm(
+            section.name,
+            _table(section.dhm_calibrated if calibrated else section.dhm_nominal, slides),
+            np.array(section.base_to_frame0),
+            np.array(section.last_frame_to_tip),
+            tuple(section.joint_names),
+            *limits,
+            section.base_link,
+            section.tip_link,
+        )
+
+    def robot_calibrated(self):
+        """The calibrated robot: predicts points and poses from commanded joints."""
+        j = self.joint_map
+        joint_map = JointMap(
+            j.gain,
+            [j.stiffness_A_rad, j.stiffness_B_rad],
+            [j.phi2_rad, j.phi3_rad],
+            [j.fourier_a1_rad, j.fourier_b1_rad, j.fourier_a2_rad, j.fourier_b2_rad],
+        )
+        return Robot(self.arm(), joint_map, *_placed(self.placement))
+
+    def robot_nominal(self):
+        """The nominal robot with base and tool identified from the same poses."""
+        return Robot(self.arm(calibrated=False), JointMap(), *_placed(self.placement_nominal))
+
+    def used_points(self, heldout):
+        """The used points, fitted or held out, and the directions from which their joints were reached.
+
+        Parameters
+        ----------
+        heldout : bool
+
+        Returns
+        -------
+        points : PointSet
+        came_from : ndarray, shape (n, joints)
+            1: from below, -1: from above, 0: not known.
+
+        ``None`` in place of both for calibrations that were saved without measured places.
+        """
+        t, p = self.points, self.poses
+        if p is None or not t.x_mm:
+            return None
+        poses = np.array(p.heldout, dtype=bool) == heldout
+        mine = np.array(t.heldout, dtype=bool) == heldout
+        slides = [kind == "prismatic" for kind in self.robot.joint_types]
+        units = np.where(slides, MM, DEG)
+        names = sorted(set(np.array(t.target, dtype=object)[mine]))
+        u95 = np.array(t.u95_mm, dtype=float)[mine] * MM if t.u95_mm else None
+        points = PointSet(
+            np.array(p.joints, dtype=float).T[poses] * units,
+            (np.cumsum(poses) - 1)[np.array(t.row, dtype=int)[mine]],
+            np.array([names.index(t.target[k]) for k in np.flatnonzero(mine)], dtype=int),
+            np.column_stack([t.x_mm, t.y_mm, t.z_mm])[mine] * MM,
+            tuple(names),
+            np.array(p.pose, dtype=object)[poses],
+            np.array(p.group, dtype=object)[poses],
+            _rotations(np.column_stack([t.qx, t.qy, t.qz, t.qw])[mine]) if t.qw else None,
+            u95,
+        )
+        came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
+        return points, came_from.T[poses]
+
+    def tool_shape(self):
+        """Places of the reflectors that make up the tool's pose, dict of arrays (3,), metres; empty if none do."""
+        return {name: np.array(place) * MM for name, place in self.tool_shape_mm.items()}
+
+    def reference_places(self):
+        """Places of the reference points in the measuring frame, dict of arrays (3,), metres."""
+        return {name: np.array(place) * MM for name, place in self.references_mm.items()}
+
+
+def _table(rows, prismatic):
+    return DHMTable(
+        *(
+            [getattr(row, name) * unit for row in rows]
+            for name, unit in (
+                ("alpha_deg", DEG),
+                ("a_mm", MM),
+                ("theta_deg", DEG),
+                ("d_mm", MM),
+                ("beta_deg", DEG),
+                ("b_mm", MM),
+            )
+        ),
+        prismatic,
+    )
+
+
+def _rotations(quaternions):
+    """Matrices (m, 3, 3) of quaternions (m, 4), scalar last; NaN where there is none."""
+    from scipy.spatial.transform import Rotation
+
+    quaternions = quaternions.astype(float)
+    have = np.isfinite(quaternions).all(axis=1)
+    out = np.full((len(quaternions), 3, 3), np.nan)
+    if have.any():
+        out[have] = Rotation.from_quat(quaternions[have]).as_matrix()
+    return out
+
+
+def _placed(placement):
+    from scipy.spatial.transform import Rotation
+
+    b = placement.base
+    T = frames.transform(
+        Rotation.from_quat([b.qx, b.qy, b.qz, b.qw]).as_matrix(), np.array([b.x_mm, b.y_mm, b.z_mm]) * MM
+    )
+    rotations = {
+        name: Rotation.from_quat([x, y, z, w]).as_matrix()
+        for name, (w, x, y, z) in placement.target_quaternions.items()
+    }
+    return T, {name: np.array(xyz) * MM for name, xyz in placement.targets.items()}, rotations

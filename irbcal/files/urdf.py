@@ -1,0 +1,490 @@
+"""URDF to DHM and back.
+
+Reading takes any serial arm of revolute and prismatic joints between a base and a tip link to a DHM table plus the
+constant place of each link frame in its DHM frame. Writing patches the joint origins in the original XML
+tree: with ``F_i`` the link frame in DHM frame i and ``S_i`` the corrected DHM step at zero joints, the
+corrected origin of joint i is ``F_{i-1}^-1 S_i F_i``, so that axes, visuals, collisions and inertials keep
+their place in their links. Everything else in the file stays as it was.
+
+A URDF is untrusted input: document types and entities are refused before parsing, nothing is fetched.
+"""
+
+import copy
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from irbcal.errors import RobotError
+from irbcal.files import robots
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.extraction import dhm_from_axes
+
+MAX_BYTES = 20_000_000
+LARGEST_ARM = 50.0
+"""Metres; no arm is larger."""
+MOST_JOINTS = 20
+"""Joints of a chain; more is no arm."""
+FINGERPRINT_TAG = "irbcal_calibration"
+TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfArm:
+    """A parsed URDF and the arm found in it.
+
+    Attributes
+    ----------
+    arm : Arm
+    tree : lxml ElementTree
+        The original document; never changed, writing works on a copy.
+    joint_elements : tuple of int
+        Position of the chain's moving joints among the document's ``joint`` elements.
+    T_dhm_link : ndarray, shape (joints + 1, 4, 4)
+        Link frame in its DHM frame: base link in frame 0, then the child link of each moving joint.
+    T_link_parent : ndarray, shape (joints, 4, 4)
+        Parent link of each moving joint in the link frame before it (fixed joints in between).
+    child_links : tuple of str
+        Child link of each moving joint.
+    root_link : str
+    T_root_base : ndarray, shape (4, 4)
+    """
+
+    arm: Arm
+    tree: object
+    joint_elements: tuple
+    T_dhm_link: np.ndarray
+    T_link_parent: np.ndarray
+    child_links: tuple
+    root_link: str
+    T_root_base: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Joint:
+    name: str
+    kind: str
+    parent: str
+    child: str
+    T_parent_joint: np.ndarray
+    axis: np.ndarray
+    lower: float
+    upper: float
+    mimic: bool
+    position: int
+
+
+def read(path, base=None, tip=None):
+    """Read a robot from a URDF file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, or the name of a shipped robot (``irb1600``, ``irb120``).
+    base, tip : str, optional
+        Link names; by default ``base_link`` (or the root) and ``tool0``, ``flange``, ``ee_link`` or the last link.
+
+    Returns
+    -------
+    UrdfArm
+
+    Raises
+    ------
+    RobotError
+        If the file cannot be read safely or does not hold a serial arm.
+    """
+    path = robots.robot_file(path)
+    return from_bytes(path.read_bytes(), str(path), base, tip)
+
+
+def from_bytes(data, source, base=None, tip=None):
+    """As `read`, from the file's content; ``source`` names it in errors."""
+    tree = _parse(data, source)
+    root = tree.getroot()
+    joints = _joints(root, source)
+    links = [link.get("name") for link in root.findall("link")]
+    root_link = _check_structure(links, joints, source)
+    by_child = {joint.child: joint for joint in joints}
+    if base is None:
+        base = "base_link" if "base_link" in links else root_link
+    tip = _choose_tip(tip, links, by_child, source)
+    for name in (base, tip):
+        if name not in links:
+            raise RobotError(f"{source}: there is no link {name!r}; links are {', '.join(links)}")
+    path = _path(base, tip, by_child, source)
+    moving = _moving(path, base, tip, source)
+    return _build(root.get("name") or Path(source).stem, tree, path, moving, base, tip, root_link, by_child, source)
+
+
+def _parse(data, source):
+    from lxml import etree
+
+    if not data.strip():
+        raise RobotError(f"{source}: the file is empty, expected a URDF")
+    if len(data) > MAX_BYTES:
+        raise RobotError(f"{source}: {len(data)} bytes is too large for a URDF (at most {MAX_BYTES})")
+    encoding = re.match(rb"\s*<\?xml[^>]*encoding\s*=\s*['\"]([\w.-]+)['\"]", data.removeprefix(b"\xef\xbb\xbf"))
+    if b"\x00" in data or (encoding and encoding[1].lower() not in (b"utf-8", b"us-ascii", b"ascii", b"iso-8859-1")):
+        raise RobotError(f"{source}: expected UTF-8 text, found another encoding")
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        line = data[: data.find(b"<!")].count(b"\n") + 1
+        raise RobotError(f"{source}: line {line}: document types and entities are refused in a URDF")
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        tree = etree.ElementTree(etree.fromstring(data, parser))
+    except etree.XMLSyntaxError as error:
+        raise RobotError(f"{source}: not well-formed XML: {' '.join(error.msg.split())}") from None
+    if tree.getroot().tag != "robot":
+        raise RobotError(f"{source}: expected a <robot> element at the top, found <{tree.getroot().tag}>")
+    return tree
+
+
+def _numbers(text, count, what, source):
+    try:
+        values = np.array([float(part) for part in text.split()])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != count or not np.isfinite(values).all():
+        raise RobotError(f"{source}: {what}: expected {count} numbers, found {text!r}")
+    return values
+
+
+def _origin(element, what, source):
+    origin = element.find("origin")
+    if origin is None:
+        return np.eye(4)
+    xyz = _numbers(origin.get("xyz", "0 0 0"), 3, f"{what}, origin xyz", source)
+    rpy = _numbers(origin.get("rpy", "0 0 0"), 3, f"{what}, origin rpy", source)
+    return frames.transform(frames.matrix_from_rpy(rpy), xyz)
+
+
+def _limits(element, kind, what, source):
+    limit = element.find("limit")
+    if kind not in ("revolute", "prismatic") or limit is None:
+        return -np.inf, np.inf
+    return tuple(_numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0] for key in ("lower", "upper"))
+
+
+def _joints(root, source):
+    joints = []
+    for position, element in enumerate(root.findall("joint")):
+        name, kind = element.get("name"), element.get("type")
+        what = f"joint {name!r}"
+        ends = [element.find(tag) for tag in ("parent", "child")]
+        if name is None or kind is None or None in ends or any(end.get("link") is None for end in ends):
+            line = element.sourceline
+            raise RobotError(f"{source}: line {line}: a joint needs a name, a type, a parent and a child link")
+        axis_element = element.find("axis")
+        axis_text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
+        axis = _numbers(axis_text, 3, f"{what}, axis", source)
+        length = np.linalg.norm(axis)
+        if kind in ("revolute", "continuous", "prismatic") and length < 1e-6:
+            raise RobotError(f"{source}: {what}: the axis has no direction: {axis_text!r}")
+        joints.append(
+            _Joint(
+                name,
+                kind,
+                ends[0].get("link"),
+                ends[1].get("link"),
+                _origin(element, what, source),
+                axis / length if length else axis,
+                *_limits(element, kind, what, source),
+                element.find("mimic") is not None,
+                position,
+            )
+        )
+    return joints
+
+
+def _check_structure(links, joints, source):
+    """One root, no cycles, every joint between known links; returns the root link."""
+    for names, what in ((links, "link"), ([joint.name for joint in joints], "joint")):
+        double = sorted({name for name in names if names.count(name) > 1}, key=str)
+        if double:
+            raise RobotError(f"{source}: {what} name {double[0]!r} is used {names.count(double[0])} times")
+    parent = {}
+    for joint in joints:
+        for end in (joint.parent, joint.child):
+            if end not in links:
+                raise RobotError(f"{source}: joint {joint.name!r} names a link {end!r} that does not exist")
+        if joint.child in parent:
+            raise RobotError(f"{source}: link {joint.child!r} has two parent joints: not a tree")
+        parent[joint.child] = joint.parent
+    roots = [link for link in links if link not in parent]
+    if len(roots) != 1:
+        found = ", ".join(roots) or "none: the joints form a cycle"
+        raise RobotError(f"{source}: expected exactly one root link, found {found}")
+    for link in links:
+        seen = {link}
+        while link in parent:
+            link = parent[link]
+            if link in seen:
+                raise RobotError(f"{source}: the joints form a cycle through link {link!r}")
+            seen.add(link)
+    return roots[0]
+
+
+def _choose_tip(tip, links, by_child, source):
+    if tip is not None:
+        return tip
+    for name in TIP_NAMES:
+        if name in links:
+            return name
+    parents = {joint.parent for joint in by_child.values()}
+    leaves = [link for link in links if link not in parents]
+
+    def depth(link):
+        count = 0
+        while link in by_child:
+            count += by_child[link].kind != "fixed"
+            link = by_child[link].parent
+        return count
+
+    deepest = max(map(depth, leaves), default=0)
+    best = [link for link in leaves if depth(link) == deepest]
+    if len(best) != 1:
+        raise RobotError(
+            f"{source}: which link is the tip? candidates are {', '.join(best)}: name one of these, or a link before "
+            "them, with --tip-link"
+        )
+    return best[0]
+
+
+def _path(base, tip, by_child, source):
+    path, link = [], tip
+    while link != base:
+        if link not in by_child:
+            raise RobotError(f"{source}: there is no chain of joints from link {base!r} to link {tip!r}")
+        path.append(by_child[link])
+        link = by_child[link].parent
+    return path[::-1]
+
+
+def _moving(path, base, tip, source):
+    moving = [joint for joint in path if joint.kind != "fixed"]
+    listed = ", ".join(f"{joint.name} ({joint.kind})" for joint in moving) or "none"
+    other = [joint for joint in moving if joint.kind not in ("revolute", "continuous", "prismatic")]
+    if not 2 <= len(moving) <= MOST_JOINTS or other:
+        raise RobotError(
+            f"{source}: expected 2 to {MOST_JOINTS} revolute or prismatic joints between {base!r} and {tip!r}, "
+            f"found {len(moving)} moving joints: {listed}"
+        )
+    for joint in moving:
+        if joint.mimic:
+            raise RobotError(f"{source}: joint {joint.name!r} mimics another joint, expected independent ones")
+    return moving
+
+
+def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
+    """DHM table and link offsets of the chain at zero joints."""
+    T = np.eye(4)
+    link_frames, parent_frames = [np.eye(4)], []
+    for joint in path:
+        if joint in moving:
+            parent_frames.append(frames.inverse(link_frames[-1]) @ T)
+        T = T @ joint.T_parent_joint
+        if joint in moving:
+            link_frames.append(T)
+    points = np.array([link[:3, 3] for link in link_frames[1:]])
+    axes = np.array([link[:3, :3] @ joint.axis for link, joint in zip(link_frames[1:], moving, strict=True)])
+    slides = [joint.kind == "prismatic" for joint in moving]
+    table, T_base_0, T_last_tip = dhm_from_axes(points, axes, T, slides)
+    arm = Arm(
+        name,
+        table,
+        T_base_0,
+        T_last_tip,
+        tuple(joint.name for joint in moving),
+        [joint.lower for joint in moving],
+        [joint.upper for joint in moving],
+        base,
+        tip,
+    )
+    T_base_dhm = [T_base_0]
+    for i in range(len(moving)):
+        T_base_dhm.append(T_base_dhm[-1] @ table.step(i))
+    T_dhm_link = np.array([frames.inverse(D) @ L for D, L in zip(T_base_dhm, link_frames, strict=True)])
+    if np.abs(T_base_dhm[-1] @ T_last_tip - T).max() > 1e-9 or np.abs(T_dhm_link[1:, :2, 3]).max() > 1e-9:
+        raise AssertionError(f"{source}: the DHM table does not give the URDF's zero pose back")
+    T_root_base, link = np.eye(4), base
+    while link in by_child:
+        T_root_base = by_child[link].T_parent_joint @ T_root_base
+        link = by_child[link].parent
+    size = np.abs([link[:3, 3] for link in link_frames]).max()
+    if size > LARGEST_ARM:
+        raise RobotError(f"{source}: the arm is {size:.0f} m large: a URDF is in metres, is this one in millimetres?")
+    positions = tuple(joint.position for joint in moving)
+    children = tuple(joint.child for joint in moving)
+    return UrdfArm(arm, tree, positions, T_dhm_link, np.array(parent_frames), children, root_link, T_root_base)
+
+
+def joint_origins(urdf, arm):
+    """Joint origins that give the moving joints of an arm's chain another DHM table.
+
+    Parameters
+    ----------
+    urdf : UrdfArm
+        As read.
+    arm : Arm
+        The corrected arm: same frames 0 and tip, another DHM table; or ``urdf.arm`` itself.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (4, 4)
+        Joint name -> joint frame in its parent link; exactly as read where the table's row is as read.
+    """
+    origins = {}
+    for i, position in enumerate(urdf.joint_elements):
+        element = urdf.tree.getroot().findall("joint")[position]
+        T_link_dhm = frames.inverse(urdf.T_link_parent[i]) @ frames.inverse(urdf.T_dhm_link[i])
+        before = T_link_dhm @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        after = T_link_dhm @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
+        name = element.get("name")
+        origins[name] = _origin(element, f"joint {name!r}", "") if np.array_equal(before, after) else after
+    return origins
+
+
+def with_joint_origins(data, origins):
+    """A URDF with other joint origins; all else as it was.
+
+    Parameters
+    ----------
+    data : bytes
+        The URDF.
+    origins : dict of str to ndarray, shape (4, 4)
+        Joint name -> joint frame in its parent link; joints not named stay as they are.
+
+    Returns
+    -------
+    bytes
+    """
+    tree = _parse(data, "URDF")
+    for element in tree.getroot().findall("joint"):
+        if element.get("name") in origins:
+            _set_origin(element, origins[element.get("name")])
+    return _serialised(tree)
+
+
+def fingerprint(data, source):
+    """Fingerprint of the calibration that wrote a URDF; None where there is none.
+
+    Raises
+    ------
+    RobotError
+        If the file is not a URDF.
+    """
+    element = _parse(data, source).getroot().find(FINGERPRINT_TAG)
+    return None if element is None else element.get("fingerprint")
+
+
+def to_bytes(urdf, arm, T_world_base=None, targets=None, mark=None):
+    """The URDF with corrected joint origins.
+
+    Parameters
+    ----------
+    urdf : UrdfArm
+        As read.
+    arm : Arm
+        The corrected arm: same frames 0 and tip, another DHM table.
+    T_world_base : ndarray, shape (4, 4), optional
+        Adds a link ``world`` (the measuring frame) and a fixed joint to the root.
+    targets : dict of str to ndarray, shape (3,), optional
+        Adds a link ``target_NAME`` for each reflector, fixed to the tip; metres.
+    mark : str, optional
+        Fingerprint of the calibration, written into an element that readers of URDF pass over.
+
+    Returns
+    -------
+    bytes
+    """
+    from lxml import etree
+
+    tree = copy.deepcopy(urdf.tree)
+    root = tree.getroot()
+    elements = root.findall("joint")
+    nominal, corrected = joint_origins(urdf, urdf.arm), joint_origins(urdf, arm)
+    for position in urdf.joint_elements:
+        name = elements[position].get("name")
+        if not np.array_equal(nominal[name], corrected[name]):
+            _set_origin(elements[position], corrected[name])
+    names = {element.get("name") for element in root.iter("link", "joint")}
+    if T_world_base is not None:
+        world = next(name for name in ("world", "measuring_frame", "irbcal_world") if name not in names)
+        T_world_root = T_world_base @ frames.inverse(urdf.T_root_base)
+        _add_fixed(root, world, urdf.root_link, world, T_world_root)
+    for name, xyz in (targets or {}).items():
+        link = f"target_{name}"
+        _add_fixed(root, urdf.arm.tip_link, link, link, frames.transform(None, xyz))
+    if mark is not None:
+        for old in root.findall(FINGERPRINT_TAG):
+            root.remove(old)
+        element = etree.SubElement(root, FINGERPRINT_TAG, fingerprint=mark)
+        if element.getprevious() is not None:
+            element.getprevious().tail = "\n  "
+        element.tail = "\n"
+    return _serialised(tree)
+
+
+def _serialised(tree):
+    from lxml import etree
+
+    root = tree.getroot()
+    # lxml drops the line ends between the comments before and after the root element: write them one a line
+    around = [*reversed(list(root.itersiblings(preceding=True))), root, *root.itersiblings()]
+    parts = [b'<?xml version="1.0" encoding="utf-8"?>']
+    parts += [etree.tostring(node, encoding="utf-8", with_tail=False) for node in around]
+    return b"\n".join(parts) + b"\n"
+
+
+def largest_link_shift(urdf, arm):
+    """How far corrected joint origins move any link frame at zero joints, metres.
+
+    Parameters
+    ----------
+    urdf : UrdfArm
+        As read.
+    arm : Arm
+        The corrected arm.
+
+    Returns
+    -------
+    float
+    """
+    before = after = urdf.arm.T_base_0
+    largest = 0.0
+    for i, T_dhm_link in enumerate(urdf.T_dhm_link[1:]):
+        before, after = before @ urdf.arm.table.step(i), after @ arm.table.step(i)
+        largest = max(largest, np.linalg.norm((before @ T_dhm_link)[:3, 3] - (after @ T_dhm_link)[:3, 3]))
+    return float(largest)
+
+
+def _text(values):
+    # adding zero turns -0 into 0
+    return " ".join(format(float(value) + 0.0, ".17g") for value in values)
+
+
+def _set_origin(joint, T):
+    from lxml import etree
+
+    origin = joint.find("origin")
+    if origin is None:
+        origin = etree.Element("origin")
+        origin.tail = joint.text
+        joint.insert(0, origin)
+    origin.set("xyz", _text(T[:3, 3]))
+    origin.set("rpy", _text(frames.rpy_from_matrix(T[:3, :3])))
+
+
+def _add_fixed(root, parent, child, new_link, T):
+    from lxml import etree
+
+    link = etree.SubElement(root, "link", name=new_link)
+    joint = etree.SubElement(root, "joint", name=f"{parent}-{child}", type="fixed")
+    etree.SubElement(joint, "parent", link=parent)
+    etree.SubElement(joint, "child", link=child)
+    _set_origin(joint, T)
+    etree.indent(joint, level=1)
+    link.getprevious().tail = link.tail = "\n  "
+    joint.tail = "\n"

@@ -1,0 +1,1 @@
+"""Inverse kinematics: how does the robot get there."""

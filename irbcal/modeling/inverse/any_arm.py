@@ -1,0 +1,143 @@
+"""Inverse kinematics by damped Newton steps alone, for arms without a closed form: any serial arm, batches.
+
+From the seed first; poses that this does not solve are tried again from random joints, and of the solutions within
+the limits the one nearest to the seed is taken. Arms with more joints than a pose needs stay near the start.
+"""
+
+import numpy as np
+
+from irbcal.errors import RobotError
+from irbcal.modeling.inverse import closed_form, newton
+from irbcal.modeling.inverse.calibrated_arm import InverseResult, Method, Reason
+from irbcal.modeling.inverse.orthoparallel import check_poses, is_rotation
+
+STARTS = 40
+"""Random starts for each pose that the seed does not solve."""
+
+MANY = 16_384
+"""Starts that are worked on at a time."""
+
+
+def solve(robot, nominal, T_base_tip, seed=None, position=1e-10, rotation=1e-10, thorough=True):
+    """Commanded joints that bring the tip to given poses.
+
+    Parameters
+    ----------
+    robot : Robot
+        Nominal or calibrated.
+    nominal : Arm
+        Whose limits hold.
+    T_base_tip : array_like, shape (n, 4, 4)
+        Tip link in the base link.
+    seed : array_like, shape (n, joints) or (joints,), optional
+        Joints to start from and to stay near, radians (metres for prismatic joints); those nearest to zero that lie
+        within the limits unless given.
+    position, rotation : float
+        Tolerances, metres and radians.
+    thorough : bool
+        Try random starts where the seed does not do.
+
+    Returns
+    -------
+    InverseResult
+        Without branches: ``configuration`` is -1, ``branch_kept`` is ``converged``.
+
+    Raises
+    ------
+    RobotError
+        If shapes do not fit.
+    """
+    T = check_poses(T_base_tip)
+    n, joints = len(T), len(nominal.joint_names)
+    seed = nominal.check_joints(np.clip(np.zeros(joints), nominal.lower, nominal.upper) if seed is None else seed)
+    if len(seed) not in (1, n):
+        raise RobotError(f"seed joints need shape ({joints},) or ({n}, {joints}), found {seed.shape}")
+    seed = np.broadcast_to(seed, (n, joints))
+    H = newton.columns(T)
+    usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0)
+    good_seed = np.isfinite(seed).all(axis=1)
+    chain = newton.CalibratedChain(robot, _reach(nominal))
+    search = _Search(chain, nominal, H, seed, position, rotation)
+    todo = np.flatnonzero(usable & good_seed)
+    with np.errstate(invalid="ignore", over="ignore"):
+        search.run(todo, seed[todo][None])
+        if thorough:
+            left = todo[~search.solved[todo]]
+            step = max(1, MANY // STARTS)
+            for start in range(0, len(left), step):
+                rows = left[start : start + step]
+                starts = nominal.random_joints(STARTS, 0)[:, None]  # the same for each pose, whatever its neighbours
+                search.run(rows, np.broadcast_to(starts, (STARTS, len(rows), joints)))
+    reason = np.full(n, Reason.NOT_FOUND)
+    reason[~good_seed], reason[~usable], reason[search.converged] = Reason.BAD_SEED, Reason.NOT_A_POSE, Reason.CONVERGED
+    return InverseResult(
+        joints=np.where(search.converged[:, None], search.q, np.nan),
+        converged=search.converged,
+        inside=search.solved,
+        configuration=np.full(n, -1),
+        branch_kept=search.converged.copy(),
+        iterations=search.iterations,
+        method=np.where(search.converged, Method.NEWTON, Method.NONE),
+        position_residual=search.errors[0],
+        rotation_residual=search.errors[1],
+        reason=reason,
+    )
+
+
+def _reach(arm):
+    """Largest distance of the tip from the middle of its places at random joints, metres."""
+    tip = arm.forward(arm.random_joints(200, 0))[:, :3, 3]
+    return float(np.linalg.norm(tip - tip.mean(axis=0), axis=1).max())
+
+
+class _Search:
+    """Best joints found so far for all poses: within the limits and near the seed, else any, else the least error."""
+
+    def __init__(self, chain, nominal, H, seed, position, rotation):
+        self.chain, self.nominal, self.H, self.seed = chain, nominal, H, seed
+        self.tolerance = position, rotation
+        n, joints = seed.shape
+        self.q = np.full((n, joints), np.nan)
+        self.errors = np.full((2, n), np.nan)
+        self.iterations = np.zeros(n, dtype=int)
+        self.cost = np.full(n, np.inf)
+        self.converged, self.solved = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+
+    def good(self, position, rotation):
+        """Whether both errors (n,) are within the tolerances."""
+        return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
+
+    def run(self, rows, starts):
+        """Newton's steps for poses ``rows`` from starts (k, len(rows), joints)."""
+        k, n = starts.shape[:2]
+        many = np.tile(rows, k)
+        q, evaluations = self._steps(many, starts.reshape(k * n, -1))
+        turned, inside = closed_form.into_limits(self.nominal, q, self.seed[many])
+        moved = inside & (turned != q).any(axis=1)
+        if moved.any():  # joint gains tell one turn from another: the steps make that good
+            q[moved], more = self._steps(many[moved], turned[moved])
+            evaluations[moved] += more
+        np.add.at(self.iterations, many, evaluations)
+        errors = np.array(newton.errors(self.chain.tip(q.T), self.H[:, :, many]))
+        converged = self.good(*errors)
+        inside = converged & _inside(self.nominal, q)
+        # a solution within the limits and near the seed, then one beyond them, then the least error
+        far = np.sum((q - self.seed[many]) ** 2, axis=1)
+        cost = np.where(inside, far, np.where(converged, 1e6 + far, 1e12 + self.chain.merit(*errors)))
+        cost = np.where(np.isnan(cost), np.inf, cost).reshape(k, n)
+        best = np.argmin(cost, axis=0) * n + np.arange(n)
+        take = cost.ravel()[best] < self.cost[rows]
+        best, rows = best[take], rows[take]
+        self.cost[rows] = cost.ravel()[best]
+        self.q[rows], self.errors[:, rows] = q[best], errors[:, best]
+        self.converged[rows], self.solved[rows] = converged[best], inside[best]
+
+    def _steps(self, rows, starts):
+        q, _, _, evaluations = newton.solve(self.chain, self.H[:, :, rows], starts.T.copy(), self.good)
+        return q.T.copy(), evaluations
+
+
+def _inside(arm, q):
+    """Whether joints (n, joints) are within the limits as they are."""
+    slack = closed_form.LIMIT_TOLERANCE
+    return ((q >= arm.lower - slack) & (q <= arm.upper + slack)).all(axis=1)

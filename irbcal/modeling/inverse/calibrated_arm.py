@@ -1,0 +1,452 @@
+r"""Inverse kinematics of a calibrated robot (Nubiola 2011, section 6.2), for batches.
+
+The fixed point of the thesis, with T_n the nominal and T_R the calibrated forward kinematics and H the target::
+
+    H_fake,i = H_fake,i-1 H_aprox,i-1^-1 H,    q_i = inverse of T_n at H_fake,i,    H_aprox,i = T_R(q_i)
+
+takes the closed-form inverse in one branch and no derivatives; its error shrinks by about a hundred in each
+iteration, but not next to a singularity, and it cannot go where the nominal arm does not reach. Poses for
+which it stalls change over to damped Newton steps (Levenberg-Marquardt) on the geometric Jacobian of the
+calibrated arm times that of its joint map, from several starts. What neither solves is flagged with the reason.
+"""
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+
+from irbcal.errors import RobotError
+from irbcal.modeling.inverse import closed_form, newton
+from irbcal.modeling.inverse.newton import CalibratedChain
+from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel, check_poses, is_rotation
+
+BLOCK = 8192
+"""Poses per block: the working set of a block stays in the processor's cache."""
+
+NEAR_NOMINAL = 0.02
+"""Entries of the nominal table may be this far (m or rad) from ortho-parallel: the iteration makes it good."""
+
+FIXED_POINT_ITERATIONS = 12
+
+STALLED = 0.5
+"""An iteration that leaves more than this share of the error is given up for Newton's steps."""
+
+NEWTON_STARTS = ((1, 0, 10), (6, 0, 10), (24, 2, 10), (96, 2, 10), (64, 0, 40))
+"""Number of starts, and `newton.solve`'s straighten and patience, one after the other for the poses still left.
+
+The single start is where the fixed point came to; the last lot is for two singularities at once.
+"""
+
+CLOSE = 0.1
+"""A target beyond the nominal reach is out of reach when several starts leave more than this share of the largest
+distance between the nominal and the calibrated arm's tips."""
+
+SLACK = 0.05
+"""Radians that a start may be beyond a limit: the iteration may bring it back."""
+
+PULL = 5e-4
+"""Share of the reach by which a start is moved inside the nominal reach: off the elbow singularity."""
+
+
+class Method(IntEnum):
+    """How the joints of a pose were found."""
+
+    NONE = 0
+    FIXED_POINT = 1
+    NEWTON = 2
+
+
+class Reason(IntEnum):
+    """Why a pose has no joints."""
+
+    CONVERGED = 0
+    NOT_A_POSE = 1
+    BAD_SEED = 2
+    OUT_OF_REACH = 3
+    NOT_FOUND = 4
+
+    @property
+    def words(self):
+        """The reason in words."""
+        return _WORDS[self]
+
+
+_WORDS = {
+    Reason.CONVERGED: "converged",
+    Reason.NOT_A_POSE: "the target holds NaN or is not a rigid transform",
+    Reason.BAD_SEED: "the seed joints are not finite",
+    Reason.OUT_OF_REACH: "the target is out of the robot's reach in this configuration",
+    Reason.NOT_FOUND: "no joints were found to the tolerance, although the target seems to be within reach",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class InverseResult:
+    """Joints of a calibrated robot for a batch of n poses.
+
+    Attributes
+    ----------
+    joints : ndarray, shape (n, 6)
+        Commanded joint angles, radians; NaN where the pose has not converged.
+    converged : ndarray of bool, shape (n,)
+        Whether position and orientation are both within the tolerance.
+    inside : ndarray of bool, shape (n,)
+        Whether the joints are within the limits; False where the pose has not converged.
+    configuration : ndarray of int, shape (n,)
+        Nominal branch of the joints (see `irbcal.modeling.inverse.closed_form`), -1 where the pose has not converged.
+    branch_kept : ndarray of bool, shape (n,)
+        Whether that is the branch asked for. Only next to a singularity can it be another one.
+    iterations : ndarray of int, shape (n,)
+        Evaluations of the calibrated forward kinematics, all methods and starts.
+    method : ndarray of int, shape (n,)
+        `Method` that gave the joints.
+    position_residual, rotation_residual : ndarray, shape (n,)
+        Distance of the origins (m) and angle of the relative rotation (rad) of target and forward kinematics;
+        of the best joints found where the pose has not converged.
+    reason : ndarray of int, shape (n,)
+        `Reason`; its ``words`` say what it means.
+    """
+
+    joints: np.ndarray
+    converged: np.ndarray
+    inside: np.ndarray
+    configuration: np.ndarray
+    branch_kept: np.ndarray
+    iterations: np.ndarray
+    method: np.ndarray
+    position_residual: np.ndarray
+    rotation_residual: np.ndarray
+    reason: np.ndarray
+
+    def __len__(self):
+        return len(self.joints)
+
+    def summary(self):
+        """Number of poses for each method and each reason, as text."""
+        names = {Method.FIXED_POINT: "the fixed point", Method.NEWTON: "Newton's steps"}
+        parts = [f"{len(self)} poses", *(f"{(self.method == m).sum()} by {name}" for m, name in names.items())]
+        parts += [f"{(self.reason == r).sum()} where {r.words}" for r in Reason if r and (self.reason == r).any()]
+        return ", ".join(parts)
+
+
+def solve(robot, nominal, T_base_tip, seed=None, configuration=None, position=1e-10, rotation=1e-10, thorough=True):
+    """Commanded joints that bring the tip of a calibrated robot to given poses.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated arm and joint map.
+    nominal : Arm
+        The arm before calibration; near to ortho-parallel with a spherical wrist.
+    T_base_tip : array_like, shape (n, 4, 4)
+        Tip link in the base link.
+    seed : array_like, shape (n, 6) or (6,), optional
+        Joints (radians) whose branch is kept and whose turns are nearest.
+    configuration : array_like of int, shape () or (n,), optional
+        Branch to keep, 0 to 7; that of the seed where there is one, else front, up, no-flip.
+    position, rotation : float
+        Tolerances, metres and radians.
+    thorough : bool
+        Try many starts for poses that the seed's neighbourhood does not solve. Without, only solutions near the seed
+        are looked for, which is what a correction needs, and much quicker for poses that have none.
+
+    Returns
+    -------
+    InverseResult
+
+    Raises
+    ------
+    RobotError
+        If shapes do not fit, or the nominal arm has no closed-form inverse.
+    """
+    stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
+
+
+def fixed_point_history(robot, nominal, T_base_tip, configuration, iterations):
+    """Errors of the fixed point alone, iteration by iteration (Nubiola 2011, Table 6.1).
+
+    Parameters
+    ----------
+    robot : Robot
+    nominal : Arm
+    T_base_tip : ndarray, shape (n, 4, 4)
+    configuration : array_like of int, shape () or (n,)
+    iterations : int
+
+    Returns
+    -------
+    position, rotation : ndarray, shape (iterations, n)
+        Metres and radians; NaN where the nominal arm does not reach.
+    """
+    solver = _Solver(robot, nominal, 0.0, 0.0)
+    H = newton.columns(check_poses(T_base_tip))
+    branch = closed_form.check_configuration(configuration, len(T_base_tip))
+    fake, q, errors = H, None, []
+    for _ in range(iterations):
+        q_new, _ = solver.closed.branch(fake.reshape(12, -1), branch)
+        q = solver.start_turns(q_new, np.zeros((6, 1))) if q is None else _same_turn(q_new, q)
+        tip = solver.chain.tip(q)
+        errors.append(newton.errors(tip, H))
+        fake = _next_fake(fake, tip, H)
+    position, rotation = np.array(errors).swapaxes(0, 1)
+    return position, rotation
+
+
+class _State:
+    """Best known joints and their errors for all poses."""
+
+    def __init__(self, n):
+        self.q = np.full((6, n), np.nan)
+        self.position, self.rotation = np.full(n, np.nan), np.full(n, np.nan)
+        self.iterations = np.zeros(n, dtype=int)
+        self.method = np.zeros(n, dtype=np.int8)
+        self.margin = np.full(n, np.nan)
+        self.rank = np.full(n, np.inf)
+
+
+class _Solver:
+    def __init__(self, robot, nominal, position, rotation, stages=NEWTON_STARTS):
+        self.stages = stages
+        self.robot, self.nominal = robot, nominal
+        self.closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
+        self.chain = CalibratedChain(robot, self.closed.reach)
+        self.tolerance = position, rotation
+        self.pull = PULL * self.closed.reach
+        self.wider = replace(nominal, lower=nominal.lower - SLACK, upper=nominal.upper + SLACK)
+
+    @cached_property
+    def difference(self):
+        """About the largest distance (m) between tips of the two arms, from random joints."""
+        q = self.nominal.random_joints(500, 0)
+        difference = self.robot.poses(q) - self.nominal.forward(q)
+        return 1e-6 + np.linalg.norm(difference[:, :3, 3], axis=1).max()
+
+    def start_turns(self, q, near):
+        """Joints (6, n) shifted near the limits at the turns nearest to ``near`` (6, n)."""
+        return np.ascontiguousarray(closed_form.into_limits(self.wider, q.T, near.T)[0].T)
+
+    def good(self, position, rotation):
+        """Whether both errors (n,) are within the tolerances."""
+        return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
+
+    def inside(self, joints):
+        """Whether joints (n, 6) are within the limits as they are."""
+        lower = self.nominal.lower - closed_form.LIMIT_TOLERANCE
+        upper = self.nominal.upper + closed_form.LIMIT_TOLERANCE
+        return ((joints >= lower) & (joints <= upper)).all(axis=1)
+
+    def out_of_reach(self, state, rows):
+        """Whether the nominal arm does not reach poses, nor the calibrated one nearly so."""
+        return (state.margin[rows] < 0) & ~(state.position[rows] <= CLOSE * self.difference)
+
+    # -------------------------------------------------------------- all poses
+
+    def solve(self, T_base_tip, seed, configuration):
+        T = check_poses(T_base_tip)
+        n = len(T)
+        near = np.zeros((6, 1))
+        bad_seed = np.zeros(n, dtype=bool)
+        if seed is not None:
+            seed = self.nominal.check_joints(seed)
+            if len(seed) not in (1, n):
+                raise RobotError(f"seed joints need shape (6,) or ({n}, 6), found {seed.shape}")
+            bad_seed = np.broadcast_to(~np.isfinite(seed).all(axis=1), (n,))
+            near = np.broadcast_to(np.where(np.isfinite(seed), seed, 0.0), (n, 6)).T
+        if configuration is None:
+            branch = np.zeros(n, dtype=int) if seed is None else self.closed.configuration(near.T)
+        else:
+            branch = closed_form.check_configuration(configuration, n)
+        near = np.broadcast_to(near, (6, n))
+        state = _State(n)
+        bad_pose, later = np.zeros(n, dtype=bool), []
+        for start in range(0, n, BLOCK):
+            block = slice(start, min(start + BLOCK, n))
+            H = newton.columns(T[block])
+            usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0)
+            bad_pose[block] = ~usable
+            todo = start + np.flatnonzero(usable & ~bad_seed[block])
+            H = np.take(H, todo - start, axis=-1)
+            later.append(
+                self._fixed_point((todo, branch[todo], np.full(len(todo), np.inf), H, H, near[:, todo]), state, True)
+            )
+        # the few that take longer, of all blocks together
+        later = [work for work in later if work is not None]
+        if later:
+            later = [np.concatenate(parts, axis=-1) for parts in zip(*later, strict=True)]
+            for start in range(0, len(later[0]), BLOCK):
+                part = (np.ascontiguousarray(v[..., start : start + BLOCK]) for v in later)
+                self._fixed_point(part, state)
+        done = self.good(state.position, state.rotation)
+        state.method[done] = Method.FIXED_POINT
+        left = np.flatnonzero(~done & ~bad_pose & ~bad_seed)
+        for start in range(0, len(left), BLOCK):
+            rows = left[start : start + BLOCK]
+            self._newton_starts(newton.columns(T[rows]), branch[rows], near[:, rows], seed is not None, rows, state)
+        self._turns(T, near, state)
+        return self._result(state, branch, bad_pose, bad_seed)
+
+    def _turns(self, T, near, state):
+        """Bring solutions that ended beyond a limit back by whole turns, where that is possible."""
+        beyond = self.good(state.position, state.rotation) & ~self.inside(state.q.T)
+        for start in range(0, len(rows := np.flatnonzero(beyond)), BLOCK):
+            block = rows[start : start + BLOCK]
+            turned, fits = closed_form.into_limits(self.nominal, state.q[:, block].T, near[:, block].T)
+            block, turned = block[fits], turned[fits].T
+            # joint gains tell one turn from another: the steps make that good
+            q, position, rotation, iterations = newton.solve(self.chain, newton.columns(T[block]), turned, self.good)
+            state.iterations[block] += iterations
+            take = self.good(position, rotation) & self.inside(q.T)
+            block = block[take]
+            state.q[:, block], state.position[block], state.rotation[block] = q[:, take], position[take], rotation[take]
+
+    def _result(self, state, branch, bad_pose, bad_seed):
+        converged = self.good(state.position, state.rotation)
+        joints = np.where(converged, state.q, np.nan).T.copy()
+        found = np.where(converged, self.closed.configuration(np.where(converged, state.q, 0.0).T), -1)
+        reason = np.full(len(branch), Reason.NOT_FOUND)
+        if not converged.all():
+            reason[self.out_of_reach(state, slice(None))] = Reason.OUT_OF_REACH
+        reason[bad_seed], reason[bad_pose], reason[converged] = Reason.BAD_SEED, Reason.NOT_A_POSE, Reason.CONVERGED
+        return InverseResult(
+            joints=joints,
+            converged=converged,
+            inside=self.inside(joints),
+            configuration=found,
+            branch_kept=found == branch,
+            iterations=state.iterations,
+            method=np.where(converged, state.method, Method.NONE),
+            position_residual=state.position,
+            rotation_residual=state.rotation,
+            reason=reason,
+        )
+
+    # -------------------------------------------------------------- the fixed point
+
+    def _fixed_point(self, work, state, first=False):
+        """The thesis's iteration for a block, until few poses are left: those, to go on with, or None.
+
+        ``work`` holds the poses' place in the state (n,), branch (n,), error (n,), target and fake target
+        (4, 3, n) and last joints (6, n); at first the fake target is the target, and the joints say which turns.
+        """
+        index, branch, last, H, fake, q = work
+        few = len(index) // 8 if first else 0
+        for _ in range(FIXED_POINT_ITERATIONS):
+            q_new, margin = self.closed.branch(fake.reshape(12, -1), branch)
+            if first:
+                state.margin[index] = margin
+                q = self.start_turns(q_new, q)
+                first = False
+            else:
+                q = _same_turn(q_new, q)
+            tip = self.chain.tip(q)
+            position, rotation = newton.errors(tip, H)
+            state.iterations[index] += 1
+            merit = self.chain.merit(position, rotation)
+            better = merit < last  # False for NaN: no nominal solution
+            keep = index if better.all() else index[better]
+            for array, value in ((state.q, q), (state.position, position), (state.rotation, rotation)):
+                array[..., keep] = value if keep is index else value[..., better]
+            go = (merit <= STALLED * last) & ~self.good(position, rotation)
+            left = np.count_nonzero(go)
+            if left == 0:
+                return None
+            last = merit
+            if left < len(go):
+                go = np.flatnonzero(go)
+                index, branch, last, H, fake, tip, q = (
+                    np.take(v, go, axis=-1) for v in (index, branch, last, H, fake, tip, q)
+                )
+            fake = _next_fake(fake, tip, H)
+            if left <= few:
+                return index, branch, last, H, fake, q
+        return None
+
+    # -------------------------------------------------------------- damped Newton
+
+    def _newton_starts(self, H, branch, near, seeded, rows, state):
+        """Newton's steps for poses that the fixed point left: from where it came to, then from many starts at once."""
+        pulled, state.margin[rows] = self.closed.branch(H.reshape(12, -1), branch, self.pull)
+        pulled = self.start_turns(pulled, near)
+        start = np.where(np.isfinite(state.q[:, rows]).all(axis=0), state.q[:, rows], pulled)
+        lacking = state.margin[rows] > -2.0 * self.difference
+        beyond = rows[~lacking]  # how far they are from the nearest joints is all there is to say
+        errors = newton.errors(self.chain.tip(start[:, ~lacking]), H[:, :, ~lacking])
+        state.position[beyond], state.rotation[beyond] = errors
+        state.iterations[beyond] += 1
+        # at the limit of the reach alone a few starts are enough to know; with another singularity they are not
+        plain = (self.closed.wrist_angle(pulled.T) > 0.05) & (
+            np.abs(self.closed.radius(pulled.T)) > 5 * self.difference
+        )
+        for starts, straighten, patience in self.stages:
+            if starts > 6:
+                lacking &= ~(plain & self.out_of_reach(state, rows))
+            left = np.flatnonzero(lacking)
+            for first in range(0, len(left), BLOCK // starts):
+                todo = left[first : first + BLOCK // starts]
+                goal = H[:, :, todo]
+                rng = np.random.default_rng(starts)  # the same for each pose, whatever its neighbours
+                tried = [pulled[:, todo], *([near[:, todo]] if seeded else [])] if starts > 1 else [start[:, todo]]
+                while len(tried) < starts:
+                    # solutions of targets moved a little: on all sides of the holes that errors leave at singularities
+                    turn, shift = rng.standard_normal((2, 3, 1))
+                    turn *= (0.01, 0.0, 0.03)[len(tried) % 3]
+                    shift *= (0.0, 0.5, 1.5)[len(tried) % 3] * self.difference
+                    other = newton.moved(goal, turn, shift)
+                    q, _ = self.closed.branch(other.reshape(12, -1), branch[todo], self.pull)
+                    tried.append(self.start_turns(q, near[:, todo]))
+                tried = np.stack(tried, axis=1)
+                lacking[todo] = self._newton_choice(goal, tried, branch[todo], rows[todo], state, straighten, patience)
+
+    def _newton_choice(self, H, starts, branch, rows, state, straighten, patience):
+        """Run from all starts (6, k, n) and keep the best: which poses lack one in branch and limits, a mask (n,)."""
+        _, k, n = starts.shape
+        many = np.ascontiguousarray(np.broadcast_to(H[:, :, None], (4, 3, k, n))).reshape(4, 3, -1)
+        q, position, rotation, evaluations = newton.solve(
+            self.chain, many, starts.reshape(6, -1).copy(), self.good, straighten, patience
+        )
+        state.iterations[rows] += evaluations.reshape(k, n).sum(axis=0)
+        kept = self.closed.configuration(q.T) == np.tile(branch, k)
+        inside = closed_form.into_limits(self.nominal, q.T)[1]
+        # a solution within the limits, then one in its branch, then the least error; the first of equals
+        rank = np.where(self.good(position, rotation), -1.0 - kept - 2.0 * inside, self.chain.merit(position, rotation))
+        rank = np.where(np.isnan(rank), np.inf, rank).reshape(k, n)
+        best = rank.min(axis=0)
+        take = best < state.rank[rows]
+        column = (np.argmin(rank, axis=0) * n + np.arange(n))[take]
+        where = rows[take]
+        state.q[:, where], state.rank[where] = q[:, column], best[take]
+        state.position[where], state.rotation[where] = position[column], rotation[column]
+        state.method[where] = Method.NEWTON
+        return state.rank[rows] > -4.0
+
+
+def _next_fake(fake, tip, H):
+    """The product fake tip^-1 H of columns (4, 3, n); overwrites the tip."""
+    product = []
+    for k in range(4):
+        u = H[k] if k < 3 else H[3] - tip[3]
+        along = []
+        for j in range(3):
+            term = tip[j] * u
+            along.append(term[0] + term[1] + term[2])
+        column = fake[0] * along[0]
+        column += fake[1] * along[1]
+        column += fake[2] * along[2]
+        product.append(column)
+    product[3] += fake[3]
+    for k in range(4):
+        tip[k] = product[k]
+    return tip
+
+
+def _same_turn(q, before):
+    """Joints q at the turns nearest to the joints before, in place."""
+    turns = before - q
+    turns *= 1.0 / TAU
+    np.rint(turns, out=turns)
+    turns *= TAU
+    q += turns
+    return q

@@ -1,0 +1,178 @@
+"""Inverse kinematics of ortho-parallel arms with a spherical wrist: all branches, limits and choices.
+
+`branches` gives the up to eight branches of each pose (Nubiola 2011, section 6.1; the arms that qualify and the
+numbers of the branches are described in `irbcal.modeling.inverse.orthoparallel`). Joints are then brought into the
+limits by whole turns (`into_limits`), and one branch is chosen: the `nearest` to given joints, or one
+`with_configuration`. The inverse of a calibrated robot is in `irbcal.modeling.inverse.calibrated_arm`.
+"""
+
+import numpy as np
+
+from irbcal.errors import RobotError
+from irbcal.modeling.inverse.orthoparallel import TAU, Branches, OrthoParallel, branch_number
+
+__all__ = [
+    "BRANCH_NAMES",
+    "Branches",
+    "OrthoParallel",
+    "branch_number",
+    "branches",
+    "configuration",
+    "has_closed_form",
+    "into_limits",
+    "nearest",
+    "with_configuration",
+]
+
+LIMIT_TOLERANCE = 1e-9
+"""Radians by which rounding may put a joint beyond its limit."""
+
+BRANCH_NAMES = tuple(f"{s} {e} {w}" for s in ("front", "back") for e in ("up", "down") for w in ("no-flip", "flip"))
+"""Names of the branches 0 to 7."""
+
+
+def branches(arm, T_base_tip):
+    """All branches of the inverse kinematics of an ortho-parallel arm.
+
+    Parameters
+    ----------
+    arm : Arm
+    T_base_tip : array_like, shape (n, 4, 4)
+
+    Returns
+    -------
+    Branches
+
+    Raises
+    ------
+    RobotError
+        If the arm's DHM table has no closed form; the message says which entry does not fit.
+    """
+    return OrthoParallel.of(arm).branches(T_base_tip)
+
+
+def into_limits(arm, joints, near=None):
+    """Shift revolute joints by whole turns into the limits.
+
+    Parameters
+    ----------
+    arm : Arm
+    joints : array_like, shape (..., joints)
+        Radians (metres for prismatic joints).
+    near : array_like, shape (..., joints), optional
+        Where several turns lie within the limits, the one nearest to these joints is taken; zero unless given.
+
+    Returns
+    -------
+    joints : ndarray, shape (..., joints)
+        Joints that no whole turn brings inside are at the turn nearest to ``near``.
+    inside : ndarray of bool, shape (...)
+        Whether all are within the limits, to `LIMIT_TOLERANCE`; False for NaN.
+    """
+    joints = np.asarray(joints, dtype=float)
+    near = np.zeros(joints.shape[-1]) if near is None else np.asarray(near, dtype=float)
+    first = np.ceil((arm.lower - LIMIT_TOLERANCE - joints) * (1.0 / TAU))
+    last = np.floor((arm.upper + LIMIT_TOLERANCE - joints) * (1.0 / TAU))
+    turns = np.rint((near - joints) * (1.0 / TAU))
+    fits = first <= last
+    turns = np.where(fits, np.minimum(np.maximum(turns, first), last), turns)
+    slides = arm.table.prismatic
+    if slides.any():
+        turns[..., slides] = 0.0
+        travel = joints[..., slides]
+        low, high = arm.lower[slides] - LIMIT_TOLERANCE, arm.upper[slides] + LIMIT_TOLERANCE
+        fits[..., slides] = (travel >= low) & (travel <= high)
+    return joints + TAU * turns, fits.all(axis=-1)
+
+
+def has_closed_form(arm):
+    """Whether `closed_form` takes this arm."""
+    try:
+        OrthoParallel.of(arm)
+    except RobotError:
+        return False
+    return True
+
+
+def nearest(arm, branches, near, limits=True):
+    """The branch nearest to given joints, and the turns nearest to them.
+
+    At the wrist singularity, where only the sum (or difference) of joints 4 and 6 is determined, joint 4 stays
+    where it is near.
+
+    Parameters
+    ----------
+    arm : Arm
+    branches : Branches
+        Of n poses.
+    near : array_like, shape (n, 6) or (6,)
+        Radians.
+    limits : bool
+        Regard only branches within the joint limits.
+
+    Returns
+    -------
+    joints : ndarray, shape (n, 6)
+        Least Euclidean distance from ``near``; NaN where no branch is left.
+    branch : ndarray of int, shape (n,)
+        -1 where no branch is left.
+    """
+    near = np.broadcast_to(np.asarray(near, dtype=float), (len(branches.joints), 6))[:, None, :]
+    joints = branches.joints
+    singular = branches.valid & (branches.wrist <= 1e-10)
+    if singular.any():
+        joints = joints.copy()
+        closed = branches.arm
+        rows = joints[singular]
+        turn = np.broadcast_to(near, joints.shape)[singular][:, 3] - rows[:, 3]
+        # axes 4 and 6 along one another at q5 = 0, against one another at 180 degrees
+        along = np.where(np.cos(closed.angles(rows)[:, 4]) > 0, 1.0, -1.0) * closed.signs[3] * closed.signs[5]
+        rows[:, 3] += turn
+        rows[:, 5] -= along * turn
+        joints[singular] = rows
+    joints, inside = into_limits(arm, joints, near)
+    usable = branches.valid & inside if limits else branches.valid
+    distance = np.where(usable, ((joints - near) ** 2).sum(axis=-1), np.inf)
+    best = np.argmin(distance, axis=1)
+    found = np.isfinite(distance[np.arange(len(best)), best])
+    chosen = joints[np.arange(len(best)), best]
+    return np.where(found[:, None], chosen, np.nan), np.where(found, best, -1)
+
+
+def with_configuration(arm, branches, configuration, near=None):
+    """The branch of a given configuration, shifted by whole turns into the limits.
+
+    Parameters
+    ----------
+    arm : Arm
+    branches : Branches
+        Of n poses.
+    configuration : array_like of int, shape () or (n,)
+        Branch numbers (see `branch_number`).
+    near : array_like, shape (n, 6) or (6,), optional
+        As for `into_limits`.
+
+    Returns
+    -------
+    joints : ndarray, shape (n, 6)
+        NaN where the branch does not reach the pose.
+    inside : ndarray of bool, shape (n,)
+        Whether there is a solution within the joint limits.
+    """
+    configuration = check_configuration(configuration, len(branches.joints))
+    return into_limits(arm, branches.joints[np.arange(len(configuration)), configuration], near)
+
+
+def check_configuration(configuration, n):
+    """Branch numbers for n poses from one or n of them; refuse anything else."""
+    configuration = np.asarray(configuration)
+    if configuration.shape not in ((), (n,)) or configuration.dtype.kind not in "iu":
+        raise RobotError(f"configurations need to be branch numbers, one or {n}, found shape {configuration.shape}")
+    if configuration.size and not (configuration.min() >= 0 and configuration.max() <= 7):
+        raise RobotError(f"branch numbers go from 0 to 7, found {configuration.min()} to {configuration.max()}")
+    return np.broadcast_to(configuration, (n,))
+
+
+def configuration(arm, joints):
+    """Branch that joint angles lie in, 0 to 7: `OrthoParallel.configuration` of an arm, joints (..., 6) radians."""
+    return OrthoParallel.of(arm).configuration(joints)

@@ -1,0 +1,1 @@
+"""The calibrated robot for planners built on Pinocchio."""

@@ -1,0 +1,264 @@
+"""Self-collision and blocked lines of sight, with coal through Pinocchio on the collision geometry of a URDF.
+
+Meshes count as their convex hulls: quicker, solid inside and never smaller than the mesh.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from irbcal.errors import RobotError
+from irbcal.files.urdf_check import ArmInModel
+from irbcal.units import MM
+
+BEAM_RADIUS = 5 * MM
+"""Of the tracker's beam, metres."""
+
+BEAM_GAP = 25 * MM
+"""Last part of the beam, before the reflector's centre, that may lie in a solid: reflector and nest, metres."""
+
+MESH_ENDINGS = (".stl", ".dae", ".obj")
+ALWAYS = 0.9
+"""Share of random poses in which two links touch that overlap by construction."""
+SAMPLES = 200
+AWAY = 1e3
+
+
+class CollisionModel:
+    """Where an arm's own solids stand in its way and in the tracker's.
+
+    Solids of one link or of links that a joint connects are never checked against each other.
+
+    Parameters
+    ----------
+    urdf_bytes : bytes
+        Content of the URDF.
+    arm : Arm
+        Names of the joints, base and tip; limits.
+    package_dirs : sequence of str or Path
+        Folders in which ``package://`` names are looked up, see `irbcal.files.robots.package_dirs`; relative
+        names start in one of them, too. No file outside them is read.
+
+    Attributes
+    ----------
+    pairs : list of tuple of str
+        Links that are checked against each other.
+    overlapping : list of tuple of str
+        Links that touch at rest and in nearly all random poses, by construction: not checked.
+
+    Raises
+    ------
+    RobotError
+        If a mesh is not found, may not be read or is not understood, or there is no collision geometry.
+    """
+
+    def __init__(self, urdf_bytes, arm, *, package_dirs=()):
+        import pinocchio as pin
+
+        self.arm = arm
+        text = _with_found_meshes(urdf_bytes, [Path(folder).resolve() for folder in package_dirs])
+        try:
+            self.model = pin.buildModelFromXML(text)
+            self.geometry = pin.buildGeomFromUrdfString(self.model, text, pin.COLLISION, None, [])
+        except (ValueError, RuntimeError) as error:
+            reason = " ".join(str(error).split())
+            raise RobotError(f"the collision geometry of {arm.name} cannot be read: {reason}") from None
+        if not self.geometry.ngeoms:
+            raise RobotError(f"the URDF of {arm.name} has no collision geometry: collisions cannot be checked")
+        for solid in self.geometry.geometryObjects:
+            _make_convex(solid)
+        self.data = self.model.createData()
+        self.place = ArmInModel(self.model, arm)
+        self.rest = pin.neutral(self.model)
+        pin.framesForwardKinematics(self.model, self.data, self.rest)
+        self.T_universe_base = self.data.oMf[self.place.base].homogeneous
+        self.solids = self.geometry.ngeoms
+        self._links = [self.model.frames[solid.parentFrame].name for solid in self.geometry.geometryObjects]
+        self._add_pairs()
+
+    def add_obstacle(self, place, radius):
+        """A ball that stands still, such as the tracker; the moving links are checked against it from now on.
+
+        Parameters
+        ----------
+        place : array_like, shape (3,)
+            Its middle in the base link, metres.
+        radius : float
+            Metres.
+        """
+        import coal
+        import pinocchio as pin
+
+        T = pin.SE3(self.T_universe_base) * pin.SE3(np.eye(3), np.asarray(place, dtype=float))
+        ball = self.geometry.addGeometryObject(
+            pin.GeometryObject(f"obstacle_{self.geometry.ngeoms}", 0, T, coal.Sphere(radius))
+        )
+        for k, solid in enumerate(self.geometry.geometryObjects[: self.solids]):
+            if solid.parentJoint > 0:
+                self.geometry.addCollisionPair(pin.CollisionPair(k, ball))
+        self.geometry_data = self.geometry.createData()
+
+    def _add_pairs(self):
+        import pinocchio as pin
+
+        solids = self.geometry.geometryObjects
+        checked = [
+            (i, j)
+            for j in range(self.solids)
+            for i in range(j)
+            if not self._neighbours(solids[i].parentJoint, solids[j].parentJoint)
+        ]
+        for i, j in checked:
+            self.geometry.addCollisionPair(pin.CollisionPair(i, j))
+        home = np.clip(np.zeros((1, len(self.arm.joint_names))), self.arm.lower, self.arm.upper)
+        q = np.concatenate([home, self.arm.random_joints(SAMPLES, 0)])
+        touching = self._each_pair(q)
+        built_in = touching[0] & (touching.mean(axis=0) >= ALWAYS)
+        for k in np.flatnonzero(built_in):
+            self.geometry.removeCollisionPair(pin.CollisionPair(*checked[k]))
+        names = [tuple(self._links[k] for k in pair) for pair in checked]
+        self.overlapping = sorted({pair for pair, out in zip(names, built_in, strict=True) if out})
+        self.pairs = sorted(set(names) - set(self.overlapping))
+        self.geometry_data = self.geometry.createData()
+
+    def _neighbours(self, a, b):
+        return a == b or self.model.parents[a] == b or self.model.parents[b] == a
+
+    def _configurations(self, theta):
+        return self.place.configurations(self.arm.check_joints(theta), self.rest)
+
+    def _each_pair(self, theta):
+        """Whether each pair touches, shape (n, pairs)."""
+        import pinocchio as pin
+
+        data = self.geometry.createData()
+        out = np.zeros((len(theta), len(self.geometry.collisionPairs)), dtype=bool)
+        for row, configuration in zip(out, self._configurations(theta), strict=True):
+            pin.computeCollisions(self.model, self.data, self.geometry, data, configuration, False)
+            row[:] = [result.isCollision() for result in data.collisionResults]
+        return out
+
+    def touching(self, theta):
+        """Whether the robot touches itself.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n, joints)
+            Effective joints, radians (metres for prismatic joints).
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+        """
+        import pinocchio as pin
+
+        things = self.model, self.data, self.geometry, self.geometry_data
+        return np.array([pin.computeCollisions(*things, row, True) for row in self._configurations(theta)], dtype=bool)
+
+    def blocked(self, theta, points, place, asked=None):
+        """Whether solids of the robot stand in the beam between tracker and reflectors.
+
+        The beam has `BEAM_RADIUS`; its last `BEAM_GAP` before the reflector is not looked at, nor are solids of the tip
+        link itself: they are the tool.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n, joints)
+            Effective joints.
+        points : ndarray, shape (n, k, 3)
+            Reflectors in the base link, metres.
+        place : ndarray, shape (3,)
+            The tracker in the base link, metres.
+        asked : ndarray of bool, shape (n, k), optional
+            Which beams are looked at; the others count as blocked. All unless given.
+
+        Returns
+        -------
+        ndarray of bool, shape (n, k)
+        """
+        import coal
+        import pinocchio as pin
+
+        points = np.asarray(points, dtype=float)
+        n, k = points.shape[:2]
+        asked = np.ones((n, k), dtype=bool) if asked is None else np.asarray(asked, dtype=bool)
+        scene = pin.GeometryModel(self.geometry)
+        scene.removeAllCollisionPairs()
+        beam = place - points
+        length = np.linalg.norm(beam, axis=-1)
+        # one capsule as long as the longest beam; it begins at the reflector's end and may reach behind the tracker
+        longest = float(length.max(initial=1.0))
+        looked = [i for i in range(self.solids) if self._links[i] != self.arm.tip_link]
+        capsule = coal.Capsule(BEAM_RADIUS, longest)
+        number = scene.addGeometryObject(pin.GeometryObject("beam", 0, pin.SE3.Identity(), capsule))
+        for i in looked:
+            scene.addCollisionPair(pin.CollisionPair(i, number))
+        data = scene.createData()
+        out = ~asked
+        starts = np.concatenate([[0], np.cumsum(asked.sum(axis=1))])
+        rows, columns = np.nonzero(asked)
+        along = beam[rows, columns] / length[rows, columns, None]
+        middle = points[rows, columns] + along * (BEAM_GAP + longest / 2)
+        R_base, p_base = self.T_universe_base[:3, :3], self.T_universe_base[:3, 3]
+        R, middle = R_base @ _turned_to(along), middle @ R_base.T + p_base
+        configurations = self._configurations(theta)
+        for row in np.unique(rows):
+            pin.updateGeometryPlacements(self.model, self.data, scene, data, configurations[row])
+            for m in range(starts[row], starts[row + 1]):
+                data.oMg[number] = pin.SE3(R[m], middle[m])
+                out[row, columns[m]] = pin.computeCollisions(scene, data, True)
+        return out
+
+
+def _turned_to(direction):
+    """Rotations (m, 3, 3) whose z axes are unit vectors (m, 3)."""
+    helper = np.where(np.abs(direction[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    x = np.cross(helper, direction)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(direction, x), direction], axis=2)
+
+
+def _make_convex(solid):
+    import coal
+
+    if isinstance(solid.geometry, coal.BVHModelBase):
+        solid.geometry.buildConvexHull(True, "Qt")
+        solid.geometry = solid.geometry.convex
+
+
+def _with_found_meshes(urdf_bytes, folders):
+    """The URDF's text without visuals, each collision mesh named by its file.
+
+    Raises
+    ------
+    RobotError
+        If a mesh is not in the folders.
+    """
+    from lxml import etree
+
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False)
+    root = etree.fromstring(urdf_bytes, parser)
+    for link in root.findall("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+        for mesh in link.findall("collision/geometry/mesh"):
+            mesh.set("filename", f"file://{_find(mesh.get('filename') or '', folders, link.get('name'))}")
+    return etree.tostring(root, encoding="unicode")
+
+
+def _find(uri, folders, link):
+    shown = uri if len(uri) < 120 else uri[:120] + "…"
+    where = f"collision mesh {shown!r} of link {link!r}"
+    if uri.startswith("file://"):
+        uri = uri.removeprefix("file://")
+    elif uri.startswith("package://"):
+        uri = uri.removeprefix("package://").lstrip("/")
+    elif "://" in uri:
+        raise RobotError(f"{where}: expected a file on this computer")
+    for folder in folders:
+        path = (folder / uri).resolve()
+        if path.is_relative_to(folder) and path.is_file():
+            if path.suffix.lower() not in MESH_ENDINGS:
+                raise RobotError(f"{where}: expected a file with the ending {', '.join(MESH_ENDINGS)}")
+            return path
+    raise RobotError(f"{where} is not in the folders of meshes (--package-dir names the one that holds the package)")

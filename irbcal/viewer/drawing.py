@@ -1,0 +1,166 @@
+"""The still bodies of a scene as meshcat commands, recorded in this process: no server, no socket."""
+
+import base64
+import warnings
+
+import numpy as np
+
+from irbcal.viewer import shapes
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # meshcat 0.3.2 imports zmq in a way that zmq regrets
+    import meshcat.geometry as g
+    import umsgpack
+    from meshcat.visualizer import Visualizer
+
+INK, BODY, GLASS, TEAL, CUBE, PATH = (
+    np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    for text in ("#3a4149", "#f2f2ee", "#20262c", "#0b7a75", "#7a4fa3", "#0b7a75")
+)
+"""Colours of tracker (ink, body, glass), references, cube and path."""
+
+
+class Recorder:
+    """Takes the place of meshcat's window: keeps the commands as the viewer's page takes them."""
+
+    def __init__(self):
+        self.commands = []
+
+    def send(self, command):
+        """Keep a command (msgpack)."""
+        self.commands.append(umsgpack.packb(command.lower()))
+
+    def as_text(self):
+        """The commands in base64, list of str."""
+        return [base64.b64encode(command).decode("ascii") for command in self.commands]
+
+
+class _Body(g.Geometry):
+    """A `shapes.Mesh` in meshcat's form: indexed, with normals and colours of one byte a number."""
+
+    def __init__(self, mesh):
+        super().__init__()
+        self.mesh = mesh
+
+    def lower(self, object_data):
+        def attribute(kind, code, array, normalized):
+            return {
+                "itemSize": array.shape[1],
+                "type": kind,
+                "array": umsgpack.Ext(code, np.ascontiguousarray(array).tobytes()),
+                "normalized": normalized,
+            }
+
+        mesh = self.mesh
+        return {
+            "uuid": self.uuid,
+            "type": "BufferGeometry",
+            "data": {
+                "attributes": {
+                    "position": attribute("Float32Array", 0x17, mesh.vertices, False),
+                    "normal": attribute("Int8Array", 0x11, mesh.normals, True),
+                    "color": attribute("Uint8Array", 0x12, mesh.colours, True),
+                },
+                "index": attribute("Uint32Array", 0x16, mesh.faces.reshape(-1, 1), False),
+            },
+        }
+
+
+def record(scene):
+    """Draw a scene's still bodies.
+
+    Nodes: ``/irbcal/robot/K`` (link K), ``/irbcal/tracker``, ``/irbcal/references``, ``/irbcal/cube``,
+    ``/irbcal/path``. Names from files are never part of a node's path.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Recorder
+    """
+    recorder = Recorder()
+    view = Visualizer(window=recorder)
+    view["/Background"].set_property("top_color", [0.97, 0.98, 0.99])
+    view["/Background"].set_property("bottom_color", [0.80, 0.84, 0.88])
+    view["/Axes"].set_property("visible", False)
+    view["/Grid"].set_property("visible", False)
+    for k, mesh in scene.meshes.items():
+        _add(view, f"/irbcal/robot/{k}", mesh)
+    if scene.tracker:
+        _add(view, "/irbcal/tracker", _tracker(scene))
+    if scene.references:
+        _add(view, "/irbcal/references", _references(scene))
+    if scene.cube is not None:
+        _add(view, "/irbcal/cube", _cube(*scene.cube), opacity=0.9)
+    if scene.path is not None:
+        line = g.PointsGeometry(scene.path.T.astype(np.float32))
+        colour = int(sum(int(255 * v) << s for v, s in zip(PATH, (16, 8, 0), strict=True)))
+        view["/irbcal/path"].set_object(g.Line(line, g.LineBasicMaterial(color=colour)))
+    return recorder
+
+
+def _add(view, path, mesh, **material):
+    material = {"shininess": 35, "specular": 0x333333, **material}
+    view[path].set_object(g.Mesh(_Body(mesh), g.MeshPhongMaterial(vertexColors=True, **material)))
+
+
+def _painted(parts):
+    """One mesh of bodies and their colours."""
+    return shapes.smooth(
+        np.concatenate([body for body, _ in parts]),
+        np.concatenate([np.broadcast_to(colour, (len(body), 3)) for body, colour in parts]),
+    )
+
+
+def _tracker(scene):
+    """A laser tracker with its head in the origin of the measuring frame, upright, on a tripod."""
+    T = scene.T_scene_world
+    heights = [place[2] for place in scene.references.values()]
+    floor = min([0.0, *heights])
+    height = T[2, 3] - floor
+    height = float(height) if 0.5 < height < 2.5 else 1.1
+    parts = [
+        (shapes.sphere(0.075), BODY),
+        (shapes.moved(shapes.cylinder(0.028, 0.03), [0, 0, 0.075]), GLASS),
+        (shapes.moved(shapes.box([0.045, 0.24, 0.22]), [0, 0, -0.03]), INK),
+        (shapes.cone(0.10, 0.085, -0.36, -0.10), BODY),
+        (shapes.cone(0.12, 0.12, -0.40, -0.36), INK),
+    ]
+    for angle in np.radians([90, 210, 330]):
+        foot = np.array([0.38 * np.cos(angle), 0.38 * np.sin(angle), -height])
+        parts.append((shapes.rod([0, 0, -0.40], foot, 0.016), INK))
+    mesh = _painted(parts)
+    upright = T[2, 2] > 0.8
+    R = T[:3, :3] if upright else np.eye(3)
+    return shapes.Mesh(
+        (mesh.vertices @ R.T + T[:3, 3]).astype(np.float32),
+        np.rint(mesh.normals @ R.T).astype(np.int8),
+        mesh.colours,
+        mesh.faces,
+    )
+
+
+def _references(scene):
+    radius = float(np.clip(0.014 * scene.reach, 0.008, 0.03))
+    parts = []
+    for place in scene.references.values():
+        parts.append((shapes.moved(shapes.sphere(radius), place), TEAL))
+        parts.append((shapes.moved(shapes.cone(1.8 * radius, 1.1 * radius, -1.7 * radius, -0.6 * radius), place), INK))
+    return _painted(parts)
+
+
+def _cube(centre, edge):
+    """Edges of a cube and of its inclined plane (ISO 9283), as thin beams."""
+    half, width = edge / 2, 0.006 * edge
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    parts = []
+    for axis in range(3):
+        size = np.full(3, width)
+        size[axis] = edge + width
+        for sign in signs[signs[:, axis] > 0]:
+            at = half * sign
+            at[axis] = 0.0
+            parts.append((shapes.moved(shapes.box(size), centre + at), CUBE))
+    return _painted(parts)

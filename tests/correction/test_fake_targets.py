@@ -1,0 +1,96 @@
+"""Fake targets: what is commanded takes the calibrated, and the simulated true, robot to the wanted place."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import arm, assert_same_poses, random_robot
+
+from irbcal import calibrating
+from irbcal.correction.fake_targets import correct_joints, correct_poses
+from irbcal.files import robots
+from irbcal.measurement.points import distances
+from irbcal.modeling import frames
+from irbcal.modeling.inverse import closed_form
+
+
+@pytest.mark.parametrize("name", ["irb1600", "irb120"])
+def test_fake_joints_take_the_calibrated_robot_to_the_nominal_pose(name):
+    nominal = arm(name)
+    robot = random_robot(nominal, "34", np.random.default_rng(1), size=0.1)
+    q = 0.9 * nominal.random_joints(2000, 1)
+    found = correct_joints(robot, nominal, q)
+    assert found.ok.mean() > 0.93, "what is lost lies next to a singularity or beyond the calibrated arm's reach"
+    ok = found.ok
+    assert_same_poses(robot.poses(found.q[ok]), nominal.forward(q[ok]), 1e-9, 1e-9)
+    assert_same_poses(nominal.forward(found.q[ok]), found.T_fake[ok], 1e-12, 1e-12)
+    assert (closed_form.configuration(nominal, found.q[ok]) == closed_form.configuration(nominal, q[ok])).all()
+    assert np.isnan(found.q[~ok]).all()
+    assert all(found.reason[~ok])
+    assert not any(found.reason[ok])
+
+
+def test_fake_poses_keep_the_configuration_that_is_meant():
+    nominal = arm()
+    robot = random_robot(nominal, "34", np.random.default_rng(2), size=0.1)
+    q = 0.7 * nominal.random_joints(300, 2)
+    T = nominal.forward(q)
+    branch = closed_form.configuration(nominal, q)
+    found = correct_poses(robot, nominal, T, configuration=branch)
+    assert found.ok.mean() > 0.95
+    assert_same_poses(robot.poses(found.q[found.ok]), T[found.ok], 1e-9, 1e-9)
+    assert (closed_form.configuration(nominal, found.q[found.ok]) == branch[found.ok]).all()
+    seeded = correct_poses(robot, nominal, T, seed=q)
+    assert np.abs(seeded.q_nominal[seeded.ok] - q[seeded.ok]).max() < 1e-6, "turns are those of the seed"
+
+
+def test_targets_out_of_reach_are_left_with_a_reason():
+    nominal = arm()
+    robot = random_robot(nominal, "34", np.random.default_rng(3), size=0.1)
+    T = nominal.forward(np.tile([0, 0, 0, 0, 0.5, 0], (2, 1)))
+    T[1, :3, 3] = [5.0, 0.0, 1.0]
+    found = correct_poses(robot, nominal, T)
+    assert found.ok.tolist() == [True, False]
+    assert "does not reach" in found.reason[1]
+    assert 0 < found.shift[0] < 0.02
+    assert np.isnan(found.shift[1])
+    home = correct_joints(robot, nominal, np.zeros((1, 6)))
+    assert not home.ok[0]
+    assert home.reason[0], "the wrist singularity at zero joints: no small correction exists"
+
+
+def test_the_simulated_true_robot_reaches_what_was_wanted_as_well_as_the_calibration_promised():
+    """End to end on the demonstration's hidden robot, backlash and all: wanted against reached reflector positions."""
+    script = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "make_demo_data"))
+    outcome = calibrating.calibrate(
+        robots.demo_file("demo_identification.csv"),
+        "irb1600",
+        "34",
+        verify=robots.demo_file("demo_verification.csv"),
+    )
+    promised = distances(outcome.fit.robot, outcome.heldout_points).mean()
+    nominal, robot = outcome.urdf.arm, outcome.fit.robot
+    q = outcome.heldout_points.q
+    found = correct_joints(robot, nominal, q)
+    assert found.ok.mean() > 0.95
+    q = q[found.ok]
+    T_world_tip = robot.T_world_base @ found.T_wanted[found.ok]
+    wanted = np.stack([frames_apply(T_world_tip, robot.targets[name]) for name in ("smr1", "smr2", "smr3")], axis=1)
+    # references in the tracker's frame at rest take the simulated points into the calibration's measuring frame
+    places = np.array([outcome.references[name] for name in ("ref1", "ref2", "ref3")])
+    rest = np.array([script["REFERENCES"][name] for name in ("ref1", "ref2", "ref3")]) * 1e-3
+    T = frames.rigid_fit(frames.apply(frames.from_xyz_angles(script["BASE"]), rest), places)
+
+    def reached(commands):
+        points = script["true_points"](nominal, np.degrees(commands), np.random.default_rng(5))[:, :3]
+        return frames.apply(T, points)
+
+    after = np.linalg.norm(reached(found.q[found.ok]) - wanted, axis=2).mean()
+    before = np.linalg.norm(reached(q) - wanted, axis=2).mean()
+    assert after == pytest.approx(promised, rel=0.05)
+    assert before > 3 * after
+
+
+def frames_apply(T, point):
+    return np.einsum("nij,j->ni", T[:, :3, :3], point) + T[:, :3, 3]

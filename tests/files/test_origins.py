@@ -1,0 +1,154 @@
+"""Joint origins as YAML, and whether a URDF found somewhere is the calibration."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from support import arm, assert_same_poses, example_robot, measured, random_robot, write_measurements
+
+import irbcal
+from irbcal import calibrating
+from irbcal.errors import RobotError
+from irbcal.files import calibration_folder, origins, urdf, urdf_check
+from irbcal.modeling import frames
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Two calibrations of one simulated robot, from other measurements each."""
+    root = tmp_path_factory.mktemp("origins")
+    truth = random_robot(arm(), "34", np.random.default_rng(1))
+    for name, seed in (("first", 1), ("second", 2)):
+        rng = np.random.default_rng(seed)
+        data = write_measurements(root / f"{name}.csv", measured(truth, arm().random_joints(60, seed), 3e-5, rng))
+        irbcal.save(calibrating.calibrate(data, "irb1600"), root / name)
+    return root / "first", root / "second"
+
+
+def test_yaml_rebuilds_the_robot(folders):
+    """Origins from the file, put into the nominal URDF by hand, give the calibrated robot in Pinocchio."""
+    entries = yaml.safe_load((folders[0] / "joint_origins.yaml").read_text())["kinematics"]
+    assert entries.pop("hash") == f"irbcal_{irbcal.load(folders[0]).fingerprint}"
+    assert list(entries) == [f"link_{i}" for i in range(1, 7)]
+    nominal = calibration_folder.nominal_urdf(folders[0])
+    placed = {}
+    for entry in entries.values():
+        R = frames.matrix_from_rpy([entry["roll"], entry["pitch"], entry["yaw"]])
+        placed[entry["joint"]] = frames.transform(R, [entry[axis] for axis in "xyz"])
+    rebuilt = urdf.with_joint_origins(nominal, placed)
+    calibrated = irbcal.load(folders[0]).arm()
+    q = calibrated.random_joints(100, 1)
+    assert_same_poses(urdf_check.poses(rebuilt, calibrated, q), calibrated.forward(q), 1e-12, 1e-12)
+    # before that it is the nominal robot, whatever else stands in the file
+    assert_same_poses(urdf_check.poses(nominal, arm(), q), arm().forward(q), 1e-12, 1e-12)
+    assert np.abs(arm().forward(q) - calibrated.forward(q)).max() > 1e-4
+
+
+def test_yaml_uses_the_keys_of_ur_description(tmp_path):
+    found = urdf.read(example_robot("ur_description/urdf/ur10_robot.urdf"))
+    truth = random_robot(found.arm, "26", np.random.default_rng(1))
+    data = write_measurements(tmp_path / "m.csv", measured(truth, found.arm.random_joints(60, 1)))
+    irbcal.save(
+        calibrating.calibrate(data, example_robot("ur_description/urdf/ur10_robot.urdf"), "26"), tmp_path / "cal"
+    )
+    entries = yaml.safe_load((tmp_path / "cal/joint_origins.yaml").read_text())["kinematics"]
+    assert list(entries) == ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "hash"]
+    assert list(entries["forearm"]) == ["x", "y", "z", "roll", "pitch", "yaw", "joint"]
+
+
+def moved(data, metres):
+    """The URDF with joint 4 elsewhere."""
+    tree = urdf.from_bytes(data, "moved")
+    T = urdf.joint_origins(tree, tree.arm)["joint_4"].copy()
+    T[0, 3] += metres
+    return urdf.with_joint_origins(data, {"joint_4": T})
+
+
+def test_verify_tells_calibrations_apart(folders):
+    saved = irbcal.load(folders[0])
+    own, other = ((folder / "calibrated.urdf").read_bytes() for folder in folders)
+    nominal = calibration_folder.nominal_urdf(folders[0])
+    stripped = own.replace(b"<irbcal_calibration", b"<some_other_tag")
+    cases = {
+        "own": (own, True, "calibrated", "same"),
+        "meshes moved": (own.replace(b"<inertial>", b"<!-- heavier --><inertial>"), True, "calibrated", "same"),
+        "without fingerprint": (stripped, True, "calibrated", "absent"),
+        "another calibration": (other, False, "other", "other"),
+        "nominal": (nominal, False, "nominal", "same"),
+        "changed by hand": (moved(own, 1e-5), False, "other", "same"),
+        "rounded to a nanometre": (moved(own, 5e-10), True, "calibrated", "same"),
+        "rounded to a micrometre": (moved(own, 1e-6), True, "rounded", "same"),
+    }
+    for name, (data, yes, geometry, mark) in cases.items():
+        result = origins.verify(saved, data, "found.urdf")
+        assert (result.is_calibration, result.geometry, result.fingerprint) == (yes, geometry, mark), name
+        assert result.same_file == (name == "own")
+    changed = origins.verify(saved, moved(own, 1e-5), "found.urdf")
+    assert changed.position_m == pytest.approx(1e-5, rel=1e-3)
+    assert "0.01 mm" in changed.explanation
+    assert "changed afterwards" in changed.explanation
+    with pytest.raises(RobotError, match=r"found\.urdf: there is no chain|found\.urdf: there is no link"):
+        origins.verify(saved, b'<robot name="x"><link name="base_link"/></robot>', "found.urdf")
+    with pytest.raises(RobotError, match=r"found\.urdf: expected the joints joint_1, .* found a1, "):
+        origins.verify(saved, own.replace(b'"joint_', b'"a'), "found.urdf")
+
+
+def test_same_geometry_with_another_joint_map_is_another_calibration(folders):
+    saved = irbcal.load(folders[0])
+    own = (folders[0] / "calibrated.urdf").read_bytes()
+    mark = saved.fingerprint.encode()
+    result = origins.verify(saved, own.replace(mark, b"0" * len(mark)), "found.urdf")
+    assert not result.is_calibration
+    assert "the joint map or the data are not the same" in result.explanation
+
+
+def test_links_whose_short_names_collide_keep_all_their_joints(folders):
+    saved = irbcal.load(folders[0])
+    for names in (["arm", "arm_link"], ["hash", "x"], ["_link", "y"]):
+        links = [item.link for item in saved.joint_origins]
+        links[1:3] = names
+        items = [item.model_copy(update={"link": link}) for item, link in zip(saved.joint_origins, links, strict=True)]
+        entries = yaml.safe_load(origins.to_yaml(saved.model_copy(update={"joint_origins": items})))["kinematics"]
+        assert [entry["joint"] for key, entry in entries.items() if key != "hash"] == [
+            f"joint_{i}" for i in range(1, 7)
+        ]
+
+
+def test_a_cell_may_give_links_and_joints_a_prefix(folders):
+    saved = irbcal.load(folders[0])
+    own = (folders[0] / "calibrated.urdf").read_bytes()
+    cell = (
+        own.replace(b'"base_link"', b'"left_base_link"')
+        .replace(b'"tool0"', b'"left_tool0"')
+        .replace(b'"joint_', b'"left_joint_')
+    )
+    with pytest.raises(RobotError, match="there is no link 'base_link'"):
+        origins.verify(saved, cell, "cell.urdf")
+    assert origins.verify(saved, cell, "cell.urdf", "left_base_link", "left_tool0").is_calibration
+
+
+def test_calibrating_a_calibrated_urdf_again_leaves_one_fingerprint(folders, tmp_path):
+    outcome = calibrating.calibrate(folders[0].parent / "second.csv", folders[0] / "calibrated.urdf", "11")
+    irbcal.save(outcome, tmp_path / "again")
+    text = (tmp_path / "again/calibrated.urdf").read_text()
+    assert text.count("irbcal_calibration") == 1
+    assert irbcal.load(tmp_path / "again").fingerprint in text
+
+
+def test_command_line(folders):
+    def run(*arguments):
+        command = [sys.executable, "-m", "irbcal", "verify", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True)
+
+    done = run(folders[0], "--urdf", folders[0] / "calibrated.urdf", "--json")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["same_file"]
+    done = run(folders[0], "--urdf", folders[1] / "calibrated.urdf")
+    assert done.returncode == 1
+    assert "is not this calibration" in done.stdout
+    done = run(folders[0], "--urdf", folders[0] / "nothing.urdf")
+    assert done.returncode == 1
+    assert done.stderr.strip().endswith("nothing.urdf: cannot read this file: No such file or directory")

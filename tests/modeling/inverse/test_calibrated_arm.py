@@ -1,0 +1,260 @@
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from support import arm, assert_same_poses, central_differences, random_robot
+
+from irbcal.errors import RobotError
+from irbcal.modeling import frames
+from irbcal.modeling.inverse import calibrated_arm, closed_form, newton
+from irbcal.modeling.inverse.calibrated_arm import Method, Reason
+from irbcal.modeling.robot import Robot
+
+ROOT = Path(__file__).parents[3]
+MANY = 20_000
+
+
+def largest_error(nominal, robot):
+    q = nominal.random_joints(1000, 0)
+    return np.linalg.norm((robot.poses(q) - nominal.forward(q))[:, :3, 3], axis=1).max()
+
+
+def like_table_6_1(name, millimetres, seed=0):
+    """A level-34 robot whose nominal errors reach about so many millimetres."""
+    nominal = arm(name)
+    size = 0.1
+    for _ in range(4):
+        robot = random_robot(nominal, "34", np.random.default_rng(seed), size)
+        size *= millimetres * 1e-3 / largest_error(nominal, robot)
+    return nominal, robot
+
+
+def assert_solved(robot, result, T, rows=slice(None), tolerance=1e-9):
+    assert result.converged[rows].all()
+    assert_same_poses(robot.poses(result.joints[rows]), T[rows], tolerance, tolerance)
+    assert (result.reason[rows] == Reason.CONVERGED).all()
+    assert (result.method[rows] != Method.NONE).all()
+
+
+@pytest.mark.parametrize("millimetres", [1.2, 2.4, 3.9])
+@pytest.mark.parametrize("name", ["irb1600", "irb120"])
+def test_no_pose_is_lost(name, millimetres):
+    nominal, robot = like_table_6_1(name, millimetres)
+    q = nominal.random_joints(MANY, 1)
+    T, branch = robot.poses(q), closed_form.configuration(nominal, q)
+    result = calibrated_arm.solve(robot, nominal, T, configuration=branch)
+    # two singularities at once may remain: they are flagged, never wrong
+    flagged = ~result.converged
+    assert flagged.sum() <= 1
+    assert np.isnan(result.joints[flagged]).all()
+    assert (result.reason[flagged] >= Reason.OUT_OF_REACH).all()
+    assert_solved(robot, result, T, ~flagged)
+    # a solution in another branch, or beyond a limit, is only taken next to a singularity
+    assert result.branch_kept.sum() >= MANY - 3
+    assert result.inside.sum() >= MANY - 5
+    fixed = result.method == Method.FIXED_POINT
+    assert fixed.mean() > 0.94
+    assert np.median(result.iterations) <= 6
+    assert result.branch_kept[fixed].all()
+    assert result.position_residual[~flagged].max() <= 1e-10
+    assert result.rotation_residual[~flagged].max() <= 1e-10
+
+
+def test_joints_away_from_singularities_are_those_that_made_the_pose():
+    nominal, robot = like_table_6_1("irb1600", 2.4)
+    q = nominal.random_joints(5_000, 2)
+    T, branch = robot.poses(q), closed_form.configuration(nominal, q)
+    branches = closed_form.branches(nominal, T)
+    row = np.arange(len(q))
+    clear = (branches.wrist[row, branch] > 0.1) & (branches.shoulder > 0.1) & (branches.elbow[row, branch] > 0.01)
+    seeded = calibrated_arm.solve(robot, nominal, T, seed=q + np.random.default_rng(0).uniform(-0.02, 0.02, q.shape))
+    assert np.abs(seeded.joints - q)[clear].max() < 1e-8
+    assert (seeded.configuration == branch)[clear].all()
+    # without a seed the turns may differ, and only they
+    free = calibrated_arm.solve(robot, nominal, T, configuration=branch)
+    turns = (free.joints - q)[clear] / (2 * np.pi)
+    assert np.abs(turns - np.rint(turns)).max() < 1e-8
+    assert free.inside[clear].all()
+
+
+def test_every_branch_of_one_pose():
+    nominal, robot = like_table_6_1("irb120", 2.4)
+    q = np.radians([[20.0, 10.0, -20.0, 30.0, 40.0, 50.0]])
+    T = np.repeat(robot.poses(q), 8, axis=0)
+    result = calibrated_arm.solve(robot, nominal, T, configuration=np.arange(8))
+    assert_solved(robot, result, T)
+    assert (result.configuration == np.arange(8)).all()
+
+
+def test_turns_are_kept_with_joint_gains():
+    nominal, robot = like_table_6_1("irb1600", 2.4)
+    robot = robot.replace(joint_map=replace(robot.joint_map, gain=np.full(6, 2e-3)))
+    q = np.radians([[10.0, 20.0, -30.0, 20.0, 40.0, 30.0], [10.0, 20.0, -30.0, 20.0, 40.0, -330.0]])
+    T = robot.poses(q)
+    assert np.abs(T[0] - T[1]).max() > 1e-3
+    result = calibrated_arm.solve(robot, nominal, T, seed=q)
+    assert_solved(robot, result, T)
+    assert np.abs(result.joints - q).max() < 1e-9
+
+
+@pytest.mark.parametrize("q5", [0.0, 1e-12, 1e-6, 1e-4, 1e-3])
+def test_wrist_singularity_changes_over_to_newton(q5):
+    nominal, robot = like_table_6_1("irb1600", 2.4)
+    q = nominal.random_joints(300, 3)
+    q[:, 4] = q5
+    T = robot.poses(q)
+    result = calibrated_arm.solve(robot, nominal, T, configuration=closed_form.configuration(nominal, q))
+    assert_solved(robot, result, T, result.converged)
+    assert result.converged.sum() >= 299
+    if q5 < 1e-3:
+        assert (result.method == Method.NEWTON).mean() > 0.5
+
+
+def test_stretched_arm_beyond_the_nominal_reach():
+    nominal, robot = like_table_6_1("irb1600", 2.4)
+    q = nominal.random_joints(300, 4)
+    q[:, 2], q[:, 4] = -np.pi / 2, 1.0
+    longer = robot.replace(arm=nominal.with_table(replace(robot.table, d=robot.table.d + [0, 0, 0, 2e-3, 0, 0])))  # noqa: RUF005
+    T = longer.poses(q)
+    branch = closed_form.configuration(nominal, q)
+    margin = closed_form.branches(nominal, T).reach_margin[np.arange(300), branch // 4]
+    assert (margin < 0).mean() > 0.9
+    result = calibrated_arm.solve(longer, nominal, T, configuration=branch)
+    assert_solved(longer, result, T)
+    assert (result.method == Method.NEWTON).all()
+    # the shorter robot cannot get there, and says so
+    result = calibrated_arm.solve(robot, nominal, T, configuration=branch)
+    assert (result.reason[~result.converged] == Reason.OUT_OF_REACH).all()
+    assert (~result.converged).mean() > 0.9
+    assert 1e-4 < np.median(result.position_residual) < 5e-3
+
+
+def test_reasons():
+    nominal, robot = like_table_6_1("irb1600", 1.2)
+    q = nominal.random_joints(9_000, 5)
+    T, seed = robot.poses(q), q.copy()
+    T[0, 0, 0] = np.nan
+    T[1, :3, 3] = 10.0
+    T[2, :3, :3] *= 1.1
+    T[8192, :3, 3] = 1e300
+    T[8193, 1, 3] = np.inf
+    seed[3] = np.nan
+    result = calibrated_arm.solve(robot, nominal, T, seed=seed)
+    broken = [0, 1, 2, 3, 8192, 8193]
+    assert [Reason(k) for k in result.reason[broken]] == [
+        Reason.NOT_A_POSE,
+        Reason.OUT_OF_REACH,
+        Reason.NOT_A_POSE,
+        Reason.BAD_SEED,
+        Reason.OUT_OF_REACH,
+        Reason.NOT_A_POSE,
+    ]
+    assert not result.converged[broken].any()
+    assert not result.inside[broken].any()
+    assert np.isnan(result.joints[broken]).all()
+    assert (result.method[broken] == Method.NONE).all()
+    assert (result.configuration[broken] == -1).all()
+    assert result.position_residual[1] > 10.0
+    others = np.delete(np.arange(len(q)), broken)
+    assert_solved(robot, result, T, others[result.converged[others]])
+    assert result.converged[others].sum() >= len(others) - 1
+    assert len({reason.words for reason in Reason}) == len(Reason)
+    assert "2 where the target is out of the robot's reach" in result.summary()
+    assert "9000 poses" in result.summary()
+
+
+def test_result_of_a_pose_does_not_depend_on_its_neighbours():
+    nominal, robot = like_table_6_1("irb1600", 2.4)
+    q = nominal.random_joints(300, 3)
+    q[:100, 4] = 1e-5
+    T, branch = robot.poses(q), closed_form.configuration(nominal, q)
+    together = calibrated_arm.solve(robot, nominal, T, configuration=branch)
+    for part in (slice(0, 7), slice(95, 300)):
+        alone = calibrated_arm.solve(robot, nominal, T[part], configuration=branch[part])
+        assert (alone.converged == together.converged[part]).all()
+        assert_same_poses(robot.poses(alone.joints), robot.poses(together.joints[part]), 3e-10, 3e-10)
+
+
+def test_shapes_are_refused():
+    nominal, robot = like_table_6_1("irb1600", 1.2)
+    T = nominal.forward(np.zeros((3, 6)))
+    for bad in ({"seed": np.zeros((2, 6))}, {"seed": np.zeros((3, 5))}, {"configuration": 9}, {"configuration": [0]}):
+        with pytest.raises(RobotError):
+            calibrated_arm.solve(robot, nominal, T, **bad)
+    with pytest.raises(RobotError, match=r"shape \(n, 4, 4\)"):
+        calibrated_arm.solve(robot, nominal, T[0])
+    crooked = nominal.with_table(replace(nominal.table, alpha=nominal.table.alpha + 0.1))
+    with pytest.raises(RobotError, match="alpha2"):
+        calibrated_arm.solve(robot, crooked, T)
+    assert len(calibrated_arm.solve(robot, nominal, np.empty((0, 4, 4)))) == 0
+
+
+def test_identity_needs_one_iteration():
+    nominal = arm()
+    q = nominal.random_joints(1000, 6)
+    T = nominal.forward(q)
+    result = calibrated_arm.solve(Robot(nominal), nominal, T, seed=q)
+    assert_solved(Robot(nominal), result, T)
+    assert (result.iterations == 1).mean() > 0.99
+
+
+def test_jacobian_of_newton_steps():
+    nominal, robot = like_table_6_1("irb1600", 3.9)
+    robot = robot.replace(joint_map=replace(robot.joint_map, gain=np.linspace(-2e-3, 3e-3, 6)))
+    chain = newton.CalibratedChain(robot, 1.3)
+    H = newton.columns(robot.poses(nominal.random_joints(4, 1)))
+    q = nominal.random_joints(4, 2).T
+    J = chain.linearised(H, q)[0]
+    for k in range(4):
+        R = chain.tip(q[:, k : k + 1])
+
+        def moved(x, R=R):
+            tip = chain.tip(x[:, None])
+            return np.concatenate([tip[3, :, 0] / 1.3, newton.rotation_vector(R, tip)[:, 0]])
+
+        # J is the derivative of what the tip does; what is lacking falls by as much
+        assert np.abs(central_differences(moved, q[:, k]) - J[k]).max() < 1e-9
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6),
+    st.sampled_from(["irb1600", "irb120"]),
+    st.integers(0, 2**20),
+    st.floats(0.0, 0.5),
+)
+def test_any_pose_of_any_robot(part, name, seed, size):
+    nominal = arm(name)
+    robot = random_robot(nominal, "34b", np.random.default_rng(seed), size)
+    q = nominal.lower + (nominal.upper - nominal.lower) * np.array(part)[None]
+    T, branch = robot.poses(q), closed_form.configuration(nominal, q)
+    closed = closed_form.branches(nominal, nominal.forward(q))
+    assume(not any(mask[0, branch[0]] for mask in closed.singular(0.01, 0.01, 0.005).values()))
+    result = calibrated_arm.solve(robot, nominal, T, configuration=branch)
+    assert_solved(robot, result, T)
+    assert result.branch_kept.all()
+
+
+def test_fixed_point_history_and_its_table():
+    nominal, robot = like_table_6_1("irb1600", 2.4)
+    q = nominal.random_joints(1000, 7)
+    T = nominal.forward(q)
+    position, rotation = calibrated_arm.fixed_point_history(robot, nominal, T, closed_form.configuration(nominal, q), 3)
+    calibrated = robot.poses(closed_form.into_limits(nominal, q)[0])
+    assert position[0] == pytest.approx(np.linalg.norm((calibrated - T)[:, :3, 3], axis=1), abs=1e-8)
+    assert rotation[0] == pytest.approx(frames.rotation_distance(calibrated[:, :3, :3], T[:, :3, :3]), abs=1e-8)
+    assert np.nanmedian(position[2]) < 1e-2 * np.nanmedian(position[1]) < 1e-3 * np.nanmedian(position[0])
+    run = subprocess.run(
+        [sys.executable, str(ROOT / "scripts" / "table_6_1"), "--poses", "300"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    rows = [line for line in run.stdout.splitlines() if line.startswith(("| 1 | position", "| 3 | position"))]
+    assert "| 1.176 |" in rows[0]
+    assert "| 3.881 |" in rows[1]

@@ -1,0 +1,69 @@
+"""What frozen dataclasses hold cannot be written to."""
+
+import pickle
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from irbcal.arrays import LockedDict, lock, locked
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    array: np.ndarray
+    named: dict
+    several: list
+
+    def __post_init__(self):
+        lock(self)
+
+
+def test_arrays_are_copied_and_locked_wherever_they_are():
+    mine = np.zeros(3)
+    held = Held(mine, {"a": mine}, [mine, 1])
+    mine[:] = 7.0
+    for array in (held.array, held.named["a"], held.several[0]):
+        assert array.tolist() == [0.0, 0.0, 0.0]
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    assert isinstance(held.several, tuple)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d.__setitem__("a", 1),
+        lambda d: d.__delitem__("a"),
+        lambda d: d.pop("a"),
+        lambda d: d.update(b=1),
+        lambda d: d.clear(),
+        lambda d: d.setdefault("b", 1),
+        lambda d: d.popitem(),
+        lambda d: d.__ior__({"b": 1}),
+    ],
+)
+def test_dicts_refuse_changes(change):
+    held = LockedDict({"a": 0})
+    with pytest.raises(TypeError, match="cannot be changed"):
+        change(held)
+    assert dict(held) == {"a": 0}
+
+
+def test_locked_dicts_are_pickled():
+    copy = pickle.loads(pickle.dumps(LockedDict({"a": np.arange(2)})))
+    assert isinstance(copy, LockedDict)
+    assert copy["a"].tolist() == [0, 1]
+
+
+def test_a_view_of_a_writable_array_is_copied_and_a_locked_one_is_not():
+    base = np.arange(4.0)
+    view = base[:2]
+    view.setflags(write=False)
+    kept = locked(view)
+    base[0] = 9.0
+    assert kept[0] == 0.0
+    once = locked(base)
+    assert locked(once) is once
+    part = once[:2]
+    assert locked(part) is part
