@@ -2,7 +2,10 @@
 
 import json
 import sys
+from collections.abc import Sequence
 from contextlib import contextmanager
+
+from irbcal.summary import Table, Told
 
 COLUMNS = (
     ("points", "n", "d"),
@@ -62,6 +65,19 @@ def statistics_table(title, rows):
         table.add_row("" if label == previous else label, model, *cells, style="bold" if headline else None)
         previous = label
     Console(markup=False).print(table)
+
+
+def tell(told: Sequence[Told]) -> None:
+    """Print what a result has to say: paragraphs and tables, see `irbcal.summary`."""
+    from rich.console import Console
+
+    console = Console(markup=False, highlight=False, emoji=False)
+    for item in told:
+        if isinstance(item, Table):
+            console.print(item.title, soft_wrap=True)
+            console.print(item.for_terminal())
+        else:
+            console.print(item, soft_wrap=True)
 
 
 def say(text=""):
