@@ -162,6 +162,10 @@ def read(path):
     return MeasurementSet(table, source, digest)
 
 
+read_measurements = read
+MeasurementsLike = object
+
+
 def read_joints(path, columns=JOINTS):
     """Read a file of joints.
 

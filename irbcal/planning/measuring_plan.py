@@ -264,8 +264,8 @@ def open_scene(
 
 def _open_robot(name, base, tip):
     if Path(name).is_dir():
-        saved = calibration_folder.load(name)
-        data = calibration_folder.calibrated_urdf(name)
+        folder = calibration_folder.read(name)
+        saved, data = folder.record, folder.urdf
         section = saved.robot
         urdf = urdf_module.from_bytes(data, f"URDF of {section.name}", section.base_link, section.tip_link)
         return saved.robot_calibrated(), saved.arm(calibrated=False), urdf, data, Path(name)

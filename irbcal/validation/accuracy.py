@@ -10,6 +10,7 @@ import numpy as np
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement.cleaning import by_pose
+from irbcal.measurement.points import rotation_distances
 from irbcal.measurement.registration import register
 from irbcal.modeling import frames
 from irbcal.units import MM
@@ -152,6 +153,16 @@ def _tips_of_three(robot, points, source):
 def error_vectors(robot, points):
     """Measured minus predicted places, shape (m, 3), metres, in the measuring frame."""
     return points.xyz - _predicted(robot, points)
+
+
+def turns(robot, points):
+    """Orientation error of each point, NaN where there is none; None where no point has one."""
+    known = points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))
+    if not known.any():
+        return None
+    out = np.full(len(points), np.nan)
+    out[known] = rotation_distances(robot, points)
+    return out
 
 
 def _predicted(robot, points):
