@@ -30,7 +30,7 @@ from irbcal.files.schema import (
     RotationStatistics,
     Statistics,
 )
-from irbcal.reports import report_page
+from irbcal.reports import report_data, report_page
 
 NASTY = "</title><script>alert(1)</script>$\\frac$<img src=x onerror=alert(2)>\"'&amp;{{ 7*7 }}]]>漢字"
 
@@ -489,7 +489,7 @@ def test_histogram_counts_every_point(calibration, page):
 
 
 def test_normal_quantiles_of_normal_errors_lie_on_a_line():
-    from irbcal.reports.evidence import normal_quantiles
+    from irbcal.figures.pose_errors import normal_quantiles
 
     value = np.random.default_rng(1).normal(3.0, 0.5, 5000)
     quantile, shown = normal_quantiles(value)
@@ -633,7 +633,7 @@ def test_files_of_hostile_names_and_simulated_data(calibration):
             "title",
         }
         assert b"SIMULATED data" in content
-    rows = list(csv.DictReader(io.StringIO(report_page.data_files(changed, evidence)["poses.csv"].decode())))
+    rows = list(csv.DictReader(io.StringIO(report_data.data_files(changed, evidence)["poses.csv"].decode())))
     assert rows[0]["pose"] == NASTY
     assert rows[0]["simulated"] == "1"
 
