@@ -13,7 +13,7 @@ from irbcal.identification.axes import GROUPS
 from irbcal.identification.fit import Fit, identify
 from irbcal.identification.methods import identify_by
 from irbcal.identification.selection import Choice, choose_level
-from irbcal.measurement import cleaning, table
+from irbcal.measurement import cleaning, lists, table
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.statistics import rotation_statistics, statistics
@@ -181,7 +181,7 @@ def calibrate(
     say = progress or (lambda text: None)
     robot_urdf = urdf_module.read(robot, base, tip)
     arm = robot_urdf.arm
-    known = table.read_targets(known_targets) if isinstance(known_targets, (str, Path)) else known_targets
+    known = lists.read_targets(known_targets) if isinstance(known_targets, (str, Path)) else known_targets
     say("reading and cleaning the measurements")
     seen = _read(measurements, arm)
     model = default_level(arm) if model is None else model

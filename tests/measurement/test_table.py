@@ -107,13 +107,6 @@ def test_not_a_file_and_not_text(tmp_path):
     assert "row 3: expected UTF-8 text" in refused(path)
 
 
-def test_joint_files(tmp_path):
-    path = write(tmp_path, "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg", "a,0,0,0,0,0,180")
-    assert np.abs(table.read_joints(path) - [[0, 0, 0, 0, 0, np.pi]]).max() < 1e-15
-    with pytest.raises(MeasurementError, match="missing column q6_deg"):
-        table.read_joints(write(tmp_path, "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg", "1,2,3,4,5", name="f.csv"))
-
-
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=300))
 def test_any_bytes_are_read_or_refused_in_one_sentence(tmp_path_factory, data):

@@ -20,9 +20,12 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import MeasurementError
+from irbcal.measurement import columns as columns_module
 from irbcal.measurement import table
+from irbcal.measurement.columns import POSITION, QUATERNION
 from irbcal.measurement.imports import dialect
-from irbcal.measurement.imports.columns import (
+from irbcal.measurement.imports.dialect import short
+from irbcal.measurement.imports.part import (
     ANGLE_DEG,
     LENGTH_MM,
     ROW,
@@ -32,8 +35,6 @@ from irbcal.measurement.imports.columns import (
     joint_values,
     undeclared,
 )
-from irbcal.measurement.imports.dialect import short
-from irbcal.measurement.table import POSITION, QUATERNION
 
 SAME_JOINTS = 1e-6
 """Joints that differ by no more are the same, degrees or mm."""
@@ -148,7 +149,7 @@ def understand(sources, import_map, joints=None):
         frame = _join(frame, joints, import_map, warnings)
     elif import_map.pose_by == "joints" and not _names_poses(import_map):
         frame["pose"] = _runs(frame).astype(str)
-    columns = table.joint_columns(list(frame.columns))
+    columns = columns_module.joint_columns(list(frame.columns))
     if joints is None:
         _check_joint_sizes(frame, frame[SOURCE].iloc[0], import_map.units.joints, import_map)
     _apply_joint_rules(frame, columns, import_map)
@@ -214,7 +215,7 @@ def _read_joints(path, import_map):
     if given:
         names, units, pose, group = given.columns.joints, given.units.joints, given.columns.pose, given.columns.group
     else:
-        names = table.joint_columns(text.names)
+        names = columns_module.joint_columns(text.names)
         units = [name.rpartition("_")[2] for name in names]
         pose, group = ("pose" if "pose" in text.names else None), ("group" if "group" in text.names else None)
         if not names:
@@ -237,7 +238,7 @@ def _join(frame, path, import_map, warnings):
     """Add the joints of a joints file, by the poses' names or by their order."""
     joints = _read_joints(path, import_map)
     how = import_map.join or ("name" if _names_poses(import_map) and "pose" in joints.columns else "order")
-    columns = table.joint_columns(list(joints.columns))
+    columns = columns_module.joint_columns(list(joints.columns))
     if how == "name":
         if "pose" not in joints.columns:
             raise MeasurementError(
@@ -295,7 +296,7 @@ def _check_counts(frame, poses, rows, path, import_map):
 
 def _runs(frame):
     """Number poses from 1: neighbouring rows with the same joints, until a target comes again."""
-    columns = table.joint_columns(list(frame.columns))
+    columns = columns_module.joint_columns(list(frame.columns))
     q = frame[columns].to_numpy()
     new = np.r_[True, np.abs(np.diff(q, axis=0)).max(axis=1) > SAME_JOINTS]
     new |= (frame[SOURCE] != frame[SOURCE].shift()).to_numpy()
@@ -306,7 +307,7 @@ def _runs(frame):
 
 def _check_joint_sizes(frame, source, units, import_map):
     """Refuse joints (as read, in degrees and mm) whose size contradicts the declared units."""
-    columns = table.joint_columns(list(frame.columns))
+    columns = columns_module.joint_columns(list(frame.columns))
     units = [units] * len(columns) if isinstance(units, str) else units
     if import_map.trust_units or len(frame[columns].drop_duplicates()) < ENOUGH:
         return

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import MeasurementError
+from irbcal.measurement.columns import POSITION, QUATERNION
 from irbcal.measurement.imports.dialect import short
-from irbcal.measurement.table import POSITION, QUATERNION
 from irbcal.units import DEG, MM
 
 LENGTH_MM = {"mm": 1.0, "m": 1.0 / MM, "inch": 25.4}
