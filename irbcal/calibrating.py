@@ -16,10 +16,9 @@ from irbcal.identification.selection import Choice, choose_level
 from irbcal.measurement import cleaning, lists, table
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses, in_frame_of
+from irbcal.measurement.registration import base_on
 from irbcal.measurement.statistics import rotation_statistics, statistics
-from irbcal.modeling import frames
 from irbcal.modeling.parameters import default_level, selected_parameters
-from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy, bootstrap, comparison
 from irbcal.validation.prepared import prepare
@@ -365,7 +364,7 @@ def in_frame_of_calibration(calibration, measurements, refit_base=False):
     ready = prepare(seen, calibration)
     robots = {"nominal": calibration.robot_nominal(), "calibrated": calibration.robot_calibrated()}
     if refit_base:
-        robots = {name: _with_base_on(robot, ready.points) for name, robot in robots.items()}
+        robots = {name: base_on(robot, ready.points) for name, robot in robots.items()}
     error = distances(robots["calibrated"], ready.points)
     _refuse_far_points(robots["calibrated"], ready.points, error, seen.source, refit_base)
     return ready, robots
@@ -486,7 +485,7 @@ def _without_gross_errors(arm, cleaned, source):
         )
         for k in np.flatnonzero(~keep)
     ]
-    return points.take(keep).without_empty_poses(), cleaned.excluded + found
+    return points.take(keep).without_empty_poses(), [*cleaned.excluded, *found]
 
 
 def _groups(points):
@@ -538,16 +537,6 @@ def _doubts(nominal, fit, fit_points, heldout):
                 f"{before / MM:.3f} mm mean): do not use this calibration."
             )
     return doubts
-
-
-def _with_base_on(robot: Robot, points):
-    """The robot with its base where the points say (closed form, least squares)."""
-    predicted = np.empty_like(points.xyz)
-    at_origin = robot.replace(T_world_base=np.eye(4))
-    for k, name in enumerate(points.target_names):
-        mine = points.target == k
-        predicted[mine] = at_origin.points(points.q[points.pose[mine]], name)
-    return robot.replace(T_world_base=frames.rigid_fit(predicted, points.xyz))
 
 
 def _refuse_far_points(robot, points, error, source, refit_base):

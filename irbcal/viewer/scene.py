@@ -388,9 +388,7 @@ def _registered(calibration, measurements, refit_base):
 
 
 def _measured_points(model, nominal, points, T_scene_world):
-    modelled = [
-        frames.apply(T_scene_world, robot.points(points.joints(), points.names())) for robot in (model, nominal)
-    ]
+    modelled = [frames.apply(T_scene_world, points.predicted(robot)) for robot in (model, nominal)]
     turns = [_turns(robot, points) for robot in (model, nominal)]
     return Points(
         points.pose,

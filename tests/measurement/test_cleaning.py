@@ -50,7 +50,7 @@ def put(seen, rows, columns, value):
 def test_clean_data_pass_untouched():
     seen, _, points, _ = simulated_set()
     found = cleaning.clean(seen)
-    assert found.excluded == []
+    assert found.excluded == ()
     assert np.abs(found.points.xyz - points.xyz).max() < 1e-12
     assert np.array_equal(found.points.pose, points.pose)
 
