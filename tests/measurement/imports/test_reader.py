@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
-from irbcal.measurement.imports import column_map, reader
+from irbcal.measurement.imports import map_file, reader
 
 JOINTS = [f"q{k}_deg" for k in range(1, 7)]
 XYZ = ["x_mm", "y_mm", "z_mm"]
@@ -32,7 +32,7 @@ def make_map(tmp_path, text, name="map.yaml"):
 def understood(sources, name, *changes, joints=None):
     """The table by a preset or map; what is written is read back to the same numbers."""
     sources = sources if isinstance(sources, list) else [sources]
-    found = reader.understand(sources, column_map.read_map(name, changes), joints)
+    found = reader.understand(sources, map_file.read_map(name, changes), joints)
     folder = sources[0].parent
     (folder / "written.csv").write_bytes(found.csv())
     seen = table.read(folder / "written.csv")
@@ -45,7 +45,7 @@ def refused(sources, name, *changes, joints=None):
     """The one sentence of a refusal."""
     sources = sources if isinstance(sources, list) else [sources]
     with pytest.raises(MeasurementError) as caught:
-        reader.understand(sources, column_map.read_map(name, changes), joints).csv()
+        reader.understand(sources, map_file.read_map(name, changes), joints).csv()
     text = str(caught.value)
     assert "\n" not in text
     return text
@@ -217,7 +217,7 @@ def test_lab_export_by_hand(tmp_path):
 
 def test_real_lab_export_equals_the_cleaned_file(shared_data, tmp_path):
     folder = shared_data / "ur10_laser_tracker_6d"
-    found = reader.understand([folder / "as_exported_by_the_lab.csv"], column_map.read_map("ur10-lab"))
+    found = reader.understand([folder / "as_exported_by_the_lab.csv"], map_file.read_map("ur10-lab"))
     path = tmp_path / "m.csv"
     path.write_bytes(found.csv())
     seen = table.read(path).table
@@ -233,10 +233,10 @@ def test_real_lab_export_equals_the_cleaned_file(shared_data, tmp_path):
     assert np.abs(seen["temperature_c"].astype(float).to_numpy() - clean["temperature_c"].to_numpy()).max() < 1e-6
 
 
-@pytest.mark.parametrize("name", column_map.presets())
+@pytest.mark.parametrize("name", map_file.presets())
 def test_presets_are_maps_that_explain_themselves(name):
-    text = column_map.preset_text(name)
-    assert column_map.read_map(name).about
+    text = map_file.preset_text(name)
+    assert map_file.read_map(name).about
     assert any(word in text for word in ("Confirmed", "Assumed", "not a maker's format"))
 
 
@@ -398,7 +398,7 @@ def test_many_rows(tmp_path):
     values = np.column_stack([rng.uniform(-170, 170, (30_000, 6)), rng.uniform(-3000, 3000, (30_000, 3))])
     text = pd.DataFrame(values.round(4)).to_csv(index=False, header=False, sep=";", decimal=",")
     (tmp_path / "big.csv").write_text("header\n" + text)
-    chosen = column_map.read_map("robodk", ["file.delimiter=;", "file.decimal=,"])
+    chosen = map_file.read_map("robodk", ["file.delimiter=;", "file.decimal=,"])
     found = reader.understand([tmp_path / "big.csv"], chosen)
     assert np.abs(found.table[[*JOINTS, *XYZ]].to_numpy() - values.round(4)).max() < 1e-9
 
@@ -599,5 +599,5 @@ def test_names_of_maps_and_changes(tmp_path):
     assert "expected key=value" in refused(path, "robodk", "units.lengths")
     assert "units.lengths: expected 'mm', 'm' or 'inch'" in refused(path, "robodk", "units.lengths=feet")
     assert "pose_by is no group of keys" in refused(path, "robodk", "pose_by.x=1")
-    copied = make_map(tmp_path, column_map.preset_text("robodk"))
+    copied = make_map(tmp_path, map_file.preset_text("robodk"))
     assert understood(path, copied).table.equals(understood(path, "robodk").table)
