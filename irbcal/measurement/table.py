@@ -119,7 +119,9 @@ class MeasurementSet(OwnTables, Speaks):
 
     def to_frame(self) -> pd.DataFrame:
         """The table in the columns of a measurement file (degrees and millimetres), for `read` or ``to_csv``."""
-        return self._rows.drop(columns=["row", "pose_index"])
+        first = ["pose", *self.joint_columns, "target", *POSITION]
+        rest = [name for name in self._rows.columns if name not in (*first, "row", "pose_index")]
+        return self._rows[[*first, *rest]].copy()
 
     def told(self) -> Sequence[Told]:
         """Counts of rows, poses and lost points; tables of targets and of groups."""

@@ -67,7 +67,8 @@ def import_measurements(
     if not sources:
         raise OptionError("sources: expected one file or more, found none", parameter="sources")
     if out is not None:
-        refuse_sources(Path(out), [*sources, *([] if joints is None else [joints])])
+        maps = [] if isinstance(as_, ImportMap) or not Path(as_).is_file() else [as_]
+        refuse_sources(Path(out), [*sources, *([] if joints is None else [joints]), *maps])
     if isinstance(as_, ImportMap):
         if set_:
             raise OptionError("set_: expected no changes beside an ImportMap: change the map itself", parameter="set_")
