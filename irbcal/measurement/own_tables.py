@@ -9,7 +9,7 @@ import pandas as pd
 class OwnTables:
     """Base of frozen dataclasses that keep DataFrames of their own: every access to such a field hands out a copy.
 
-    The fields of tables have no default.     ``dataclasses.replace``, ``pickle`` and ``copy`` work as with any other dataclass.
+    ``dataclasses.replace``, ``pickle`` and ``copy`` work as with any other dataclass. Fields of tables have no default.
     """
 
     def __post_init__(self) -> None:
