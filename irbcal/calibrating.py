@@ -21,7 +21,7 @@ from irbcal.identification.choices import LOSSES, METHODS, OBJECTIVES
 from irbcal.identification.fit import Fit, identify
 from irbcal.identification.methods import identify_by
 from irbcal.identification.selection import choose_level
-from irbcal.measurement import cleaning, table
+from irbcal.measurement import cleaning, lists, table
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses, in_frame_of
@@ -145,7 +145,7 @@ def run(
     say: Progress = progress or (lambda text: None)
     robot_urdf = urdf_module.read(robot, options.base_link, options.tip_link)
     arm = robot_urdf.arm
-    known = table.read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
+    known = lists.read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
     ready = _prepared(measurements, arm, options)
     source = ready.measurements.source

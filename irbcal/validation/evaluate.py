@@ -17,6 +17,7 @@ from irbcal.files.schema import Record
 from irbcal.identification import outliers
 from irbcal.measurement import table
 from irbcal.measurement.points import PointSet, distances, rotation_distances
+from irbcal.measurement.registration import base_on
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
@@ -149,7 +150,7 @@ def in_frame_of_calibration(
     ready = prepare(seen, record)
     robots = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
     if refit_base:
-        robots = {name: _with_base_on(robot, ready.points) for name, robot in robots.items()}
+        robots = {name: base_on(robot, ready.points) for name, robot in robots.items()}
     error = distances(robots["calibrated"], ready.points)
     _refuse_far_points(robots["calibrated"], ready.points, error, seen.source, refit_base)
     return ready, robots
@@ -306,16 +307,6 @@ def _verified(
     other = prepare(seen, calibration).points
     _refuse_far_points(robot, other, distances(robot, other), seen.source, False)
     return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, other)
-
-
-def _with_base_on(robot: Robot, points: PointSet) -> Robot:
-    """The robot with its base where the points say (closed form, least squares)."""
-    predicted = np.empty_like(points.xyz)
-    at_origin = robot.replace(T_world_base=np.eye(4))
-    for k, name in enumerate(points.target_names):
-        mine = points.target == k
-        predicted[mine] = at_origin.points(points.q[points.pose[mine]], name)
-    return robot.replace(T_world_base=frames.rigid_fit(predicted, points.xyz))
 
 
 def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source: str, refit_base: bool) -> None:

@@ -13,7 +13,7 @@ from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, Robot
 from irbcal.files import calibration_folder, robots
 from irbcal.files import urdf as urdf_module
 from irbcal.files.schema import Record
-from irbcal.measurement import table
+from irbcal.measurement import columns, lists
 from irbcal.measurement.points import rotation_distances
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
@@ -269,7 +269,7 @@ def is_plan(path):
             names = [name.strip().strip('"') for name in header.split(",")]
     except Exception:  # whatever is wrong with the file, its reader says it better
         return False
-    return bool(table.joint_columns(names)) and not {"target", *table.POSITION} & set(names)
+    return bool(columns.joint_columns(names)) and not {"target", *columns.POSITION} & set(names)
 
 
 def nice(value, up=False):
@@ -387,9 +387,7 @@ def _registered(calibration, measurements, refit_base):
 
 
 def _measured_points(model, nominal, points, T_scene_world):
-    modelled = [
-        frames.apply(T_scene_world, robot.points(points.joints(), points.names())) for robot in (model, nominal)
-    ]
+    modelled = [frames.apply(T_scene_world, points.predicted(robot)) for robot in (model, nominal)]
     turns = [_turns(robot, points) for robot in (model, nominal)]
     return Points(
         points.pose,
@@ -418,7 +416,7 @@ def _turns(robot, points):
 
 def _plan_joints(plan, arm):
     if isinstance(plan, (str, Path)):
-        return table.read_joints(plan, arm.joint_columns)
+        return lists.read_joints(plan, arm.joint_columns)
     plan = np.asarray(plan, dtype=float)
     if plan.ndim != 2 or not len(plan) or not np.isfinite(plan).all():
         raise RobotError(

@@ -13,7 +13,7 @@ import pytest
 from support import outcome_of
 
 from irbcal.files import robots, urdf
-from irbcal.measurement import table
+from irbcal.measurement import columns, table
 from irbcal.measurement.points import distances
 from irbcal.measurement.statistics import statistics
 from irbcal.units import DEG, MM
@@ -71,9 +71,9 @@ def test_shipped_measurements_are_what_the_script_makes(made, name):
     # another processor may round the last decimal of a position otherwise; all else is text for text
     ours, again = (pd.read_csv(path, dtype=str) for path in (robots.demo_file(name), made / name))
     assert list(ours.columns) == list(again.columns)
-    text = [column for column in ours.columns if column not in table.POSITION]
+    text = [column for column in ours.columns if column not in columns.POSITION]
     pd.testing.assert_frame_equal(ours[text], again[text])
-    a, b = (frame[table.POSITION].astype(float).to_numpy() for frame in (ours, again))
+    a, b = (frame[columns.POSITION].astype(float).to_numpy() for frame in (ours, again))
     np.testing.assert_allclose(a, b, rtol=0, atol=0.002)
 
 

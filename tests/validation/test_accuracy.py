@@ -38,7 +38,9 @@ def test_distances_are_those_of_shifted_points():
     nominal = arm()
     robot = random_robot(nominal, "34", np.random.default_rng(0))
     points = measured(robot, nominal.random_joints(10, 0))
-    points.xyz[4] += [3e-3, 0, 4e-3]
+    xyz = points.xyz.copy()
+    xyz[4] += [3e-3, 0, 4e-3]
+    points = replace(points, xyz=xyz)
     distance = distances(robot, points)
     assert distance[4] == pytest.approx(5e-3, abs=1e-12)
     assert np.delete(distance, 4).max() < 1e-13

@@ -20,7 +20,8 @@ from irbcal.correction.program import (
     read_bytes,
 )
 from irbcal.errors import MeasurementError, ProgramError
-from irbcal.measurement.table import JOINTS, POSITION, QUATERNION, _check_header, _numbers, _parse_csv
+from irbcal.measurement import columns as readers
+from irbcal.measurement.columns import JOINTS, POSITION, QUATERNION
 from irbcal.units import DEG, MM
 
 POSE = [*POSITION, *QUATERNION]
@@ -95,7 +96,7 @@ def parse(data, source="program", joints=JOINTS):
         If it does not keep the format.
     """
     try:
-        table = _parse_csv(data, source, [])
+        table = readers.parse_csv(data, source)
         kind, columns = _kind(list(table.columns), source, joints)
         if table.empty:
             raise ProgramError(f"{source}: the file has a header but no rows")
@@ -204,7 +205,7 @@ def _kind(names, source, joints):
     for columns in kinds.values():
         metric = [name.replace("_deg", "_rad").replace("_mm", "_m") for name in columns]
         if any(name in names for name in (*columns, *metric)):
-            _check_header(names, columns, source)
+            readers.check_header(names, columns, source)
     found = ", ".join(name if len(name) < 40 else name[:40] + "…" for name in names[:40])
     raise ProgramError(
         f"{source}: row 1: expected columns {joints[0]} … {joints[-1]} (joints) or x_mm, y_mm, z_mm, qw, qx, qy, qz "
@@ -223,7 +224,7 @@ def _column(table, name, source):
             values = np.array([np.nan])
         if np.isfinite(values).all():
             return values
-    return _numbers(table, name, source, _expected(name))
+    return readers.numbers(table, name, source, _expected(name))
 
 
 def _expected(name):
