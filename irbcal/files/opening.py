@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, Union
 
 from irbcal.arrays import lock
 from irbcal.errors import RobotError
@@ -17,8 +17,8 @@ from irbcal.files.urdf import UrdfArm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 
-RobotLike: TypeAlias = str | Path | Record | HoldsRecord
-"""Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot."""
+RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
+"""Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot, `Opened`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,9 @@ def open_robot(
 
     Parameters
     ----------
-    robot : str, Path, Record or a result that holds one
-        Calibration folder, loaded calibration, path of a URDF, or name of a shipped robot (``irb1600``, ``irb120``).
+    robot : str, Path, Record, a result that holds one, or Opened
+        Calibration folder, loaded calibration, path of a URDF, or name of a shipped robot (``irb1600``, ``irb120``);
+        one that is opened already is returned as it is.
     nominal : bool
         The nominal behaviour of a calibration (its base and tool identified with the nominal model).
     base_link, tip_link : str, optional
@@ -90,6 +91,10 @@ def open_robot(
     RobotError
         If there is no such file or robot, the URDF cannot be used, or links are chosen for a calibration.
     """
+    if isinstance(robot, Opened):
+        if nominal or base_link or tip_link:
+            raise RobotError(f"{robot.name}: this robot is open: choose its behaviour and links when it is opened")
+        return robot
     path = Path(robot) if isinstance(robot, (str, Path)) else None
     if path is not None and not path.is_dir():
         path = robots.robot_file(path)

@@ -114,7 +114,7 @@ def distances(robot, points):
         Metres.
     """
     local = np.array([robot.targets[name] for name in points.target_names])[points.target]
-    T = robot.poses(points.q)
+    T = robot.forward(points.q)
     R, p = T[points.pose, :3, :3], T[points.pose, :3, 3]
     base = np.einsum("mij,mj->mi", R, local) + p
     predicted = base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]

@@ -282,8 +282,7 @@ class CalibratedModel(Speaks):
         """
         q = self.command_from_model(configurations, check_limits=False)
         v = self._check_columns(velocities, self.model.nv, "velocities")[:, self._place.columns]
-        speeds: FloatArray = np.linalg.solve(self.joint_map.jacobian(q), v[..., None])[..., 0]
-        return speeds
+        return np.asarray(np.linalg.solve(self.joint_map.jacobian(q), v[..., None])[..., 0], dtype=float)
 
     def beyond_limits(self, q: ArrayLike) -> FloatArray:
         """How far commands lie outside the URDF's joint limits.
