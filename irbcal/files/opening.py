@@ -21,7 +21,7 @@ RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
 """Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot, `Opened`."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Opened:
     """A robot, and what it was opened from.
 
@@ -56,6 +56,9 @@ class Opened:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def __repr__(self) -> str:
+        return f"<Opened {self.name}: {'URDF' if self.record is None else 'calibration'}, {self.robot!r}>"
 
     @cached_property
     def nominal_urdf(self) -> UrdfArm | None:

@@ -38,6 +38,7 @@ def test_a_shipped_robot_and_its_file_are_the_same():
         assert opened.nominal is opened.urdf.arm
         assert opened.nominal_urdf is opened.urdf
         assert opened.folder == robots.urdf_folder()
+        assert len(repr(opened)) < 300
         assert opened.urdf_bytes == robots.robot_file("irb120").read_bytes()
 
 
