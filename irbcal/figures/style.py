@@ -24,7 +24,7 @@ DPI = 150
 KINDS = ("png", "svg", "pdf")
 """What a figure can be written as."""
 
-FONT, SMALL = 11.0, 8.5
+FONT, SMALL = 10.0, 8.0
 LINE, THIN = 1.4, 0.8
 """Widths of lines of data and of lines that help."""
 
