@@ -4,8 +4,10 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
+from support import arm, measured, outcome_of, random_robot, write_measurements
 from typer.testing import CliRunner
 
 import irbcal
@@ -57,3 +59,22 @@ def program():
         return json.loads(done.stdout) if "--json" in arguments else done.stdout
 
     return run
+
+
+@pytest.fixture(scope="session")
+def outcome(tmp_path_factory):
+    """A calibration of a simulated robot."""
+    nominal = arm()
+    rng = np.random.default_rng(1)
+    truth = random_robot(nominal, "34", rng)
+    points = measured(truth, nominal.random_joints(60, 1), 3e-5, rng)
+    path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
+    return outcome_of(path, "irb1600", "34", holdout=0.3)
+
+
+@pytest.fixture(scope="session")
+def folder(outcome, tmp_path_factory):
+    """The same, saved."""
+    path = tmp_path_factory.mktemp("saved") / "calibration"
+    irbcal.save(outcome, path, world_link=True, target_links=True)
+    return path

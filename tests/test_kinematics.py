@@ -19,7 +19,7 @@ from support import (
 
 import irbcal
 from irbcal.errors import MeasurementError, RobotError
-from irbcal.files import urdf
+from irbcal.files import document, urdf
 from irbcal.files.opening import open_robot
 from irbcal.kinematics import forward_kinematics, inverse_kinematics, pose_table
 from irbcal.modeling.inverse import closed_form

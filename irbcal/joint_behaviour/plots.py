@@ -5,17 +5,14 @@ colour and marker everywhere: reached from below, reached from above, with the t
 """
 
 import re
-from io import BytesIO
 
 import numpy as np
 
-from irbcal.figures.colours import CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL
+from irbcal.figures.colours import CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, UNKNOWN
+from irbcal.figures.style import as_bytes, house_style
 from irbcal.joint_behaviour.behaviour import equivalent_error, predicted_series
 from irbcal.joint_behaviour.terms import fourier_columns
 from irbcal.units import DEG, MM
-
-UNKNOWN = "#8a8a8a"
-"""Colours of the directions of approach; those of the models are the report's."""
 
 DIRECTIONS = (
     (1.0, FROM_BELOW, "^", "reached from below"),
@@ -40,22 +37,8 @@ def draw(report):
     dict of str to bytes
         PNG files by name.
     """
-    import matplotlib
-
     figures = {}
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(
-            {
-                "text.parse_math": False,
-                "font.size": 10,
-                "axes.spines.top": False,
-                "axes.spines.right": False,
-                "axes.axisbelow": True,
-                "axes.grid": True,
-                "grid.alpha": 0.25,
-            }
-        )
+    with house_style():
         mark = "SIMULATED data: " if report.simulated else ""
         for joint in report.moves:
             for name, series in _named_series(joint):
@@ -93,9 +76,7 @@ def _file(name):
 
 
 def _png(figure):
-    stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=130, metadata={"Software": None})
-    return stream.getvalue()
+    return as_bytes(figure)
 
 
 def _figure(width, height, title):

@@ -8,7 +8,7 @@ from support import arm, assert_same_poses, measured, outcome_of, random_robot, 
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.files import robots
+from irbcal.files import document, robots
 from irbcal.files.opening import open_robot
 
 
