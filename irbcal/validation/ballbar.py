@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.correction.fake_targets import correct_joints
-from irbcal.correction.path import Circle, joint_history, reversals
+from irbcal.correction.joints_along import joint_history, reversals
+from irbcal.correction.path import Circle
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.measurement import readings
 from irbcal.modeling import frames

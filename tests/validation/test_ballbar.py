@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from support import arm, random_robot
 
-from irbcal.correction.path import Circle, subdivide
+from irbcal.correction.path import Circle
+from irbcal.correction.subdivision import subdivide
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
