@@ -102,3 +102,10 @@ def example_robot(name):
     if not path.is_file():
         pytest.skip(f"example-robot-data does not hold {name}")
     return path
+
+
+def outcome_of(*arguments, **options):
+    """A calibration just made, with its fits, points and measurements; arguments of `irbcal.calibrate`."""
+    import irbcal
+
+    return irbcal.calibrate(*arguments, **options).outcome

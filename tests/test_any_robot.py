@@ -11,12 +11,12 @@ from support import (
     central_differences,
     example_robot,
     measured,
+    outcome_of,
     random_robot,
     write_measurements,
 )
 
 import irbcal
-from irbcal import calibrating
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import IdentificationError, MeasurementError, RobotError
 from irbcal.files import robots, urdf, urdf_check
@@ -223,7 +223,7 @@ def test_a_scara_is_calibrated_although_its_base_and_tool_cannot_be_told_apart(n
     data = write_measurements(
         tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), noise, rng), columns=arm.joint_columns
     )
-    outcome = calibrating.calibrate(data, tmp_path / "scara.urdf", holdout=0.0)
+    outcome = outcome_of(data, tmp_path / "scara.urdf", holdout=0.0)
     other = measured(robot, arm.random_joints(200, 5))
     error = distances(outcome.fit.robot, other)
     nominal = distances(outcome.nominal.robot, other)
@@ -272,7 +272,7 @@ def test_arms_not_built_like_the_thesis_get_the_general_model(name, tmp_path):
     robot = random_robot(arm, "placement", rng, size=0.1)
     data = write_measurements(tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), 1e-5, rng))
     for model in (None, "auto"):
-        outcome = calibrating.calibrate(data, example_robot(file), model, base=base, tip=tip)
+        outcome = outcome_of(data, example_robot(file), model, base_link=base, tip_link=tip)
         assert outcome.fit.level == "placement"
         assert distances(outcome.fit.robot, outcome.heldout_points).mean() < 4e-5
 
@@ -282,22 +282,22 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
     points = measured(random_robot(arm, "placement", np.random.default_rng(1)), arm.random_joints(40, 1))
     data = write_measurements(tmp_path / "m.csv", points, columns=arm.joint_columns)
     with pytest.raises(MeasurementError, match=r"m\.csv: row 1: missing column q1_deg: irb120_3_058 has 6 joints"):
-        calibrating.calibrate(data, "irb120")
+        outcome_of(data, "irb120")
     with pytest.raises(
         IdentificationError,
         match="model 34 is for arms with six revolute joints, irb120_3_058 has 6 revolute and 1 prismatic",
     ):
-        calibrating.calibrate(data, rail, "34", base="rail_base")
+        outcome_of(data, rail, "34", base_link="rail_base")
     with pytest.raises(IdentificationError, match="no error parameter is called 'stiffness_A'"):
-        calibrating.calibrate(data, rail, base="rail_base", free=["stiffness_A"])
+        outcome_of(data, rail, base_link="rail_base", free=["stiffness_A"])
     with pytest.raises(IdentificationError, match="the method axes is for arms with six revolute joints"):
-        calibrating.calibrate(data, rail, base="rail_base", method="axes")
+        outcome_of(data, rail, base_link="rail_base", method="axes")
     with pytest.raises(RobotError, match="the arm-stiffness model is for six revolute joints"):
         arm.stiffness_geometry()
     degrees = [name.replace("mm", "deg") for name in arm.joint_columns]
     wrong = write_measurements(tmp_path / "deg.csv", points, columns=degrees)
     with pytest.raises(MeasurementError, match="missing column q1_mm: irb120_3_058 has 7 joints"):
-        calibrating.calibrate(wrong, rail, base="rail_base")
+        outcome_of(wrong, rail, base_link="rail_base")
     text = data.read_text().replace("q3_deg", "angle3")
     (tmp_path / "gap.csv").write_text(text)
     with pytest.raises(MeasurementError, match="missing column q3_deg"):

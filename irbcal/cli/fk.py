@@ -36,10 +36,10 @@ def fk(
 ):
     """Where a robot really ends: poses of the tip in the base link (mm, unit quaternion, scalar first), as CSV."""
     from irbcal import kinematics
-    from irbcal.measurement import table
+    from irbcal.measurement import lists
 
     model = kinematics.open_robot(robot, nominal, base_link, tip_link)
-    q = table.read_joints(joints, model.arm.joint_columns)
+    q = lists.read_joints(joints, model.arm.joint_columns)
     frame = kinematics.target_table(model, q, target) if target else kinematics.pose_table(model, q)
     if uncertainty:
         from irbcal.errors import RobotError

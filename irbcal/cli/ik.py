@@ -35,7 +35,7 @@ def ik(
     import numpy as np
 
     from irbcal import kinematics as tables
-    from irbcal.measurement import table
+    from irbcal.measurement import lists
 
     model, arm = tables.open_pair(robot, nominal, base_link, tip_link)
     start = np.clip(np.zeros(len(arm.lower)), arm.lower, arm.upper)
@@ -50,7 +50,7 @@ def ik(
                 param_hint="--near",
             )
         start = start * arm.joint_units
-    frame = tables.joint_table(model, arm, table.read_poses(poses), start, all_branches)
+    frame = tables.joint_table(model, arm, lists.read_poses(poses), start, all_branches)
     if json:
         for record in frame.astype(object).where(frame.notna(), None).to_dict(orient="records"):
             sys.stdout.write(json_module.dumps(record) + "\n")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,6 +19,14 @@ QUATERNION_DECIMALS = 9
 
 QUATERNION_TOLERANCE = 1e-3
 """How far the length of a quaternion may be from one."""
+
+
+def quaternion_problem(quaternion: Sequence[float]) -> str | None:
+    """What is wrong with the length of a quaternion, None if nothing is."""
+    length = math.hypot(*quaternion)
+    if abs(length - 1.0) <= QUATERNION_TOLERANCE:
+        return None
+    return f"expected a unit quaternion, found one of length {length:.4g}"
 
 
 def poses_from_numbers(numbers: ArrayLike) -> FloatArray:

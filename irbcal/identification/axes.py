@@ -270,7 +270,7 @@ def calibrate_by_axes(arm, points, parallel="hayati", tolerance=PARALLEL, known_
     std = _standard_deviations(axes, values)
     std = _unknown(std, np.hypot(std.theta[5], scatter[0]), np.hypot(std.d[5], scatter[1]))
     robot = robot.replace(targets=_targets(robot, moves) | known)
-    off = moves.xyz - robot.points(moves.joints(), moves.names())
+    off = moves.xyz - moves.predicted(robot)
     rms = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
     return AxisCalibration(robot, axes, corrections, std, bool(known), parallel, rms)
 

@@ -88,12 +88,8 @@ def predicted_series(series, robot, stiffness):
     points = series.points
     phases = robot.joint_map.phases
     bent = robot.replace(joint_map=JointMap(np.zeros(points.q.shape[1]), stiffness, phases))
-    xyz = np.empty_like(points.xyz)
-    for k, name in enumerate(points.target_names):
-        mine = points.target == k
-        if mine.any():
-            xyz[mine] = bent.points(points.q[points.pose[mine]], name)
-    return one_series(replace(points, xyz=xyz), np.full(points.poses, np.nan), series.joint, series.name).angle
+    modelled = replace(points, xyz=points.predicted(bent))
+    return one_series(modelled, np.full(points.poses, np.nan), series.joint, series.name).angle
 
 
 # --- from a file to the whole answer ---------------------------------------------------------------------

@@ -29,7 +29,8 @@ from irbcal.joint_behaviour.terms import (
     quantile,
 )
 from irbcal.measurement.points import PointSet, distances
-from irbcal.modeling import frames, parameters
+from irbcal.measurement.registration import base_on
+from irbcal.modeling import parameters
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
 
@@ -193,12 +194,7 @@ def placed(robot, points, step):
     """The robot with its base where the points say; points that no joint could explain are left out."""
     excluded = ()
     while True:
-        predicted = np.empty_like(points.xyz)
-        at_origin = robot.replace(T_world_base=np.eye(4))
-        for k, name in enumerate(points.target_names):
-            mine = points.target == k
-            predicted[mine] = at_origin.points(points.q[points.pose[mine]], name)
-        robot = robot.replace(T_world_base=frames.rigid_fit(predicted, points.xyz))
+        robot = base_on(robot, points)
         off = distances(robot, points)
         median = np.median(off)
         far = off > max(outliers.FLOOR, outliers.FACTOR * median)

@@ -113,13 +113,13 @@ class CalibratedModel:
         CalibrationError
             If the folder is not a whole calibration.
         """
-        robot = calibration_folder.load(folder).robot_calibrated()
+        saved = calibration_folder.read(folder)
+        robot = saved.record.robot_calibrated()
         targets = {
             f"target_{name}": frames.transform(robot.target_rotations.get(name), xyz)
             for name, xyz in robot.targets.items()
         }
-        urdf = calibration_folder.calibrated_urdf(folder)
-        return CalibratedModel(urdf, robot.arm, robot.joint_map, targets, rest)
+        return CalibratedModel(saved.urdf, robot.arm, robot.joint_map, targets, rest)
 
     def _check_arm(self):
         q = self.arm.random_joints(5, seed=2)

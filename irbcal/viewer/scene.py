@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from irbcal import calibrating
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, RobotError
 from irbcal.files import calibration_folder, robots
 from irbcal.files import urdf as urdf_module
 from irbcal.files.schema import Record
-from irbcal.measurement import table
+from irbcal.measurement import columns, lists
 from irbcal.measurement.points import rotation_distances
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.thesis_setup import IRB1600_CUBE, IRB1600_P1
 from irbcal.units import MM
+from irbcal.validation.evaluate import in_frame_of_calibration
 from irbcal.viewer import robot as robot_module
 
 NICE = (1.0, 2.0, 5.0)
@@ -167,7 +167,7 @@ def build(
     cube : (array_like of shape (3,), float), optional
         Centre in the base link and edge of the ISO 9283 cube, metres; by default that of the IRB 1600, for it only.
     refit_base : bool
-        Place the base anew on the measurements, see `irbcal.calibrating.evaluate`.
+        Place the base anew on the measurements, see `irbcal.evaluate`.
     base, tip : str, optional
         Link names, for a URDF.
 
@@ -269,7 +269,7 @@ def is_plan(path):
             names = [name.strip().strip('"') for name in header.split(",")]
     except Exception:  # whatever is wrong with the file, its reader says it better
         return False
-    return bool(table.joint_columns(names)) and not {"target", *table.POSITION} & set(names)
+    return bool(columns.joint_columns(names)) and not {"target", *columns.POSITION} & set(names)
 
 
 def nice(value, up=False):
@@ -311,9 +311,8 @@ def _open(source, base, tip):
         return _open_calibration(source, *_documents(source))
     if Path(source).is_dir():
         folder = Path(source)
-        calibration = calibration_folder.load(folder)
-        texts = (folder / calibration_folder.URDF_NAME).read_bytes(), calibration_folder.nominal_urdf(folder)
-        return _open_calibration(calibration, *texts, folder)
+        saved = calibration_folder.read(folder)
+        return _open_calibration(saved.record, saved.urdf, saved.nominal_urdf(), folder)
     path = robots.robot_file(source)
     urdf = urdf_module.read(path, base, tip)
     return {
@@ -376,8 +375,8 @@ def _drawn(urdf, tree, T_scene_base):
 
 
 def _registered(calibration, measurements, refit_base):
-    """Measurements in the calibration's frame, cleaned as `irbcal.calibrating.evaluate` does."""
-    ready, robots = calibrating.in_frame_of_calibration(calibration, measurements, refit_base)
+    """Measurements in the calibration's frame, cleaned as `irbcal.evaluate` does."""
+    ready, robots = in_frame_of_calibration(calibration, measurements, refit_base)
     seen, notes = ready.measurements, list(ready.notes)
     if ready.excluded:
         count = len(ready.excluded)
@@ -388,9 +387,7 @@ def _registered(calibration, measurements, refit_base):
 
 
 def _measured_points(model, nominal, points, T_scene_world):
-    modelled = [
-        frames.apply(T_scene_world, robot.points(points.joints(), points.names())) for robot in (model, nominal)
-    ]
+    modelled = [frames.apply(T_scene_world, points.predicted(robot)) for robot in (model, nominal)]
     turns = [_turns(robot, points) for robot in (model, nominal)]
     return Points(
         points.pose,
@@ -419,7 +416,7 @@ def _turns(robot, points):
 
 def _plan_joints(plan, arm):
     if isinstance(plan, (str, Path)):
-        return table.read_joints(plan, arm.joint_columns)
+        return lists.read_joints(plan, arm.joint_columns)
     plan = np.asarray(plan, dtype=float)
     if plan.ndim != 2 or not len(plan) or not np.isfinite(plan).all():
         raise RobotError(

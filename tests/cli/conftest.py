@@ -15,11 +15,10 @@ def calibrated():
     """Calibrates the simulated demonstration robot into a folder, without the report that takes most of the time."""
 
     def make(folder, model):
-        outcome = irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", model)
-        calibration, urdf = calibration_folder.build(outcome)
+        made = irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", model)
         folder.mkdir()
-        (folder / calibration_folder.URDF_NAME).write_bytes(urdf)
-        (folder / calibration_folder.JSON_NAME).write_text(calibration.model_dump_json(), encoding="utf-8")
+        (folder / calibration_folder.URDF_NAME).write_bytes(made.urdf)
+        (folder / calibration_folder.JSON_NAME).write_text(made.record.model_dump_json(), encoding="utf-8")
         return folder
 
     return make

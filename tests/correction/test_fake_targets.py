@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import arm, assert_same_poses, random_robot
+from support import arm, assert_same_poses, outcome_of, random_robot
 
-from irbcal import calibrating
 from irbcal.correction.fake_targets import correct_joints, correct_poses
 from irbcal.files import robots
 from irbcal.measurement.points import distances
@@ -66,7 +65,7 @@ def test_targets_out_of_reach_are_left_with_a_reason():
 def test_the_simulated_true_robot_reaches_what_was_wanted_as_well_as_the_calibration_promised():
     """End to end on the demonstration's hidden robot, backlash and all: wanted against reached reflector positions."""
     script = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "make_demo_data"))
-    outcome = calibrating.calibrate(
+    outcome = outcome_of(
         robots.demo_file("demo_identification.csv"),
         "irb1600",
         "34",

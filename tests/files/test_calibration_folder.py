@@ -5,10 +5,9 @@ import os
 
 import numpy as np
 import pytest
-from support import TARGETS, arm, measured, random_robot, write_measurements
+from support import TARGETS, arm, measured, outcome_of, random_robot, write_measurements
 
 import irbcal
-from irbcal import calibrating
 from irbcal.errors import CalibrationError
 from irbcal.files import atomic, urdf_check
 from irbcal.modeling.joint_map import FORMULA
@@ -23,14 +22,14 @@ def outcome(tmp_path_factory):
     truth = random_robot(nominal, "34", rng)
     points = measured(truth, nominal.random_joints(60, 1), 3e-5, rng)
     path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
-    return calibrating.calibrate(path, "irb1600", "34", holdout=0.3)
+    return outcome_of(path, "irb1600", "34", holdout=0.3)
 
 
 @pytest.fixture(scope="module")
 def folder(outcome, tmp_path_factory):
     """The same, saved."""
     path = tmp_path_factory.mktemp("saved") / "calibration"
-    irbcal.save(outcome, path, with_world=True, with_targets=True)
+    irbcal.save(outcome, path, world_link=True, target_links=True)
     return path
 
 

@@ -193,7 +193,7 @@ def test_refusals_say_what_was_found(data, expected):
 
 
 def test_unknown_robot_lists_the_shipped_ones(tmp_path):
-    with pytest.raises(RobotError, match="'irb9' does not exist; shipped robots are irb1600, irb120"):
+    with pytest.raises(RobotError, match="'irb9' does not exist; robots by name are irb1600, irb120"):
         urdf.read("irb9")
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from support import arm, assert_same_poses, central_differences, example_robot, random_robot
+from support import arm, assert_same_poses, central_differences, example_robot, outcome_of, random_robot
 
-from irbcal import calibrating
+import irbcal
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.files import calibration_folder, robots, urdf
+from irbcal.files import robots, urdf
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap, Stiffness
 from irbcal.planners.calibrated_model import CalibratedModel
@@ -367,8 +367,8 @@ def test_payload_needs_masses_and_stiffness():
 
 
 def test_model_of_a_calibration_folder(tmp_path):
-    outcome = calibrating.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", "34")
-    calibration_folder.save(outcome, tmp_path)
+    outcome = outcome_of(robots.demo_file("demo_identification.csv"), "irb1600", "34")
+    irbcal.save(outcome, tmp_path)
     model = CalibratedModel.load(tmp_path)
     robot = outcome.fit.robot
     q, _ = motions(robot, 50)

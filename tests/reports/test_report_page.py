@@ -11,15 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from lxml import etree, html
-from support import TARGETS, arm, measured, random_robot, write_measurements
+from support import TARGETS, arm, measured, outcome_of, random_robot, write_measurements
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal import calibrating
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
 from irbcal.figures import charts, colours
-from irbcal.files import calibration_folder
+from irbcal.files import document
 from irbcal.files.schema import (
     Candidate,
     Choice,
@@ -31,7 +30,7 @@ from irbcal.files.schema import (
     RotationStatistics,
     Statistics,
 )
-from irbcal.reports import report_page
+from irbcal.reports import report_data, report_page
 
 NASTY = "</title><script>alert(1)</script>$\\frac$<img src=x onerror=alert(2)>\"'&amp;{{ 7*7 }}]]>漢字"
 
@@ -45,13 +44,13 @@ def folder(tmp_path_factory):
     points = measured(truth, nominal.random_joints(60, 1), 3e-5, rng)
     path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
     out = tmp_path_factory.mktemp("saved") / "calibration"
-    irbcal.save(calibrating.calibrate(path, "irb1600", "34", holdout=0.3), out)
+    irbcal.save(outcome_of(path, "irb1600", "34", holdout=0.3), out)
     return out
 
 
 @pytest.fixture(scope="module")
 def calibration(folder):
-    return irbcal.load(folder)
+    return irbcal.load(folder).record
 
 
 @pytest.fixture(scope="module")
@@ -386,8 +385,8 @@ def test_the_file_holds_the_points_as_measured(folder, calibration, tmp_path):
     q[12, 2] = q[11, 2]
     path = write_measurements(tmp_path / "m.csv", measured(random_robot(nominal, "26", rng), q, 3e-5, rng))
     out = tmp_path / "out"
-    irbcal.save(calibrating.calibrate(path, "irb1600", "26", holdout=0.5), out)
-    saved = irbcal.load(out)
+    irbcal.save(outcome_of(path, "irb1600", "26", holdout=0.5), out)
+    saved = irbcal.load(out).record
     rows = pd.read_csv(path).assign(order=lambda t: t["pose"].rank(method="dense").astype(int) - 1)
     joints = rows.groupby("order")[[f"q{k}_deg" for k in range(1, 7)]].first().to_numpy()
     sign = np.sign(np.diff(joints, axis=0, prepend=joints[:1]))
@@ -490,7 +489,7 @@ def test_histogram_counts_every_point(calibration, page):
 
 
 def test_normal_quantiles_of_normal_errors_lie_on_a_line():
-    from irbcal.reports.evidence import normal_quantiles
+    from irbcal.figures.pose_errors import normal_quantiles
 
     value = np.random.default_rng(1).normal(3.0, 0.5, 5000)
     quantile, shown = normal_quantiles(value)
@@ -520,7 +519,7 @@ def test_backlash_is_found_and_stated_with_its_interval(tmp_path):
     side[1:, 0] = np.sign(np.diff(q[:, 0]))
     robot = random_robot(nominal, "nominal", rng)
     points = replace(measured(robot, q - 0.5 * np.radians(play) * side, 2e-5, rng), q=q)
-    saved = calibrating.calibrate(write_measurements(tmp_path / "m.csv", points), "irb1600", "nominal", holdout=0.5)
+    saved = outcome_of(write_measurements(tmp_path / "m.csv", points), "irb1600", "nominal", holdout=0.5)
     irbcal.save(saved, tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert_harmless(page)
@@ -544,8 +543,8 @@ def test_backlash_is_found_and_stated_with_its_interval(tmp_path):
 def test_backlash_of_a_real_robot(shared_data, tmp_path):
     """The IRB 120: its residuals depend on the direction of joint 1, and a mean by hand says so, too."""
     file = shared_data / "irb120_laser_tracker" / "measurements.csv"
-    outcome = calibrating.calibrate(file, "irb120", "34", holdout=296, order="last")
-    calibration, _ = calibration_folder.build(outcome)
+    outcome = outcome_of(file, "irb120", "34", holdout=296, split="last")
+    calibration, _ = document.build(outcome)
     page = report_page.render(calibration)
     assert_harmless(page)
     assert len(page.encode()) < 1_000_000
@@ -634,7 +633,7 @@ def test_files_of_hostile_names_and_simulated_data(calibration):
             "title",
         }
         assert b"SIMULATED data" in content
-    rows = list(csv.DictReader(io.StringIO(report_page.data_files(changed, evidence)["poses.csv"].decode())))
+    rows = list(csv.DictReader(io.StringIO(report_data.data_files(changed, evidence)["poses.csv"].decode())))
     assert rows[0]["pose"] == NASTY
     assert rows[0]["simulated"] == "1"
 

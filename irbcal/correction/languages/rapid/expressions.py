@@ -2,39 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
-
+from irbcal.correction.languages.rapid.parts import Index, Mention, Node, Scope
 from irbcal.correction.languages.rapid.tokens import OPERATORS, RESERVED, STRUCTURE, Scanner, Token
-
-if TYPE_CHECKING:
-    from irbcal.correction.languages.rapid.syntax import Data
 
 CLOSING = {"(": ")", "{": "}"}
 DEEPEST = 12  # lists in lists
-
-Index: TypeAlias = tuple[int | None, ...]
-"""Index of an element, each from 1; None where it is computed."""
-
-Scope: TypeAlias = "dict[str, Data]"
-"""Data of a routine by their names in lower case."""
-
-
-class Node(NamedTuple):
-    """A value: a list of values, a plain number, or (both None) any other expression."""
-
-    items: list[Node] | None
-    number: float | None
-    start: int
-    end: int
-
-
-class Mention(NamedTuple):
-    """A name in any other place."""
-
-    scope: Scope | None
-    name: str
-    indices: Index
-    start: int
 
 
 class Walker(Scanner):

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction.languages.rapid.syntax import Data, Reader
-from irbcal.correction.notation import QUATERNION_TOLERANCE, poses_from_numbers
-
-ABSENT = 0.9e9
-"""From here on a number stands for an axis that is not there (9E9, 1E9), or for no place at all."""
+from irbcal.correction.languages.rapid.parts import ABSENT, Data
+from irbcal.correction.languages.rapid.syntax import Reader
+from irbcal.correction.notation import poses_from_numbers, quaternion_problem
 
 
 def given_frames(identity: str, frames: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -34,14 +31,6 @@ def given_frames(identity: str, frames: Mapping[str, FloatArray]) -> dict[str, F
         if out[name.lower()].shape != (4, 4) or not np.isfinite(out[name.lower()]).all():
             raise ValueError(f"frame {name}: expected a transform of shape (4, 4)")
     return out
-
-
-def quaternion_problem(quaternion: Sequence[float]) -> str | None:
-    """What is wrong with the length of a quaternion, None if nothing is."""
-    length = math.hypot(*quaternion)
-    if abs(length - 1.0) <= QUATERNION_TOLERANCE:
-        return None
-    return f"expected a unit quaternion, found one of length {length:.4g}"
 
 
 def read_frame(reader: Reader, data: Data, line: int) -> FloatArray:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from irbcal.correction.languages.rapid.expressions import Index, Node, Scope
-from irbcal.correction.languages.rapid.frames import ABSENT, quaternion_problem
-from irbcal.correction.languages.rapid.syntax import Data, Reader
+from irbcal.correction.languages.rapid.parts import ABSENT, Data, Index, Literal, Node, Scope
+from irbcal.correction.languages.rapid.syntax import Reader
 from irbcal.correction.program import Kind
-from irbcal.correction.text_program import Uncorrected, Use
+from irbcal.correction.text_program import Uncorrected
 from irbcal.errors import ProgramError
 
 KIND_OF: dict[str, Kind] = {"robtarget": "pose", "jointtarget": "joint"}
@@ -17,54 +14,6 @@ _PARTS: dict[Kind, tuple[tuple[int, str], ...]] = {
     "pose": ((3, "[x, y, z]"), (4, "[q1, q2, q3, q4]"), (4, "[cf1, cf4, cf6, cfx]"), (6, "[six external axes]")),
     "joint": ((6, "[six joints]"), (6, "[six external axes]")),
 }
-
-
-class Literal:
-    """A target in numbers while its uses are gathered.
-
-    Attributes
-    ----------
-    kind : str
-        ``joint`` or ``pose``.
-    name : str
-    start : int
-        Where it stands.
-    numbers, configuration : tuple of Node
-        The numbers to correct, and the configuration data: empty where they are not four numbers.
-    values : tuple of float
-        Of the numbers.
-    external : Node
-        The external axes.
-    uses : list of Use
-    reasons : list of str
-        What speaks against changing it.
-    mentioned : list of int
-        Where its variable is used in another way than as the target of a move.
-    problem : str or None
-        What is wrong with its numbers.
-    """
-
-    def __init__(
-        self, kind: Kind, name: str, start: int, numbers: list[Node], configuration: list[Node], external: Node
-    ) -> None:
-        self.kind, self.name, self.start, self.external = kind, name, start, external
-        self.numbers, self.configuration = tuple(numbers), tuple(configuration)
-        self.values = tuple(leaf.number for leaf in numbers if leaf.number is not None)
-        self.uses: list[Use] = []
-        self.reasons: list[str] = []
-        self.mentioned: list[int] = []
-        self.problem = self._problem()
-
-    def _problem(self) -> str | None:
-        values = np.array(self.values)
-        if not np.isfinite(values).all() or (self.kind == "pose" and np.abs(values).max() >= ABSENT):
-            return "found a number that is too large"
-        if self.kind == "pose":
-            return quaternion_problem(self.values[3:])
-        absent = np.flatnonzero(np.abs(values) >= ABSENT)
-        if len(absent):
-            self.reasons.append(f"joint {absent[0] + 1} has no value (9E9)")
-        return None
 
 
 class Literals:

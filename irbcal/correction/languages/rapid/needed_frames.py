@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages.rapid.frames import read_frame
-from irbcal.correction.languages.rapid.literals import Literal
+from irbcal.correction.languages.rapid.parts import Literal
 from irbcal.correction.languages.rapid.syntax import Reader
 from irbcal.correction.text_program import Use
 from irbcal.errors import ProgramError

@@ -17,10 +17,11 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.configurations import ConfData
-from irbcal.correction.languages.rapid.frames import ABSENT, given_frames
-from irbcal.correction.languages.rapid.literals import Literal, Literals
+from irbcal.correction.languages.rapid.frames import given_frames
+from irbcal.correction.languages.rapid.literals import Literals
 from irbcal.correction.languages.rapid.marking import in_comments, mark
 from irbcal.correction.languages.rapid.needed_frames import needed_frames
+from irbcal.correction.languages.rapid.parts import ABSENT, Literal
 from irbcal.correction.languages.rapid.syntax import Reader
 from irbcal.correction.languages.rapid.tokens import decode
 from irbcal.correction.languages.rapid.uses import Uses

@@ -7,14 +7,11 @@ of a name; what they mean for targets is decided afterwards, see ``literals`` an
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
 
-from irbcal.correction.languages.rapid.expressions import CLOSING, Index, Node, Scope, Walker
+from irbcal.correction.languages.rapid.expressions import CLOSING, Walker
+from irbcal.correction.languages.rapid.parts import Arg, Assignment, Data, Index, Move, Node, Scope
 from irbcal.correction.languages.rapid.tokens import STRUCTURE
 from irbcal.errors import ProgramError
-
-if TYPE_CHECKING:
-    from irbcal.correction.languages.rapid.literals import Literal
 
 PATTERNS = {  # positional arguments of moves; s: anything, w: a point that the instruction writes, t: the tool
     **dict.fromkeys(["MoveJ", "MoveL", "MoveAbsJ"], "to s s t"),
@@ -29,55 +26,6 @@ PATTERNS = {  # positional arguments of moves; s: anything, w: a point that the 
 }
 MOVES = {name.lower(): (name, tuple(pattern.split())) for name, pattern in PATTERNS.items()}
 EXACT = frozenset(["MoveJ", "MoveL", "MoveAbsJ", "MoveC"])  # the others may have more arguments after the tool
-
-
-class Arg(NamedTuple):
-    """An argument of a move: a literal (node), a name with an index, or neither: computed."""
-
-    node: Node | None
-    name: str | None
-    indices: Index
-    start: int
-    text: str
-
-
-class Move(NamedTuple):
-    """A move instruction: its points with their roles, tool and work object (None: wobj0)."""
-
-    name: str
-    start: int
-    scope: Scope | None
-    points: list[tuple[str, Arg]]
-    tool: Arg
-    work_object: Arg | None
-
-
-class Assignment(NamedTuple):
-    """``name{index} := node``; without node: a computed value, or a component only."""
-
-    scope: Scope | None
-    name: str
-    indices: Index
-    node: Node | None
-    start: int
-
-
-class Data:
-    """What one name stands for: its type, and its value where the declaration gives a list."""
-
-    def __init__(
-        self,
-        spelling: str,
-        type_name: str,
-        start: int,
-        sizes: Index = (),
-        node: Node | None = None,
-        computed: int | None = None,
-    ) -> None:
-        self.spelling, self.type, self.start = spelling, type_name, start
-        self.sizes, self.node, self.computed = sizes, node, computed
-        self.entries: list[tuple[Index, Literal]] = []  # filled by `literals`
-        self.changes: list[tuple[Index, int]] = []  # and the positions of computed values, too
 
 
 class Reader(Walker):

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from irbcal.arrays import FloatArray
-from irbcal.correction.languages.rapid.expressions import Index
-from irbcal.correction.languages.rapid.literals import KIND_OF, TYPE_OF, Literal, Literals
-from irbcal.correction.languages.rapid.syntax import Arg, Move
+from irbcal.correction.languages.rapid.literals import KIND_OF, TYPE_OF, Literals
+from irbcal.correction.languages.rapid.parts import Arg, Index, Literal, Move
 from irbcal.correction.program import Kind
 from irbcal.correction.text_program import Role, Use
 

@@ -1,7 +1,7 @@
 """CSV tables of joints or poses."""
 
+from irbcal.correction.languages.table.program import MARK, with_values
 from irbcal.correction.languages.table.reader import POSE, fingerprint, parse, read, read_for
-from irbcal.correction.languages.table.writer import MARK, with_values
 
 NAME = "CSV"
 ENDINGS = (".csv",)

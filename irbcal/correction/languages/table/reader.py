@@ -9,19 +9,27 @@ being line 1) and the column.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, lock
-from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.languages.table.writer import MARK, units, with_values
+from irbcal.arrays import FloatArray
+from irbcal.correction.languages.table.program import MARK, TableProgram
 from irbcal.correction.notation import QUATERNION_TOLERANCE, poses_from_numbers
-from irbcal.correction.program import Goals, Kind, Left, Note, read_bytes
+from irbcal.correction.program import Kind, read_bytes
 from irbcal.errors import MeasurementError, OptionError, ProgramError
-from irbcal.measurement.table import JOINTS, POSITION, QUATERNION, _check_header, _numbers, _parse_csv
+from irbcal.measurement.columns import (
+    JOINTS,
+    POSITION,
+    QUATERNION,
+    check_header,
+    expected_joint,
+    joint_units,
+    listed,
+    numbers,
+    parse_csv,
+)
 from irbcal.modeling.arm import Arm
 
 if TYPE_CHECKING:
@@ -32,69 +40,6 @@ POSE = [*POSITION, *QUATERNION]
 
 LARGEST = 1e9
 """Numbers beyond (9E9, …) stand for no place that a robot could reach."""
-
-
-@dataclass(frozen=True, eq=False)
-class TableProgram:
-    """A CSV program as read.
-
-    Attributes
-    ----------
-    source : str
-        File name for messages.
-    kind : str
-        ``joint`` or ``pose``.
-    columns : tuple of str
-        Names of the columns with the numbers.
-    values : ndarray, shape (n, joints) or (n, 4, 4)
-        Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres; locked.
-    rows : ndarray of int, shape (n,)
-        Lines in the file.
-    data : bytes
-        The file.
-    table : DataFrame
-        All columns in the text of the file.
-    newline : str
-        Line end of the file.
-    byte_order_mark : bool
-        Whether the file begins with one.
-    fingerprint : str or None
-        Of the calibration that this program was already corrected with.
-    """
-
-    source: str
-    kind: Kind
-    columns: tuple[str, ...]
-    values: FloatArray
-    rows: IntArray
-    data: bytes
-    table: pd.DataFrame
-    newline: str
-    byte_order_mark: bool
-    fingerprint: str | None
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        """There is nothing in a table that the corrections do not know about."""
-        return ()
-
-    def left(self) -> tuple[Left, ...]:
-        """Every row is to be corrected."""
-        return ()
-
-    def goals(self) -> list[Goals]:
-        """All rows."""
-        names = tuple(f"row {row}" for row in self.rows)
-        return [Goals(self.kind, np.arange(len(names)), names, self.rows, self.values)]
-
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:
-        """Bytes of the table with the joints or poses of the rows that are corrected, marked in a column."""
-        ((_, fake),) = found
-        values = fake.q if self.kind == "joint" else fake.T_fake
-        return with_values(self, values, fingerprint, fake.ok) if fake.ok.any() else self.data
 
 
 def read_for(
@@ -135,21 +80,21 @@ def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) 
         If it does not keep the format.
     """
     try:
-        table = _parse_csv(data, source, [])
+        table = parse_csv(data, source)
         kind, columns = _kind(list(table.columns), source, joints)
         if table.empty:
             raise ProgramError("the file has a header but no rows", file=source)
-        numbers = np.column_stack([column_numbers(table, name, source) for name in columns])
+        written = np.column_stack([_column(table, name, source) for name in columns])
     except MeasurementError as error:
         _refuse(error)
-    _check_size(numbers, columns, table, source)
+    _check_size(written, columns, table, source)
     if kind == "pose":
-        _check_quaternions(numbers[:, 3:], table.index, source)
+        _check_quaternions(written[:, 3:], table.index, source)
     return TableProgram(
         source=source,
         kind=kind,
         columns=columns,
-        values=poses_from_numbers(numbers) if kind == "pose" else numbers * units(columns),
+        values=poses_from_numbers(written) if kind == "pose" else written * joint_units(columns),
         rows=table.index.to_numpy(),
         data=data,
         table=table,
@@ -168,7 +113,7 @@ def fingerprint(data: bytes, source: str = "program") -> str | None:
         If this is no CSV file.
     """
     try:
-        return _mark_of(_parse_csv(data, source, []))
+        return _mark_of(parse_csv(data, source))
     except MeasurementError as error:
         _refuse(error)
 
@@ -197,13 +142,12 @@ def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Kin
     for columns in kinds.values():
         metric = [name.replace("_deg", "_rad").replace("_mm", "_m") for name in columns]
         if any(name in names for name in (*columns, *metric)):
-            _check_header(list(names), list(columns), source)
-    found = ", ".join(name if len(name) < 40 else name[:40] + "…" for name in names[:40])
+            check_header(names, columns, source)
     expected = f"columns {joints[0]} … {joints[-1]} (joints) or {', '.join(POSE)} (poses)"
-    raise ProgramError(f"expected {expected}, found {found}", file=source, row=1)
+    raise ProgramError(f"expected {expected}, found {listed(names)}", file=source, row=1)
 
 
-def column_numbers(table: pd.DataFrame, name: str, source: str) -> FloatArray:
+def _column(table: pd.DataFrame, name: str, source: str) -> FloatArray:
     """Numbers of a column; what is not a plain number is refused by the reader of measurements, in its words."""
     cells = table[name].to_numpy(dtype=object)
     text = "".join(cells)
@@ -214,7 +158,7 @@ def column_numbers(table: pd.DataFrame, name: str, source: str) -> FloatArray:
             values = np.array([np.nan])
         if np.isfinite(values).all():
             return values
-    return _numbers(table, name, source, _expected(name))
+    return numbers(table, name, source, _expected(name))
 
 
 def _expected(name: str) -> str:
@@ -222,11 +166,11 @@ def _expected(name: str) -> str:
         return "a position in mm"
     if name in QUATERNION:
         return "a component of a quaternion"
-    return "a joint's travel in mm" if name.endswith("_mm") else "a joint angle in degrees"
+    return expected_joint(name)
 
 
-def _check_size(numbers: FloatArray, names: Sequence[str], table: pd.DataFrame, source: str) -> None:
-    bad = np.abs(numbers) > LARGEST
+def _check_size(written: FloatArray, names: Sequence[str], table: pd.DataFrame, source: str) -> None:
+    bad = np.abs(written) > LARGEST
     if bad.any():
         row, column = np.argwhere(bad)[0]
         name = names[column]

@@ -8,7 +8,7 @@ from support import arm
 
 from irbcal.correction.languages import table
 from irbcal.errors import OptionError, ProgramError
-from irbcal.measurement.table import JOINTS as JOINT_COLUMNS
+from irbcal.measurement.columns import JOINTS as JOINT_COLUMNS
 from irbcal.modeling import frames
 
 JOINTS = "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,note"

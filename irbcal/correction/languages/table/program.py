@@ -1,23 +1,88 @@
-"""Writing CSV programs: new numbers in their columns, and the text of all others as it was."""
+"""A CSV program and the way back into its file: new numbers in their columns, the text of all others as it was."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, numbers_from_poses
-from irbcal.measurement.table import QUATERNION
-from irbcal.units import DEG, MM
+from irbcal.correction.program import Goals, Kind, Left, Note
+from irbcal.measurement.columns import QUATERNION, joint_units
 
 if TYPE_CHECKING:
-    from irbcal.correction.languages.table.reader import TableProgram
+    import pandas as pd
 
 MARK = "irbcal_filtered"
 """Name of the column that marks a corrected file."""
+
+
+@dataclass(frozen=True, eq=False)
+class TableProgram:
+    """A CSV program as read.
+
+    Attributes
+    ----------
+    source : str
+        File name for messages.
+    kind : str
+        ``joint`` or ``pose``.
+    columns : tuple of str
+        Names of the columns with the numbers.
+    values : ndarray, shape (n, joints) or (n, 4, 4)
+        Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres; locked.
+    rows : ndarray of int, shape (n,)
+        Lines in the file.
+    data : bytes
+        The file.
+    table : DataFrame
+        All columns in the text of the file.
+    newline : str
+        Line end of the file.
+    byte_order_mark : bool
+        Whether the file begins with one.
+    fingerprint : str or None
+        Of the calibration that this program was already corrected with.
+    """
+
+    source: str
+    kind: Kind
+    columns: tuple[str, ...]
+    values: FloatArray
+    rows: IntArray
+    data: bytes
+    table: pd.DataFrame
+    newline: str
+    byte_order_mark: bool
+    fingerprint: str | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """There is nothing in a table that the corrections do not know about."""
+        return ()
+
+    def left(self) -> tuple[Left, ...]:
+        """Every row is to be corrected."""
+        return ()
+
+    def goals(self) -> list[Goals]:
+        """All rows."""
+        names = tuple(f"row {row}" for row in self.rows)
+        return [Goals(self.kind, np.arange(len(names)), names, self.rows, self.values)]
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:
+        """Bytes of the table with the joints or poses of the rows that are corrected, marked in a column."""
+        ((_, fake),) = found
+        values = fake.q if self.kind == "joint" else fake.T_fake
+        return with_values(self, values, fingerprint, fake.ok) if fake.ok.any() else self.data
 
 
 def with_values(
@@ -57,7 +122,7 @@ def with_values(
         near = program.table[QUATERNION].to_numpy(dtype=float)
         numbers = numbers_from_poses(new[chosen], near[chosen])
     else:
-        numbers = new[chosen] / units(program.columns)
+        numbers = new[chosen] / joint_units(program.columns)
     changed = dict(zip(program.columns, numbers.T, strict=True))
     columns = []
     for name in program.table.columns:
@@ -86,11 +151,6 @@ def _new_column(name: str, values: FloatArray, text: NameArray, chosen: BoolArra
     cells = text.copy()
     cells[chosen] = [form % value for value in rounded.tolist()]
     return "%s", _quoted(cells)
-
-
-def units(columns: Sequence[str]) -> FloatArray:
-    """Metres or radians of one unit of each column."""
-    return np.array([MM if name.endswith("_mm") else DEG for name in columns])
 
 
 def _quoted(cells: NameArray) -> NameArray:

@@ -7,13 +7,13 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from support import arm, assert_same_poses, example_robot, measured, random_robot, write_measurements
+from support import arm, assert_same_poses, example_robot, measured, outcome_of, random_robot, write_measurements
 
 import irbcal
-from irbcal import calibrating
 from irbcal.errors import RobotError
-from irbcal.files import calibration_folder, origins, urdf, urdf_check
+from irbcal.files import calibration_folder, joint_origins, urdf, urdf_check
 from irbcal.modeling import frames
+from irbcal.validation.verification import verify_bytes
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def folders(tmp_path_factory):
     for name, seed in (("first", 1), ("second", 2)):
         rng = np.random.default_rng(seed)
         data = write_measurements(root / f"{name}.csv", measured(truth, arm().random_joints(60, seed), 3e-5, rng))
-        irbcal.save(calibrating.calibrate(data, "irb1600"), root / name)
+        irbcal.save(outcome_of(data, "irb1600"), root / name)
     return root / "first", root / "second"
 
 
@@ -33,7 +33,7 @@ def test_yaml_rebuilds_the_robot(folders):
     entries = yaml.safe_load((folders[0] / "joint_origins.yaml").read_text())["kinematics"]
     assert entries.pop("hash") == f"irbcal_{irbcal.load(folders[0]).fingerprint}"
     assert list(entries) == [f"link_{i}" for i in range(1, 7)]
-    nominal = calibration_folder.nominal_urdf(folders[0])
+    nominal = calibration_folder.read(folders[0]).nominal_urdf()
     placed = {}
     for entry in entries.values():
         R = frames.matrix_from_rpy([entry["roll"], entry["pitch"], entry["yaw"]])
@@ -51,9 +51,7 @@ def test_yaml_uses_the_keys_of_ur_description(tmp_path):
     found = urdf.read(example_robot("ur_description/urdf/ur10_robot.urdf"))
     truth = random_robot(found.arm, "26", np.random.default_rng(1))
     data = write_measurements(tmp_path / "m.csv", measured(truth, found.arm.random_joints(60, 1)))
-    irbcal.save(
-        calibrating.calibrate(data, example_robot("ur_description/urdf/ur10_robot.urdf"), "26"), tmp_path / "cal"
-    )
+    irbcal.save(outcome_of(data, example_robot("ur_description/urdf/ur10_robot.urdf"), "26"), tmp_path / "cal")
     entries = yaml.safe_load((tmp_path / "cal/joint_origins.yaml").read_text())["kinematics"]
     assert list(entries) == ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "hash"]
     assert list(entries["forearm"]) == ["x", "y", "z", "roll", "pitch", "yaw", "joint"]
@@ -68,9 +66,9 @@ def moved(data, metres):
 
 
 def test_verify_tells_calibrations_apart(folders):
-    saved = irbcal.load(folders[0])
+    saved = irbcal.load(folders[0]).record
     own, other = ((folder / "calibrated.urdf").read_bytes() for folder in folders)
-    nominal = calibration_folder.nominal_urdf(folders[0])
+    nominal = calibration_folder.read(folders[0]).nominal_urdf()
     stripped = own.replace(b"<irbcal_calibration", b"<some_other_tag")
     cases = {
         "own": (own, True, "calibrated", "same"),
@@ -83,42 +81,42 @@ def test_verify_tells_calibrations_apart(folders):
         "rounded to a micrometre": (moved(own, 1e-6), True, "rounded", "same"),
     }
     for name, (data, yes, geometry, mark) in cases.items():
-        result = origins.verify(saved, data, "found.urdf")
+        result = verify_bytes(saved, data, "found.urdf")
         assert (result.is_calibration, result.geometry, result.fingerprint) == (yes, geometry, mark), name
         assert result.same_file == (name == "own")
-    changed = origins.verify(saved, moved(own, 1e-5), "found.urdf")
+    changed = verify_bytes(saved, moved(own, 1e-5), "found.urdf")
     assert changed.position_m == pytest.approx(1e-5, rel=1e-3)
     assert "0.01 mm" in changed.explanation
     assert "changed afterwards" in changed.explanation
     with pytest.raises(RobotError, match=r"found\.urdf: there is no chain|found\.urdf: there is no link"):
-        origins.verify(saved, b'<robot name="x"><link name="base_link"/></robot>', "found.urdf")
+        verify_bytes(saved, b'<robot name="x"><link name="base_link"/></robot>', "found.urdf")
     with pytest.raises(RobotError, match=r"found\.urdf: expected the joints joint_1, .* found a1, "):
-        origins.verify(saved, own.replace(b'"joint_', b'"a'), "found.urdf")
+        verify_bytes(saved, own.replace(b'"joint_', b'"a'), "found.urdf")
 
 
 def test_same_geometry_with_another_joint_map_is_another_calibration(folders):
-    saved = irbcal.load(folders[0])
+    saved = irbcal.load(folders[0]).record
     own = (folders[0] / "calibrated.urdf").read_bytes()
     mark = saved.fingerprint.encode()
-    result = origins.verify(saved, own.replace(mark, b"0" * len(mark)), "found.urdf")
+    result = verify_bytes(saved, own.replace(mark, b"0" * len(mark)), "found.urdf")
     assert not result.is_calibration
     assert "the joint map or the data are not the same" in result.explanation
 
 
 def test_links_whose_short_names_collide_keep_all_their_joints(folders):
-    saved = irbcal.load(folders[0])
+    saved = irbcal.load(folders[0]).record
     for names in (["arm", "arm_link"], ["hash", "x"], ["_link", "y"]):
         links = [item.link for item in saved.joint_origins]
         links[1:3] = names
         items = [item.model_copy(update={"link": link}) for item, link in zip(saved.joint_origins, links, strict=True)]
-        entries = yaml.safe_load(origins.to_yaml(saved.model_copy(update={"joint_origins": items})))["kinematics"]
+        entries = yaml.safe_load(joint_origins.to_yaml(saved.model_copy(update={"joint_origins": items})))["kinematics"]
         assert [entry["joint"] for key, entry in entries.items() if key != "hash"] == [
             f"joint_{i}" for i in range(1, 7)
         ]
 
 
 def test_a_cell_may_give_links_and_joints_a_prefix(folders):
-    saved = irbcal.load(folders[0])
+    saved = irbcal.load(folders[0]).record
     own = (folders[0] / "calibrated.urdf").read_bytes()
     cell = (
         own.replace(b'"base_link"', b'"left_base_link"')
@@ -126,12 +124,12 @@ def test_a_cell_may_give_links_and_joints_a_prefix(folders):
         .replace(b'"joint_', b'"left_joint_')
     )
     with pytest.raises(RobotError, match="there is no link 'base_link'"):
-        origins.verify(saved, cell, "cell.urdf")
-    assert origins.verify(saved, cell, "cell.urdf", "left_base_link", "left_tool0").is_calibration
+        verify_bytes(saved, cell, "cell.urdf")
+    assert verify_bytes(saved, cell, "cell.urdf", "left_base_link", "left_tool0").is_calibration
 
 
 def test_calibrating_a_calibrated_urdf_again_leaves_one_fingerprint(folders, tmp_path):
-    outcome = calibrating.calibrate(folders[0].parent / "second.csv", folders[0] / "calibrated.urdf", "11")
+    outcome = outcome_of(folders[0].parent / "second.csv", folders[0] / "calibrated.urdf", "11")
     irbcal.save(outcome, tmp_path / "again")
     text = (tmp_path / "again/calibrated.urdf").read_text()
     assert text.count("irbcal_calibration") == 1
