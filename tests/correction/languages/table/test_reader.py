@@ -1,16 +1,14 @@
-"""CSV programs: what is read, what is written back, and the one sentence for everything else."""
-
-import csv
-import io
+"""CSV programs: what is read, and the one sentence for everything else."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support import arm
 
-from irbcal.correction import program as programs
 from irbcal.correction.languages import table
-from irbcal.errors import ProgramError
+from irbcal.errors import OptionError, ProgramError
+from irbcal.measurement.columns import JOINTS as JOINT_COLUMNS
 from irbcal.modeling import frames
 
 JOINTS = "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,note"
@@ -38,7 +36,7 @@ def test_joints_are_read_in_radians():
     assert np.abs(np.degrees(seen.values) - [[10, -20, 30, -40.5, 50, 60], [10, -20, 30, -40.5, 50, -5]]).max() < 1e-12
     assert seen.rows.tolist() == [2, 4]
     assert seen.fingerprint is None
-    assert not programs.is_filtered(seen)
+    assert seen.fingerprint is None
     with pytest.raises(ValueError, match="read-only"):
         seen.values[0, 0] = 0.0
 
@@ -47,57 +45,6 @@ def test_poses_are_read_in_metres():
     seen = table.parse(data(POSES, POSE))
     assert seen.kind == "pose"
     assert np.abs(seen.values[0] - frames.transform(frames.rot_z(-np.pi / 2), [0.1, -0.2, 0.3])).max() < 1e-15
-
-
-def test_new_values_and_the_mark_are_written_and_the_rest_is_kept():
-    content = "\ufeffnote,q6_deg,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,a b\r\n".encode() + data(
-        'x,1,2,3,4,5,6," 7,0"', '"say ""é""",7,8,9,10,11,12,1.50', newline="\r\n"
-    )
-    seen = table.parse(content)
-    new = np.radians([[0, -0.0, 1e-9, -1e-9, 1 / 3, -179.9999999], [1, 2, 3, 4, 5, 6]])
-    written = table.with_values(seen, new, "abc123")
-    assert written.decode() == (
-        "\ufeffnote,q6_deg,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,a b,irbcal_filtered\r\n"
-        'x,-180.000000,0.000000,0.000000,0.000000,0.000000,0.333333," 7,0",abc123\r\n'
-        '"say ""é""",6.000000,1.000000,2.000000,3.000000,4.000000,5.000000,1.50,abc123\r\n'
-    )
-    again = table.parse(written)
-    assert programs.is_filtered(again)
-    assert again.fingerprint == "abc123"
-    assert np.abs(again.values - new).max() < 1e-8
-
-
-def test_rows_that_are_not_corrected_keep_their_text():
-    seen = table.parse(data(JOINTS + "," + table.MARK, "a,1.,2,3,4,5,6,," + "", 'b,1.,2,3,4,5,"6",,'))
-    assert not programs.is_filtered(seen)
-    new = np.full((2, 6), np.nan)
-    new[1] = 0.0
-    written = table.with_values(seen, new, "f", rows=[False, True]).decode().splitlines()
-    assert written[1] == "a,1.,2,3,4,5,6,,"
-    assert written[2] == "b," + "0.000000," * 6 + ",f"
-    assert written[0] == JOINTS + "," + table.MARK
-    assert programs.is_filtered(table.parse("\n".join(written).encode()))
-
-
-def test_poses_keep_the_sign_of_their_quaternion():
-    seen = table.parse(data(POSES, POSE, "1,2,3,-1,0,0,0,x"))
-    written = list(csv.DictReader(io.StringIO(table.with_values(seen, seen.values).decode())))
-    assert [written[0][name] for name in table.POSE[3:]] == [
-        "0.707106781",
-        "0.000000000",
-        "0.000000000",
-        "-0.707106781",
-    ]
-    assert written[1]["qw"] == "-1.000000000"
-    assert written[1]["speed"] == "x"
-    assert table.MARK not in written[0]
-
-
-def test_values_that_cannot_be_written_are_refused():
-    seen = table.parse(data(POSES, POSE))
-    for wrong in (np.zeros((1, 6)), np.full((1, 4, 4), np.nan), 2 * np.eye(4)[None], np.eye(4)):
-        with pytest.raises(ValueError, match="expected"):
-            table.with_values(seen, wrong)
 
 
 @pytest.mark.parametrize(
@@ -142,17 +89,6 @@ def test_files(tmp_path):
         table.read(path)
 
 
-def test_a_hundred_thousand_rows():
-    numbers = np.random.default_rng(0).uniform(-180, 180, (100_000, 6))
-    body = ("a,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,v100\n" * len(numbers)) % tuple(numbers.ravel())
-    content = (JOINTS + "\n" + body).encode()
-    seen = table.parse(content)
-    written = table.with_values(seen, seen.values, "abc")
-    assert np.abs(np.degrees(seen.values) - numbers).max() < 1e-6
-    assert written.count(b"\n") == content.count(b"\n")
-    assert written.replace(b",abc\n", b"\n").partition(b"\n")[2] == content.partition(b"\n")[2]
-
-
 CELL = st.sampled_from(
     ["", "0", "1", "-1.5", "-3e2", "nan", "inf", "x", "0x1", " 7 ", '"1,5"', "é", '"', "1e999", "1e308", "'", '"a""b"']
 )
@@ -178,7 +114,7 @@ def test_any_cells_are_read_and_kept_or_refused_in_one_sentence(rows, header, va
     )
     again = table.parse(table.with_values(seen, new, "f"))
     assert np.abs(again.values - new).max() < 1e-8
-    for name in set(seen.table.columns) - {*table.POSE, *table.JOINTS}:
+    for name in set(seen.table.columns) - {*table.POSE, *JOINT_COLUMNS}:
         assert again.table[name].tolist() == seen.table[name].tolist()
 
 
@@ -186,3 +122,39 @@ def test_any_cells_are_read_and_kept_or_refused_in_one_sentence(rows, header, va
 @given(st.binary(max_size=200))
 def test_any_bytes_are_refused_in_one_sentence(content):
     assert refused(content)
+
+
+def test_arms_name_the_columns_of_their_joints(tmp_path):
+    path = tmp_path / "p.csv"
+    path.write_bytes(data("q1_mm,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,q7_deg", "100,10,20,30,40,50,60"))
+    names = ["q1_mm", *(f"q{k}_deg" for k in range(2, 8))]
+    assert np.abs(table.read(path, names).values[0] - [0.1, *np.radians([10, 20, 30, 40, 50, 60])]).max() < 1e-15
+    with pytest.raises(ProgramError, match=r"expected columns q1_deg … q6_deg|missing column"):
+        table.read_for(arm(), tmp_path / "p.csv", {}, {}).goals()
+
+
+def test_all_rows_are_goals():
+    (goals,) = table.parse(data(POSES, POSE, "", POSE)).goals()
+    assert (goals.kind, goals.names, goals.lines.tolist()) == ("pose", ("row 2", "row 4"), [2, 4])
+    assert goals.configurations is None
+    assert goals.values.shape == (2, 4, 4)
+
+
+def test_frames_mean_nothing_to_a_table(tmp_path):
+    (tmp_path / "p.csv").write_bytes(data(POSES, POSE))
+    with pytest.raises(OptionError, match="tool: the poses of a CSV program are those of the tip") as caught:
+        table.read_for(arm(), tmp_path / "p.csv", {"a": np.eye(4)}, {})
+    assert caught.value.parameter == "tool"
+
+
+def test_refusals_carry_their_place():
+    with pytest.raises(ProgramError) as caught:
+        table.parse(data(JOINTS, ROW, ROW.replace("30", "9E9")), "p.csv")
+    assert (caught.value.file, caught.value.row, caught.value.column) == ("p.csv", 3, "q3_deg")
+
+
+def test_the_mark_is_found_without_knowing_the_arm():
+    assert table.fingerprint(data("a,b", "1,2"), "p.csv") is None
+    assert table.fingerprint(data(f"a,{table.MARK}", "1,", "2, abc "), "p.csv") == "abc"
+    with pytest.raises(ProgramError, match=r"p\.csv: row 1: expected commas"):
+        table.fingerprint(data("a;b", "1;2"), "p.csv")
