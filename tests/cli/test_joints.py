@@ -1,4 +1,4 @@
-"""``irbcal axes`` as a user meets it."""
+"""``irbcal joints`` as a user meets it."""
 
 import json
 
@@ -19,7 +19,7 @@ def run(monkeypatch, capsys):
     """Run the command; returns exit code, stdout and stderr."""
 
     def irbcal(*arguments):
-        monkeypatch.setattr("sys.argv", ["irbcal", "axes", *map(str, arguments)])
+        monkeypatch.setattr("sys.argv", ["irbcal", "joints", *map(str, arguments)])
         monkeypatch.setenv("COLUMNS", "120")
         monkeypatch.setenv("NO_COLOR", "1")
         code = 0
