@@ -1,11 +1,13 @@
 """The whole answer on a measurement file: what is said is what was found, and refusals."""
 
+import pickle
+
 import numpy as np
 import pytest
 from moving import random_commands, refusal, simulated
 from support import arm, write_measurements
 
-from irbcal.errors import IdentificationError
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.joint_behaviour import behaviour
 from irbcal.measurement import table
 
@@ -39,3 +41,64 @@ def test_a_file_without_one_joint_moves_needs_a_robot(tmp_path):
     )
     with pytest.raises(IdentificationError, match=r"random\.csv: "):
         behaviour.analyse(seen, arm("irb1600"))
+
+
+@pytest.fixture(scope="module")
+def random_file(tmp_path_factory):
+    """Random poses of a robot with play in joint 6."""
+    play = np.radians([0, 0, 0, 0, 0, 0.06])
+    points, _, _ = simulated(random_commands(40, 0), None, play, noise=3e-5, rng=np.random.default_rng(0))
+    return write_measurements(tmp_path_factory.mktemp("joints") / "random.csv", points)
+
+
+def test_the_front_door_takes_files_and_measurements(random_file, tmp_path):
+    steps = []
+    found = behaviour.joints(random_file, robot="irb1600", plots=tmp_path / "figures", progress=steps.append)
+    assert steps == ["reading the measurements", "analysing the joints", "drawing"]
+    assert ("backlash", 6) in [(s.kind, s.joint) for s in found.residuals.needed]
+    assert sorted(found.plots) == sorted(str(path) for path in (tmp_path / "figures").iterdir())
+    assert sorted(found.plots) == sorted(str(tmp_path / "figures" / f"{name}.png") for name in found.figures)
+    seen = table.read(random_file)
+    again = behaviour.analyse(seen, arm("irb1600"))
+    assert again.to_dict() | {"plots": list(found.plots)} == found.to_dict()
+    assert behaviour.joints(random_file, robot=arm("irb1600")).to_dict() == again.to_dict()
+
+
+def test_a_result_speaks_is_pickled_and_cannot_be_changed(random_file):
+    found = behaviour.joints(random_file, robot="irb1600")
+    assert repr(found).startswith("<JointBehaviour: This robot needs")
+    for result in (found, found.residuals, *found.residuals.terms):
+        assert len(repr(result)) < 2000
+    assert "Verdict" in found.summary()
+    assert "<table>" in found._repr_html_()
+    assert pickle.loads(pickle.dumps(found)).to_dict() == found.to_dict()
+    with pytest.raises(ValueError, match="read-only"):
+        found.residuals.angle[0, 0] = 0.0
+    with pytest.raises(TypeError, match="cannot be changed"):
+        found.residuals.approach["size"] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"calibration": "here", "robot": "irb120"}, "give a calibration or a robot, not both"),
+        ({"joint": 0}, "joint: expected a number from 1, found 0"),
+        ({"order": 13}, "order: expected 1 to 12, found 13"),
+        ({"frequency": "often"}, "frequency: expected free or a number of periods per turn above zero, found 'often'"),
+        ({"frequency": 0.0}, "frequency: expected free or a number of periods per turn above zero, found 0.0"),
+    ],
+)
+def test_options_that_there_are_not_are_refused_before_anything_is_read(options, sentence):
+    with pytest.raises(OptionError) as caught:
+        behaviour.joints("absent.csv", **options)
+    assert str(caught.value) == sentence
+    assert caught.value.parameter in (*options, "robot")
+
+
+def test_refusals_name_their_file(random_file):
+    with pytest.raises(MeasurementError) as caught:
+        behaviour.joints(random_file)
+    assert caught.value.file == str(random_file)
+    with pytest.raises(IdentificationError) as caught:
+        behaviour.joints(random_file, robot="irb120")
+    assert caught.value.file == str(random_file)
