@@ -9,4 +9,4 @@ from irbcal.files import robots
 @pytest.fixture(scope="session")
 def record():
     """The demonstration robot, level 34."""
-    return document.build(irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", "34"))[0]
+    return irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", "34").record

@@ -1,4 +1,4 @@
-"""``irbcal axes`` as a user meets it."""
+"""``irbcal joints`` as a user meets it."""
 
 import json
 
@@ -19,7 +19,7 @@ def run(monkeypatch, capsys):
     """Run the command; returns exit code, stdout and stderr."""
 
     def irbcal(*arguments):
-        monkeypatch.setattr("sys.argv", ["irbcal", "axes", *map(str, arguments)])
+        monkeypatch.setattr("sys.argv", ["irbcal", "joints", *map(str, arguments)])
         monkeypatch.setenv("COLUMNS", "120")
         monkeypatch.setenv("NO_COLOR", "1")
         code = 0
@@ -133,3 +133,17 @@ def test_refusals(run, data, arguments, sentence):
 )
 def test_wrong_calls(run, data, arguments):
     assert run(data / "moves.csv", *arguments)[0] == 2
+
+
+def test_its_name_before_still_works_but_is_not_shown(run, data, monkeypatch, capsys):
+    code, out, _ = run(data / "moves.csv")
+    monkeypatch.setattr("sys.argv", ["irbcal", "axes", str(data / "moves.csv")])
+    with pytest.raises(SystemExit) as end:
+        main.main()
+    assert (end.value.code or 0, capsys.readouterr().out) == (code, out)
+    monkeypatch.setattr("sys.argv", ["irbcal", "--help"])
+    with pytest.raises(SystemExit):
+        main.main()
+    shown = capsys.readouterr().out
+    assert " joints " in shown
+    assert " axes " not in shown
