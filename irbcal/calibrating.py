@@ -17,9 +17,10 @@ from irbcal.files import urdf as urdf_module
 from irbcal.files.outcome import Outcome
 from irbcal.identification import outliers
 from irbcal.identification.axes import GROUPS
-from irbcal.identification.choices import LOSSES, METHODS, OBJECTIVES
-from irbcal.identification.fit import Fit, identify
+from irbcal.identification.choices import ALIASES, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
+from irbcal.identification.fit import identify
 from irbcal.identification.methods import identify_by
+from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
 from irbcal.measurement import cleaning, lists, table
 from irbcal.measurement.cleaning import Cleaned, Exclusion
@@ -27,8 +28,8 @@ from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.parameters import LEVELS, default_level, selected_parameters
-from irbcal.options import check_choice
+from irbcal.modeling.parameters import default_level, selected_parameters
+from irbcal.options import checked
 from irbcal.units import DEG, MM
 
 LARGEST_TURN = 3 * DEG
@@ -69,9 +70,9 @@ class Options:
 
     def __post_init__(self) -> None:
         for name, value, choices in (
-            ("model", self.model, (None, *LEVELS, "auto")),
+            ("model", self.model, (None, *MODELS)),
             ("split", self.split, SPLITS),
-            ("method", self.method, METHODS),
+            ("method", self.method, (*METHODS, *ALIASES)),
             ("objective", self.objective, OBJECTIVES),
             ("loss", self.loss, LOSSES),
         ):
@@ -124,7 +125,7 @@ def split(points: PointSet, holdout: float, order: str = "random", seed: int = 0
     OptionError
         If the order is another one.
     """
-    check_choice("split", order, SPLITS)
+    checked("split", order, SPLITS)
     n = points.poses
     count = round(holdout * n) if holdout < 1 else int(holdout)
     if holdout < 0 or count >= n:
@@ -204,7 +205,7 @@ def _prepared(measurements: table.MeasurementsLike, arm: Arm, options: Options) 
         points, shape = as_poses(points, seen.source)
     notes = list(cleaned.notes)
     moves = np.isin(points.groups.astype(str), GROUPS)
-    by_axes = options.method in ("axes", "circles") and moves.any()
+    by_axes = method_of(options.method) == "circles" and moves.any()
     if options.verify is None:
         aside = ~moves if by_axes else split(points, options.holdout, options.split, options.seed)
         parts = points.select(~aside), points.select(aside)

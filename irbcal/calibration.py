@@ -120,9 +120,9 @@ class Calibration(Speaks):
         """
         import pandas as pd
 
-        from irbcal.options import check_choice
+        from irbcal.options import checked
 
-        check_choice("what", what, ("parameters", "points"))
+        checked("what", what, ("parameters", "points"))
         if what == "parameters":
             return pd.DataFrame([vars(item) for item in self.record.parameters])
         columns = {name: values for name, values in self.record.points if values}
@@ -420,10 +420,10 @@ def report(
         If the folder is no calibration or cannot be written.
     """
     from irbcal.files.atomic import made_folders, write_together
-    from irbcal.options import check_choice
+    from irbcal.options import checked
     from irbcal.reports import report_data, report_page
 
-    check_choice("format", format, ("png", "svg"))
+    checked("format", format, ("png", "svg"))
     say = progress or (lambda text: None)
     say("reading the calibration")
     record = calibration_folder.load(calibration)

@@ -11,18 +11,21 @@ from irbcal.errors import OptionError
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T", bound=str)
 
 
-def check_choice(parameter: str, value: object, choices: Sequence[str]) -> None:
-    """Refuse a value that is not among the choices.
+def checked(parameter: str, found: str, choices: Sequence[T]) -> T:
+    """The value of an option, if it is one of the choices.
 
     Raises
     ------
     OptionError
-        The sentence lists the choices.
+        If it is not; the sentence lists the choices.
     """
-    if value not in choices:
-        raise OptionError.unknown(parameter, value, choices)
+    for choice in choices:
+        if choice == found:
+            return choice
+    raise OptionError.unknown(parameter, found, choices)
 
 
 def renamed(**new_of_old: str) -> Callable[[Callable[P, R]], Callable[P, R]]:

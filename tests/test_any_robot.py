@@ -280,8 +280,8 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
         outcome_of(data, rail, "34", base_link="rail_base")
     with pytest.raises(IdentificationError, match="no error parameter is called 'stiffness_A'"):
         outcome_of(data, rail, base_link="rail_base", free=["stiffness_A"])
-    with pytest.raises(IdentificationError, match="the method axes is for arms with six revolute joints"):
-        outcome_of(data, rail, base_link="rail_base", method="axes")
+    with pytest.raises(IdentificationError, match="the method circles is for arms with six revolute joints"):
+        outcome_of(data, rail, base_link="rail_base", method="circles")
     with pytest.raises(RobotError, match="the arm-stiffness model is for six revolute joints"):
         arm.stiffness_geometry()
     degrees = [name.replace("mm", "deg") for name in arm.joint_columns]

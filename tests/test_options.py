@@ -3,13 +3,13 @@
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.options import check_choice, renamed
+from irbcal.options import checked, renamed
 
 
 def test_choices():
-    check_choice("split", "last", ("random", "last"))
+    checked("split", "last", ("random", "last"))
     with pytest.raises(OptionError, match="split: expected random or last, found 'lst'"):
-        check_choice("split", "lst", ("random", "last"))
+        checked("split", "lst", ("random", "last"))
 
 
 @renamed(order="split")

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
 import typer
 
 from irbcal.cli import show
-from irbcal.identification.choices import Loss, Method, Objective
+from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective
 
 STEPS = 6
-
-
-Model: TypeAlias = Literal["nominal", "11", "16", "26", "34", "34b", "offsets", "placement", "auto"]
 
 
 def calibrate(
@@ -31,7 +28,8 @@ def calibrate(
         ),
     ] = None,
     method: Annotated[
-        Method, typer.Option(help="How to identify: axes needs one-joint moves in groups axis1 … axis6.")
+        MethodOrAlias,
+        typer.Option(help="How to identify: circles (or axes) needs one-joint moves in groups axis1 … axis6."),
     ] = "least-squares",
     objective: Annotated[
         Objective, typer.Option(help="What to minimise: rms, the largest error (max) or between (pnorm).")

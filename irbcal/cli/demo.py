@@ -9,11 +9,12 @@ import typer
 
 from irbcal.cli import calibrate, show
 from irbcal.files import robots
+from irbcal.identification.choices import Model
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = Path("irbcal-demo"),
-    model: Annotated[calibrate.Model, typer.Option(help="Level of the error model (thesis, section 5.4).")] = "34",
+    model: Annotated[Model, typer.Option(help="Level of the error model (thesis, section 5.4).")] = "34",
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses."""

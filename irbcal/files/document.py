@@ -38,8 +38,8 @@ from irbcal.files.schema import (
     TestVector,
 )
 from irbcal.files.urdf import UrdfArm
-from irbcal.identification.fit import Fit
 from irbcal.identification.history import History
+from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice as LevelChoice
 from irbcal.measurement.last_moves import last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.files.urdf import UrdfArm
-from irbcal.identification.fit import Fit
+from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.points import PointSet

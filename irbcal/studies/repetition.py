@@ -10,9 +10,9 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.cell import procedure
 from irbcal.cell.cell import Cell
-from irbcal.identification.axes import calibrate_by_axes
-from irbcal.identification.fit import Fit
+from irbcal.identification.axis_calibration import calibrate_by_axes
 from irbcal.identification.methods import identify_by
+from irbcal.identification.result import Fit
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot

@@ -74,8 +74,8 @@ class Settings:
     def __post_init__(self) -> None:
         for name in ("procedures", "curve"):
             object.__setattr__(self, name, tuple(sorted({int(n) for n in getattr(self, name)})))
-        _check_choice("model", self.model, MODELS)
-        _check_choice("method", self.method, METHODS)
+        _checked("model", self.model, MODELS)
+        _checked("method", self.method, METHODS)
         if not self.procedures:
             raise OptionError(
                 "a study needs at least one number of identification measurements", parameter="procedures"
@@ -115,7 +115,7 @@ class Settings:
         return asdict(self) | {"procedures": list(self.procedures), "curve": list(self.curve)}
 
 
-def _check_choice(name: str, value: str, allowed: Collection[str]) -> None:
+def _checked(name: str, value: str, allowed: Collection[str]) -> None:
     if value not in allowed:
         raise OptionError(f"unknown {name} {value!r}: choose one of {', '.join(allowed)}", parameter=name)
 

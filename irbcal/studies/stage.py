@@ -11,7 +11,7 @@ from irbcal.arrays import FloatArray, IntArray, lock, locked
 from irbcal.cell import procedure, simulation
 from irbcal.cell.cell import Cell
 from irbcal.errors import MeasurementError
-from irbcal.identification.axes import calibrate_by_axes
+from irbcal.identification.axis_calibration import calibrate_by_axes
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

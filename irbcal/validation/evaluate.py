@@ -21,7 +21,7 @@ from irbcal.measurement.registration import base_on
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.options import check_choice
+from irbcal.options import checked
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
@@ -86,7 +86,7 @@ def evaluate(
     """
     record = opened(calibration)
     if relative is not None:
-        check_choice("relative", relative, RELATIVE)
+        checked("relative", relative, RELATIVE)
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
     ready, robots = in_frame_of_calibration(record, measurements, refit_base)

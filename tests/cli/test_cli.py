@@ -302,7 +302,7 @@ def test_parameters_freed_and_held_and_known_targets(data, tmp_path):
 
 def test_axes_method_needs_its_groups(data, tmp_path):
     message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--method", "axes")
-    assert "the method axes needs one-joint moves in the groups axis1 ... axis6; found no groups" in message
+    assert "the method circles needs one-joint moves in the groups axis1 ... axis6; found no groups" in message
 
 
 def test_three_targets_as_one_pose_and_the_same_tool_again(data, tmp_path):
