@@ -15,6 +15,7 @@ from .errors import ProgramError as ProgramError
 from .errors import RobotError as RobotError
 from .files.robots import robots as robots
 from .files.urdf import read_urdf as read_urdf
+from .measurement.imports.reader import import_measurements as import_measurements
 from .measurement.table import read_measurements as read_measurements
 from .planners.calibrated_model import CalibratedModel as CalibratedModel
 from .validation.evaluate import evaluate as evaluate

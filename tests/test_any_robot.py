@@ -11,6 +11,7 @@ from support import (
     central_differences,
     example_robot,
     measured,
+    on_a_rail,
     outcome_of,
     random_robot,
     write_measurements,
@@ -19,21 +20,12 @@ from support import (
 import irbcal
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import IdentificationError, MeasurementError, RobotError
-from irbcal.files import robots, urdf, urdf_check
+from irbcal.files import urdf, urdf_check
 from irbcal.identification.fit import identify
 from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import distances
 from irbcal.modeling import parameters
-from irbcal.modeling.inverse import any_arm, closed_form
 from irbcal.modeling.robot import Robot
-
-ON_A_RAIL = """<joint name="rail" type="prismatic">
-    <parent link="rail_base"/><child link="base_link"/>
-    <origin xyz="0 0.1 0.05" rpy="0 0 0.3"/><axis xyz="0 1 0"/>
-    <limit lower="-0.2" upper="2.5" effort="1" velocity="1"/>
-  </joint>
-  <link name="rail_base"/>
-</robot>"""
 
 ROBOTS = {  # file, base, tip, revolute and prismatic joints
     "ur3": ("ur_description/urdf/ur3_robot.urdf", None, None, 6, 0),
@@ -49,9 +41,7 @@ ROBOTS = {  # file, base, tip, revolute and prismatic joints
 @pytest.fixture(scope="module")
 def rail(tmp_path_factory):
     """File of an IRB 120 on a linear axis."""
-    path = tmp_path_factory.mktemp("rail") / "rail.urdf"
-    path.write_text(robots.robot_file("irb120").read_text().replace("</robot>", ON_A_RAIL))
-    return path
+    return on_a_rail(tmp_path_factory.mktemp("rail") / "rail.urdf")
 
 
 @pytest.fixture(params=list(ROBOTS))
@@ -302,34 +292,3 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
     (tmp_path / "gap.csv").write_text(text)
     with pytest.raises(MeasurementError, match="missing column q3_deg"):
         irbcal.read_measurements(tmp_path / "gap.csv")
-
-
-@pytest.mark.parametrize("name", ["ur10", "panda", "rail"])
-def test_numerical_inverse(name, rail):
-    """Poses of random joints are reached within the limits; a seed near the answer is kept near."""
-    file, base, tip, _, _ = ROBOTS[name]
-    arm = urdf.read(example_robot(file) if file else rail, base, tip).arm
-    robot = random_robot(arm, "placement", np.random.default_rng(3), size=0.2)
-    assert not closed_form.has_closed_form(arm)
-    q = arm.random_joints(60, 12)
-    T = robot.poses(q)
-    found = any_arm.solve(robot, arm, T)
-    solved = found.converged & found.inside
-    assert solved.mean() > 0.95
-    assert_same_poses(robot.poses(found.joints[solved]), T[solved], 1e-9, 1e-9)
-    near = any_arm.solve(robot, arm, T, q + 0.01, thorough=False)
-    assert near.converged.all()
-    assert np.abs(near.joints - q)[near.inside].max() < 0.3
-    T[0, 0, 3] = np.nan
-    bad = any_arm.solve(robot, arm, T[:2], q[:2])
-    assert list(bad.converged) == [False, True]
-    assert "NaN" in any_arm.Reason(bad.reason[0]).words
-    far = any_arm.solve(robot, arm, _away(T[1:2]))
-    assert not far.converged.any()
-    assert np.isnan(far.joints).all()
-
-
-def _away(T):
-    T = T.copy()
-    T[:, 2, 3] += 50.0
-    return T

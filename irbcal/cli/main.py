@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import (
-    axes,
     ballbar,
     calibrate,
     demo,
@@ -20,6 +19,7 @@ from irbcal.cli import (
     ik,
     import_,
     iso9283,
+    joints,
     plan,
     report,
     robots,
@@ -71,7 +71,8 @@ app.command("verify", rich_help_panel="Use")(verify.verify)
 app.command("plan", rich_help_panel="Prepare")(plan.plan)
 app.command("simulate", rich_help_panel="Prepare")(simulate.simulate)
 app.command("study", rich_help_panel="Prepare")(study.study)
-app.command("axes", rich_help_panel="Validate")(axes.axes)
+app.command("joints", rich_help_panel="Validate")(joints.joints)
+app.command("axes", hidden=True)(joints.joints)  # its name before
 app.command("iso9283", rich_help_panel="Validate")(iso9283.iso9283)
 app.command("tracker", rich_help_panel="Validate")(tracker.tracker)
 app.command("ballbar", rich_help_panel="Validate")(ballbar.ballbar)

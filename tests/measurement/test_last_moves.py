@@ -1,22 +1,22 @@
-"""From which side each joint came."""
+"""The last move of each joint before each pose."""
 
 import numpy as np
+import pytest
 
-from irbcal.measurement.last_moves import STILL, last_moves
-
-NAN = np.nan
+from irbcal.measurement.last_moves import last_moves
 
 
-def test_a_joint_that_stands_still_keeps_its_last_move():
-    q = np.array([[0.0, 0.0], [0.1, 0.0], [0.1 + STILL / 2, -0.2], [0.0, -0.2]])
-    found = last_moves(q)
-    assert np.isnan(found[0]).all()
-    assert np.array_equal(np.isnan(found[1]), [False, True])
-    assert np.abs(found[1:, 0] - [0.1, 0.1, -0.1 - STILL / 2]).max() < 1e-12
-    assert np.abs(found[2:, 1] - [-0.2, -0.2]).max() < 1e-12
+def test_the_last_move_is_kept_while_a_joint_stands_still():
+    q = np.radians([[0.0, 5.0], [10.0, 5.0], [10.0, 5.001], [10.0, 2.0], [4.0, 2.0]])
+    assert np.degrees(last_moves(q)[1:]) == pytest.approx(
+        np.array([[10.0, np.nan], [10.0, np.nan], [10.0, -3.001], [-6.0, -3.001]]), abs=1e-12, nan_ok=True
+    )
+    groups = np.array(["a", "a", "b", "b", "b"], object)
+    assert np.isnan(last_moves(q, groups)[[0, 2]]).all()
+    assert np.isfinite(last_moves(q, groups)[4]).all()
 
 
 def test_a_group_begins_with_a_move_that_is_not_known():
     q = np.arange(4.0)[:, None]
     found = last_moves(q, np.array(["a", "a", "b", "b"], dtype=object))
-    assert np.array_equal(found[:, 0], [NAN, 1.0, NAN, 1.0], equal_nan=True)
+    assert np.array_equal(found[:, 0], [np.nan, 1.0, np.nan, 1.0], equal_nan=True)
