@@ -41,7 +41,7 @@ class Note(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Goals:
     """The n targets of one kind that may be corrected.
 

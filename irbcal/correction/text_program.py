@@ -61,7 +61,7 @@ class Use:
     work_object: str | None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Target:
     """A target whose numbers stand in the file.
 
@@ -126,7 +126,7 @@ class Uncorrected:
     reason: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TextProgram(ABC):
     """A program as read: its text and what was understood of it; a language says how it is marked.
 

@@ -38,7 +38,7 @@ _NOTES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Module(TextProgram):
     """A RAPID module as read."""
 

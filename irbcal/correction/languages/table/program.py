@@ -22,7 +22,7 @@ MARK = "irbcal_filtered"
 """Name of the column that marks a corrected file."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TableProgram:
     """A CSV program as read.
 
