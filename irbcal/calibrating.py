@@ -17,7 +17,7 @@ from irbcal.files import urdf as urdf_module
 from irbcal.files.outcome import Outcome
 from irbcal.identification import outliers
 from irbcal.identification.axes import GROUPS
-from irbcal.identification.choices import ALIASES, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
+from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
 from irbcal.identification.fit import identify
 from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
@@ -162,11 +162,11 @@ def run(
     fit = identify_by(
         arm,
         ready.fit,
-        model,
-        options.method,
-        options.objective,
+        checked("model", model, LEVELS),
+        method_of(options.method),
+        checked("objective", options.objective, OBJECTIVES),
         options.power,
-        options.loss,
+        checked("loss", options.loss, LOSSES),
         known_targets=known,
         parameters=selected_parameters(model, options.free, options.hold, arm),
         watched=_groups(ready.heldout),

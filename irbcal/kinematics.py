@@ -363,17 +363,17 @@ def pose_table(robot: Robot, q: ArrayLike) -> pd.DataFrame:
 
 def _joints(q: ArrayLike | str | Path, arm: Arm) -> FloatArray:
     if isinstance(q, (str, Path)):
-        from irbcal.measurement import table
+        from irbcal.measurement import lists
 
-        return table.read_joints(q, arm.joint_columns)
+        return lists.read_joints(q, arm.joint_columns)
     return arm.check_joints(q)
 
 
 def _poses(T_base_tip: ArrayLike | str | Path) -> FloatArray:
     if isinstance(T_base_tip, (str, Path)):
-        from irbcal.measurement import table
+        from irbcal.measurement import lists
 
-        return table.read_poses(T_base_tip)
+        return lists.read_poses(T_base_tip)
     T = np.asarray(T_base_tip, dtype=float)
     return T[None] if T.shape == (4, 4) else T
 

@@ -73,12 +73,12 @@ def seeds_of(
     q[..., axes] += 2 * np.pi * np.round((middle - q[..., axes]) / (2 * np.pi))
     fits = (np.abs(q[..., axes] - middle) <= np.pi / 4 + QUADRANT_TOLERANCE).all(axis=-1)
     inside = ((q >= nominal.lower - 1e-9) & (q <= nominal.upper + 1e-9)).all(axis=-1)
-    usable = branches.valid & fits & inside
+    usable: BoolArray = branches.valid & fits & inside
     cost = np.where(usable, np.sum(np.nan_to_num(q) ** 2, axis=-1), np.inf)
     cost[np.arange(n), np.clip(cfx, 0, 7)] -= np.where((cfx >= 0) & (cfx <= 7), 1e6, 0.0)
     cost[~usable] = np.inf
     best = np.argmin(cost, axis=1)
-    found = usable.any(axis=1)
+    found: BoolArray = np.any(usable, axis=1)
     chosen = np.where(found[:, None], q[np.arange(n), best], np.nan)
     reachable = np.isfinite(nearest).all(axis=1)
     return np.where(given[:, None], chosen, nearest), found | ~given | ~reachable

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
-from irbcal.figures.charts import Drawing, Figure, Lines, Panel, Text, fixed, up_to
+from irbcal.figures.charts import Drawing, Figure, LegendEntry, Lines, Panel, Sign, Text, fixed, up_to
 from irbcal.units import DEG, MM
 
 MOST_TITLED = 1500
@@ -142,7 +142,7 @@ def normal_quantiles(distance: FloatArray) -> tuple[FloatArray, FloatArray]:
     return ndtri((rank[shown] + 0.625) / (n + 0.25)), value[shown]
 
 
-def _models_legend(poses: PoseErrors, mark: str = "o") -> list[tuple[str, str, str]]:
+def _models_legend(poses: PoseErrors, mark: Sign = "o") -> list[LegendEntry]:
     return [
         (name, mark, f"{name} (mean {fixed(model.statistics.mean_mm, 3)} mm)") for name, model in poses.models.items()
     ]
@@ -211,7 +211,7 @@ def _by_pose(poses: PoseErrors, caption: str) -> Drawing:
     ends = (1 - 0.02 * n - 0.5, n + 0.02 * n + 0.5)
     for k, (name, model) in enumerate(poses.models.items()):
         last = k == len(poses.models) - 1
-        place = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
+        place: dict[str, Any] = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
         label = "pose, in order of measurement" if last else ""
         panel = Panel(drawing, ends, (0, top), label, "error (mm)", whole_x=True, **place)
         y = model.per_pose / MM
@@ -226,12 +226,12 @@ def turns_by_pose(poses: PoseErrors) -> Figure:
     drawing = Drawing(caption, 150.0 + 100.0 * (len(poses.models) - 1))
     turned = {name: model.rotation for name, model in poses.models.items() if model.rotation is not None}
     top = up_to(max(np.nanmax(rotation) for rotation in turned.values()) / DEG, 4)
-    legend = []
+    legend: list[LegendEntry] = []
     for k, (name, rotation) in enumerate(turned.items()):
         have = np.flatnonzero(np.isfinite(rotation))
         n, y = len(have), rotation[have] / DEG
         last = k == len(poses.models) - 1
-        place = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
+        place: dict[str, Any] = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
         label = "measured frame, in order of measurement" if last else ""
         panel = Panel(
             drawing, (0.5 - 0.02 * n, n + 0.5 + 0.02 * n), (0, top), label, "error (deg)", whole_x=True, **place
@@ -336,7 +336,7 @@ def workspace(poses: PoseErrors) -> Figure:
                 said = [texts[m] for m in np.flatnonzero(mine)]
                 _dots(panel, x, y, f"error{k}", said, titled[mine], size=_mark_size(len(error)) * (0.9 + 0.12 * k))
             drawings.append(panel.drawing)
-    legend = [(f"error{k}", "o", text) for k, text in enumerate(words)]
+    legend: list[LegendEntry] = [(f"error{k}", "o", text) for k, text in enumerate(words)]
     caption = (
         f"{label}, seen along z and along y of the base link (cross: its origin); each colour has the same share of "
         "all errors shown"
@@ -376,12 +376,12 @@ def vectors(poses: PoseErrors) -> Figure:
             texts = [
                 f"pose {poses.pose_names[m]}: {name} ({e[m, 0]:+.3f}, {e[m, 1]:+.3f}, {e[m, 2]:+.3f}) mm" for m in shown
             ]
-            panel.dots(*start.T, name, 2.6, titles=texts)
+            panel.dots(start[:, 0], start[:, 1], name, 2.6, titles=texts)
             drawings.append(panel.drawing)
     caption = f"{label}: mean of measured minus predicted places of a pose's points, along the axes of the base link"
     if len(shown) < n:
         caption += f"; {len(shown)} of {n} poses, evenly chosen"
-    legend = [(name, "-", name) for name in error]
+    legend: list[LegendEntry] = [(name, "-", name) for name in error]
     return Figure("residual_vectors", caption, drawings, legend, len(poses.models))
 
 

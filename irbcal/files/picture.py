@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, TypeAlias, get_args
 
 from irbcal.errors import OptionError
 from irbcal.figures import charts
 from irbcal.figures.charts import Figure
 from irbcal.files.atomic import write_together
 
-KINDS = (".svg", ".png")
+Kind: TypeAlias = Literal["svg", "png"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,10 +44,11 @@ class Picture:
             If the file cannot be written.
         """
         path = Path(path)
-        if path.suffix not in KINDS:
-            raise OptionError(f"expected a name that ends in {' or '.join(KINDS)}, found {path.name!r}", file=path)
-        write_together(path.parent, {path.name: charts.file(self.figure, path.suffix[1:], self.mark)})
-        return path
+        for kind in KINDS:
+            if path.suffix == f".{kind}":
+                write_together(path.parent, {path.name: charts.file(self.figure, kind, self.mark)})
+                return path
+        raise OptionError(f"expected a name that ends in .svg or .png, found {path.name!r}", file=path)
 
     def _repr_svg_(self) -> str:
         return self.svg()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
@@ -192,7 +192,8 @@ class PointTable(_Model):
     @model_validator(mode="after")
     def _of_one_length(self) -> PointTable:
         n = len(self.pose)
-        for name, column in self:
+        for name in type(self).model_fields:
+            column: list[Any] = getattr(self, name)
             added_later = type(self).model_fields[name].default is not PydanticUndefined
             if len(column) != n and not (added_later and not column):
                 raise ValueError(f"column {name} has {len(column)} values for {n} points")
@@ -215,7 +216,7 @@ class PoseTable(_Model):
     @model_validator(mode="after")
     def _of_one_length(self) -> PoseTable:
         n = len(self.pose)
-        columns = [self.group, self.heldout, *self.joints, *self.came_from]
+        columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from]
         if any(len(column) != n for column in columns) or len(self.joints) != len(self.came_from):
             raise ValueError(f"every column must have {n} values, one for each pose")
         return self
@@ -358,20 +359,20 @@ class Record(_Model):
         """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
         section = self.robot
         slides = [kind == "prismatic" for kind in section.joint_types]
-        limits = [
-            [
-                np.inf * sign if value is None else value * (MM if sliding else DEG)
-                for value, sliding in zip(values, slides, strict=True)
-            ]
-            for sign, values in ((-1, section.lower), (1, section.upper))
-        ]
+
+        def limits(sign: int, values: Sequence[float | None]) -> FloatArray:
+            units = [MM if sliding else DEG for sliding in slides]
+            pairs = zip(values, units, strict=True)
+            return np.array([sign * np.inf if value is None else value * unit for value, unit in pairs])
+
         return Arm(
             section.name,
             _table(section.dhm_calibrated if calibrated else section.dhm_nominal, slides),
             np.array(section.base_to_frame0),
             np.array(section.last_frame_to_tip),
             tuple(section.joint_names),
-            *limits,
+            limits(-1, section.lower),
+            limits(1, section.upper),
             section.base_link,
             section.tip_link,
         )
@@ -380,10 +381,10 @@ class Record(_Model):
         """The calibrated robot: predicts points and poses from commanded joints."""
         j = self.joint_map
         joint_map = JointMap(
-            j.gain,
-            [j.stiffness_A_rad, j.stiffness_B_rad],
-            [j.phi2_rad, j.phi3_rad],
-            [j.fourier_a1_rad, j.fourier_b1_rad, j.fourier_a2_rad, j.fourier_b2_rad],
+            np.array(j.gain),
+            np.array([j.stiffness_A_rad, j.stiffness_B_rad]),
+            np.array([j.phi2_rad, j.phi3_rad]),
+            np.array([j.fourier_a1_rad, j.fourier_b1_rad, j.fourier_a2_rad, j.fourier_b2_rad]),
         )
         return Robot(self.arm(), joint_map, *_placed(self.placement))
 
@@ -423,9 +424,7 @@ class Record(_Model):
             tuple(names),
             np.array(p.pose, dtype=object)[poses],
             np.array(p.group, dtype=object)[poses],
-            frames.matrix_from_quaternion(np.column_stack([t.qw, t.qx, t.qy, t.qz]).astype(float)[mine])
-            if t.qw
-            else None,
+            frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mine]) if t.qw else None,
             u95,
         )
         came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
@@ -441,19 +440,17 @@ class Record(_Model):
 
 
 def _table(rows: Sequence[Row], prismatic: Sequence[bool]) -> DHMTable:
+    def column(name: str, unit: float) -> FloatArray:
+        return np.array([getattr(row, name) * unit for row in rows])
+
     return DHMTable(
-        *(
-            [getattr(row, name) * unit for row in rows]
-            for name, unit in (
-                ("alpha_deg", DEG),
-                ("a_mm", MM),
-                ("theta_deg", DEG),
-                ("d_mm", MM),
-                ("beta_deg", DEG),
-                ("b_mm", MM),
-            )
-        ),
-        prismatic,
+        column("alpha_deg", DEG),
+        column("a_mm", MM),
+        column("theta_deg", DEG),
+        column("d_mm", MM),
+        column("beta_deg", DEG),
+        column("b_mm", MM),
+        np.array(prismatic, dtype=bool),
     )
 
 

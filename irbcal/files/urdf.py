@@ -312,8 +312,8 @@ def _build(
         T_base_0,
         T_last_tip,
         tuple(joint.name for joint in moving),
-        [joint.lower for joint in moving],
-        [joint.upper for joint in moving],
+        np.array([joint.lower for joint in moving]),
+        np.array([joint.upper for joint in moving]),
         base,
         tip,
     )
@@ -473,5 +473,5 @@ def largest_link_shift(urdf: UrdfArm, arm: Arm) -> float:
     largest = 0.0
     for i, T_dhm_link in enumerate(urdf.T_dhm_link[1:]):
         before, after = before @ urdf.arm.table.step(i), after @ arm.table.step(i)
-        largest = max(largest, np.linalg.norm((before @ T_dhm_link)[:3, 3] - (after @ T_dhm_link)[:3, 3]))
+        largest = max(largest, float(np.linalg.norm((before @ T_dhm_link)[:3, 3] - (after @ T_dhm_link)[:3, 3])))
     return float(largest)

@@ -201,8 +201,12 @@ def _nominal_form(arm: Arm) -> dhm.DHMTable:
 
 def _difference(table: dhm.DHMTable, nominal: dhm.DHMTable) -> dhm.DHMTable:
     """One table minus another; angles in (-pi, pi]."""
-    columns = {name: getattr(table, name) - getattr(nominal, name) for name in COLUMNS}
-    return dhm.DHMTable(**{name: v if name in LENGTHS else wrapped(v) for name, v in columns.items()})
+
+    def difference(name: str) -> FloatArray:
+        change: FloatArray = getattr(table, name) - getattr(nominal, name)
+        return change if name in LENGTHS else wrapped(change)
+
+    return dhm.DHMTable(*(difference(name) for name in COLUMNS))
 
 
 def _check_arm(arm: Arm, corrections: dhm.DHMTable) -> None:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias, get_args
 
+from irbcal.modeling.levels import LEVELS as LEVELS
+from irbcal.modeling.levels import Level as Level
 from irbcal.options import checked
 
 Method: TypeAlias = Literal["least-squares", "circles", "nelder-mead"]
@@ -21,9 +23,6 @@ Loss: TypeAlias = Literal["linear", "soft_l1", "huber"]
 """What a distance counts in the root mean square."""
 
 RobustLoss: TypeAlias = Literal["soft_l1", "huber"]
-
-Level: TypeAlias = Literal["nominal", "11", "16", "26", "34", "34b", "offsets", "placement"]
-"""Error models, as in `irbcal.modeling.parameters`."""
 
 Model: TypeAlias = Literal["nominal", "11", "16", "26", "34", "34b", "offsets", "placement", "auto"]
 """A level, or that which cross-validation chooses."""
@@ -40,7 +39,6 @@ ALIASES: dict[str, Method] = {"axes": "circles"}
 
 OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 LOSSES: tuple[Loss, ...] = get_args(Loss)
-LEVELS: tuple[Level, ...] = get_args(Level)
 MODELS: tuple[Model, ...] = get_args(Model)
 
 

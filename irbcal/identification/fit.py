@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.errors import IdentificationError
 from irbcal.identification import least_squares, start
-from irbcal.identification.choices import LEVELS, Level, checked
+from irbcal.identification.choices import LEVELS, Level
 from irbcal.identification.residuals import Problem, State
 from irbcal.identification.result import Fit
 from irbcal.measurement.points import PointSet
@@ -18,6 +18,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import Stiffness
 from irbcal.modeling.parameters import Parameter, level_parameters
 from irbcal.modeling.robot import Robot
+from irbcal.options import checked
 
 MIN_POSES = 3
 """Poses without which not even base and tool are looked for."""

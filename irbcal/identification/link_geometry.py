@@ -17,9 +17,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.identification.axes import MeasuredAxes, at_zero_joints
-from irbcal.identification.choices import Parallel, checked
+from irbcal.identification.choices import Parallel
 from irbcal.modeling import dhm
 from irbcal.modeling.extraction import dhm_from_axes
+from irbcal.options import checked
 from irbcal.units import DEG
 
 PARALLEL = 1.0 * DEG

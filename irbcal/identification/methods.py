@@ -23,7 +23,6 @@ from irbcal.identification.choices import (
     Method,
     MethodOrAlias,
     Objective,
-    checked,
     method_of,
 )
 from irbcal.identification.fit import first_state, fit_of, make_problem
@@ -32,6 +31,7 @@ from irbcal.identification.result import Fit
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, parameter
+from irbcal.options import checked
 
 
 def identify_by(

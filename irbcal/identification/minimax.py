@@ -24,10 +24,11 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import cone_program, least_squares
-from irbcal.identification.choices import ConeSolver, checked
+from irbcal.identification.choices import ConeSolver
 from irbcal.identification.cone_program import certificate, largest
 from irbcal.identification.observability import Information
 from irbcal.identification.residuals import Problem, State
+from irbcal.options import checked
 
 TOLERANCE = 1e-4
 """Accepted gap between largest distance and lower bound, relative."""

@@ -22,10 +22,11 @@ import numpy as np
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification import least_squares, observability
-from irbcal.identification.choices import RobustLoss, checked
+from irbcal.identification.choices import RobustLoss
 from irbcal.identification.history import distances
 from irbcal.identification.pnorm import line_search, solved
 from irbcal.identification.residuals import Problem, State
+from irbcal.options import checked
 
 MAX_ITERATIONS = 200
 STEP_TOLERANCE = 1e-9

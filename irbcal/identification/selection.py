@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError, RobotError
-from irbcal.identification.choices import LEVELS, Level, checked
+from irbcal.identification.choices import LEVELS, Level
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import levels_of
+from irbcal.options import checked
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.levels import LEVELS, Level
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ _LENGTHS = ["delta_a2", "delta_a3", "delta_a4", "delta_d4", "delta_d6"]
 _LINKS = [f"delta_{kind}{i}" for i in range(2, 7) for kind in ("alpha", "a", "theta", "d")]
 _JOINT_MAP = ["stiffness_A", "stiffness_B", *(f"fourier_{name}" for name in FOURIER)]
 
-THESIS_LEVELS: Mapping[str, Sequence[str]] = {
+THESIS_LEVELS: Mapping[Level, Sequence[str]] = {
     "nominal": [],
     "11": _THETA,
     "16": _THETA + _LENGTHS,
@@ -109,19 +110,16 @@ act through two numbers, which are what is identified (see `irbcal.modeling.join
 axis 3 in place of its d, which parallel axes cannot tell from that of axis 2 (section 3.1.3).
 """
 
-GENERAL_LEVELS = ("nominal", "offsets", "placement")
+GENERAL_LEVELS: tuple[Level, ...] = ("nominal", "offsets", "placement")
 """Levels for any serial arm. Joint 1 has no errors of its own there: the base takes them."""
 
-LEVELS = (*THESIS_LEVELS, *GENERAL_LEVELS[1:])
-"""All levels."""
 
-
-def levels_of(arm: Arm) -> tuple[str, ...]:
+def levels_of(arm: Arm) -> tuple[Level, ...]:
     """Levels to compare for an arm, from small to large."""
     return (*THESIS_LEVELS, "placement") if arm.six_revolute else GENERAL_LEVELS
 
 
-def default_level(arm: Arm) -> str:
+def default_level(arm: Arm) -> Level:
     """The level for an arm where none is asked for: ``34`` for arms built like the thesis's, else ``placement``."""
     return "34" if closed_form.has_closed_form(arm) else "placement"
 

@@ -51,9 +51,9 @@ def backlash(approach: Approach | None) -> list[dict[str, Any]]:
     if approach is None:
         return []
     slides = approach.robot.arm.table.prismatic
-    rows = []
+    rows: list[dict[str, Any]] = []
     for term in approach.terms:
-        unit, size = ("mm", MM) if slides[term.joint - 1] else ("deg", DEG)
+        unit, size = ("mm", MM) if slides[(term.joint or 1) - 1] else ("deg", DEG)
         amount = [value[0] / size for value in (term.values, term.low, term.high)] if term.tested else None
         rows.append({"joint": term.joint, "unit": unit, "amount": amount, "term": term})
     return rows

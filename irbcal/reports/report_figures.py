@@ -9,7 +9,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from irbcal.figures.charts import Drawing, Figure, Panel, Text
+from irbcal.arrays import BoolArray
+from irbcal.figures.charts import Drawing, Figure, LegendEntry, Panel, Text
+from irbcal.figures.marks import Shape
 from irbcal.figures.pose_errors import before_and_after, distribution, errors_by_pose, turns_by_pose, vectors, workspace
 from irbcal.files.schema import Observability, Record
 from irbcal.joint_behaviour.approach import Approach
@@ -54,7 +56,10 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Figure]]:
 
 # --- joints -----------------------------------------------------------------------------------------------
 
-SIDES = ((1.0, "below", "^", "reached from below"), (-1.0, "above", "v", "reached from above"))
+SIDES: tuple[tuple[float, str, Shape, str], ...] = (
+    (1.0, "below", "^", "reached from below"),
+    (-1.0, "above", "v", "reached from above"),
+)
 
 
 def residuals_by_joint(evidence: Evidence) -> Figure:
@@ -120,11 +125,12 @@ def singular_values(observability: Observability) -> Figure:
     ends = (0.5 * shown.min(), 2.0 * shown.max())
     panel = Panel(drawing, (0.2, len(values) + 0.8), ends, "direction", "singular value (mm)", log=True, whole_x=True)
     place = np.arange(1, len(values) + 1)
-    legend = []
-    for mask, colour, mark, words in (
+    legend: list[LegendEntry] = []
+    kinds: tuple[tuple[BoolArray, str, Shape, str], ...] = (
         (seen, "ink", "o", "seen"),
         (~seen, "accent", "v", f"held (below {floor:.2g} mm drawn there)"),
-    ):
+    )
+    for mask, colour, mark, words in kinds:
         if mask.any():
             texts = [f"direction {k}: {v:.3g} mm" for k, v in zip(place[mask], values[mask], strict=True)]
             panel.dots(place[mask], shown[mask], colour, 5.5, shape=mark, titles=texts)
@@ -162,5 +168,9 @@ def course(history: Mapping[str, Sequence[float]]) -> Figure:
             number = words.split()[1].rstrip(",")
             drawing.add(Text(end[0] + 9 * int(number) - 5, end[1], number, colour="accent", size=10.0))
         panel.dots(iteration, values, colour, 4.0, titles=texts if len(texts) < 200 else None)
-    legend = [("ink", "-", "objective"), ("accent", "-", "unused, mean"), ("accent", "--", "unused, largest")]
+    legend: list[LegendEntry] = [
+        ("ink", "-", "objective"),
+        ("accent", "-", "unused, mean"),
+        ("accent", "--", "unused, largest"),
+    ]
     return Figure("course", caption, [drawing], legend if unused else legend[:1])

@@ -15,7 +15,9 @@ from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.levels import LEVELS, Level
 from irbcal.modeling.robot import Robot
+from irbcal.options import checked
 from irbcal.studies.settings import AREAS, COURSE, METHODS, NOMINAL, Repetition, shares
 from irbcal.studies.stage import Stage
 
@@ -54,7 +56,7 @@ def choice(axes: PointSet | None, areas: Mapping[str, PointSet], counts: Sequenc
     return procedure.joined(*([] if axes is None else [axes]), *parts)
 
 
-def fitted(arm: Arm, points: PointSet, level: str, targets: Mapping[str, FloatArray], **options: Any) -> Fit:
+def fitted(arm: Arm, points: PointSet, level: Level, targets: Mapping[str, FloatArray], **options: Any) -> Fit:
     """Fit of a level with the targets as the tool was calibrated; options as `identify_by`."""
     known = {name: targets[name] for name in points.target_names}
     return identify_by(arm, points, level, known_targets=known, **options)
@@ -83,7 +85,7 @@ def identify(stage: Stage, repetition: Repetition) -> tuple[list[tuple[str, Robo
         return [("axes", robot, distances(robot, points).max())], None
     axes, *counts = shares(repetition.measures)
     seed = repetition.seed(stage.settings)
-    level, method = repetition.model, stage.settings.method
+    level, method = checked("model", repetition.model, LEVELS), stage.settings.method
     areas: Mapping[str, PointSet] = stage.identification
     watched = None
     if repetition == COURSE:

@@ -99,10 +99,15 @@ def evaluate(
     def of(mask: BoolArray) -> ByModel:
         return {name: _known(statistics(error[mask])) for name, error in errors.items()}
 
+    of_parts = {part: _by_label(labels, of) for part, labels in parts.items()}
     return Evaluation(
-        **{name: _known(statistics(error)) for name, error in errors.items()},
-        **{part: _by_label(labels, of) for part, labels in parts.items()},
-        percentiles={name: accuracy.percentiles(error) for name, error in errors.items()},
+        nominal=_known(statistics(errors["nominal"])),
+        calibrated=_known(statistics(errors["calibrated"])),
+        per_target=of_parts["per_target"],
+        per_group=of_parts["per_group"],
+        per_payload=of_parts["per_payload"],
+        per_group_payload=of_parts["per_group_payload"],
+        percentiles={name: _known(accuracy.percentiles(error)) for name, error in errors.items()},
         largest_covers=accuracy.largest_covers(points.poses),
         orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
         intervals=_intervals(errors, points, parts, seed) if intervals else None,
@@ -245,9 +250,9 @@ def _relative(
     source: str,
 ) -> dict[str, Any]:
     if kind == "virtual":
-        found = {name: accuracy.relative_to_virtual_frame(robot, points) for name, robot in robots.items()}
-        shift = {name: (shift / MM).tolist() for name, (_, shift) in found.items()}
-        return {"kind": kind, "shift_mm": shift, **{name: statistics(d) for name, (d, _) in found.items()}}
+        shifted = {name: accuracy.relative_to_virtual_frame(robot, points) for name, robot in robots.items()}
+        shift = {name: (shift / MM).tolist() for name, (_, shift) in shifted.items()}
+        return {"kind": kind, "shift_mm": shift, **{name: statistics(d) for name, (d, _) in shifted.items()}}
     names = [(str(points.pose_ids[k]), str(t)) for k, t in zip(points.pose, points.names(), strict=True)]
     rows = None
     if frame_points is not None:
@@ -256,10 +261,9 @@ def _relative(
             raise MeasurementError(f"pose {missing[0][0]} has no usable point of target {missing[0][1]}", file=source)
         rows = [names.index((pose, target)) for pose, target in frame_points]
     found = {name: accuracy.relative_to_three_points(robot, points, rows) for name, robot in robots.items()}
-    rows = found["nominal"][1]
     return {
         "kind": kind,
-        "points": ["/".join(names[k]) for k in rows],
+        "points": ["/".join(names[k]) for k in found["nominal"][1]],
         **{name: statistics(d) for name, (d, _) in found.items()},
     }
 
@@ -268,7 +272,7 @@ def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[
     out = {}
     for name, robot in robots.items():
         found = accuracy.tip_errors(robot, points, source)
-        turned = rotation_statistics(found.rotation)
+        turned = dict(_known(rotation_statistics(found.rotation)))
         turned["mean_plus_3sigma_deg"] = turned["mean_deg"] + 3 * turned["sigma_deg"]
         out[name] = {"position": statistics(found.position), "orientation": turned}
     return out

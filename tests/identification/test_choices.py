@@ -11,7 +11,7 @@ from irbcal.modeling import parameters
 
 
 def test_names_are_those_of_the_code():
-    assert choices.LEVELS == parameters.LEVELS
+    assert set(choices.LEVELS) == {*parameters.THESIS_LEVELS, *parameters.GENERAL_LEVELS}
     assert (*choices.LEVELS, "auto") == choices.MODELS
     assert ("linear", *robust.LOSSES) == choices.LOSSES
     assert tuple(cone_program.SOLVERS) == ("numpy", "clarabel")
