@@ -78,7 +78,7 @@ def seeds_of(
     cost[np.arange(n), np.clip(cfx, 0, 7)] -= np.where((cfx >= 0) & (cfx <= 7), 1e6, 0.0)
     cost[~usable] = np.inf
     best = np.argmin(cost, axis=1)
-    found = usable.any(axis=1)
+    found: BoolArray = np.any(usable, axis=1)
     chosen = np.where(found[:, None], q[np.arange(n), best], np.nan)
     reachable = np.isfinite(nearest).all(axis=1)
     return np.where(given[:, None], chosen, nearest), found | ~given | ~reachable

@@ -130,7 +130,7 @@ def outside_limits(arm: Arm, q: FloatArray, ids: Sequence[str] | NameArray) -> l
 def planned_points(model: Robot, ghost: Robot | None, q: FloatArray, T_scene_world: FloatArray) -> Points:
     """Where the models put the targets in the poses of a plan."""
     count = len(model.targets)
-    rows, names = np.repeat(np.arange(len(q)), count), np.tile(list(model.targets), len(q))
+    rows, names = np.repeat(np.arange(len(q)), count), list(model.targets) * len(q)
     nominal = None
     if ghost is not None:
         nominal = frames.apply(T_scene_world, ghost.replace(targets=model.targets).points(q[rows], names))
