@@ -6,6 +6,7 @@ from .calibration import calibrate as calibrate
 from .calibration import load as load
 from .calibration import report as report
 from .calibration import save as save
+from .correction.filter import correct as correct
 from .errors import CalibrationError as CalibrationError
 from .errors import IdentificationError as IdentificationError
 from .errors import IrbcalError as IrbcalError

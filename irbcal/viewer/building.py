@@ -12,9 +12,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, NameArray
-from irbcal.errors import MeasurementError, OptionError, RobotError
+from irbcal.errors import CalibrationError, MeasurementError, OptionError, RobotError
 from irbcal.files import robots
-from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.opening import Opened, RobotLike, open_robot
 from irbcal.files.urdf import UrdfArm
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
@@ -28,7 +28,6 @@ from irbcal.viewer.links import Link, links, reach
 from irbcal.viewer.points import PlanLike
 from irbcal.viewer.scales import default_magnification, scale_top
 from irbcal.viewer.scene import Drawn, Mode, Points, Scene
-from irbcal.viewer.source import Source, open_source
 
 NEAR_TRACKER = 0.2
 """No tracker stands closer than this to what it measures, metres: the frame's origin is then something else."""
@@ -40,7 +39,7 @@ CubeLike: TypeAlias = tuple[ArrayLike, float]
 
 
 def build(
-    source: CalibrationLike,
+    source: RobotLike,
     measurements: MeasurementsLike | None = None,
     *,
     plan: PlanLike | None = None,
@@ -59,29 +58,30 @@ def build(
     """
     if magnify is not None and not 0 < magnify <= LARGEST_MAGNIFICATION:
         raise OptionError(f"the magnification must be above 0 and at most 1e6, found {magnify:g}", parameter="magnify")
-    opened = open_source(source, base_link, tip_link)
+    opened = open_robot(source, base_link=base_link, tip_link=tip_link)
     if plan is None and isinstance(measurements, (str, Path, pd.DataFrame)) and point_sets.is_plan(measurements):
         measurements, plan = None, measurements
     _check_request(opened, measurements is not None, plan is not None)
+    urdf, shadow = _documents(opened)
     shown = _shown(opened, measurements, plan, refit_base)
     points, T_scene_world = shown.points, frames.inverse(shown.robot.T_world_base)
-    tree = links(opened.urdf)
+    tree = links(urdf)
     ghost = None
-    if opened.ghost_urdf is not None and shown.ghost is not None:
-        ghost = _drawn(opened.ghost_urdf, links(opened.ghost_urdf), T_scene_world @ shown.ghost.T_world_base)
+    if shown.ghost is not None:
+        ghost = _drawn(shadow, links(shadow), T_scene_world @ shown.ghost.T_world_base)
     folders = [package_dir] if isinstance(package_dir, (str, Path)) else list(package_dir)
-    meshes, problems = looks.meshes(opened.urdf, tree, opened.folder, robots.package_dirs(*folders))
+    meshes, problems = looks.meshes(urdf, tree, opened.folder, robots.package_dirs(*folders))
     places = {} if opened.record is None else opened.record.reference_places()
     references = {name: frames.apply(T_scene_world, place[None])[0] for name, place in places.items()}
     both = [] if points is None else [points.distance("nominal"), points.distance("calibrated")]
     errors = [error for error in both if error is not None] or None
     size = reach(tree)
     return Scene(
-        title=opened.title,
+        title=urdf.arm.name if opened.record is None else f"{urdf.arm.name}, model {opened.record.model}",
         simulated=shown.simulated,
         mode=shown.mode,
         robot=shown.robot,
-        drawn=_drawn(opened.urdf, tree, np.eye(4)),
+        drawn=_drawn(urdf, tree, np.eye(4)),
         ghost=ghost,
         meshes=meshes,
         q=shown.q,
@@ -102,7 +102,7 @@ def build(
     )
 
 
-def _check_request(opened: Source, measured: bool, planned: bool) -> None:
+def _check_request(opened: Opened, measured: bool, planned: bool) -> None:
     if planned and measured:
         raise MeasurementError("a view shows measurements or a plan, not both: leave one out", parameter="plan")
     if measured and opened.record is None:
@@ -111,6 +111,15 @@ def _check_request(opened: Source, measured: bool, planned: bool) -> None:
             "(columns q1_deg …)",
             file=opened.name,
         )
+
+
+def _documents(opened: Opened) -> tuple[UrdfArm, UrdfArm]:
+    """The URDFs that the robot and the nominal robot are drawn from."""
+    if opened.urdf is None or opened.nominal_urdf is None:
+        raise CalibrationError(
+            f"this calibration of {opened.name} does not hold the robot's looks: give its folder in its place"
+        )
+    return opened.urdf, opened.nominal_urdf
 
 
 @dataclass(eq=False)
@@ -130,9 +139,10 @@ class _Shown:
     notes: list[str] = field(default_factory=list)
 
 
-def _shown(opened: Source, measurements: MeasurementsLike | None, plan: PlanLike | None, refit_base: bool) -> _Shown:
+def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike | None, refit_base: bool) -> _Shown:
     """Poses and points: measured ones, those of a plan, or none (the joints have sliders)."""
-    model, ghost = opened.robot, opened.ghost
+    model = opened.robot
+    ghost = None if opened.record is None else opened.record.robot_nominal()
     simulated = opened.record is not None and opened.record.simulated
     if measurements is not None and opened.record is not None:
         seen, found, model, ghost, notes = point_sets.registered(opened.record, measurements, refit_base)

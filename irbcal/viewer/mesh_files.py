@@ -46,16 +46,18 @@ class MeshFinder:
 
     Parameters
     ----------
-    folder : Path
-        Folder of the URDF.
+    folder : Path or None
+        Folder of the URDF, if it lies in one.
     package_dirs : sequence of str or Path
         Folders that hold ROS packages, or are one.
     """
 
-    def __init__(self, folder: str | PathLike[str], package_dirs: Sequence[str | PathLike[str]] = ()) -> None:
-        self.folder = Path(folder).resolve()
+    def __init__(self, folder: str | PathLike[str] | None, package_dirs: Sequence[str | PathLike[str]] = ()) -> None:
+        self.own = [] if folder is None else [Path(folder).resolve()]
         self.packages = [Path(item).resolve() for item in package_dirs]
-        self.around = [parent for parent in (self.folder, *self.folder.parents) if (parent / "package.xml").is_file()]
+        self.around = [
+            parent for top in self.own for parent in (top, *top.parents) if (parent / "package.xml").is_file()
+        ]
 
     def find(self, uri: str) -> Path:
         """The file that a mesh's name stands for.
@@ -86,7 +88,7 @@ class MeshFinder:
             candidates += [(top, top / rest) for top in (*self.packages, *self.around) if top.name == name]
         else:
             rest = rest if found else uri
-            candidates = [(top, top / rest) for top in (self.folder, *self.packages, *self.around)]
+            candidates = [(top, top / rest) for top in (*self.own, *self.packages, *self.around)]
         outside = False
         for top, path in candidates:
             try:

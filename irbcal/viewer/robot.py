@@ -24,7 +24,10 @@ Painted: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 def meshes(
-    urdf: UrdfArm, tree: Sequence[Link], folder: str | PathLike[str], package_dirs: Sequence[str | PathLike[str]] = ()
+    urdf: UrdfArm,
+    tree: Sequence[Link],
+    folder: str | PathLike[str] | None,
+    package_dirs: Sequence[str | PathLike[str]] = (),
 ) -> tuple[dict[int, shapes.Mesh], list[str]]:
     """What each link looks like.
 
@@ -33,7 +36,7 @@ def meshes(
     urdf : UrdfArm
     tree : sequence of Link
         As `irbcal.viewer.links.links` gives them.
-    folder : Path
+    folder : Path or None
         Folder of the URDF; relative file names start there.
     package_dirs : sequence of str or Path
         Folders that hold ROS packages (or are one).

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike
 
-    from irbcal.files.calibration_folder import CalibrationLike
+    from irbcal.files.opening import RobotLike
     from irbcal.measurement.table import MeasurementsLike
     from irbcal.viewer.points import PlanLike
     from irbcal.viewer.scene import Model, Points, Scene
@@ -36,7 +36,7 @@ __all__ = ["View", "view"]
 
 @renamed(magnification="magnify", package_dirs="package_dir", base="base_link", tip="tip_link")
 def view(
-    source: CalibrationLike,
+    source: RobotLike,
     measurements: MeasurementsLike | None = None,
     *,
     plan: PlanLike | None = None,
@@ -52,8 +52,7 @@ def view(
     Parameters
     ----------
     source : str, Path, or a calibration
-        Calibration folder or a loaded calibration; a URDF or a shipped robot's name (then there is nothing measured to
-        show).
+        Calibration folder or a calibration; a URDF or a shipped robot's name (then there is nothing measured to show).
     measurements : str, Path, DataFrame or MeasurementSet, optional
         Measured points; a table that holds joints only is taken as a plan. Without it, the joints have sliders.
     plan : str, Path, DataFrame or array_like of shape (n, joints), optional

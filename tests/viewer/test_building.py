@@ -6,7 +6,8 @@ import pytest
 from support import arm, assert_same_poses
 
 import irbcal
-from irbcal.errors import IrbcalError, MeasurementError, RobotError
+from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, RobotError
+from irbcal.files.calibration_folder import opened
 from irbcal.modeling import frames
 from irbcal.units import MM
 from irbcal.viewer import building, links, points
@@ -155,3 +156,16 @@ def test_a_calibration_of_a_shipped_robot_needs_no_folder(cell, shown):
     again = building.build(irbcal.load(cell / "cal"), cell / "poses.csv")
     assert_same_poses(tips(again.drawn, again.effective), tips(shown.drawn, shown.effective), 1e-12, 1e-12)
     assert_same_poses(tips(again.ghost, again.q), tips(shown.ghost, shown.q), 1e-12, 1e-12)
+
+
+def test_a_record_of_another_robot_has_no_looks(cell):
+    record = opened(irbcal.load(cell / "cal"))
+    other = record.model_copy(update={"robot": record.robot.model_copy(update={"urdf_sha256": "0" * 64})})
+    with pytest.raises(CalibrationError, match="does not hold the robot's looks: give its folder"):
+        building.build(other)
+
+
+def test_links_are_chosen_for_a_urdf_only(cell):
+    assert building.build("irb120", tip_link="link_5").robot.arm.tip_link == "link_5"
+    with pytest.raises(RobotError, match="choose links for a URDF only"):
+        building.build(cell / "cal", tip_link="link_5")
