@@ -69,7 +69,10 @@ def _moves_dict(joint: JointMoves) -> dict[str, Any]:
 
 
 def _series_dict(s: Series) -> dict[str, Any]:
-    """One series, as Nubiola 2011, Table 4.1, Table 4.2 and Table 4.4 describe theirs, with the sizes of its errors."""
+    """One series, as Nubiola 2011, Table 4.1, Table 4.2 and Table 4.4 describe theirs.
+
+    With the sizes of its errors, the largest as in Table 4.3.
+    """
     names = s.points.target_names
     return {
         "group": s.name,

@@ -132,7 +132,8 @@ def _curve_handle(colour: str, style: LineStyle, label: str) -> Any:
 def _errors(series: Series, title: str) -> Figure:
     """Radial, tangential and axial errors against the joint's angle, a line for each target.
 
-    Nubiola 2011, Figures 4.3, 4.8 and 4.9 (the stretched arm with two payloads: one series for each).
+    Nubiola 2011, Figures 4.3, 4.8 and 4.9; the latter two, of section 4.3.1, are the stretched arm of Figure 4.6 with
+    two payloads: one series for each.
     """
     figure = _figure(6.4, 6.6, title)
     panels = figure.subplots(3, 1, sharex=True)

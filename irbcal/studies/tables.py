@@ -90,12 +90,12 @@ def _kinematic(
 
 
 def table_7_2(results: Results) -> Table:
-    """Nubiola 2011, Table 7.2: expected error of the kinematic calibration from 18 to 158 axis points, 3 kg."""
+    """Nubiola 2011, Table 7.2: expected error of calibrations from 18 to 158 axis points, 3 kg (section 7.7.2)."""
     return _kinematic(results, "7.2", 3, MOVES, thesis.TABLE_7_2)
 
 
 def table_7_3(results: Results) -> Table:
-    """Nubiola 2011, Table 7.3: expected error of the kinematic calibration from 18 axis points, 6 kg."""
+    """Nubiola 2011, Table 7.3: expected error of the calibration from 18 axis points, 6 kg (section 7.7.2)."""
     beside = {area: {18: values} for area, values in thesis.TABLE_7_3.items()}
     note = "The thesis's print has lost the order of its columns; read here as in Table 7.2."
     return _kinematic(results, "7.3", 6, (18,), beside, note)
