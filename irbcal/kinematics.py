@@ -7,6 +7,7 @@ import pandas as pd
 
 from irbcal.errors import RobotError
 from irbcal.files import calibration_folder, urdf
+from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 
@@ -125,11 +126,8 @@ def pose_table(robot, q):
     DataFrame
         ``x_mm, y_mm, z_mm, qw, qx, qy, qz`` (unit quaternion, scalar first, qw not negative).
     """
-    from scipy.spatial.transform import Rotation
-
     T = robot.poses(q)
-    xyzw = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)
-    values = np.column_stack([T[:, :3, 3] / MM, xyzw[:, 3], xyzw[:, :3]])
+    values = np.column_stack([T[:, :3, 3] / MM, frames.quaternion_from_matrix(T[:, :3, :3])])
     return pd.DataFrame(values, columns=["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"])
 
 

@@ -79,9 +79,7 @@ def _rows(table):
 
 
 def _pose(T):
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+    w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
     return Pose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
 
 
@@ -245,24 +243,15 @@ def _point_table(outcome):
             u95 = np.full(len(points), np.nan) if points.u95 is None else points.u95 / MM
             columns["u95_mm"] += _known(np.round(u95, PLACE_DIGITS))
         if turned:
-            for name, values in zip(("qx", "qy", "qz", "qw"), _quaternions(points).T, strict=True):
+            R = np.full((len(points), 3, 3), np.nan) if points.rotation is None else points.rotation
+            quaternions = frames.quaternion_from_matrix(R)
+            for name, values in zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True):
                 columns[name] += _known(np.round(values, QUATERNION_DIGITS))
     return PointTable(**columns)
 
 
 def _known(values):
     return [value if np.isfinite(value) else None for value in values.tolist()]
-
-
-def _quaternions(points):
-    """Measured orientations, scalar last, shape (m, 4); NaN where there is none."""
-    from scipy.spatial.transform import Rotation
-
-    have = points.oriented()
-    out = np.full((len(points), 4), np.nan)
-    if have.any():
-        out[have] = Rotation.from_matrix(points.rotation[have]).as_quat(canonical=True)
-    return out
 
 
 def _pose_table(outcome):

@@ -418,7 +418,9 @@ class Record(_Model):
             tuple(names),
             np.array(p.pose, dtype=object)[poses],
             np.array(p.group, dtype=object)[poses],
-            _rotations(np.column_stack([t.qx, t.qy, t.qz, t.qw])[mine]) if t.qw else None,
+            frames.matrix_from_quaternion(np.column_stack([t.qw, t.qx, t.qy, t.qz]).astype(float)[mine])
+            if t.qw
+            else None,
             u95,
         )
         came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
@@ -450,27 +452,9 @@ def _table(rows, prismatic):
     )
 
 
-def _rotations(quaternions):
-    """Matrices (m, 3, 3) of quaternions (m, 4), scalar last; NaN where there is none."""
-    from scipy.spatial.transform import Rotation
-
-    quaternions = quaternions.astype(float)
-    have = np.isfinite(quaternions).all(axis=1)
-    out = np.full((len(quaternions), 3, 3), np.nan)
-    if have.any():
-        out[have] = Rotation.from_quat(quaternions[have]).as_matrix()
-    return out
-
-
 def _placed(placement):
-    from scipy.spatial.transform import Rotation
-
     b = placement.base
-    T = frames.transform(
-        Rotation.from_quat([b.qx, b.qy, b.qz, b.qw]).as_matrix(), np.array([b.x_mm, b.y_mm, b.z_mm]) * MM
-    )
-    rotations = {
-        name: Rotation.from_quat([x, y, z, w]).as_matrix()
-        for name, (w, x, y, z) in placement.target_quaternions.items()
-    }
+    R = frames.matrix_from_quaternion([b.qw, b.qx, b.qy, b.qz])
+    T = frames.transform(R, np.array([b.x_mm, b.y_mm, b.z_mm]) * MM)
+    rotations = {name: frames.matrix_from_quaternion(q) for name, q in placement.target_quaternions.items()}
     return T, {name: np.array(xyz) * MM for name, xyz in placement.targets.items()}, rotations
