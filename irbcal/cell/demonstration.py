@@ -1,8 +1,8 @@
 """The demonstration: the shipped IRB 1600 with worn gears, and the poses that it is measured in; SIMULATED.
 
 ``scripts/make_demo_data`` writes its measurements into ``irbcal/data``. Wear, payload and gains are chosen so that
-nominal errors are about those of Nubiola 2011, Table 7.1 and that 34 parameters leave about what Nubiola 2011, Table 7.4
-has; the shipped cell itself, fitted by least squares, leaves half of that.
+nominal errors are about those of Nubiola 2011, Table 7.1 and that 34 parameters leave about as much as in Nubiola
+2011, Table 7.4; the shipped cell itself, fitted by least squares, leaves half of that.
 """
 
 from __future__ import annotations
