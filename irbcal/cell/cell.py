@@ -25,6 +25,7 @@ from irbcal.cell.run import Run
 from irbcal.cell.tool import EndEffector
 from irbcal.cell.tracker import Tracker
 from irbcal.cell.tracker_effects import Visibility
+from irbcal.cell.truth import truth
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -268,9 +269,17 @@ class Cell:
 
     def truth(self) -> dict[str, Any]:
         """All that the cell hides, in millimetres and degrees, ready for JSON; see `irbcal.cell.truth`."""
-        from irbcal.cell.truth import truth
-
-        return truth(self)
+        return truth(
+            self.arm.table,
+            self.true_arm().table,
+            self.true_joint_map(),
+            self.tool,
+            self.tracker,
+            self.references,
+            self.bodies,
+            self.effects,
+            self.seed,
+        )
 
 
 def _phases(arm: Arm) -> FloatArray | None:

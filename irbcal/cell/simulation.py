@@ -23,7 +23,8 @@ from irbcal.files.schema import Record
 from irbcal.measurement import lists
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
-from irbcal.summary import Speaks, Table, Told
+from irbcal.summary import Speaks, Told
+from irbcal.validation.evaluation import statistics_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,9 +33,6 @@ __all__ = ["MOSTLY_HIDDEN", "Simulated", "misses", "open_cell", "simulate"]
 
 MOSTLY_HIDDEN = 0.2
 """Share of targets that the tracker may not see before the result says so."""
-
-_COLUMNS = {"points": "n", "mean": "mean_mm", "sigma": "sigma_mm", "max": "max_mm"}
-_COLUMNS |= {"mean+3σ": "mean_plus_3sigma_mm", "rms": "rms_mm"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,12 +74,7 @@ class Simulated(Speaks):
         found = None if self.misses is None else statistics(self.misses)
         if found is not None:
             title = "Distances from where the program wanted the targets, mm"
-            row: tuple[str | float | int | None, ...] = (
-                "all targets",
-                "commanded",
-                *(found[key] for key in _COLUMNS.values()),
-            )
-            told.append(Table(title, ("", "model", *_COLUMNS), (row,), bold=frozenset([0])))
+            told.append(statistics_table(title, [("all targets", "commanded", found)], {0}))
         return told + [f"Note: {note}" for note in self._notes()]
 
     def _notes(self) -> list[str]:

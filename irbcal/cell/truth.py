@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.cell.cell import Cell
+from irbcal.arrays import FloatArray
+from irbcal.cell.effect import Effect
+from irbcal.cell.masses import Bodies
+from irbcal.cell.tool import EndEffector
+from irbcal.cell.tracker import Tracker
 from irbcal.modeling import frames
+from irbcal.modeling.dhm import DHMTable
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import FOURIER
 from irbcal.units import DEG, MM
 
@@ -17,11 +24,36 @@ _BASE_UNITS = np.array([MM, MM, MM, DEG, DEG, DEG])
 _COLUMNS = {"alpha": DEG, "a": MM, "theta": DEG, "d": MM, "beta": DEG, "b": MM}
 
 
-def truth(cell: Cell) -> dict[str, Any]:
-    """All that the cell hides, in millimetres and degrees, ready for JSON."""
-    joint_map, tool = cell.true_joint_map(), cell.tool
-    nominal, table = cell.arm.table, cell.true_arm().table
-    parameters = dict(zip(_BASE, frames.to_xyz_angles(cell.tracker.T_tracker_base) / _BASE_UNITS, strict=True))
+def truth(
+    nominal: DHMTable,
+    table: DHMTable,
+    joint_map: JointMap,
+    tool: EndEffector,
+    tracker: Tracker,
+    references: Mapping[str, FloatArray],
+    bodies: Bodies,
+    effects: Sequence[Effect],
+    seed: int,
+) -> dict[str, Any]:
+    """The hidden numbers of a cell, in millimetres and degrees, ready for JSON.
+
+    Parameters
+    ----------
+    nominal, table : DHMTable
+        What the controller believes, and the truth.
+    joint_map : JointMap
+    tool : EndEffector
+    tracker : Tracker
+    references : dict of str to ndarray, shape (3,)
+    bodies : Bodies
+    effects : sequence of Effect
+    seed : int
+
+    Returns
+    -------
+    dict
+    """
+    parameters = dict(zip(_BASE, frames.to_xyz_angles(tracker.T_tracker_base) / _BASE_UNITS, strict=True))
     for name, place in zip(tool.names, tool.real, strict=True):
         parameters |= {f"target_{name}_{axis}": value / MM for axis, value in zip("xyz", place, strict=True)}
     for name, unit in _COLUMNS.items():
@@ -35,13 +67,13 @@ def truth(cell: Cell) -> dict[str, Any]:
         "dhm": {name: _rounded(getattr(table, name) / unit) for name, unit in _COLUMNS.items()},
         "targets_cad": dict(zip(tool.names, _rounded(tool.cad / MM), strict=True)),
         "targets_look_along": dict(zip(tool.names, _rounded(tool.direction), strict=True)),
-        "references_in_base": {name: _rounded(place / MM) for name, place in cell.references.items()},
+        "references_in_base": {name: _rounded(place / MM) for name, place in references.items()},
         "payload_kg": tool.payload_kg,
         "payload_centre": _rounded(np.asarray(tool.payload_centre) / MM),
-        "link_masses_kg": _rounded(cell.bodies.mass),
-        "link_centres_in_dhm_frames": _rounded(cell.bodies.centre / MM),
-        "effects": {effect.name: effect.parameters() for effect in cell.effects},
-        "seed": cell.seed,
+        "link_masses_kg": _rounded(bodies.mass),
+        "link_centres_in_dhm_frames": _rounded(bodies.centre / MM),
+        "effects": {effect.name: effect.parameters() for effect in effects},
+        "seed": seed,
     }
 
 

@@ -1,42 +1,33 @@
 """Matplotlib figures as inline SVG for a page: the page's own text colour, no ids shared between figures."""
 
-from contextlib import contextmanager
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+from irbcal.figures.marks import FONT
+from irbcal.figures.style import house_style
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+    from matplotlib.figure import Figure
 
 INK = "#010203"
 """Stands for the text's colour in figures until the page's own takes its place."""
 
-STYLE = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "irbcal",
-    "text.parse_math": False,
-    "font.size": 12,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.grid": True,
-    "grid.color": INK,
-    "grid.alpha": 0.15,
-}
+INKED = ("text.color", "axes.labelcolor", "axes.titlecolor", "axes.edgecolor", "grid.color")
+TICKS = tuple(f"{axis}tick.{what}" for axis in "xy" for what in ("color", "labelcolor"))
 
 
-@contextmanager
-def style():
-    """Figures drawn here look alike whatever the user's own settings of matplotlib."""
-    import matplotlib
-
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(STYLE)
-        yield
+def style() -> AbstractContextManager[None]:
+    """The house's style with the page's text colour and font size: to be entered before `drawn`."""
+    changes: dict[str, Any] = dict.fromkeys((*INKED, *TICKS), INK)
+    return house_style(changes | {"font.size": FONT, "grid.alpha": 0.15})
 
 
-def drawn(draw, key, text):
+def drawn(draw: Callable[[Figure], Sequence[Any] | None], key: str, text: str) -> Markup:
     """A figure as inline SVG.
 
     Parameters
@@ -63,7 +54,7 @@ def drawn(draw, key, text):
     return _inline(stream.getvalue(), key, text)
 
 
-def _inline(svg, key, text):
+def _inline(svg: bytes, key: str, text: str) -> Markup:
     """An SVG file as part of a page: ids of its own, the page's colour, no metadata, no namespaces."""
     from lxml import etree
     from markupsafe import Markup

@@ -6,7 +6,7 @@ import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, Union
 
 from irbcal.arrays import lock
 from irbcal.errors import RobotError
@@ -17,11 +17,11 @@ from irbcal.files.urdf import UrdfArm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 
-RobotLike: TypeAlias = str | Path | Record | HoldsRecord
-"""Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot."""
+RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
+"""Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot, `Opened`."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Opened:
     """A robot, and what it was opened from.
 
@@ -57,6 +57,9 @@ class Opened:
     def __post_init__(self) -> None:
         lock(self)
 
+    def __repr__(self) -> str:
+        return f"<Opened {self.name}: {'URDF' if self.record is None else 'calibration'}, {self.robot!r}>"
+
     @cached_property
     def nominal_urdf(self) -> UrdfArm | None:
         """The URDF with the geometry of `nominal`, None where there is no URDF."""
@@ -72,8 +75,9 @@ def open_robot(
 
     Parameters
     ----------
-    robot : str, Path, Record or a result that holds one
-        Calibration folder, loaded calibration, path of a URDF, or name of a shipped robot (``irb1600``, ``irb120``).
+    robot : str, Path, Record, a result that holds one, or Opened
+        Calibration folder, loaded calibration, path of a URDF, or name of a shipped robot (``irb1600``, ``irb120``);
+        one that is opened already is returned as it is.
     nominal : bool
         The nominal behaviour of a calibration (its base and tool identified with the nominal model).
     base_link, tip_link : str, optional
@@ -90,23 +94,31 @@ def open_robot(
     RobotError
         If there is no such file or robot, the URDF cannot be used, or links are chosen for a calibration.
     """
+    if isinstance(robot, Opened):
+        if nominal or base_link or tip_link:
+            raise RobotError(f"{robot.name}: this robot is open: choose its behaviour and links when it is opened")
+        return robot
     path = Path(robot) if isinstance(robot, (str, Path)) else None
     if path is not None and not path.is_dir():
-        path = robots.robot_file(path)
-        data = path.read_bytes()
-        read = urdf.from_bytes(data, str(path), base_link, tip_link)
-        return Opened(str(path), Robot(read.arm), read.arm, None, path.parent, read, data)
-    record = calibration_folder.opened(robot)
-    name = record.robot.name if path is None else str(path)
+        read = urdf.read(path, base_link, tip_link)
+        file = robots.robot_file(path)
+        return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, file.read_bytes())
+    folder: Path | None
+    text: bytes | None
+    if path is not None:
+        saved = calibration_folder.read(path)
+        name, record, folder, text = str(path), saved.record, saved.folder, saved.urdf
+    else:
+        record = calibration_folder.opened(robot)
+        name, folder = record.robot.name, getattr(robot, "folder", None)
+        text = getattr(robot, "urdf", None)
+        if text is None:
+            folder, text = _shipped(record)
     if base_link or tip_link:
         raise RobotError(
             f"{name}: a calibration has its own base and tip link: choose links for a URDF only",
             parameter="base_link" if base_link else "tip_link",
         )
-    if path is None:
-        path, text = _shipped(record)
-    else:
-        text = (path / calibration_folder.URDF_NAME).read_bytes()
     if nominal and text is not None:
         text = _with_nominal_origins(text, record)
     return Opened(
@@ -114,7 +126,7 @@ def open_robot(
         robot=record.robot_nominal() if nominal else record.robot_calibrated(),
         nominal=record.arm(calibrated=False),
         record=record,
-        folder=path,
+        folder=folder,
         urdf=None if text is None else _read(text, record),
         urdf_bytes=text,
     )

@@ -1,11 +1,15 @@
 """What stands in ``calibration.json``: a checked schema, and the robots that it describes."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
 from pydantic_core import PydanticUndefined
 
+from irbcal.arrays import FloatArray
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -81,11 +85,11 @@ class Origin(_Model):
     rpy_rad: list[float]
 
     @staticmethod
-    def of(T):
+    def of(T: FloatArray) -> Origin:
         """From a transform, shape (4, 4)."""
         return Origin(xyz_m=(T[:3, 3] + 0.0).tolist(), rpy_rad=(frames.rpy_from_matrix(T[:3, :3]) + 0.0).tolist())
 
-    def transform(self):
+    def transform(self) -> FloatArray:
         """As a transform, shape (4, 4)."""
         return frames.transform(frames.matrix_from_rpy(np.array(self.rpy_rad)), self.xyz_m)
 
@@ -186,7 +190,7 @@ class PointTable(_Model):
     qz: list[float | None] = []
 
     @model_validator(mode="after")
-    def _of_one_length(self):
+    def _of_one_length(self) -> PointTable:
         n = len(self.pose)
         for name, column in self:
             added_later = type(self).model_fields[name].default is not PydanticUndefined
@@ -209,7 +213,7 @@ class PoseTable(_Model):
     came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
 
     @model_validator(mode="after")
-    def _of_one_length(self):
+    def _of_one_length(self) -> PoseTable:
         n = len(self.pose)
         columns = [self.group, self.heldout, *self.joints, *self.came_from]
         if any(len(column) != n for column in columns) or len(self.joints) != len(self.came_from):
@@ -281,11 +285,12 @@ class DataFile(_Model):
 
 
 class Check(_Model):
-    """Largest disagreement with Pinocchio on the written URDF."""
+    """Largest disagreement with Pinocchio and yourdfpy on the written URDF."""
 
     position_m: float
     rotation_rad: float
     poses: int
+    yourdfpy_poses: int = 0
 
 
 class Record(_Model):
@@ -338,7 +343,7 @@ class Record(_Model):
     seconds: float
 
     @model_validator(mode="after")
-    def _points_of_known_poses(self):
+    def _points_of_known_poses(self) -> Record:
         p, rows = self.poses, self.points.row
         if p is not None and any(
             not 0 <= row < len(p.pose) or p.heldout[row] != heldout
@@ -349,7 +354,7 @@ class Record(_Model):
             raise ValueError(f"poses have {len(p.joints)} joints, the robot has {len(self.robot.joint_names)}")
         return self
 
-    def arm(self, calibrated=True):
+    def arm(self, calibrated: bool = True) -> Arm:
         """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
         section = self.robot
         slides = [kind == "prismatic" for kind in section.joint_types]
@@ -371,7 +376,7 @@ class Record(_Model):
             section.tip_link,
         )
 
-    def robot_calibrated(self):
+    def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints."""
         j = self.joint_map
         joint_map = JointMap(
@@ -382,11 +387,11 @@ class Record(_Model):
         )
         return Robot(self.arm(), joint_map, *_placed(self.placement))
 
-    def robot_nominal(self):
+    def robot_nominal(self) -> Robot:
         """The nominal robot with base and tool identified from the same poses."""
         return Robot(self.arm(calibrated=False), JointMap(), *_placed(self.placement_nominal))
 
-    def used_points(self, heldout):
+    def used_points(self, heldout: bool) -> tuple[PointSet, FloatArray] | None:
         """The used points, fitted or held out, and the directions from which their joints were reached.
 
         Parameters
@@ -426,16 +431,16 @@ class Record(_Model):
         came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
         return points, came_from.T[poses]
 
-    def tool_shape(self):
+    def tool_shape(self) -> dict[str, FloatArray]:
         """Places of the reflectors that make up the tool's pose, dict of arrays (3,), metres; empty if none do."""
         return {name: np.array(place) * MM for name, place in self.tool_shape_mm.items()}
 
-    def reference_places(self):
+    def reference_places(self) -> dict[str, FloatArray]:
         """Places of the reference points in the measuring frame, dict of arrays (3,), metres."""
         return {name: np.array(place) * MM for name, place in self.references_mm.items()}
 
 
-def _table(rows, prismatic):
+def _table(rows: Sequence[Row], prismatic: Sequence[bool]) -> DHMTable:
     return DHMTable(
         *(
             [getattr(row, name) * unit for row in rows]
@@ -452,7 +457,7 @@ def _table(rows, prismatic):
     )
 
 
-def _placed(placement):
+def _placed(placement: Placement) -> tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]:
     b = placement.base
     R = frames.matrix_from_quaternion([b.qw, b.qx, b.qy, b.qz])
     T = frames.transform(R, np.array([b.x_mm, b.y_mm, b.z_mm]) * MM)

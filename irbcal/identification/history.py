@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import IdentificationError
+from irbcal.figures.colours import TEXT
+from irbcal.figures.style import house_style
 from irbcal.units import MM
 
 
@@ -127,9 +129,13 @@ def plot(history):
     table = history.to_frame()
     if table.empty:
         raise IdentificationError("there is no history to draw: no iteration was recorded")
-    figure = Figure(figsize=(7.0, 6.0 if history.others else 3.5), layout="constrained")
+    with house_style():
+        return _drawn(Figure(figsize=(7.0, 6.0 if history.others else 3.5), layout="constrained"), history, table)
+
+
+def _drawn(figure, history, table):
     axes = figure.subplots(2 if history.others else 1, 1, sharex=True, squeeze=False)[:, 0]
-    axes[0].plot(table["iteration"], table["objective_mm"], color="black", label="objective, points of the fit")
+    axes[0].plot(table["iteration"], table["objective_mm"], color=TEXT, label="objective, points of the fit")
     for k, name in enumerate(history.others):
         color = f"C{k}"
         mean = table[f"{name}_mean_mm"]
@@ -139,7 +145,6 @@ def plot(history):
         axes[1].plot(table["iteration"][best], mean[best], "o", color=color)
     for ax, label in zip(axes, ("largest distance / objective (mm)", "mean distance (mm)"), strict=False):
         ax.set_ylabel(label)
-        ax.grid(alpha=0.3)
         ax.legend()
     axes[-1].set_xlabel("iteration")
     return figure

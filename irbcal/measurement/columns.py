@@ -85,12 +85,18 @@ def read(table: TableLike, required: Sequence[str]) -> Cells:
     """
     if isinstance(table, pd.DataFrame):
         cells = _from_frame(table, required, FRAME)
-        return Cells(_with_rows(cells, FRAME), FRAME, hashlib.sha256(_canonical(cells)).hexdigest())
+        return Cells(_with_rows(cells, FRAME), FRAME, _digest(_canonical(cells)))
     path = Path(table)
     source = str(path)
     data = _bytes(path, source)
-    cells = _parse_parquet(data, source, required) if path.suffix == ".parquet" else parse_csv(data, source, required)
-    return Cells(_with_rows(cells, source), source, hashlib.sha256(data).hexdigest())
+    if path.suffix != ".parquet":
+        return parse(data, source, required)
+    return Cells(_with_rows(_parse_parquet(data, source, required), source), source, _digest(data))
+
+
+def parse(data: bytes, source: str, required: Sequence[str]) -> Cells:
+    """As `read`, from the content of a CSV file."""
+    return Cells(_with_rows(parse_csv(data, source, required), source), source, _digest(data))
 
 
 def parse_csv(data: bytes, source: str, required: Sequence[str] = ()) -> pd.DataFrame:
@@ -426,6 +432,10 @@ def _from_frame(table: pd.DataFrame, required: Sequence[str], source: str) -> pd
 
 def _canonical(cells: pd.DataFrame) -> bytes:
     return str(cells.to_csv(index=False, lineterminator="\n")).encode()
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def _with_rows(cells: pd.DataFrame, source: str) -> pd.DataFrame:

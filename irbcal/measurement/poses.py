@@ -21,6 +21,8 @@ def as_poses(
 ) -> tuple[PointSet, Mapping[str, FloatArray]]:
     """Turn the points of each pose into one measured pose of the tool.
 
+    Three points of the tool that are not on a line tell its orientation, too (Nubiola 2011, section 2.1).
+
     The reflectors are taken as one rigid body. Its frame has its origin in the reflectors' centre and the axes of the
     coordinates in which its shape is given.
 

@@ -12,7 +12,7 @@ being line 1; in a DataFrame the position plus one) and the column.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns
 from irbcal.measurement.columns import ALL_JOINTS, POSITION, QUATERNION, TableLike
+from irbcal.measurement.own_tables import OwnTables
 from irbcal.modeling.arm import Arm
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
@@ -32,7 +33,7 @@ REFERENCE_PREFIX = "ref"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasurementSet(Speaks):
+class MeasurementSet(OwnTables, Speaks):
     """Measurements as read: one row per asked-for point.
 
     Attributes
@@ -51,20 +52,9 @@ class MeasurementSet(Speaks):
     source: str
     sha256: str
 
-    def __post_init__(self) -> None:
-        self.__dict__["_own"] = self.__dict__.pop("table").copy()
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name):
-            """A copy of the table: it is kept under another name, so each access ends here."""
-            if name == "table" and "_own" in self.__dict__:
-                return self._own.copy()
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-
     @property
     def _rows(self) -> pd.DataFrame:
-        return self.__dict__["_own"]
+        return self.__dict__["_own"]["table"]
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -129,7 +119,9 @@ class MeasurementSet(Speaks):
 
     def to_frame(self) -> pd.DataFrame:
         """The table in the columns of a measurement file (degrees and millimetres), for `read` or ``to_csv``."""
-        return self._rows.drop(columns=["row", "pose_index"])
+        first = ["pose", *self.joint_columns, "target", *POSITION]
+        rest = [name for name in self._rows.columns if name not in (*first, "row", "pose_index")]
+        return self._rows[[*first, *rest]].copy()
 
     def told(self) -> Sequence[Told]:
         """Counts of rows, poses and lost points; tables of targets and of groups."""
@@ -173,6 +165,30 @@ def read(source: MeasurementsLike) -> MeasurementSet:
     if isinstance(source, MeasurementSet):
         return source
     return _checked(*columns.read(source, REQUIRED))
+
+
+read_measurements = read
+
+
+def parse(data: bytes, source: str) -> MeasurementSet:
+    """Read measurements from the content of a CSV file.
+
+    Parameters
+    ----------
+    data : bytes
+    source : str
+        File name for messages.
+
+    Returns
+    -------
+    MeasurementSet
+
+    Raises
+    ------
+    MeasurementError
+        If it does not keep the format.
+    """
+    return _checked(*columns.parse(data, source, REQUIRED))
 
 
 def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:

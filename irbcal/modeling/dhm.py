@@ -96,7 +96,7 @@ class DHMTable:
         return before @ tilt @ turn @ frames.transform(None, [0.0, 0.0, self.d[i] + travel])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ChainFrames:
     """Axes and origins along the chain for a block of poses, all in the base frame.
 

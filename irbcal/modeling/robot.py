@@ -73,7 +73,11 @@ class Robot:
         RobotError
             If the joints have another shape, or look like degrees.
         """
-        return self.arm.forward(self.joint_map.effective(self.arm.check_joints(q)))
+        return self.forward(self.arm.check_joints(q))
+
+    def forward(self, q: ArrayLike) -> FloatArray:
+        """As `poses`, of joints (n, joints) that may be anything: for iterations, and for trying other units."""
+        return self.arm.forward(self.joint_map.effective(q))
 
     def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.
@@ -103,7 +107,7 @@ class Robot:
                 f"unknown target {unknown[0]!r}: this robot has {', '.join(self.targets) or 'none'}", parameter="target"
             )
         local = np.array([self.targets[name] for name in names])
-        T = self.poses(q)
+        T = self.forward(q)
         base = np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(local, (len(q), 3))) + T[:, :3, 3]
         return base @ self.T_world_base[:3, :3].T + self.T_world_base[:3, 3]
 

@@ -164,11 +164,9 @@ class CalibratedModel(Speaks):
         CalibrationError
             If the folder is not a whole calibration, or a loaded calibration's URDF is not known.
         """
-        record = calibration_folder.opened(calibration)
         if isinstance(calibration, (str, Path)):
-            urdf: bytes | None = (Path(calibration) / calibration_folder.URDF_NAME).read_bytes()
-        else:
-            urdf = open_robot(record).urdf_bytes
+            calibration = calibration_folder.read(calibration)
+        record, urdf = calibration_folder.opened(calibration), open_robot(calibration).urdf_bytes
         if urdf is None:
             raise CalibrationError(
                 f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder in its place",
@@ -282,8 +280,7 @@ class CalibratedModel(Speaks):
         """
         q = self.command_from_model(configurations, check_limits=False)
         v = self._check_columns(velocities, self.model.nv, "velocities")[:, self._place.columns]
-        speeds: FloatArray = np.linalg.solve(self.joint_map.jacobian(q), v[..., None])[..., 0]
-        return speeds
+        return np.asarray(np.linalg.solve(self.joint_map.jacobian(q), v[..., None])[..., 0], dtype=float)
 
     def beyond_limits(self, q: ArrayLike) -> FloatArray:
         """How far commands lie outside the URDF's joint limits.

@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.cell.cell import WAIT_S
 from irbcal.cell.tracker import ACCEPTANCE
 from irbcal.errors import OptionError
 from irbcal.files import atomic
 from irbcal.files.opening import RobotLike
-from irbcal.modeling import frames
 from irbcal.modeling.parameters import default_level
-from irbcal.planning import choosing
+from irbcal.planning import choosing, plan_files
 from irbcal.planning.choosing import MOST_REFLECTORS, Step
-from irbcal.planning.exchange import Comparison
 from irbcal.planning.home import home_joints
 from irbcal.planning.information import IMAGINED_SIZE, NOISE, Model
-from irbcal.planning.prediction import Prediction, predict
+from irbcal.planning.made import Made
+from irbcal.planning.prediction import predict
 from irbcal.planning.reflectors import TargetsLike
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.planning.sources import FEW, MANY, Poses, Region, Tally, axis_moves, first_seen, in_cube, random_poses
 from irbcal.planning.timing import stops
-from irbcal.planning.wish import READINGS_S, Wish
+from irbcal.planning.wish import Wish
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG
 
@@ -39,74 +36,8 @@ _SHOWN = {"axis": "axis moves", "iso_cube": "ISO cube", "all_range": "all range"
 _WHERE = {"cube": "in the cube", "range": "in the whole range"}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Plan(Speaks):
-    """Poses to measure, in their order, and what they promise.
-
-    Attributes
-    ----------
-    scene : Scene
-    wish : Wish
-    q : ndarray, shape (n, joints)
-        Commanded joints in the order of the run, radians (metres for prismatic joints).
-    asked : ndarray of bool, shape (n, k)
-        Reflectors measured in each pose.
-    groups : ndarray of str, shape (n,)
-    over_home : ndarray of bool, shape (n,)
-        Poses to which the robot goes over its home joints, for the direct way is not free.
-    tallies : dict of str to Tally
-        Of each source of poses.
-    prediction : Prediction
-    position_std : dict of str to ndarray
-        Standard deviations of the first measured reflector's predicted position in ``cube`` and ``range``, metres.
-    stops : ndarray, shape (n,)
-        When the robot stands still in each pose, seconds from the start.
-    comparison : Comparison or None
-        Of optimal poses with random ones.
-    notes : tuple of str
-    """
-
-    scene: Scene
-    wish: Wish
-    q: FloatArray
-    asked: BoolArray
-    groups: NameArray
-    over_home: BoolArray
-    tallies: dict[str, Tally]
-    prediction: Prediction
-    position_std: dict[str, FloatArray]
-    stops: FloatArray
-    comparison: Comparison | None
-    notes: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-    @property
-    def hold_s(self) -> FloatArray:
-        """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
-        return self.wish.hold_s(self.asked)
-
-    @property
-    def duration_s(self) -> float:
-        """Of the whole run, an estimate."""
-        return float(self.stops[-1] + self.hold_s[-1])
-
-    def expected(self) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-        """Pose and reflector of each measurement, its place in the frame of the expected coordinates, and its time.
-
-        Returns
-        -------
-        pose, target : ndarray of int, shape (m,)
-        xyz : ndarray, shape (m, 3)
-            Metres.
-        time_s : ndarray, shape (m,)
-        """
-        pose, target = np.nonzero(self.asked)
-        _, points, _ = self.scene.setting.places(self.q)
-        number = (np.cumsum(self.asked, axis=1) - 1)[pose, target]
-        time = self.stops[pose] + self.wish.wait_s + READINGS_S * number
-        return pose, target, frames.apply(self.scene.T_world_base, points[pose, target]), time
+class Plan(Made, Speaks):
+    """Poses to measure, in their order, and what they promise; attributes as `irbcal.planning.made.Made`."""
 
     def told(self) -> list[Told]:
         """See `Speaks.told`."""
@@ -159,15 +90,11 @@ class Plan(Speaks):
             A row for each pose: ``pose``, ``group``, joints in degrees (mm for prismatic joints), ``targets`` (names
             with spaces between them), ``wait_s``.
         """
-        from irbcal.planning.plan_files import pose_table
-
-        return pose_table(self)
+        return plan_files.pose_table(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
-        from irbcal.planning.plan_files import facts
-
-        return facts(self)
+        return plan_files.facts(self)
 
     def save(self, folder: str | Path, page: str | None = None) -> tuple[Path, ...]:
         """Write the files that carry the plan out; see `irbcal.planning.plan_files.files`.
@@ -188,9 +115,7 @@ class Plan(Speaks):
         CalibrationError
             If they cannot be written.
         """
-        from irbcal.planning.plan_files import files
-
-        contents = files(self, page)
+        contents = plan_files.files(self, page)
         atomic.write_together(folder, contents)
         return tuple(Path(folder) / name for name in contents)
 

@@ -13,7 +13,7 @@ from irbcal.arrays import FloatArray
 from irbcal.measurement.columns import joint_columns
 from irbcal.planning.conditions import CONDITIONS
 from irbcal.planning.home import DECIMALS, home_joints
-from irbcal.planning.measuring_plan import Plan
+from irbcal.planning.made import Made
 from irbcal.planning.wish import READINGS_S
 from irbcal.thesis_setup import FRONT
 from irbcal.units import DEG, MM
@@ -25,12 +25,12 @@ SPEED_NAMES = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600,
 """Speeds that RAPID has names for, mm/s."""
 
 
-def files(made: Plan, page: str | None = None) -> dict[str, bytes]:
+def files(made: Made, page: str | None = None) -> dict[str, bytes]:
     """The files of a plan.
 
     Parameters
     ----------
-    made : Plan
+    made : Made
     page : str, optional
         The scene to look at, HTML.
 
@@ -62,12 +62,12 @@ def _csv(table: pd.DataFrame) -> bytes:
     return str(text.to_csv(index=False, lineterminator="\n")).encode()
 
 
-def _joints(made: Plan) -> FloatArray:
+def _joints(made: Made) -> FloatArray:
     """Joints as they are commanded, degrees and millimetres, shape (n, joints)."""
     return np.round(made.q / made.scene.setting.arm.joint_units, DECIMALS) + 0.0
 
 
-def plan_table(made: Plan) -> pd.DataFrame:
+def plan_table(made: Made) -> pd.DataFrame:
     """A row for each reflector to measure: joints, reflector, where the tracker should expect it, when.
 
     Returns
@@ -89,7 +89,7 @@ def plan_table(made: Plan) -> pd.DataFrame:
     return table
 
 
-def pose_table(made: Plan) -> pd.DataFrame:
+def pose_table(made: Made) -> pd.DataFrame:
     """A row for each pose: joints, reflectors with spaces between them, wait.
 
     Returns
@@ -106,12 +106,12 @@ def pose_table(made: Plan) -> pd.DataFrame:
     return table
 
 
-def _target_texts(made: Plan) -> list[str]:
+def _target_texts(made: Made) -> list[str]:
     names = np.array(made.scene.setting.targets.names, dtype=object)
     return [" ".join(names[row]) for row in made.asked]
 
 
-def rapid(made: Plan) -> str:
+def rapid(made: Made) -> str:
     """A RAPID module that runs the plan: absolute joint moves, and a wait in each pose for rest and readings."""
     wish, mm_s = made.wish, round(made.wish.speed / MM)
     speed = f"v{mm_s}" if mm_s in SPEED_NAMES else f"[{mm_s},500,5000,1000]"
@@ -140,7 +140,7 @@ def rapid(made: Plan) -> str:
     return "\n".join([*lines, move(home), "  ENDPROC", "ENDMODULE", ""])
 
 
-def facts(made: Plan) -> dict[str, Any]:
+def facts(made: Made) -> dict[str, Any]:
     """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
     scene, wish, setting = made.scene, made.wish, made.scene.setting
     return {
@@ -183,7 +183,7 @@ def facts(made: Plan) -> dict[str, Any]:
     }
 
 
-def _settings(made: Plan) -> dict[str, Any]:
+def _settings(made: Made) -> dict[str, Any]:
     scene, wish, setting = made.scene, made.wish, made.scene.setting
     return {
         "seed": wish.seed,

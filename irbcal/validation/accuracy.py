@@ -1,17 +1,24 @@
-"""Accuracy: statistics of measured against predicted points and poses, absolute and relative.
+"""Accuracy: statistics of measured against predicted points and poses, absolute and relative (Nubiola 2011, 7.7).
 
 Every figure of accuracy that the program shows is computed here, in `irbcal.validation.bootstrap` (intervals) and in
 `irbcal.validation.comparison` (two calibrations, expected against verified errors).
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement.cleaning import by_pose
+from irbcal.measurement.points import PointSet, rotation_distances
 from irbcal.measurement.registration import register
 from irbcal.modeling import frames
+from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 
 __all__ = [
@@ -30,7 +37,7 @@ PERCENTILES = (50, 90, 95, 99)
 """Percentiles that are reported."""
 
 
-def percentiles(distance):
+def percentiles(distance: ArrayLike) -> dict[str, float] | None:
     """`PERCENTILES` of distances in metres, interpolated linearly: ``p50_mm`` and so on; None for no distances."""
     d = np.asarray(distance, dtype=float) / MM
     if not len(d):
@@ -38,7 +45,7 @@ def percentiles(distance):
     return {f"p{p}_mm": float(value) for p, value in zip(PERCENTILES, np.percentile(d, PERCENTILES), strict=True)}
 
 
-def largest_covers(poses, confidence=0.95):
+def largest_covers(poses: int, confidence: float = 0.95) -> float:
     """Share of all poses whose error stays below the largest one seen, without any assumption on the distribution.
 
     The largest of n independent errors exceeds the share p of all errors with probability 1 - p^n (Wilks 1941).
@@ -62,7 +69,7 @@ def largest_covers(poses, confidence=0.95):
 
 @dataclass(frozen=True, eq=False)
 class TipErrors:
-    """Errors of whole poses, reduced to the tip link (Nubiola 2011, section 7.7.3.5).
+    """Errors of whole poses, reduced to the tip link (Nubiola 2011, section 7.7.3.5, Table 7.9).
 
     Attributes
     ----------
@@ -73,24 +80,28 @@ class TipErrors:
     T_predicted : ndarray, shape (k, 4, 4)
     """
 
-    pose: np.ndarray
-    T_world_tip: np.ndarray
-    T_predicted: np.ndarray
+    pose: IntArray
+    T_world_tip: FloatArray
+    T_predicted: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
 
     @property
-    def position(self):
-        """Distance of measured from predicted origin, shape (k,), metres."""
+    def position(self) -> FloatArray:
+        """Distance of measured from predicted origin, shape (k,), metres (Figure 7.10)."""
         return np.linalg.norm(self.T_world_tip[:, :3, 3] - self.T_predicted[:, :3, 3], axis=1)
 
     @property
-    def rotation(self):
-        """Angle between measured and predicted orientation, shape (k,), radians."""
+    def rotation(self) -> FloatArray:
+        """Angle between measured and predicted orientation, shape (k,), radians (Figure 7.11)."""
         return frames.rotation_distance(self.T_world_tip[:, :3, :3], self.T_predicted[:, :3, :3])
 
 
-def tip_errors(robot, points, source="the measurements"):
+def tip_errors(robot: Robot, points: PointSet, source: str = "the measurements") -> TipErrors:
     """Poses of the tip as measured by three or more targets, or by targets with an orientation, and as predicted.
 
+    So the thesis measures poses by targets 1, 2 and 3 (sections 7.7.3.4 and 7.7.3.5, Figures 7.8, 7.9, 7.10 and 7.11).
     The places of the targets in the tip link are the robot's own. Three points of a pose give its tip by the best
     rigid fit; so the errors of the reflectors' places appear as errors of the tip, but the lever from tip to
     reflector does not enlarge the position error.
@@ -121,8 +132,9 @@ def tip_errors(robot, points, source="the measurements"):
     return TipErrors(pose, T, robot.T_world_base @ robot.poses(points.q[pose]))
 
 
-def _tips_of_frames(robot, points, rows):
+def _tips_of_frames(robot: Robot, points: PointSet, rows: IntArray) -> tuple[IntArray, FloatArray]:
     """Tips from measured target frames; the first of a pose counts."""
+    assert points.rotation is not None
     pose, first = np.unique(points.pose[rows], return_index=True)
     rows = rows[first]
     names = points.names()[rows]
@@ -132,7 +144,7 @@ def _tips_of_frames(robot, points, rows):
     return pose, T_world_target @ frames.inverse(T_tip_target)
 
 
-def _tips_of_three(robot, points, source):
+def _tips_of_three(robot: Robot, points: PointSet, source: str) -> tuple[IntArray, FloatArray]:
     every = np.ones(len(points), dtype=bool)
     seen = by_pose(points.pose, points.names(), points.xyz, every, points.target_names)
     found = None
@@ -140,8 +152,9 @@ def _tips_of_three(robot, points, source):
         found = register(seen, points.target_names, source, robot.targets, what="targets")
     if found is None:
         raise MeasurementError(
-            f"{source}: position and orientation of the flange need three targets in a pose, or measured orientations; "
-            f"targets are {', '.join(points.target_names)}"
+            "position and orientation of the flange need three targets in a pose, or measured orientations; targets "
+            f"are {', '.join(points.target_names)}",
+            file=source,
         )
     return np.flatnonzero(found.own), frames.inverse(found.T_frame_pose[found.own])
 
@@ -149,13 +162,23 @@ def _tips_of_three(robot, points, source):
 # --- relative accuracy ------------------------------------------------------------------------------------
 
 
-def error_vectors(robot, points):
+def error_vectors(robot: Robot, points: PointSet) -> FloatArray:
     """Measured minus predicted places, shape (m, 3), metres, in the measuring frame."""
     return points.xyz - points.predicted(robot)
 
 
-def within_sphere(robot, points, center, diameter):
-    """Which points were measured inside a sphere given in the base link, shape (m,).
+def turns(robot: Robot, points: PointSet) -> FloatArray | None:
+    """Orientation error of each point, NaN where there is none; None where no point has one."""
+    known = points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))
+    if not known.any():
+        return None
+    out = np.full(len(points), np.nan)
+    out[known] = rotation_distances(robot, points)
+    return out
+
+
+def within_sphere(robot: Robot, points: PointSet, center: ArrayLike, diameter: float) -> BoolArray:
+    """Which points were measured inside a sphere given in the base link, shape (m,) (Figure 7.12).
 
     Parameters
     ----------
@@ -170,8 +193,10 @@ def within_sphere(robot, points, center, diameter):
     return np.linalg.norm(at_base - np.asarray(center, dtype=float), axis=1) <= diameter / 2
 
 
-def relative_to_virtual_frame(robot, points):
+def relative_to_virtual_frame(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray]:
     """Errors that are left when the measured places may be shifted as a whole (Nubiola 2011, section 7.7.3.6).
+
+    The thesis has them in Table 7.10 and Figure 7.13.
 
     Parameters
     ----------
@@ -190,11 +215,14 @@ def relative_to_virtual_frame(robot, points):
     return np.linalg.norm(error - mean, axis=1), robot.T_world_base[:3, :3].T @ mean
 
 
-def relative_to_three_points(robot, points, rows=None):
+def relative_to_three_points(
+    robot: Robot, points: PointSet, rows: Sequence[int] | IntArray | None = None
+) -> tuple[FloatArray, IntArray]:
     """Errors in a frame of three measured points, as a user teaches one (Nubiola 2011, section 7.7.3.7).
 
-    The frame is made (eqs. 3.13 to 3.19) of the three points as measured and as predicted; all others are compared in
-    these frames. Errors of the three points enter all others.
+    The frame is made (eqs. 3.13, 3.14, 3.15, 3.16, 3.17, 3.18 and 3.19) of the three points as measured and as
+    predicted; all others are compared in these frames. Errors of the three points enter all others. The thesis has them
+    in Table 7.11 and Figure 7.14.
 
     Parameters
     ----------
@@ -216,18 +244,18 @@ def relative_to_three_points(robot, points, rows=None):
     """
     if len(points) < 4:
         raise MeasurementError(f"a frame of three points leaves nothing to compare of {len(points)} points")
-    rows = widest_triangle(points.xyz) if rows is None else np.asarray(rows, dtype=int)
+    three = widest_triangle(points.xyz) if rows is None else np.asarray(rows, dtype=int)
     predicted = points.predicted(robot)
     try:
-        measured = frames.apply(frames.inverse(frames.from_three_points(*points.xyz[rows])), points.xyz)
-        predicted = frames.apply(frames.inverse(frames.from_three_points(*predicted[rows])), predicted)
+        measured = frames.apply(frames.inverse(frames.from_three_points(*points.xyz[three])), points.xyz)
+        predicted = frames.apply(frames.inverse(frames.from_three_points(*predicted[three])), predicted)
     except ValueError as error:
         raise MeasurementError(f"the frame of relative errors: {error}") from None
-    rest = np.setdiff1d(np.arange(len(points)), rows)
-    return np.linalg.norm(measured[rest] - predicted[rest], axis=1), rows
+    rest = np.setdiff1d(np.arange(len(points)), three)
+    return np.linalg.norm(measured[rest] - predicted[rest], axis=1), three
 
 
-def widest_triangle(xyz):
+def widest_triangle(xyz: FloatArray) -> IntArray:
     """Three points far apart, found without looking at any error.
 
     The farthest from the middle, the farthest from that one, and the farthest from the line through both.

@@ -7,8 +7,14 @@ about a percentile. There is none for the maximum: no resample can exceed it, se
 `irbcal.validation.accuracy.largest_covers`.
 """
 
-import numpy as np
+from __future__ import annotations
 
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.units import MM
 from irbcal.validation.accuracy import PERCENTILES
 
@@ -22,7 +28,7 @@ BLOCK = 4_000_000
 """Numbers that are worked on at a time."""
 
 
-def draws(poses, resamples=RESAMPLES, seed=0):
+def draws(poses: int, resamples: int = RESAMPLES, seed: int = 0) -> Iterator[NDArray[np.int32]]:
     """How often each pose is in each resample.
 
     Parameters
@@ -45,7 +51,9 @@ def draws(poses, resamples=RESAMPLES, seed=0):
         yield np.bincount(picked.ravel(), minlength=k * poses).reshape(k, poses).astype(np.int32)
 
 
-def intervals(distance, pose, resamples=RESAMPLES, seed=0, level=LEVEL):
+def intervals(
+    distance: ArrayLike, pose: ArrayLike, resamples: int = RESAMPLES, seed: int = 0, level: float = LEVEL
+) -> dict[str, list[float]] | None:
     """Bootstrap intervals of the statistics of distances.
 
     Parameters
@@ -63,20 +71,21 @@ def intervals(distance, pose, resamples=RESAMPLES, seed=0, level=LEVEL):
         Low and high ends in mm for the keys of `MOMENTS` and ``p50_mm`` and so on; None for fewer than `FEWEST_POSES`
         poses.
     """
-    pose = np.unique(np.asarray(pose), return_inverse=True)[1].ravel()
-    n = int(pose.max(initial=-1)) + 1
+    row = np.unique(np.asarray(pose), return_inverse=True)[1].ravel()
+    n = int(row.max(initial=-1)) + 1
     if n < FEWEST_POSES:
         return None
     d = np.asarray(distance, dtype=float) / MM
-    sums = _Sums.of(d, pose, n)
+    sums = _Sums.of(d, row, n)
     order = np.argsort(d, kind="stable")
-    moments, quantiles = [], []
+    parts: list[FloatArray] = []
+    quantile_parts: list[FloatArray] = []
     for count in draws(n, resamples, seed):
-        moments.append(sums.moments(*(count @ s for s in sums.by_pose)))
+        parts.append(sums.moments(*(count @ s for s in sums.by_pose)))
         step = max(1, BLOCK // len(d))
         for start in range(0, len(count), step):
-            quantiles.append(_percentiles(d[order], count[start : start + step, pose[order]]))
-    moments, quantiles = np.concatenate(moments, axis=1), np.concatenate(quantiles, axis=1)
+            quantile_parts.append(_percentiles(d[order], count[start : start + step, row[order]]))
+    moments, quantiles = np.concatenate(parts, axis=1), np.concatenate(quantile_parts, axis=1)
     total = [s.sum() for s in sums.by_pose]
     estimate = sums.moments(*total)
     left_out = sums.moments(*(t - s for t, s in zip(total, sums.by_pose, strict=True)))
@@ -90,7 +99,9 @@ def intervals(distance, pose, resamples=RESAMPLES, seed=0, level=LEVEL):
     return out
 
 
-def difference(values, resamples=RESAMPLES, seed=0, level=LEVEL):
+def difference(
+    values: ArrayLike, resamples: int = RESAMPLES, seed: int = 0, level: float = LEVEL
+) -> list[float] | None:
     """BCa interval of the mean of one value for each pose; None for fewer than `FEWEST_POSES`.
 
     Parameters
@@ -104,15 +115,15 @@ def difference(values, resamples=RESAMPLES, seed=0, level=LEVEL):
     [float, float] or None
         In the unit of the values.
     """
-    values = np.asarray(values, dtype=float)
-    n = len(values)
+    v = np.asarray(values, dtype=float)
+    n = len(v)
     if n < FEWEST_POSES:
         return None
-    replicates = np.concatenate([count @ values / n for count in draws(n, resamples, seed)])
-    return bca(replicates, values.mean(), (values.sum() - values) / (n - 1), level)
+    replicates = np.concatenate([count @ v / n for count in draws(n, resamples, seed)])
+    return bca(replicates, v.mean(), (v.sum() - v) / (n - 1), level)
 
 
-def bca(replicates, estimate, jackknife, level=LEVEL):
+def bca(replicates: FloatArray, estimate: float, jackknife: FloatArray, level: float = LEVEL) -> list[float]:
     """Bias-corrected and accelerated interval (Efron 1987).
 
     Parameters
@@ -145,16 +156,16 @@ def bca(replicates, estimate, jackknife, level=LEVEL):
 class _Sums:
     """Sums over each pose, from which moments of any resample follow."""
 
-    def __init__(self, shift, by_pose):
+    def __init__(self, shift: float, by_pose: list[FloatArray]) -> None:
         self.shift, self.by_pose = shift, by_pose
 
     @classmethod
-    def of(cls, d, pose, n):
-        shift = d.mean()  # keeps the digits of sigma
+    def of(cls, d: FloatArray, pose: IntArray, n: int) -> _Sums:
+        shift = float(d.mean())  # keeps the digits of sigma
         rest = d - shift
-        return cls(shift, [np.bincount(pose, w, n) for w in (np.ones_like(d), rest, rest**2)])
+        return cls(shift, [np.bincount(pose, w, n).astype(float) for w in (np.ones_like(d), rest, rest**2)])
 
-    def moments(self, s0, s1, s2):
+    def moments(self, s0: FloatArray, s1: FloatArray, s2: FloatArray) -> FloatArray:
         """`MOMENTS` from count, sum and sum of squares of the shifted distances, shape (4, ...)."""
         mean = s1 / s0
         variance = np.maximum(s2 - s1 * mean, 0.0)
@@ -163,7 +174,7 @@ class _Sums:
         return np.array([mean, sigma, mean + 3 * sigma, np.sqrt(variance / s0 + mean**2)])
 
 
-def _percentiles(d, count):
+def _percentiles(d: FloatArray, count: NDArray[np.int32]) -> FloatArray:
     """Linear percentiles of sorted values (m,) that occur ``count`` (k, m) times, shape (percentiles, k)."""
     until = np.cumsum(count, axis=1, dtype=np.int32)
     last = until[:, -1:] - 1

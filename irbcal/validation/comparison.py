@@ -1,13 +1,20 @@
 """Comparisons pose by pose: two calibrations on the same data, and expected against verified errors."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.measurement.points import distances
+from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.statistics import statistics
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 from irbcal.validation import bootstrap
 
@@ -25,26 +32,29 @@ class Comparison:
         Names of the poses.
     first, second : ndarray, shape (n,)
         Mean distance over the points of each pose, metres.
-    interval : [float, float] or None
+    interval : (float, float) or None
         Bootstrap interval of the mean of second minus first, metres.
     """
 
-    pose: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
-    interval: list | None
+    pose: NameArray
+    first: FloatArray
+    second: FloatArray
+    interval: tuple[float, ...] | None
+
+    def __post_init__(self) -> None:
+        lock(self)
 
     @property
-    def difference(self):
+    def difference(self) -> float:
         """Mean of second minus first, metres: negative where the second is better."""
         return float(np.mean(self.second - self.first))
 
     @property
-    def second_is_better(self):
+    def second_is_better(self) -> float:
         """Share of the poses in which the second error is smaller."""
         return float(np.mean(self.second < self.first))
 
-    def verdict(self, first, second):
+    def verdict(self, first: str, second: str) -> str:
         """One sentence, with what the two are called."""
         if self.interval is None:
             return f"{len(self.pose)} poses are too few to tell {first} and {second} apart."
@@ -59,7 +69,7 @@ class Comparison:
         )
 
 
-def compare(first, second, pose, names, seed=0):
+def compare(first: ArrayLike, second: ArrayLike, pose: IntArray, names: ArrayLike, seed: int = 0) -> Comparison:
     """Compare two errors of each point, pose by pose.
 
     Parameters
@@ -78,12 +88,17 @@ def compare(first, second, pose, names, seed=0):
     """
     used, row = np.unique(pose, return_inverse=True)
     count = np.bincount(row)
-    first, second = (np.bincount(row, np.asarray(d, dtype=float)) / count for d in (first, second))
-    return Comparison(np.asarray(names)[used], first, second, bootstrap.difference(second - first, seed=seed))
+    one, two = (np.bincount(row, np.asarray(d, dtype=float)) / count for d in (first, second))
+    interval = bootstrap.difference(two - one, seed=seed)
+    return Comparison(np.asarray(names)[used], one, two, None if interval is None else tuple(interval))
 
 
-def common_points(first, second):
+def common_points(first: PointSet, second: PointSet) -> tuple[IntArray, IntArray]:
     """Rows of two point sets of one file that are the same pose and target.
+
+    Parameters
+    ----------
+    first, second : PointSet
 
     Returns
     -------
@@ -106,8 +121,12 @@ def common_points(first, second):
     return pairs[:, 0], pairs[:, 1]
 
 
-def expected_and_verified(robot, nominal, expected, verified):
+def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verified: PointSet) -> dict[str, Any]:
     """Errors as expected from uncorrected poses, and as found once the same poses were corrected (section 7.6).
+
+    The expected error is the distance of a measured point from the calibrated model ``T_R6(q_A)`` (Nubiola 2011, eq.
+    7.2, Figure 7.3); fake targets ``q_B`` (eq. 7.3) bring the robot to where the nominal model ``T_6(q_A)`` (eq. 7.1)
+    means to be, and the verified error is what they miss that by (section 7.4).
 
     The verification commanded fake targets; what was meant is where the nominal arm would have been with the joints
     that the pose of the same name has in the first measurements, on the calibration's base and with its tool.
@@ -147,7 +166,7 @@ def expected_and_verified(robot, nominal, expected, verified):
     wanted = replace(verified, q=expected.q[[row_of[name] for name in verified.pose_ids]])
     apart = np.linalg.norm(robot.poses(verified.q)[:, :3, 3] - meant.poses(wanted.q)[:, :3, 3], axis=1)
     ours = apart <= SAME_COMMAND
-    aside = []
+    aside: list[str] = []
     if ours.mean() > 0.5:  # else the whole run was made with other fake targets
         aside = [str(name) for name in verified.pose_ids[~ours]]
         verified, wanted, apart = verified.select(ours), wanted.select(ours), apart[ours]
@@ -168,6 +187,6 @@ def expected_and_verified(robot, nominal, expected, verified):
     }
 
 
-def replace_geometry(robot, nominal):
-    """The robot that would have the nominal arm on the same base with the same tool."""
+def replace_geometry(robot: Robot, nominal: Arm) -> Robot:
+    """The robot that would have the nominal arm (Nubiola 2011, eq. 7.1) on the same base with the same tool."""
     return robot.replace(arm=nominal, joint_map=JointMap(0.0 * robot.joint_map.gain))

@@ -1,12 +1,19 @@
 """Measurements made ready for validation: clean, in the calibration's frame, with a way back to the file's columns."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from irbcal.arrays import BoolArray, IntArray, NameArray, lock
+from irbcal.files.schema import Record
 from irbcal.measurement import cleaning
+from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.poses import as_poses
+from irbcal.measurement.table import MeasurementSet
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,17 +27,20 @@ class Prepared:
     number : ndarray of int, shape (n,)
         Number of each pose in the file (``pose_index``), which tells cycles apart.
     measurements : MeasurementSet
-    excluded : list of Exclusion
-    notes : list of str
+    excluded : tuple of Exclusion
+    notes : tuple of str
     """
 
     points: PointSet
-    number: np.ndarray
-    measurements: object
-    excluded: list
-    notes: list
+    number: IntArray
+    measurements: MeasurementSet
+    excluded: tuple[Exclusion, ...]
+    notes: tuple[str, ...]
 
-    def labels(self, column):
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def labels(self, column: str) -> NameArray:
         """What a column of the file says of each pose, as text of shape (n,); empty text without the column."""
         table = self.measurements.table
         if column not in table.columns:
@@ -38,24 +48,24 @@ class Prepared:
         first = table.groupby("pose_index", sort=True)[column].first().to_numpy(dtype=object)
         return np.array([_text(value) for value in first[self.number]], dtype=object)
 
-    def keep(self, mask):
+    def keep(self, mask: BoolArray) -> Prepared:
         """The points that a mask of shape (m,) keeps, without empty poses."""
         rest = replace(self.points.take(mask), pose_ids=np.arange(self.points.poses)).without_empty_poses()
         rows = rest.pose_ids
         return replace(self, points=replace(rest, pose_ids=self.points.pose_ids[rows]), number=self.number[rows])
 
-    def select(self, mask):
+    def select(self, mask: BoolArray) -> Prepared:
         """The poses that a mask of shape (n,) keeps."""
         return replace(self, points=self.points.select(mask), number=self.number[mask])
 
 
-def _text(value):
+def _text(value: Any) -> str:
     if value is None or value != value:
         return ""
     return f"{value:g}" if isinstance(value, float) else str(value).strip()
 
 
-def prepare(measurements, calibration=None):
+def prepare(measurements: MeasurementSet, calibration: Record | None = None) -> Prepared:
     """Clean measurements and bring them into the frame of a calibration.
 
     Parameters
@@ -75,13 +85,14 @@ def prepare(measurements, calibration=None):
     names = measurements.table.groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
     # poses go by their number meanwhile: names repeat from cycle to cycle
     numbered = replace(measurements, table=measurements.table.assign(pose=measurements.table["pose_index"].astype(str)))
+    shape: dict[str, Any] = {}
     if calibration is None:
-        cleaned, shape = cleaning.clean(numbered), {}
+        cleaned = cleaning.clean(numbered)
     else:
         shape = calibration.tool_shape()
-        targets = shape or calibration.robot_calibrated().targets
+        targets = list(shape or calibration.robot_calibrated().targets)
         cleaned = cleaning.clean(numbered, calibration.reference_places() or None, targets)
     points = as_poses(cleaned.points, measurements.source, shape)[0] if shape else cleaned.points
     number = points.pose_ids.astype(int)
-    excluded = [replace(item, pose=str(names[int(item.pose)])) for item in cleaned.excluded]
-    return Prepared(replace(points, pose_ids=names[number]), number, measurements, excluded, list(cleaned.notes))
+    excluded = tuple(replace(item, pose=str(names[int(item.pose)])) for item in cleaned.excluded)
+    return Prepared(replace(points, pose_ids=names[number]), number, measurements, excluded, tuple(cleaned.notes))

@@ -1,7 +1,11 @@
 """How well a saved calibration knows where the robot is."""
 
+from __future__ import annotations
+
 import numpy as np
 
+from irbcal.arrays import FloatArray
+from irbcal.files.schema import Record
 from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.parameters import all_names, parameter
@@ -10,7 +14,7 @@ from irbcal.units import UNIT_OUTSIDE
 TIP = "the tip itself"
 
 
-def position_std(calibration, q, target=None):
+def position_std(calibration: Record, q: FloatArray, target: str | None = None) -> FloatArray:
     """Standard deviations of predicted positions, from those of the identified parameters.
 
     Held combinations add nothing, and what the model cannot describe (backlash, ...) is not in it: for that see the

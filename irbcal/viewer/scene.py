@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from irbcal import calibrating
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, RobotError
 from irbcal.files import calibration_folder, robots
 from irbcal.files import urdf as urdf_module
@@ -20,6 +19,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.thesis_setup import IRB1600_CUBE, IRB1600_P1
 from irbcal.units import MM
+from irbcal.validation.evaluate import in_frame_of_calibration
 from irbcal.viewer import robot as robot_module
 
 NICE = (1.0, 2.0, 5.0)
@@ -167,7 +167,7 @@ def build(
     cube : (array_like of shape (3,), float), optional
         Centre in the base link and edge of the ISO 9283 cube, metres; by default that of the IRB 1600, for it only.
     refit_base : bool
-        Place the base anew on the measurements, see `irbcal.calibrating.evaluate`.
+        Place the base anew on the measurements, see `irbcal.evaluate`.
     base, tip : str, optional
         Link names, for a URDF.
 
@@ -311,9 +311,8 @@ def _open(source, base, tip):
         return _open_calibration(source, *_documents(source))
     if Path(source).is_dir():
         folder = Path(source)
-        calibration = calibration_folder.load(folder)
-        texts = (folder / calibration_folder.URDF_NAME).read_bytes(), calibration_folder.nominal_urdf(folder)
-        return _open_calibration(calibration, *texts, folder)
+        saved = calibration_folder.read(folder)
+        return _open_calibration(saved.record, saved.urdf, saved.nominal_urdf(), folder)
     path = robots.robot_file(source)
     urdf = urdf_module.read(path, base, tip)
     return {
@@ -376,8 +375,8 @@ def _drawn(urdf, tree, T_scene_base):
 
 
 def _registered(calibration, measurements, refit_base):
-    """Measurements in the calibration's frame, cleaned as `irbcal.calibrating.evaluate` does."""
-    ready, robots = calibrating.in_frame_of_calibration(calibration, measurements, refit_base)
+    """Measurements in the calibration's frame, cleaned as `irbcal.evaluate` does."""
+    ready, robots = in_frame_of_calibration(calibration, measurements, refit_base)
     seen, notes = ready.measurements, list(ready.notes)
     if ready.excluded:
         count = len(ready.excluded)

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from support import outcome_of
 
-from irbcal import calibrating
 from irbcal.cell import demonstration, effects
 from irbcal.files import robots, urdf
 from irbcal.measurement import columns, table
@@ -53,7 +53,7 @@ def truth():
 @pytest.fixture(scope="module")
 def outcome(runs):
     """Level 34 on the shipped files."""
-    return calibrating.calibrate(runs[IDENTIFICATION], "irb1600", "34", verify=runs[VERIFICATION])
+    return outcome_of(runs[IDENTIFICATION], "irb1600", "34", verify=runs[VERIFICATION])
 
 
 def heldout(outcome, fit):
@@ -155,7 +155,7 @@ def lost_points(run):
 
 def test_cleaning_finds_every_mistake_and_no_good_point(truth, runs):
     run = runs[IDENTIFICATION]
-    excluded = calibrating.calibrate(run, "irb1600", "nominal").excluded
+    excluded = outcome_of(run, "irb1600", "nominal").excluded
     reasons = {(item.pose, item.target): item.reason for item in excluded}
     mistakes = {(str(item["pose"]), item["target"]) for item in truth["mistakes_in_demo_identification"]}
     doubtful = {pose for pose, target in mistakes if target.startswith("ref")}
@@ -170,7 +170,7 @@ def test_cleaning_finds_every_mistake_and_no_good_point(truth, runs):
 
 
 def test_nothing_but_lost_points_is_left_out_of_the_verification(outcome, runs):
-    identification = calibrating.calibrate(runs[IDENTIFICATION], "irb1600", "nominal").excluded
+    identification = outcome_of(runs[IDENTIFICATION], "irb1600", "nominal").excluded
     left_out = [(item.pose, item.target) for item in outcome.excluded[len(identification) :]]
     assert set(left_out) == lost_points(runs[VERIFICATION])
 

@@ -28,7 +28,7 @@ def test_the_table_is_the_file(simulated, tmp_path):
 
 def test_it_can_be_calibrated_without_a_file():
     measured = simulate("irb1600", random=60, seed=1).to_frame()
-    outcome = irbcal.calibrate(table.read(measured), "irb1600", "11", holdout=20)
+    outcome = irbcal.calibrate(measured, "irb1600", "11", holdout=20).outcome
     assert outcome.fit_points.poses == 40
 
 
@@ -56,7 +56,7 @@ def test_joints_as_an_array_and_other_settings(simulated):
 
 def test_misses_of_the_nominal_program_are_those_of_an_uncalibrated_robot(tmp_path):
     measured = simulate("irb1600", random=80, seed=1)
-    irbcal.save(irbcal.calibrate(table.read(measured.to_frame()), "irb1600", "34"), tmp_path / "cal")
+    irbcal.calibrate(measured.to_frame(), "irb1600", "34").save(tmp_path / "cal")
     program = measured.to_frame().drop_duplicates("pose")
     found = simulate("irb1600", program, wanted=program, calibration=tmp_path / "cal", seed=2)
     assert 0.7 * MM < found.misses.mean() < 1.6 * MM

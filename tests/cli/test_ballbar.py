@@ -6,7 +6,9 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli.main import app
-from irbcal.validation import ballbar, plots
+from irbcal.figures import colours
+from irbcal.validation.ballbar_circle import circle, tool
+from irbcal.validation.ballbar_prediction import predict
 
 OPTIONS = ["--bar", 150, "--tool", "0,65,149", "--joints", "10,0,0,0,90,0"]
 
@@ -14,9 +16,9 @@ OPTIONS = ["--bar", 150, "--tool", "0,65,149", "--joints", "10,0,0,0,90,0"]
 def test_prediction_measurement_and_plot(program, demo_calibration, tmp_path):
     calibration = irbcal.load(demo_calibration)
     nominal, q = calibration.arm(calibrated=False), np.radians([10.0, 0, 0, 0, 90, 0])
-    tool = ballbar.tool([0, 0.065, 0.149])
-    path = ballbar.circle(nominal, q, 0.15, tool)
-    trace = ballbar.predict(path, calibration.robot_calibrated(), nominal, q, 0, tool).uncorrected
+    cup = tool([0, 0.065, 0.149])
+    path = circle(nominal, q, 0.15, cup)
+    trace = predict(path, calibration.robot_calibrated(), nominal, q, 0, cup).uncorrected
     angle = np.arange(0, 360, 4.0)
     radius = 150 + 1e3 * trace.at(np.radians(angle)) + 0.02 * np.cos(2 * np.radians(angle))
     np.savetxt(
@@ -32,8 +34,8 @@ def test_prediction_measurement_and_plot(program, demo_calibration, tmp_path):
     figure = (tmp_path / "b.svg").read_text(encoding="utf-8")
     for text in ("nominal targets, predicted", "fake targets (6 arcs), predicted", "measured", "J2 max", "bar 150 mm"):
         assert text in figure
-    assert plots.NOMINAL in figure
-    assert plots.CALIBRATED in figure
+    assert colours.NOMINAL in figure
+    assert colours.CALIBRATED in figure
     text = program("ballbar", *options)
     assert "Joints that turn back" in text
     assert "unexplained" in text

@@ -4,47 +4,14 @@ import csv
 
 import numpy as np
 import pytest
+from iso9283_files import CYCLES, cycles, write
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import MeasurementError
-from irbcal.modeling import frames
-from irbcal.validation import iso9283
-
-CYCLES = 12
-
-
-def cycles(robot, shift=(1e-4, 0, 0), turn=(0, 0, 5e-4), seed=0):
-    """Flange poses (5 test poses x cycles), off by a shift and a turn, with scatter of 20 um and 0.1 mrad."""
-    rng = np.random.default_rng(seed)
-    q = iso9283.five_poses(irbcal.read_urdf("irb1600").arm).q
-    T = np.repeat((robot.T_world_base @ robot.poses(q))[:, None], CYCLES, axis=1)
-    away = 2e-5 * rng.standard_normal((5, CYCLES, 3))
-    turned = np.asarray(turn) + 1e-4 * rng.standard_normal((5, CYCLES, 3))
-    for p in range(5):
-        for c in range(CYCLES):
-            T[p, c, :3, :3] = frames.rotation_from_vector(turned[p, c]) @ T[p, c, :3, :3]
-    T[..., :3, 3] += np.asarray(shift) + away
-    return q, T, away, turned
-
-
-def write(path, robot, q, T, targets=("smr1", "smr2", "smr3"), group="iso9283", extra=(), columns=()):
-    """Measurement file of target places for poses T (poses, cycles, 4, 4)."""
-    with open(path, "w", newline="") as stream:
-        out = csv.writer(stream)
-        out.writerow(
-            ["pose", *(f"q{i}_deg" for i in range(1, 7)), "group", "cycle", "target", "x_mm", "y_mm", "z_mm", *columns]
-        )
-        for c in range(T.shape[1]):
-            for p in range(len(T)):
-                for name in targets:
-                    xyz = (T[p, c, :3, :3] @ robot.targets[name] + T[p, c, :3, 3]) * 1e3
-                    values = [f"{v:.7f}" for v in (*np.degrees(q[p]), *xyz)]
-                    more = extra[p][c] if len(extra) else ()
-                    out.writerow([f"P{p + 1}", *values[:6], group, c + 1, name, *values[6:], *more])
-    return path
+from irbcal.validation import cube
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +27,7 @@ def test_flange_from_three_targets(program, demo_calibration, robot, tmp_path):
     ]
     assert found["subject"] == "flange"
     model = found["models"]["calibrated"]
-    assert list(model["poses"]) == list(iso9283.POSES)
+    assert list(model["poses"]) == list(cube.POSES)
     R_base = robot.T_world_base[:3, :3].T
     for p, values in enumerate(model["poses"].values()):
         mean = R_base @ (np.array([0.1, 0, 0]) + away[p].mean(axis=0) * 1e3)
@@ -236,3 +203,22 @@ def test_refusals(program, demo_calibration, robot, tmp_path):
     assert "there is no commanded pose P2" in refused(text, "--commanded", plan)
     for wrong in (["--path", file], ["--approaches", file], []):
         assert CliRunner().invoke(app, ["iso9283", *map(str, wrong)]).exit_code == 2
+
+
+def test_the_plan_is_a_table(program):
+    """Table A I-1, with the tip in the base link."""
+    lines = program("iso9283", "--plan", "irb1600").splitlines()
+    assert lines[0] == "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz"
+    assert [line.split(",")[0] for line in lines[1:]] == list(cube.POSES)
+    assert "-0.000000" not in lines[1].split(",")[1:2], "no minus before zero"
+    values = [float(value) for value in lines[2].split(",")[1:]]
+    assert values[:6] == pytest.approx([17.690, 18.084, -46.521, -33.814, 33.095, 29.298], abs=0.0015)
+    assert values[6:9] == pytest.approx([917.582, 271.928, 1437.635], abs=0.001)
+    assert np.linalg.norm(values[9:]) == pytest.approx(1.0, abs=2e-6)
+    other = program(
+        "iso9283", "--plan", "irb120", "--center", "350,0,400", "--edge", 200, "--inset", 10, "--plane", "y=z"
+    )
+    p = np.array([[float(value) for value in line.split(",")[7:10]] for line in other.splitlines()[1:]])
+    assert p[0] == pytest.approx([350, 0, 400], abs=1e-6)
+    assert np.abs(p[1:] - p[0]) == pytest.approx(np.full((4, 3), 80.0), abs=1e-5)
+    assert p[1:, 1] == pytest.approx(p[1:, 2] - 400, abs=1e-5)

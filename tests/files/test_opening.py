@@ -4,12 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support import arm, assert_same_poses, measured, random_robot, write_measurements
+from support import arm, assert_same_poses, measured, outcome_of, random_robot, write_measurements
 
 import irbcal
-from irbcal import calibrating
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.files import calibration_folder, robots
+from irbcal.files import document, robots
 from irbcal.files.opening import open_robot
 
 
@@ -20,7 +19,7 @@ def folder(tmp_path_factory):
     truth = random_robot(nominal, "34", rng)
     points = measured(truth, nominal.random_joints(40, 1), 3e-5, rng)
     path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
-    content, urdf = calibration_folder.build(calibrating.calibrate(path, "irb1600", "34", holdout=0.3))
+    content, urdf = document.build(outcome_of(path, "irb1600", "34", holdout=0.3))
     out = tmp_path_factory.mktemp("saved") / "calibration"
     out.mkdir()
     (out / "calibrated.urdf").write_bytes(urdf)
@@ -38,6 +37,7 @@ def test_a_shipped_robot_and_its_file_are_the_same():
         assert opened.nominal is opened.urdf.arm
         assert opened.nominal_urdf is opened.urdf
         assert opened.folder == robots.urdf_folder()
+        assert len(repr(opened)) < 300
         assert opened.urdf_bytes == robots.robot_file("irb120").read_bytes()
 
 

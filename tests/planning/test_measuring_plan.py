@@ -8,14 +8,13 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from irbcal import calibrating
+import irbcal
 from irbcal.cell import pose_list, simulated_files
 from irbcal.cell.shipped import open_cell
 from irbcal.cell.simulation import simulate
 from irbcal.cli.main import app
 from irbcal.errors import OptionError
 from irbcal.files.atomic import write_together
-from irbcal.files.calibration_folder import save
 from irbcal.planning import plan_files
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make, plan
@@ -58,7 +57,7 @@ def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     write_together(tmp_path, simulated_files.files(run, asked, cell, tmp_path / "axis.csv", "irb1600"))
     found = {}
     for model in ("nominal", "26"):
-        save(calibrating.calibrate(tmp_path / "axis.csv", "irb1600", model=model, holdout=0), tmp_path / model)
+        irbcal.calibrate(tmp_path / "axis.csv", "irb1600", model=model, holdout=0).save(tmp_path / model)
         scene = open_scene(tmp_path / model, without=SOLID, min_height=(0.7, 1.1))
         made = make(scene, Wish(axis=0, cube=60, all_range=60))
         pose, target, expected, _ = made.expected()

@@ -44,9 +44,9 @@ def test_errors_are_those_that_evaluate_reports(cell, shown):
 
 
 def test_orientation_errors_are_those_that_evaluate_reports(cell, tmp_path):
-    irbcal.save(irbcal.calibrate(cell / "fit.csv", "irb1600", "26", holdout=10, poses=True), tmp_path)
+    irbcal.save(irbcal.calibrate(cell / "fit.csv", "irb1600", "26", holdout=10, as_poses=True), tmp_path)
     saved = irbcal.load(tmp_path)
-    reported = irbcal.evaluate(saved, cell / "poses.csv")["orientation"]
+    reported = irbcal.evaluate(saved, cell / "poses.csv").orientation
     points = scene.build(saved, cell / "poses.csv").points
     for name in ("nominal", "calibrated"):
         turns = np.degrees(getattr(points, f"turn_{name}"))

@@ -132,6 +132,8 @@ class _Search:
     def run(self, rows: IntArray, starts: FloatArray) -> None:
         """Newton's steps for poses ``rows`` from starts (k, len(rows), joints)."""
         k, n = starts.shape[:2]
+        if not n:
+            return
         many = np.tile(rows, k)
         q, evaluations = self._steps(many, starts.reshape(k * n, -1))
         turned, inside = closed_form.into_limits(self.nominal, q, self.seed[many])

@@ -1,8 +1,8 @@
 """Inverse kinematics of ortho-parallel arms with a spherical wrist: all branches, limits and choices.
 
-`branches` gives the up to eight branches of each pose (Nubiola 2011, section 6.1; the arms that qualify and the
-numbers of the branches are described in `irbcal.modeling.inverse.orthoparallel`). Joints are then brought into the
-limits by whole turns (`into_limits`), and one branch is chosen: the `nearest` to given joints, or one
+`branches` gives the up to eight branches of each pose (Nubiola 2011, section 6.1; the arms that qualify are described
+in `irbcal.modeling.inverse.orthoparallel`, the branches in `irbcal.modeling.inverse.branches`). Joints are then brought
+into the limits by whole turns (`into_limits`), and one branch is chosen: the `nearest` to given joints, or one
 `with_configuration`. The inverse of a calibrated robot is in `irbcal.modeling.inverse.calibrated_arm`.
 """
 
@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse.orthoparallel import TAU, Branches, OrthoParallel, branch_number
+from irbcal.modeling.inverse.branches import Branches, branch_number
+from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
 
 __all__ = [
     "BRANCH_NAMES",

@@ -5,18 +5,8 @@ plane from axis 1 (``d2 + d3 = 0``), and axes 4, 5 and 6 meet in one point at ri
 ``a2, a3, a4, d1, d4, d6`` and offsets ``theta`` are free, so the models ``nominal``, ``11`` and ``16`` are
 inverted exactly, with ``a4 = 0`` (C = 0 in eq. 6.14) or not. Any signs of the right angles ``alpha`` will do.
 
-Every pose has up to eight branches, numbered ``4 back + 2 down + flip``:
-
-====== ================================================================== ===========================
-bit    0                                                                  1
-====== ================================================================== ===========================
-back   wrist centre in front of axis 1 (eq. 6.6)                          behind it (eq. 6.7)
-down   forearm bent towards positive q3 from the upper arm's line         bent to the other side
-flip   sine of q5 positive (eq. 6.31)                                     negative (eq. 6.32)
-====== ================================================================== ===========================
-
-``q`` are here the angles of the thesis, in which the stretched arm of Figure 5.3 stands upright at zero. The
-numbers are those of ABB's ``cfx`` for such arms as its manuals describe it.
+Every pose has up to eight branches (`irbcal.modeling.inverse.branches`). ``q`` are here the angles of the thesis, in
+which the stretched arm of Figure 5.3 stands upright at zero.
 
 Elbow and upper arm are found from the triangle of upper arm ``a3``, forearm ``L = hypot(a4, d4)`` and reach
 ``rho``, with ``delta`` the angle from upper arm to forearm: the same line and circle as in Figure 6.1, free of
@@ -27,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
@@ -37,6 +26,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse.branches import Branches, branch_number
 
 BLOCK = 8192
 """Poses per block: the working set of a block stays in the processor's cache."""
@@ -59,74 +49,7 @@ Triangle: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """Square of the reach, cosine and sine of the angle from upper arm to forearm."""
 
 
-def branch_number(back: ArrayLike = False, down: ArrayLike = False, flip: ArrayLike = False) -> IntArray:
-    """Number of a branch (0 to 7) from its configuration; takes arrays too."""
-    return 4 * np.asarray(back, dtype=int) + 2 * np.asarray(down, dtype=int) + np.asarray(flip, dtype=int)
-
-
-@dataclass(frozen=True, eq=False)
-class Branches:
-    """The inverse kinematics of a batch of poses.
-
-    Attributes
-    ----------
-    joints : ndarray, shape (n, 8, 6)
-        Joint angles of each branch, radians, each within a half turn of zero; NaN where there is no solution.
-    valid : ndarray of bool, shape (n, 8)
-        Whether the branch reaches the pose. Joint limits are not regarded: see
-        `irbcal.modeling.inverse.closed_form.into_limits`.
-    shoulder : ndarray, shape (n,)
-        Distance of the wrist centre from axis 1, metres: zero at the shoulder (alignment) singularity of eq. 6.5,
-        where the angle of axis 1 is arbitrary (it is set to the zero of eq. 6.6).
-    reach_margin : ndarray, shape (n, 2)
-        How far the wrist centre is inside the reach of upper arm and forearm from axis 2, for the front and
-        back branches, metres: zero at the elbow singularity (stretched or folded arm), negative out of reach.
-    arm : OrthoParallel
-    """
-
-    joints: FloatArray
-    valid: BoolArray
-    shoulder: FloatArray
-    reach_margin: FloatArray
-    arm: OrthoParallel
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-    @cached_property
-    def wrist(self) -> FloatArray:
-        """Angle between axes 4 and 6 as lines, (n, 8) radians: zero at the wrist singularity (section 6.1.5)."""
-        return self.arm.wrist_angle(self.joints)
-
-    @cached_property
-    def elbow(self) -> FloatArray:
-        """Distance from the elbow singularity of each branch, (n, 8) metres (see ``reach_margin``)."""
-        return np.repeat(self.reach_margin, 4, axis=1)
-
-    def singular(self, wrist: float = 1e-6, shoulder: float = 1e-6, elbow: float = 1e-6) -> dict[str, BoolArray]:
-        """Which branches are at a singularity.
-
-        Parameters
-        ----------
-        wrist : float
-            Radians.
-        shoulder, elbow : float
-            Metres.
-
-        Returns
-        -------
-        dict of str to ndarray of bool, shape (n, 8)
-            ``wrist``, ``shoulder``, ``elbow``; False where the branch is not valid.
-        """
-        near = {
-            "wrist": self.wrist <= wrist,
-            "shoulder": np.broadcast_to((self.shoulder <= shoulder)[:, None], self.valid.shape),
-            "elbow": self.elbow <= elbow,
-        }
-        return {name: mask & self.valid for name, mask in near.items()}
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OrthoParallel:
     """What the closed form needs to know of an arm.
 
@@ -155,6 +78,9 @@ class OrthoParallel:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def __repr__(self) -> str:
+        return f"<OrthoParallel of {self.name}>"
 
     @staticmethod
     def of(arm: Arm, tolerance: float = EXACT) -> OrthoParallel:
@@ -364,8 +290,8 @@ class OrthoParallel:
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Angles q2 and q3, and cosine and sine of q2 + q3; side +1 up, -1 down.
 
-        q3 is that of Nubiola 2011, eqs. 6.21 and 6.22. With k1 and k2 of eqs. 6.25 and 6.26, the linear equations
-        6.23 and 6.24 (eq. 6.27) give q2 by eq. 6.28.
+        q3 is that of Nubiola 2011, eqs. 6.21 and 6.22. With k1 and k2 of eqs. 6.25 and 6.26, two linear
+        equations (eqs. 6.23 and 6.24, together eq. 6.27) give q2 by eq. 6.28.
         """
         rho2, cosine, sine = triangle
         sine = side * sine

@@ -1,0 +1,216 @@
+"""The door to the ballbar: radial errors of a circle, predicted and measured, and joints that turn back (annex VI)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import lock
+from irbcal.errors import OptionError
+from irbcal.files import calibration_folder
+from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.drawn_figure import DrawnFigure
+from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.units import DEG, MM
+from irbcal.validation import ballbar_trace
+from irbcal.validation.ballbar_circle import circle
+from irbcal.validation.ballbar_circle import tool as tool_frame
+from irbcal.validation.ballbar_prediction import Prediction, predict
+from irbcal.validation.ballbar_trace import MEASURED, Trace, explained
+from irbcal.validation.tables import TableLike
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Run: TypeAlias = Literal["nominal", "fake"]
+
+CENTER_JOINTS = (0.0, 0.0, 0.0, 0.0, 90 * DEG, 0.0)
+"""Joints with the tool in the circle's centre unless others are given, radians."""
+
+MOST_ARCS = 512
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BallbarCheck(Speaks):
+    """What a ballbar is expected to show, and what it showed.
+
+    Attributes
+    ----------
+    bar : float
+        Nominal length of the ballbar, metres.
+    prediction : Prediction
+    run : str
+        What was run when it was measured: the ``nominal`` targets or the ``fake`` ones.
+    measured : dict of str to Trace
+        By the names of the runs; empty where nothing was measured.
+    simulated : bool
+        Whether the calibration is from simulated data.
+    """
+
+    bar: float
+    prediction: Prediction
+    run: Run
+    measured: dict[str, Trace]
+    simulated: bool
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def expected(self) -> Trace:
+        """The prediction for what was run."""
+        corrected = self.prediction.corrected
+        return corrected if self.run == "fake" and corrected is not None else self.prediction.uncorrected
+
+    def traces(self) -> dict[str, Trace]:
+        """All traces by what they are called in tables and figures."""
+        out = {"nominal targets, predicted": self.prediction.uncorrected}
+        if self.prediction.corrected is not None:
+            out[f"fake targets ({self.prediction.arcs} arcs), predicted"] = self.prediction.corrected
+        return out | {
+            name if name == MEASURED else f"measured, run {name}": trace for name, trace in self.measured.items()
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON, mm and degrees.
+
+        ``simulated``, ``nominal_targets``, ``fake_targets`` (None without), ``arcs``, ``run``, ``measured`` (of each
+        run, with the rms that the prediction leaves unexplained) and ``reversals``.
+        """
+        p, runs = self.prediction, {}
+        for name, trace in self.measured.items():
+            before, after = explained(trace, self.expected)
+            runs[name] = {
+                **ballbar_trace.summary(trace),
+                "variation_rms_mm": before / MM,
+                "unexplained_rms_mm": after / MM,
+            }
+        return {
+            "simulated": self.simulated,
+            "nominal_targets": ballbar_trace.summary(p.uncorrected),
+            "fake_targets": None if p.corrected is None else ballbar_trace.summary(p.corrected),
+            "arcs": p.arcs,
+            "run": self.run,
+            "measured": runs,
+            "reversals": [
+                {"path_angle_deg": 360 * r.s, "joint": r.joint, "joint_angle_deg": r.angle / DEG, "kind": r.kind}
+                for r in p.reversals
+            ],
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each angle of each trace: ``trace``, ``angle_deg``, ``error_mm``."""
+        import pandas as pd
+
+        parts = [
+            pd.DataFrame({"trace": name, "angle_deg": trace.angle / DEG, "error_mm": trace.error / MM})
+            for name, trace in self.traces().items()
+        ]
+        return pd.concat(parts, ignore_index=True)
+
+    def told(self) -> Sequence[Told]:
+        """Radial errors of all traces, what the prediction explains, and the joints that turn back."""
+        start = "Calibration from SIMULATED data: " if self.simulated else ""
+        rows: list[tuple[Cell, ...]] = []
+        for name, trace in self.traces().items():
+            values = ballbar_trace.summary(trace)
+            rows.append((name, *(values[key] for key in ("mean_mm", "rms_mm", "max_abs_mm", "circularity_mm"))))
+        title = f"{start}radial errors of the circle, ballbar {self.bar / MM:g} mm, centre fitted, mm"
+        targets = {"nominal": "nominal", "fake": "calibrated"}[self.run]
+        out: list[Told] = [Table(title, ("", "mean", "rms", "largest", "circularity"), tuple(rows))]
+        for name, trace in self.measured.items():
+            before, after = (value / MM for value in explained(trace, self.expected))
+            out.append(
+                f"Run {name}: the readings vary by {before:.4f} mm rms; the prediction for the path of {targets} "
+                f"targets leaves {after:.4f} mm unexplained."
+            )
+        turns = tuple((360 * r.s, r.angle / DEG, str(r.joint), r.kind) for r in self.prediction.reversals)
+        if turns:
+            out.append(
+                Table("Joints that turn back", ("path angle deg", "joint angle deg", "joint", "min/max"), turns, 1)
+            )
+        return out
+
+    def headline(self) -> str:
+        """Circularity of all traces."""
+        said = (f"{name} {np.ptp(trace.error) / MM:.3f} mm" for name, trace in self.traces().items())
+        return f"circularity with a bar of {self.bar / MM:g} mm: {'; '.join(said)}"
+
+    def plot(self, magnify: float | None = None) -> DrawnFigure:
+        """Polar plot of the radial errors (Figures A VI-1, A VI-4 and A VI-7), errors ``magnify`` times enlarged."""
+        from irbcal.validation import plots
+
+        return DrawnFigure.of(plots.ballbar, self, magnify, size=(6.4, 7.0))
+
+
+def ballbar(
+    calibration: CalibrationLike,
+    measured: TableLike | None = None,
+    *,
+    bar: float = 150 * MM,
+    joints: ArrayLike | None = None,
+    tool: ArrayLike = (0.0, 0.0, 0.0),
+    normal: ArrayLike = (0.0, 0.0, 1.0),
+    start: ArrayLike = (1.0, 0.0, 0.0),
+    height: float = 0.0,
+    tilt: float = 0.0,
+    arcs: int = 6,
+    run: Run = "nominal",
+) -> BallbarCheck:
+    """Radial errors of a circle as a ballbar shows them: nominal targets, fake targets, measured; joint reversals.
+
+    Parameters
+    ----------
+    calibration : str, Path or loaded calibration
+    measured : str, Path or DataFrame, optional
+        ``angle_deg,radius_mm`` (or ``error_mm``) and, for several, ``run``; angles count along the path.
+    bar : float
+        Length of the ballbar, metres: the radius, unless the ball stands out of the circle's plane.
+    joints : array_like, shape (joints,), optional
+        Joints with the tool in the circle's centre, radians; `CENTER_JOINTS` of arms with six unless given.
+    tool : array_like, shape (3,) or (7,)
+        The cup's centre on the tip link, metres, optionally with a unit quaternion, scalar first.
+    normal, start : array_like, shape (3,)
+        The path turns about the normal; direction from the centre to the start. In the base link.
+    height : float
+        Of the circle's plane above the ball, along the normal, metres.
+    tilt : float
+        Lean of the tool's z axis towards the centre, radians.
+    arcs : int
+        Arcs of the path of fake targets, two or more; 0: none.
+    run : str
+        What was run when it was measured: the ``nominal`` targets or the ``fake`` ones.
+
+    Returns
+    -------
+    BallbarCheck
+
+    Raises
+    ------
+    OptionError
+        If an option has a value that it does not know, or fake targets were run without arcs.
+    RobotError
+        If the sizes make no circle, or the robot does not reach it.
+    MeasurementError
+        If the measured file does not keep the format or is of another circle.
+    """
+    if run not in get_args(Run):
+        raise OptionError.unknown("run", run, get_args(Run))
+    if run == "fake" and not arcs:
+        raise OptionError("fake targets were run in at least one arc", parameter="arcs")
+    if not 0 <= arcs <= MOST_ARCS:
+        raise OptionError(f"a circle has up to {MOST_ARCS} arcs, found {arcs}", parameter="arcs")
+    saved = calibration_folder.opened(calibration)
+    robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
+    if joints is None and len(nominal.joint_names) != len(CENTER_JOINTS):
+        raise OptionError(f"{nominal.name} has not six joints: give those in the circle's centre", parameter="joints")
+    q = nominal.check_joints(CENTER_JOINTS if joints is None else joints)[0]
+    T_tip_tcp = tool_frame(tool)
+    path = circle(nominal, q, bar, T_tip_tcp, normal, start, height, tilt)
+    found = predict(path, robot, nominal, q, arcs, T_tip_tcp)
+    traces = {} if measured is None else ballbar_trace.read(measured, bar)
+    return BallbarCheck(bar, found, run, traces, saved.simulated)

@@ -1,0 +1,234 @@
+"""The door to ISO 9283:1998: pose tests, stabilisation and paths together, and the plan of the test poses.
+
+The formulas are those of public descriptions of the standard (such as Nubiola 2011, annex I and section 7.7.3.4); the
+standard itself was not at hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import lock
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.files import calibration_folder, urdf
+from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.drawn_figure import DrawnFigure, check_name
+from irbcal.measurement import table
+from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling.arm import Arm
+from irbcal.summary import Speaks, Told
+from irbcal.validation.cube import FRACTION, PLANES, FivePoses, Plane, five_poses
+from irbcal.validation.path_check import PathCheck, path_accuracy
+from irbcal.validation.pose_check import SET_SIZE, PoseCheck, check_poses
+from irbcal.validation.settling import REST
+from irbcal.validation.settling_check import Settling, settle
+from irbcal.validation.tables import TableLike
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MeasurementLike: TypeAlias = "TableLike | MeasurementSet"
+"""A measurement file, a DataFrame with its columns, or measurements that were read."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Iso9283(Speaks):
+    """What the tests of ISO 9283 came to; None for tests that were not made.
+
+    Attributes
+    ----------
+    poses : PoseCheck or None
+    stabilisation : Settling or None
+    path : PathCheck or None
+    """
+
+    poses: PoseCheck | None
+    stabilisation: Settling | None
+    path: PathCheck | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def _made(self) -> list[PoseCheck | Settling | PathCheck]:
+        return [part for part in (self.poses, self.stabilisation, self.path) if part is not None]
+
+    def told(self) -> Sequence[Told]:
+        """What each of the tests has to say."""
+        return [item for part in self._made() for item in part.told()]
+
+    def to_dict(self) -> dict[str, Any]:
+        """``poses``, ``stabilisation`` and ``path`` as these have it, None for what was not made."""
+        settled = None if self.stabilisation is None else self.stabilisation.to_dict()
+        return {
+            "poses": None if self.poses is None else self.poses.to_dict(),
+            "stabilisation": None if settled is None else {k: v for k, v in settled.items() if k != "check"},
+            "path": None if self.path is None else self.path.to_dict(),
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table of the first test that was made: pose tests, else stabilisation, else path."""
+        return self._made()[0].to_frame()
+
+    def plots(self) -> dict[str, DrawnFigure]:
+        """All figures, by ``poses``, ``drift``, ``stabilisation`` and ``path``; only what was measured.
+
+        Raises
+        ------
+        MeasurementError
+            If only directions of approach were measured.
+        """
+        drawn = {}
+        if self.poses is not None and self.poses.has_cycles:
+            drawn["poses"] = self.poses.plot()
+        if self.poses is not None and self.poses.has_drift:
+            drawn["drift"] = self.poses.plot_drift()
+        for name, part in (("stabilisation", self.stabilisation), ("path", self.path)):
+            if part is not None:
+                drawn[name] = part.plot()
+        if not drawn:
+            raise MeasurementError("there is nothing to draw: only directions of approach were measured")
+        return drawn
+
+    def plot(self) -> DrawnFigure:
+        """The first of `plots`."""
+        return next(iter(self.plots().values()))
+
+    def save_plots(self, path: str | PathLike[str]) -> list[Path]:
+        """Write all figures: the first as ``path`` says, the others with their names added to it.
+
+        Returns
+        -------
+        list of Path
+
+        Raises
+        ------
+        IrbcalError
+            If the ending is not that of a figure, or a file cannot be written.
+        """
+        path = check_name(path)
+        return [
+            drawn.save(path if k == 0 else path.with_stem(f"{path.stem}-{name}"))
+            for k, (name, drawn) in enumerate(self.plots().items())
+        ]
+
+
+def iso9283(
+    measurements: MeasurementLike | None = None,
+    *,
+    calibration: CalibrationLike | None = None,
+    commanded: TableLike | None = None,
+    target: str | None = None,
+    set_size: int = SET_SIZE,
+    approaches: TableLike | None = None,
+    band: float | None = None,
+    rest: float = REST,
+    path: TableLike | None = None,
+    commanded_path: TableLike | None = None,
+) -> Iso9283:
+    """Accuracy and repeatability of poses, distances and paths, drift and stabilisation, after ISO 9283:1998.
+
+    Parameters
+    ----------
+    measurements : str, Path, DataFrame or MeasurementSet, optional
+        With the columns ``pose`` (P1 to P5, or any names) and ``cycle``; rows with a ``direction`` are those of the
+        multi-directional variation, rows of the group ``iso9283_drift`` those of the drift test.
+    calibration : str, Path or loaded calibration, optional
+        Gives the commanded poses at the measurements' joints, by the nominal and by the calibrated robot.
+    commanded : str, Path or DataFrame, optional
+        Commanded poses: ``pose,x_mm,y_mm,z_mm`` and for orientations ``qw,qx,qy,qz``. With a calibration, poses of the
+        tip in the base link; without, places of what was measured in the measuring frame.
+    target : str, optional
+        Regard the position of this target; by default the tip, where poses were measured as a whole.
+    set_size : int
+        Cycles of a set of the drift test, two or more.
+    approaches : str, Path or DataFrame, optional
+        Time series of approaches to a pose: ``time_s,x_mm,y_mm,z_mm`` and, for several, ``run``.
+    band : float, optional
+        Limit band of the stabilisation, metres; by default RP of P1, else of the first pose.
+    rest : float
+        Seconds after which the robot is at rest.
+    path, commanded_path : str, Path or DataFrame, optional
+        Sampled paths, ``cycle,x_mm,y_mm,z_mm`` and for orientations ``qw,qx,qy,qz``, and the points of the commanded
+        path in the same frame; both or neither.
+
+    Returns
+    -------
+    Iso9283
+
+    Raises
+    ------
+    OptionError
+        If there is nothing to judge, a path lacks its commanded points, or there is no limit band to take.
+    MeasurementError
+        If a file does not keep the format or holds too little.
+    """
+    if (path is None) != (commanded_path is None):
+        raise OptionError("a path needs its commanded points, and they a path", parameter="path")
+    if measurements is None and approaches is None and path is None:
+        raise OptionError("give measurements, approaches or a path", parameter="measurements")
+    if set_size < 2:
+        raise OptionError(f"a set of the drift test has two cycles or more, found {set_size}", parameter="set_size")
+    poses = settled = None
+    if measurements is not None:
+        saved = None if calibration is None else calibration_folder.opened(calibration)
+        seen = measurements if isinstance(measurements, MeasurementSet) else table.read(measurements)
+        if saved is not None:
+            seen.check_joints(saved.arm())
+        poses = check_poses(seen, saved, commanded, target, set_size)
+    if approaches is not None:
+        if band is None:
+            band = None if poses is None else poses.default_band()
+        if band is None:
+            raise OptionError("there is no repeatability of P1 to take: give a limit band", parameter="band")
+        settled = settle(approaches, band, rest)
+    sampled = None if path is None or commanded_path is None else path_accuracy(path, commanded_path)
+    return Iso9283(poses, settled, sampled)
+
+
+def iso9283_plan(
+    robot: str | Path | Arm,
+    *,
+    center: ArrayLike | None = None,
+    edge: float | None = None,
+    inset: float = FRACTION,
+    plane: Plane = "x=z",
+    near: ArrayLike | None = None,
+) -> FivePoses:
+    """The test poses P1 to P5 of a robot and the joints that reach them (Table A I-1).
+
+    Parameters
+    ----------
+    robot : str, Path or Arm
+        URDF, name of a shipped robot, or nominal arm.
+    center : array_like, shape (3,), optional
+        Of the cube, in the base link, metres; shipped robots have their own, others need it.
+    edge : float, optional
+        Of the cube, metres; likewise.
+    inset : float
+        Distance of P2 to P5 from the corners as a share of the cube's diagonal, below one half.
+    plane : str
+        Inclined plane of the cube: ``x=z``, ``x=-z``, ``y=z`` or ``y=-z``.
+    near : array_like, shape (joints,), optional
+        Joints that set the orientation of the tip, radians (metres for prismatic joints); zero unless given.
+
+    Returns
+    -------
+    FivePoses
+
+    Raises
+    ------
+    OptionError
+        If the plane is none.
+    RobotError
+        If there is no such robot or cube, or a pose is out of reach.
+    """
+    if plane not in PLANES:
+        raise OptionError.unknown("plane", plane, tuple(PLANES))
+    arm = robot if isinstance(robot, Arm) else urdf.read(robot).arm
+    return five_poses(arm, center, edge, near, plane, inset)

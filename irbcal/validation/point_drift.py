@@ -1,0 +1,198 @@
+"""Does the tracker hold still for hours? A fixed target, and the air (Nubiola 2011, annex IV)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import MeasurementError
+from irbcal.files.drawn_figure import DrawnFigure
+from irbcal.measurement import readings
+from irbcal.measurement.statistics import statistics
+from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.units import MM
+from irbcal.validation.correlation import Correlation, correlation
+from irbcal.validation.tables import AXES, TableLike, names, places
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ENVIRONMENT = ("temperature_c", "pressure_mmhg", "pressure_hpa", "humidity_percent")
+"""Columns of the air."""
+
+FEWEST = 10
+"""Readings below which no correlation is given."""
+
+HOUR = 3600.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointDrift(Speaks):
+    """Readings of a fixed target over hours, in order of time.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        Seconds from the first reading.
+    mean_position : ndarray, shape (3,)
+        In the tracker's frame, metres.
+    offset : ndarray, shape (n, 3)
+        From the mean, metres.
+    rate : ndarray, shape (3,)
+        Least-squares trend, metres per second.
+    air : dict of str to ndarray, shape (n,)
+        Columns of the air that the file has, in their units; NaN where there was no reading.
+    correlation : dict of str to dict of str to Correlation
+        For each column of the air that varies, of ``error`` (distance from the mean), ``x``, ``y`` and ``z``.
+    lost : int
+        Readings without a position.
+    """
+
+    time: FloatArray
+    mean_position: FloatArray
+    offset: FloatArray
+    rate: FloatArray
+    air: dict[str, FloatArray]
+    correlation: dict[str, dict[str, Correlation]]
+    lost: int
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def error(self) -> FloatArray:
+        """Distance from the mean, shape (n,), metres."""
+        return np.linalg.norm(self.offset, axis=1)
+
+    @property
+    def hours(self) -> float:
+        """From the first reading to the last."""
+        return float(self.time[-1] / HOUR)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON, mm.
+
+        ``check``; STATS of the distances from the mean; ``hours``; ``rate_mm_per_hour`` (least-squares trend of x, y
+        and z, and its size); ``correlation``: for each column of the air its range and, if it varies, for ``error``,
+        ``x``, ``y`` and ``z`` what `irbcal.validation.correlation.Correlation` holds; the series for drawing.
+        """
+        rate = self._rate()
+        return {
+            "check": "drift",
+            **(statistics(self.error) or {}),
+            "hours": self.hours,
+            "mean_position_mm": (self.mean_position / MM).tolist(),
+            "rate_mm_per_hour": {
+                **dict(zip(AXES, rate.tolist(), strict=True)),
+                "total": float(np.linalg.norm(rate)),
+            },
+            "correlation": {
+                name: {
+                    "low": float(np.nanmin(values)),
+                    "high": float(np.nanmax(values)),
+                    **{key: found.to_dict() for key, found in self.correlation[name].items()},
+                }
+                for name, values in self.air.items()
+            },
+            "lost": self.lost,
+            "series": {
+                "hours": (self.time / HOUR).tolist(),
+                "error_mm": (self.error / MM).tolist(),
+                "offset_mm": (self.offset / MM).tolist(),
+                "air": {name: [v if v == v else None for v in values.tolist()] for name, values in self.air.items()},
+            },
+        }
+
+    def _rate(self) -> FloatArray:
+        return self.rate * HOUR / MM
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each reading: ``hours``, ``error_mm``, ``dx_mm``, ``dy_mm``, ``dz_mm`` and the air."""
+        import pandas as pd
+
+        offset = {f"d{axis}_mm": self.offset[:, k] / MM for k, axis in enumerate(AXES)}
+        return pd.DataFrame({"hours": self.time / HOUR, "error_mm": self.error / MM, **offset, **self.air})
+
+    def told(self) -> Sequence[Told]:
+        """Errors, trend, and correlation with the air."""
+        stats, rate = statistics(self.error) or {}, self._rate()
+        out: list[Told] = [
+            f"{stats['n']} readings over {self.hours:.2f} hours: error mean {stats['mean_mm']:.4f}, sigma "
+            f"{stats['sigma_mm']:.4f}, max {stats['max_mm']:.4f} mm",
+            f"Trend: x {rate[0]:+.5f}, y {rate[1]:+.5f}, z {rate[2]:+.5f} mm per hour, {np.linalg.norm(rate):.5f} "
+            "together",
+        ]
+        rows: list[tuple[Cell, ...]] = []
+        for name, found in self.correlation.items():
+            for key, c in found.items():
+                interval = "–" if c.interval is None else f"{c.interval[0]:.2f} … {c.interval[1]:.2f}"
+                rows.append((name, key, c.r, interval, round(c.n_eff), "yes" if c.told else "no"))
+            if not found:
+                rows.append((name, "constant", None, "–", None, "–"))
+        if rows:
+            columns = ("air", "of", "r", "95 % interval", "n effective", "told from none")
+            out.append(Table("Correlation with the air", columns, tuple(rows), digits=2))
+            out.append("Of twenty such intervals, one leaves out zero by chance.")
+        if self.lost:
+            out.append(f"Left out: {self.lost} lost points")
+        return out
+
+    def plot(self) -> DrawnFigure:
+        """Error and air over time, one above the other (Figures A IV-1, A IV-2, A IV-3 and A IV-4)."""
+        from irbcal.validation import plots
+
+        return DrawnFigure.of(plots.drift, self, size=(7.2, 2.2 * (1 + len(self.air))))
+
+
+def drift(source: TableLike) -> PointDrift:
+    """A fixed target over hours (annex IV): errors, trend, and correlation with the air.
+
+    Parameters
+    ----------
+    source : str, Path or DataFrame
+        Columns ``time_s``, ``x_mm``, ``y_mm``, ``z_mm`` and, optionally, those of `ENVIRONMENT`.
+
+    Returns
+    -------
+    PointDrift
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format.
+    """
+    table = readings.read_points(source, numbers=("time_s",), optional=ENVIRONMENT)
+    file, lost = table.attrs["source"], table.attrs.get("lost", 0)
+    if len(table) < FEWEST:
+        raise MeasurementError(f"{len(table)} readings are too few for drift, expected {FEWEST} or more", file=file)
+    targets = names(table, "target")
+    if targets is not None and len(set(targets)) > 1:
+        raise MeasurementError(
+            f"expected the readings of one fixed target, found {', '.join(sorted(set(targets))[:8])}: keep one of them",
+            file=file,
+            column="target",
+        )
+    table = table.sort_values("time_s", kind="stable")
+    time, xyz = table["time_s"].to_numpy(dtype=float), places(table)
+    time = time - time[0]
+    if time[-1] == 0.0:
+        raise MeasurementError("all readings are of the same time", file=file, column="time_s")
+    offset = xyz - xyz.mean(axis=0)
+    rate = np.polynomial.polynomial.polyfit(time / HOUR, offset, 1)[1] / HOUR
+    air = {name: table[name].to_numpy(dtype=float) for name in ENVIRONMENT if name in table.columns}
+    air = {name: values for name, values in air.items() if np.isfinite(values).sum() >= FEWEST}
+    found = {name: _with_air(values, offset) for name, values in air.items()}
+    return PointDrift(time, xyz.mean(axis=0), offset, rate, air, found, lost)
+
+
+def _with_air(air: FloatArray, offset: FloatArray) -> dict[str, Correlation]:
+    """Correlation of error, x, y and z with one column of the air; empty if that does not vary."""
+    have = np.isfinite(air)
+    if not np.ptp(air[have]) > 0:
+        return {}
+    series = {"error": np.linalg.norm(offset, axis=1), **dict(zip(AXES, offset.T, strict=True))}
+    return {key: correlation(air[have], values[have]) for key, values in series.items()}

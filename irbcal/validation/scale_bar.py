@@ -1,0 +1,183 @@
+"""Is the tracker true? Distances of a scale bar of certified length (Nubiola 2011, annex II)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, NameArray, lock
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.files.drawn_figure import DrawnFigure
+from irbcal.measurement import readings
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import MM
+from irbcal.validation.tables import XYZ, TableLike, in_order, names, places
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ANOTHER_BAR = 0.01
+"""Share of the length by which readings may miss it before they are taken to be those of another bar."""
+
+EVERYWHERE = "all"
+"""Name of the only position of a file without a column ``position``."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScaleBar(Speaks):
+    """Distance errors of a scale bar: measured minus certified length, in the order of the file.
+
+    Attributes
+    ----------
+    length : float
+        Certified, metres.
+    position : ndarray of str, shape (n,)
+        Of the bar (Table A II-1).
+    error : ndarray, shape (n,)
+        Metres.
+    """
+
+    length: float
+    position: NameArray
+    error: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def at(self, position: str) -> FloatArray:
+        """Errors at one position of the bar, metres."""
+        return self.error[self.position == position]
+
+    def positions(self) -> list[str]:
+        """Positions of the bar in the order of measurement."""
+        return in_order(self.position)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON, mm.
+
+        ``check``, ``length_mm``; ``n``, ``mean_mm`` and ``sigma_mm`` of the signed errors, ``max_abs_mm``,
+        ``rms_mm``; the same ``per_position``; ``position`` and ``error_mm`` in the order of the file.
+        """
+        return {
+            "check": "bar",
+            "length_mm": self.length / MM,
+            **_signed(self.error),
+            "per_position": {name: _signed(self.at(name)) for name in self.positions()},
+            "position": [str(name) for name in self.position],
+            "error_mm": (self.error / MM).tolist(),
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each distance: ``position``, ``error_mm``."""
+        import pandas as pd
+
+        return pd.DataFrame({"position": self.position, "error_mm": self.error / MM})
+
+    def told(self) -> Sequence[Told]:
+        """Statistics of all distances, and position by position."""
+        sets = {"all": self.error}
+        if len(self.positions()) > 1:
+            sets |= {name: self.at(name) for name in self.positions()}
+        rows = tuple((name, *_signed(errors).values()) for name, errors in sets.items())
+        title = f"Distance errors of the scale bar of {self.length / MM:.10g} mm, mm"
+        all_of = _signed(self.error)
+        sentence = (
+            f"{all_of['n']} distances of a scale bar: errors of {all_of['mean_mm']:+.4f} mm on average, "
+            f"{all_of['max_abs_mm']:.4f} mm at most."
+        )
+        return [sentence, Table(title, ("position", "n", "mean", "sigma", "largest", "rms"), rows, digits=4)]
+
+    def plot(self) -> DrawnFigure:
+        """Errors in order of measurement, by position of the bar (Figure A II-1)."""
+        from irbcal.validation import plots
+
+        return DrawnFigure.of(plots.bar, self)
+
+
+def _signed(error: FloatArray) -> dict[str, int | float]:
+    """Statistics of signed errors, mm."""
+    e = error / MM
+    return {
+        "n": len(e),
+        "mean_mm": float(e.mean()),
+        "sigma_mm": float(e.std(ddof=1)) if len(e) > 1 else 0.0,
+        "max_abs_mm": float(np.abs(e).max()),
+        "rms_mm": float(np.sqrt(np.mean(e**2))),
+    }
+
+
+def scale_bar(source: TableLike, length: float) -> ScaleBar:
+    """Distance errors of a scale bar (annex II, Figure A II-1).
+
+    The k-th reading of one end and the k-th of the other at a position of the bar make a distance.
+
+    Parameters
+    ----------
+    source : str, Path or DataFrame
+        Columns ``end`` (two names, measured in turn), ``x_mm``, ``y_mm``, ``z_mm`` and, optionally, ``position`` (of
+        the bar); or ``distance_mm`` alone.
+    length : float
+        Certified length, metres.
+
+    Returns
+    -------
+    ScaleBar
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format or an end was measured more often than the other.
+    OptionError
+        If the length is not above zero.
+    """
+    if not length > 0:
+        raise OptionError(f"a scale bar has a length above zero, found {length / MM:g} mm", parameter="length")
+    table = readings.read(source, (), (), (*XYZ, "distance_mm"))
+    position, distance = _read(table) if "distance_mm" in table.columns else _between_ends(source)
+    error = distance - length
+    if np.median(np.abs(error)) > ANOTHER_BAR * length:
+        raise MeasurementError(
+            f"the ends are {np.median(distance) / MM:.3f} mm apart, not {length / MM:g} mm: another bar",
+            file=table.attrs["source"],
+        )
+    return ScaleBar(length, position, error)
+
+
+def positions_of(table: pd.DataFrame) -> NameArray:
+    """Position of each row, shape (rows,); `EVERYWHERE` without a column ``position``."""
+    found = names(table, "position")
+    return np.full(len(table), EVERYWHERE, dtype=object) if found is None else found
+
+
+def _read(table: pd.DataFrame) -> tuple[NameArray, FloatArray]:
+    distance = table["distance_mm"].to_numpy(dtype=float)
+    if np.isnan(distance).any():
+        row = int(table["row"].iloc[int(np.argmax(np.isnan(distance)))])
+        raise MeasurementError(
+            "expected a number, found nothing", file=table.attrs["source"], row=row, column="distance_mm"
+        )
+    return positions_of(table), distance * MM
+
+
+def _between_ends(source: TableLike) -> tuple[NameArray, FloatArray]:
+    table = readings.read_points(source, ("end",))
+    file, position, xyz = table.attrs["source"], positions_of(table), places(table)
+    ends = list(dict.fromkeys(table["end"]))
+    if len(ends) != 2:
+        raise MeasurementError(f"expected two names, found {', '.join(ends[:5])}", file=file, column="end")
+    where: list[str] = []
+    distance = []
+    for name in in_order(position):
+        first, second = (np.flatnonzero((position == name) & (table["end"] == end)) for end in ends)
+        if len(first) != len(second):
+            raise MeasurementError(
+                f"position {name}: end {ends[0]} was measured {len(first)} times, end {ends[1]} "
+                f"{len(second)} times: readings of both ends make a distance",
+                file=file,
+            )
+        where += [name] * len(first)
+        distance.append(np.linalg.norm(xyz[first] - xyz[second], axis=1))
+    return np.array(where, dtype=object), np.concatenate(distance)

@@ -1,0 +1,36 @@
+"""What validation takes out of tables of readings: sources, names of rows, places."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import TYPE_CHECKING, TypeAlias
+
+from irbcal.arrays import FloatArray, NameArray
+from irbcal.units import MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
+"""A CSV or Parquet file, or a DataFrame with the same columns."""
+
+XYZ = ("x_mm", "y_mm", "z_mm")
+AXES, ANGLES = "xyz", "abc"
+"""Endings of names: along the axes of the base link, and about them."""
+
+
+def places(table: pd.DataFrame) -> FloatArray:
+    """Positions of the rows, shape (rows, 3), metres."""
+    return table[list(XYZ)].to_numpy(dtype=float) * MM
+
+
+def names(table: pd.DataFrame, column: str) -> NameArray | None:
+    """What a column calls each row, shape (rows,); None without the column."""
+    if column not in table.columns:
+        return None
+    return table[column].astype(str).str.strip().to_numpy(dtype=object)
+
+
+def in_order(labels: NameArray) -> list[str]:
+    """Different names in the order of their first rows."""
+    return [str(name) for name in dict.fromkeys(labels)]

@@ -1,0 +1,121 @@
+"""The door to ISO 9283: parts together, limit band, figures and plan."""
+
+import pickle
+
+import numpy as np
+import pytest
+from iso9283_files import cycles, write
+from support import arm
+
+from irbcal.errors import IrbcalError, MeasurementError, OptionError, RobotError
+from irbcal.measurement import table
+from irbcal.modeling import frames
+from irbcal.validation.cube import POSES
+from irbcal.validation.iso9283_check import iso9283, iso9283_plan
+
+
+@pytest.fixture(scope="module")
+def folder(record, tmp_path_factory):
+    """Cycles, approaches and a path as files."""
+    folder = tmp_path_factory.mktemp("iso9283")
+    robot = record.robot_calibrated()
+    q, T, _, _ = cycles(robot)
+    write(folder / "iso.csv", robot, q, T)
+    write(folder / "directions.csv", robot, q, T, extra=[[(1 + c % 3,) for c in range(12)]] * 5, columns=["direction"])
+    time = np.arange(0, 12, 0.04)
+    rows = ["time_s,x_mm,y_mm,z_mm", *(f"{t:.2f},{100 + 2 * np.exp(-3 * t):.9f},50,7" for t in time)]
+    (folder / "approaches.csv").write_text("\n".join(rows))
+    x = np.linspace(0, 100, 21)
+    (folder / "commanded.csv").write_text("x_mm,y_mm,z_mm\n" + "".join(f"{v},10,5\n" for v in x))
+    lines = [f"{c},{v},{10 + 0.1 * c},5\n" for c in (1, 2) for v in np.linspace(-3, 103, 30)]
+    (folder / "path.csv").write_text("cycle,x_mm,y_mm,z_mm\n" + "".join(lines))
+    return folder
+
+
+def test_all_parts_together(record, folder, tmp_path):
+    found = iso9283(
+        folder / "iso.csv",
+        calibration=record,
+        approaches=folder / "approaches.csv",
+        path=folder / "path.csv",
+        commanded_path=folder / "commanded.csv",
+    )
+    assert found.poses.subject == "flange"
+    rp = found.poses.models["nominal"].poses["P1"]["RP_mm"]
+    assert found.stabilisation.band == pytest.approx(rp * 1e-3, rel=1e-12), "RP of P1 unless another band is given"
+    assert pytest.approx(1.5e-4) == found.path.errors.AT
+    data = found.to_dict()
+    assert list(data) == ["poses", "stabilisation", "path"]
+    assert "check" not in data["stabilisation"]
+    text = found.summary()
+    for part in ("ISO 9283, flange, calibrated, mm", "Position stabilisation, limit band", "Path: AT 0.150 mm"):
+        assert part in text
+    assert len(repr(found)) < 2000
+    assert "SIMULATED" in repr(found)
+    assert pickle.loads(pickle.dumps(found)).to_dict() == data
+    assert list(found.plots()) == ["poses", "stabilisation", "path"]
+    written = found.save_plots(tmp_path / "iso.SVG")
+    assert [path.name for path in written] == ["iso.svg", "iso-stabilisation.svg", "iso-path.svg"]
+    assert all(b"<svg" in path.read_bytes() for path in written)
+
+
+def test_loaded_measurements_serve(folder):
+    found = iso9283(table.read(folder / "iso.csv"), target="smr2")
+    assert found.poses.subject == "target smr2"
+    assert found.to_frame()["pose"].tolist() == list(POSES)
+    assert (found.stabilisation, found.path) == (None, None)
+    assert found.to_dict()["path"] is None
+
+
+def test_the_first_pose_gives_the_band_where_there_is_no_p1(folder, tmp_path):
+    text = (folder / "iso.csv").read_text().replace("\nP1,", "\nhome,")
+    (tmp_path / "named.csv").write_text(text)
+    found = iso9283(tmp_path / "named.csv", approaches=folder / "approaches.csv")
+    assert next(iter(found.poses.models["measured"].poses)) == "home"
+    assert found.stabilisation.band * 1e3 == found.poses.models["measured"].poses["home"]["RP_mm"]
+    assert iso9283(approaches=folder / "approaches.csv", band=1e-3, rest=2.0).stabilisation.rest == 2.0
+
+
+@pytest.mark.parametrize(
+    ("options", "parameter", "says"),
+    [
+        ({}, "measurements", "give measurements, approaches or a path"),
+        ({"path": "path.csv"}, "path", "a path needs its commanded points"),
+        ({"commanded_path": "commanded.csv"}, "path", "a path needs its commanded points"),
+        ({"approaches": "approaches.csv"}, "band", "give a limit band"),
+        ({"measurements": "directions.csv", "approaches": "approaches.csv"}, "band", "give a limit band"),
+        ({"measurements": "iso.csv", "set_size": 1}, "set_size", "two cycles or more, found 1"),
+    ],
+)
+def test_wrong_options(options, parameter, says, folder):
+    options = {name: folder / value if isinstance(value, str) else value for name, value in options.items()}
+    with pytest.raises(OptionError, match=says) as refused:
+        iso9283(**options)
+    assert refused.value.parameter == parameter
+
+
+def test_directions_alone_have_no_figure(folder):
+    found = iso9283(folder / "directions.csv")
+    with pytest.raises(MeasurementError, match="only directions of approach"):
+        found.plot()
+    with pytest.raises(IrbcalError, match="figures end in"):
+        found.save_plots(folder / "x.docx")
+    assert "Variation over 3 directions, P5: vAP" in found.summary()
+
+
+def test_plan_of_a_robot():
+    found = iso9283_plan("irb1600", inset=0.1)
+    assert np.abs(np.degrees(found.q[0]) - [0, -14, 14, 0, 0, 0]).max() < 1e-5
+    nominal = arm("irb120")
+    near = np.radians([0.0, 0, 0, 0, 30, 0])
+    found = iso9283_plan(nominal, center=[0.35, 0, 0.4], edge=0.2, near=near)
+    R = nominal.forward(near[None])[0, :3, :3]
+    assert np.abs(frames.rotation_distance(found.T_base_tip[:, :3, :3], R)).max() < 1e-7
+    table = found.to_frame()
+    assert table[["x_mm", "y_mm", "z_mm"]].to_numpy() == pytest.approx(found.T_base_tip[:, :3, 3] * 1e3, abs=1e-6)
+    assert "irb120_3_058" in repr(found)
+    assert "Joints and tip in the base link" in found.summary()
+    with pytest.raises(OptionError, match="plane: expected x=z, x=-z, y=z or y=-z, found 'z=0'"):
+        iso9283_plan("irb1600", plane="z=0")
+    with pytest.raises(RobotError):
+        iso9283_plan("irb1600", inset=0.5)
