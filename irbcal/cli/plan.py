@@ -2,7 +2,7 @@
 
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -33,125 +33,160 @@ class Condition(str, Enum):
     limits, height, acceptance, collision, sight, way = "limits", "height", "acceptance", "collision", "sight", "way"
 
 
+_Out = Annotated[Path, typer.Option(help="Folder for the plan.", show_default=False)]
+_Robot = Annotated[
+    str, typer.Option(help="URDF, shipped robot (irb1600, irb120) or calibration folder.", show_default=False)
+]
+_Axis = Annotated[
+    Axis | None,
+    typer.Option(help="Moves of one joint: three poses a joint (18), many (158) or none (0).", show_default="18"),
+]
+_Cube = Annotated[int | None, typer.Option(min=0, help="Random poses in the ISO cube.", show_default="52")]
+_AllRange = Annotated[int | None, typer.Option(min=0, help="Random poses in the whole range.", show_default="50")]
+_Optimal = Annotated[
+    int,
+    typer.Option(min=0, help="Poses chosen out of many candidates; other kinds then only where asked for."),
+]
+_Candidates = Annotated[int, typer.Option(min=2, max=100_000, help="Candidates for --optimal.")]
+_Criterion = Annotated[
+    Criterion, typer.Option(help="What is best: predicted positions, or all parameters together (D).")
+]
+_Volume = Annotated[Volume, typer.Option(help="Where predicted positions count.")]
+_Level = Annotated[
+    str | None, typer.Option(help="Error model to plan for.", show_default="34, placement for other arms")
+]
+_Targets = Annotated[
+    str | None,
+    typer.Option(
+        help="Reflectors: a CSV (target,x_mm,y_mm,z_mm in the tip link and, at will, nx,ny,nz: where they look); "
+        "or how many of the thesis tool's nine, or their names with commas.",
+        show_default="3, or the calibration's",
+    ),
+]
+_Tracker = Annotated[
+    str | None,
+    typer.Option(
+        help="Tracker in the base link, x,y,z in mm, and at will the turn of its axes about z in degrees.",
+        show_default="as in the thesis's cell, or as for the calibration",
+    ),
+]
+_CubeCentre = Annotated[str | None, typer.Option(help="x,y,z in mm.", show_default="the largest cube in front")]
+_CubeEdge = Annotated[float | None, typer.Option(help="In mm.", show_default=False)]
+_Margin = Annotated[float, typer.Option("--margin-deg", min=0.0, help="From the joint limits (10 mm each on rails).")]
+_Acceptance = Annotated[
+    float, typer.Option("--acceptance-deg", min=1.0, max=90.0, help="Largest angle between reflector and beam.")
+]
+_MinHeight = Annotated[
+    str | None,
+    typer.Option(
+        help="Lowest z of tool and reflectors, mm: in front (x from 150) and at the back, as FRONT,BACK.",
+        show_default="700,1100 for the irb1600, none for others",
+    ),
+]
+_Without = Annotated[list[Condition] | None, typer.Option(help="Condition to switch off (repeat for more).")]
+_Payload = Annotated[float | None, typer.Option(min=0.0, help="kg; goes into the plan's table.", show_default=False)]
+_WaitS = Annotated[float, typer.Option(min=0.0, max=3600.0, help="Rest before a measurement.")]
+_References = Annotated[
+    int, typer.Option(min=0, max=20, help="References on the floor to measure in each pose, too: they take time.")
+]
+_Speed = Annotated[float, typer.Option(min=1.0, max=7000.0, help="Of the tool, mm/s.")]
+_Noise = Annotated[
+    float, typer.Option("--noise-mm", min=1e-4, max=10.0, help="Standard deviation of a measured coordinate.")
+]
+_Seed = Annotated[int, typer.Option(min=0, help="Of the random poses.")]
+_PackageDirs = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--package-dir",
+        help="Folder in which package:// names of meshes are looked up; repeatable.",
+        show_default=False,
+    ),
+]
+_BaseLink = Annotated[str | None, typer.Option(help="Base link of a URDF.", show_default=False)]
+_TipLink = Annotated[str | None, typer.Option(help="Tip link of a URDF.", show_default=False)]
+_Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
+
+
 def plan(
-    out: Annotated[Path, typer.Option(help="Folder for the plan.", show_default=False)],
-    robot: Annotated[
-        str, typer.Option(help="URDF, shipped robot (irb1600, irb120) or calibration folder.", show_default=False)
-    ],
-    axis: Annotated[
-        Axis | None,
-        typer.Option(help="Moves of one joint: three poses a joint (18), many (158) or none (0).", show_default="18"),
-    ] = None,
-    cube: Annotated[int | None, typer.Option(min=0, help="Random poses in the ISO cube.", show_default="52")] = None,
-    all_range: Annotated[
-        int | None, typer.Option(min=0, help="Random poses in the whole range.", show_default="50")
-    ] = None,
-    optimal: Annotated[
-        int,
-        typer.Option(min=0, help="Poses chosen out of many candidates; other kinds then only where asked for."),
-    ] = 0,
-    candidates: Annotated[int, typer.Option(min=2, max=100_000, help="Candidates for --optimal.")] = 2000,
-    criterion: Annotated[
-        Criterion, typer.Option(help="What is best: predicted positions, or all parameters together (D).")
-    ] = Criterion.position,
-    volume: Annotated[Volume, typer.Option(help="Where predicted positions count.")] = Volume.both,
-    level: Annotated[
-        str | None, typer.Option(help="Error model to plan for.", show_default="34, placement for other arms")
-    ] = None,
-    targets: Annotated[
-        str | None,
-        typer.Option(
-            help="Reflectors: a CSV (target,x_mm,y_mm,z_mm in the tip link and, at will, nx,ny,nz: where they look); "
-            "or how many of the thesis tool's nine, or their names with commas.",
-            show_default="3, or the calibration's",
-        ),
-    ] = None,
-    tracker: Annotated[
-        str | None,
-        typer.Option(
-            help="Tracker in the base link, x,y,z in mm, and at will the turn of its axes about z in degrees.",
-            show_default="as in the thesis's cell, or as for the calibration",
-        ),
-    ] = None,
-    cube_centre: Annotated[
-        str | None, typer.Option(help="x,y,z in mm.", show_default="the largest cube in front")
-    ] = None,
-    cube_edge: Annotated[float | None, typer.Option(help="In mm.", show_default=False)] = None,
-    margin_deg: Annotated[float, typer.Option(min=0.0, help="From the joint limits (10 mm each on rails).")] = 2.0,
-    acceptance_deg: Annotated[
-        float, typer.Option(min=1.0, max=90.0, help="Largest angle between reflector and beam.")
-    ] = 30.0,
-    min_height: Annotated[
-        str | None,
-        typer.Option(
-            help="Lowest z of tool and reflectors, mm: in front (x from 150) and at the back, as FRONT,BACK.",
-            show_default="700,1100 for the irb1600, none for others",
-        ),
-    ] = None,
-    without: Annotated[list[Condition] | None, typer.Option(help="Condition to switch off (repeat for more).")] = None,
-    payload: Annotated[
-        float | None, typer.Option(min=0.0, help="kg; goes into the plan's table.", show_default=False)
-    ] = None,
-    wait_s: Annotated[float, typer.Option(min=0.0, max=3600.0, help="Rest before a measurement.")] = 4.0,
-    references: Annotated[
-        int, typer.Option(min=0, max=20, help="References on the floor to measure in each pose, too: they take time.")
-    ] = 3,
-    speed: Annotated[float, typer.Option(min=1.0, max=7000.0, help="Of the tool, mm/s.")] = 500.0,
-    noise_mm: Annotated[
-        float, typer.Option(min=1e-4, max=10.0, help="Standard deviation of a measured coordinate.")
-    ] = 0.1,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random poses.")] = 0,
-    package_dir: Annotated[
-        list[Path] | None,
-        typer.Option(help="Folder in which package:// names of meshes are looked up; repeatable.", show_default=False),
-    ] = None,
-    base_link: Annotated[str | None, typer.Option(help="Base link of a URDF.", show_default=False)] = None,
-    tip_link: Annotated[str | None, typer.Option(help="Tip link of a URDF.", show_default=False)] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    out: _Out,
+    robot: _Robot,
+    axis: _Axis = None,
+    cube: _Cube = None,
+    all_range: _AllRange = None,
+    optimal: _Optimal = 0,
+    candidates: _Candidates = 2000,
+    criterion: _Criterion = Criterion.position,
+    volume: _Volume = Volume.both,
+    level: _Level = None,
+    targets: _Targets = None,
+    tracker: _Tracker = None,
+    cube_centre: _CubeCentre = None,
+    cube_edge: _CubeEdge = None,
+    margin: _Margin = 2.0,
+    acceptance: _Acceptance = 30.0,
+    min_height: _MinHeight = None,
+    without: _Without = None,
+    payload: _Payload = None,
+    wait_s: _WaitS = 4.0,
+    references: _References = 3,
+    speed: _Speed = 500.0,
+    noise: _Noise = 0.1,
+    seed: _Seed = 0,
+    package_dirs: _PackageDirs = None,
+    base_link: _BaseLink = None,
+    tip_link: _TipLink = None,
+    json: _Json = False,
 ) -> None:
     """Plan measurements: poses that the robot reaches and the tracker sees, a RAPID module, and what they promise."""
     place = _tracker(tracker)
     heights = _numbers(min_height, 2, "--min-height", "FRONT,BACK in mm")
     centre, edge = _cube(cube_centre, cube_edge)
 
+    from irbcal.units import DEG, MM
+
+    _run(
+        out,
+        json,
+        robot,
+        axis=None if axis is None else int(axis.value),
+        cube=cube,
+        all_range=all_range,
+        optimal=optimal,
+        candidates=candidates,
+        criterion=criterion.value,
+        volume=volume.value,
+        level=level,
+        targets=targets,
+        tracker=place,
+        cube_centre=centre,
+        cube_edge=edge,
+        margin=margin * DEG,
+        acceptance=acceptance * DEG,
+        min_height=None if heights is None else (heights[0], heights[1]),
+        without=[item.value for item in without or ()],
+        payload=payload,
+        wait_s=wait_s,
+        references=references,
+        speed=speed * MM,
+        noise=noise * MM,
+        seed=seed,
+        package_dirs=package_dirs or (),
+        base_link=base_link,
+        tip_link=tip_link,
+    )
+
+
+def _run(out: Path, json: bool, robot: str, **options: Any) -> None:
+    """Make, write and print a plan; a folder that had to be made for it goes where there is none."""
     from irbcal.files.atomic import check_writable
     from irbcal.planning import measuring_plan
-    from irbcal.units import DEG, MM
     from irbcal.viewer import plan_page
 
     made_folders = check_writable(out)
     try:
         with show.progress(12, quiet=json) as step:
             step("robot")
-            made = measuring_plan.plan(
-                robot,
-                axis=None if axis is None else int(axis.value),
-                cube=cube,
-                all_range=all_range,
-                optimal=optimal,
-                candidates=candidates,
-                criterion=criterion.value,
-                volume=volume.value,
-                level=level,
-                targets=targets,
-                tracker=place,
-                cube_centre=centre,
-                cube_edge=edge,
-                margin=margin_deg * DEG,
-                acceptance=acceptance_deg * DEG,
-                min_height=None if heights is None else (heights[0], heights[1]),
-                without=[item.value for item in without or ()],
-                payload=payload,
-                wait_s=wait_s,
-                references=references,
-                speed=speed * MM,
-                noise=noise_mm * MM,
-                seed=seed,
-                package_dirs=package_dir or (),
-                base_link=base_link,
-                tip_link=tip_link,
-                progress=step,
-            )
+            made = measuring_plan.plan(robot, progress=step, **options)
             step("files")
             files = [path.name for path in made.save(out, plan_page.page(made))]
     except BaseException:

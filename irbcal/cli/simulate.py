@@ -9,65 +9,74 @@ import typer
 
 from irbcal.cli import show
 
+_Plan = Annotated[
+    Path | None,
+    typer.Argument(
+        help="CSV of joints to command (q1_deg …), such as a plan or a filtered program; optional columns pose, "
+        "group, cycle, targets (names with spaces between them), wait_s.",
+        show_default=False,
+    ),
+]
+_Robot = Annotated[
+    str | None,
+    typer.Option(help="URDF of the nominal robot, or a shipped one: irb1600 (tuned), irb120.", show_default=False),
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option(help="Measurement file to write; the truth goes beside it, as NAME.truth.json.", show_default=False),
+]
+_Random = Annotated[
+    int | None, typer.Option(min=1, help="That many random poses in the tracker's sight, in place of a plan.")
+]
+_Seed = Annotated[int, typer.Option(min=0, help="Of the run: noise, repeatability, lost points, random poses.")]
+_RobotSeed = Annotated[int | None, typer.Option(min=0, help="Another robot: its link errors are drawn from this seed.")]
+_Payload = Annotated[
+    float | None, typer.Option(min=0.0, help="Mass on the flange, kg; 3 by default, less for smaller arms.")
+]
+_Only = Annotated[list[str] | None, typer.Option(help="Only this effect (repeat for more); none: no effect at all.")]
+_Without = Annotated[list[str] | None, typer.Option(help="All effects but this one (repeat for more).")]
+_Targets = Annotated[
+    str, typer.Option(help="How many of the tool's nine reflectors, or their names with commas between them.")
+]
+_Tracker = Annotated[
+    str | None, typer.Option(help="Place of the tracker in the base link, x,y,z in mm.", show_default=False)
+]
+_Wait = Annotated[float, typer.Option(min=0.0, help="Seconds between stop and measurement.")]
+_Wanted = Annotated[
+    Path | None,
+    typer.Option(help="The program before it was filtered: tells how far the robot ends from it.", show_default=False),
+]
+_Calibration = Annotated[
+    Path | None, typer.Option(help="With --wanted: the calibration it was filtered with.", show_default=False)
+]
+_BaseLink = Annotated[str | None, typer.Option(help="Base link; base_link or the root by default.")]
+_TipLink = Annotated[str | None, typer.Option(help="Tip link; tool0, flange, ee_link or the last link by default.")]
+_List = Annotated[bool, typer.Option("--list", help="Name the effects and stop.")]
+_Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
+
 
 def simulate(
-    plan: Annotated[
-        Path | None,
-        typer.Argument(
-            help="CSV of joints to command (q1_deg …), such as a plan or a filtered program; optional columns pose, "
-            "group, cycle, targets (names with spaces between them), wait_s.",
-            show_default=False,
-        ),
-    ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(help="URDF of the nominal robot, or a shipped one: irb1600 (tuned), irb120.", show_default=False),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Measurement file to write; the truth goes beside it, as NAME.truth.json.", show_default=False
-        ),
-    ] = None,
-    random: Annotated[
-        int | None, typer.Option(min=1, help="That many random poses in the tracker's sight, in place of a plan.")
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the run: noise, repeatability, lost points, random poses.")] = 0,
-    robot_seed: Annotated[
-        int | None, typer.Option(min=0, help="Another robot: its link errors are drawn from this seed.")
-    ] = None,
-    payload: Annotated[
-        float | None, typer.Option(min=0.0, help="Mass on the flange, kg; 3 by default, less for smaller arms.")
-    ] = None,
-    only: Annotated[
-        list[str] | None, typer.Option(help="Only this effect (repeat for more); none: no effect at all.")
-    ] = None,
-    without: Annotated[list[str] | None, typer.Option(help="All effects but this one (repeat for more).")] = None,
-    targets: Annotated[
-        str, typer.Option(help="How many of the tool's nine reflectors, or their names with commas between them.")
-    ] = "3",
-    tracker: Annotated[
-        str | None, typer.Option(help="Place of the tracker in the base link, x,y,z in mm.", show_default=False)
-    ] = None,
-    wait: Annotated[float, typer.Option(min=0.0, help="Seconds between stop and measurement.")] = 4.0,
-    wanted: Annotated[
-        Path | None,
-        typer.Option(
-            help="The program before it was filtered: tells how far the robot ends from it.", show_default=False
-        ),
-    ] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="With --wanted: the calibration it was filtered with.", show_default=False)
-    ] = None,
-    base_link: Annotated[str | None, typer.Option(help="Base link; base_link or the root by default.")] = None,
-    tip_link: Annotated[
-        str | None, typer.Option(help="Tip link; tool0, flange, ee_link or the last link by default.")
-    ] = None,
-    list_effects: Annotated[bool, typer.Option("--list", help="Name the effects and stop.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    plan: _Plan = None,
+    robot: _Robot = None,
+    out: _Out = None,
+    random: _Random = None,
+    seed: _Seed = 0,
+    robot_seed: _RobotSeed = None,
+    payload: _Payload = None,
+    only: _Only = None,
+    without: _Without = None,
+    targets: _Targets = "3",
+    tracker: _Tracker = None,
+    wait: _Wait = 4.0,
+    wanted: _Wanted = None,
+    calibration: _Calibration = None,
+    base_link: _BaseLink = None,
+    tip_link: _TipLink = None,
+    list_: _List = False,
+    json: _Json = False,
 ) -> None:
     """Measure with a virtual robot, tool and laser tracker: SIMULATED data for trying out plans and calibrations."""
-    if list_effects:
+    if list_:
         _list(json)
         return
     if robot is None:

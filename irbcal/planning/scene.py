@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,9 @@ from irbcal.planning.iso_cube import has_thesis_cube, iso_cube
 from irbcal.planning.reflectors import TargetsLike, reflectors
 from irbcal.thesis_setup import IRB1600_HEIGHTS
 from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    from irbcal.planning.collisions import CollisionModel
 
 TRACKER_RADIUS, NEAR_TRACKER = 0.25, 0.3
 """Metres: the ball around the tracker that the robot keeps out of, and how far from the base link it must stand."""
@@ -93,8 +97,7 @@ def open_scene(
     Parameters
     ----------
     robot : str, Path or calibration
-        Calibration folder, URDF, or shipped robot; a calibration must have a folder or a shipped robot, for the URDF is
-        needed.
+        Calibration folder, URDF, or shipped robot. A loaded calibration must be of a shipped robot: the URDF is needed.
     targets : str, Path, int, sequence of str or Targets, optional
         See `irbcal.planning.reflectors.reflectors`.
     tracker : array_like, shape (3,) or (4,), optional
@@ -144,35 +147,32 @@ def open_scene(
         )
     if min_height is None and has_thesis_cube(arm):
         min_height = IRB1600_HEIGHTS
-    solids = None
-    if SOLID & set(on):
-        from irbcal.planning.collisions import CollisionModel
-
-        folders = [*package_dirs, *([opened.folder] if opened.folder else [])]
-        solids = CollisionModel(opened.urdf_bytes, arm, package_dirs=robots.package_dirs(*folders))
-        if np.linalg.norm(place) < NEAR_TRACKER:
-            raise MeasurementError(
-                f"--tracker: expected a place at least {NEAR_TRACKER / MM:.0f} mm from the base link, found "
-                f"{np.linalg.norm(place) / MM:.0f} mm",
-                parameter="tracker",
-            )
-        solids.add_obstacle(place, TRACKER_RADIUS)
-        if solids.overlapping:
-            pairs = ", ".join(" and ".join(pair) for pair in solids.overlapping)
-            notes.append(f"links that overlap by construction are not checked against each other: {pairs}")
+    folders = [*package_dirs, *([opened.folder] if opened.folder else [])]
+    solids = _solids(opened.urdf_bytes, arm, place, folders, notes) if SOLID & set(on) else None
     setting = Setting(opened.robot, seen, place, on, margin, acceptance, min_height, solids)
     where = _cube(setting) if cube is None else (np.array(cube[0], dtype=float), float(cube[1]))
-    return Scene(
-        robot,
-        (base_link, tip_link),
-        tuple(package_dirs),
-        setting,
-        opened.nominal,
-        T_world_base,
-        where,
-        _joint_speed(opened.urdf),
-        tuple(notes),
-    )
+    links, speed = (base_link, tip_link), _joint_speed(opened.urdf)
+    return Scene(robot, links, tuple(package_dirs), setting, opened.nominal, T_world_base, where, speed, tuple(notes))
+
+
+def _solids(
+    urdf: bytes, arm: Arm, place: FloatArray, folders: Sequence[str | Path], notes: list[str]
+) -> CollisionModel:
+    """The robot's solids with the tracker in their way."""
+    from irbcal.planning.collisions import CollisionModel
+
+    solids = CollisionModel(urdf, arm, package_dirs=robots.package_dirs(*folders))
+    if (away := float(np.linalg.norm(place))) < NEAR_TRACKER:
+        raise MeasurementError(
+            f"--tracker: expected a place at least {NEAR_TRACKER / MM:.0f} mm from the base link, found "
+            f"{away / MM:.0f} mm",
+            parameter="tracker",
+        )
+    solids.add_obstacle(place, TRACKER_RADIUS)
+    if solids.overlapping:
+        pairs = ", ".join(" and ".join(pair) for pair in solids.overlapping)
+        notes.append(f"links that overlap by construction are not checked against each other: {pairs}")
+    return solids
 
 
 def _base(robot: Robot, tracker: ArrayLike | None, notes: list[str]) -> FloatArray:
