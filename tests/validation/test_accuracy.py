@@ -186,6 +186,7 @@ def test_the_first_measured_frame_of_a_pose_counts():
     rotation[(points.pose == 2) & (points.names() == "smr1")] = np.nan  # and here the second is the first
     found = accuracy.tip_errors(robot, replace(points, xyz=xyz, rotation=rotation))
     assert found.pose.tolist() == [0, 1, 2, 3, 5]
+    assert found.T_world_tip.shape == (5, 4, 4)
     assert found.position == pytest.approx([1e-3, 1e-3, 7e-3, 1e-3, 1e-3], abs=1e-12)
     assert found.rotation.max() < 1e-7
 
