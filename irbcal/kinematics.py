@@ -1,146 +1,389 @@
-"""Poses as tables, and any robot by its name: calibration folder, URDF or shipped robot."""
+"""Forward and inverse kinematics of any robot by its name, for batches: what the commands fk and ik do."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import RobotError
-from irbcal.files import calibration_folder, urdf
-from irbcal.modeling.robot import Robot
+from irbcal.files.opening import RobotLike, open_robot
+from irbcal.modeling import frames
+from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
+if TYPE_CHECKING:
+    import pandas as pd
 
-def open_robot(name, nominal=False, base=None, tip=None):
-    """The robot of a calibration folder, of a URDF or shipped with the package.
+    from irbcal.modeling.arm import Arm
+    from irbcal.modeling.robot import Robot
 
-    Parameters
+SHOWN = 10
+"""Rows of a result that are shown to people."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ForwardResult(Speaks):
+    """Where a robot ends for n rows of commanded joints.
+
+    Attributes
     ----------
-    name : str or Path
-    nominal : bool
-        The nominal behaviour of a calibration (its base and tool identified with the nominal model).
-    base, tip : str, optional
-        Link names for a URDF, see `irbcal.files.urdf.read`.
-
-    Returns
-    -------
-    Robot
-
-    Raises
-    ------
-    IrbcalError
-        If there is no such robot.
-    """
-    return open_pair(name, nominal, base, tip)[0]
-
-
-def open_pair(name, nominal=False, base=None, tip=None):
-    """As `open_robot`, with the nominal arm that belongs to the robot.
-
-    Returns
-    -------
-    robot : Robot
-    arm : Arm
-    """
-    if Path(name).is_dir():
-        if base or tip:
-            raise RobotError(f"{name}: a calibration has its own base and tip link: choose links for a URDF only")
-        calibration = calibration_folder.load(name)
-        robot = calibration.robot_nominal() if nominal else calibration.robot_calibrated()
-        return robot, calibration.arm(calibrated=False)
-    arm = urdf.read(name, base, tip).arm
-    return Robot(arm), arm
-
-
-def joint_table(robot, nominal, T_base_tip, near, all_branches=False):
-    """Commanded joints for tip poses.
-
-    Parameters
-    ----------
-    robot : Robot
-    nominal : Arm
-        Nominal arm of the robot.
     T_base_tip : ndarray, shape (n, 4, 4)
-        Tip poses in the base link.
-    near : array_like, shape (joints,)
-        The branch nearest to these joints is taken, radians (metres for prismatic joints).
-    all_branches : bool
-        Every branch within the joint limits instead, a row each; of arms with a closed-form inverse.
+        Poses of the tip link in the base link, metres.
+    tip, base : str
+        Names of these links.
+    target : str or None
+        The reflector asked for.
+    points : ndarray, shape (n, 3), or None
+        Its places in the measuring frame, metres; None without a target.
+    std : ndarray, shape (n, 3), or None
+        Standard deviations of x, y and z, of the reflector or, without one, of the tip, metres; None unless asked for.
+        They are those of the identified parameters: what the model cannot describe is in the held-out errors only.
+    heldout_mean, heldout_rms : float or None
+        Of the calibration's held-out errors, metres; None where there are none, or ``std`` was not asked for.
+    """
+
+    T_base_tip: FloatArray
+    tip: str
+    base: str
+    target: str | None = None
+    points: FloatArray | None = None
+    std: FloatArray | None = None
+    heldout_mean: float | None = None
+    heldout_rms: float | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __len__(self) -> int:
+        return len(self.T_base_tip)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each row of joints, as the command fk prints it.
+
+        Returns
+        -------
+        DataFrame
+            ``x_mm, y_mm, z_mm`` of the target in the measuring frame; without a target of the tip in the base link, and
+            ``qw, qx, qy, qz`` (unit quaternion, scalar first). ``std_x_mm`` and so on where asked for.
+        """
+        import pandas as pd
+
+        if self.points is None:
+            table = poses_to_frame(self.T_base_tip)
+        else:
+            table = pd.DataFrame(self.points / MM, columns=["x_mm", "y_mm", "z_mm"])
+        if self.std is not None:
+            for name, values in zip("xyz", self.std.T, strict=True):
+                table[f"std_{name}_mm"] = values / MM
+        return table
+
+    @property
+    def caution(self) -> str:
+        """What standard deviations do not say; empty where there are none."""
+        if self.heldout_mean is None or self.heldout_rms is None:
+            return ""
+        return (
+            "standard deviations are those of the parameters; held-out errors of this calibration: mean "
+            f"{self.heldout_mean / MM:.3f} mm, rms {self.heldout_rms / MM:.3f} mm"
+        )
+
+    def told(self) -> Sequence[Told]:
+        """What is where, and the first rows."""
+        what = f"{self.tip} in {self.base}" if self.target is None else f"{self.target} in the measuring frame"
+        told: list[Told] = [f"{len(self)} {'poses' if self.target is None else 'places'} of {what}"]
+        told += [self.caution] if self.caution else []
+        return [*told, _first_rows(self.to_frame())]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class InverseJoints(Speaks):
+    """Commanded joints for poses of a robot's tip.
+
+    Attributes
+    ----------
+    joints : ndarray, shape (m, joints)
+        Radians (metres for prismatic joints); NaN where a pose has none. One row for each pose, or, with all branches,
+        for each branch of each pose that reaches it within the joint limits.
+    row : ndarray of int, shape (m,)
+        The pose that the joints are for, from 0.
+    branch : ndarray of str, shape (m,), or None
+        Name of the branch; None unless all were asked for.
+    note : ndarray of str, shape (m,)
+        Why there are no joints, or that they are outside the limits; else empty.
+    columns : tuple of str
+        Names of the joints' columns in files: ``q1_deg`` and so on, ``q1_mm`` of a prismatic joint.
+    units : ndarray, shape (joints,)
+        SI value of one unit of each column.
+    """
+
+    joints: FloatArray
+    row: IntArray
+    branch: NameArray | None
+    note: NameArray
+    columns: tuple[str, ...]
+    units: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    @property
+    def found(self) -> BoolArray:
+        """Which rows have joints, shape (m,)."""
+        return np.logical_and.reduce(np.isfinite(self.joints), axis=1)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows as the command ik prints them.
+
+        Returns
+        -------
+        DataFrame
+            The joint columns (degrees, mm; NaN where there is no solution) and ``note``; with all branches first
+            ``row`` (of the poses, from 1) and ``branch``.
+        """
+        import pandas as pd
+
+        table = pd.DataFrame(self.joints / self.units, columns=list(self.columns))
+        if self.branch is not None:
+            table.insert(0, "branch", self.branch)
+            table.insert(0, "row", self.row + 1)
+        table["note"] = self.note
+        return table
+
+    def told(self) -> Sequence[Told]:
+        """How many poses have joints, and the first rows."""
+        if self.branch is not None:
+            headline = f"{len(self)} ways to reach {len(set(self.row.tolist()))} poses within the joint limits"
+        else:
+            headline = f"joints for {int(self.found.sum())} of {len(self)} poses"
+        return [headline, _first_rows(self.to_frame())]
+
+
+def _first_rows(table: pd.DataFrame) -> Table:
+    shown = table.head(SHOWN)
+    title = f"the first {SHOWN} of {len(table)} rows" if len(table) > SHOWN else "rows"
+    cells = tuple(
+        tuple(None if isinstance(cell, float) and np.isnan(cell) else cell for cell in row)
+        for row in shown.astype(object).itertuples(index=False)
+    )
+    return Table(title, tuple(map(str, table.columns)), cells, digits=6)
+
+
+def forward_kinematics(
+    robot: RobotLike,
+    q: ArrayLike | str | Path,
+    *,
+    target: str | None = None,
+    uncertainty: bool = False,
+    nominal: bool = False,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+) -> ForwardResult:
+    """Where a robot really ends for commanded joints.
+
+    Parameters
+    ----------
+    robot : str, Path, Record, a result that holds one, or Opened
+        Calibration folder, loaded calibration, path of a URDF, name of a shipped robot (``irb1600``, ``irb120``), or
+        one of these opened before (`irbcal.files.opening.open_robot`).
+    q : array_like, shape (n, joints), or path
+        Commanded joints, radians (metres for prismatic joints); or a file with the columns ``q1_deg`` and so on
+        (``q1_mm`` of a prismatic joint).
+    target : str, optional
+        Predict the places of this reflector in the measuring frame, too.
+    uncertainty : bool
+        Add standard deviations of the position (calibrations only).
+    nominal : bool
+        Nominal behaviour of a calibration.
+    base_link, tip_link : str, optional
+        Links of a URDF; by default ``base_link`` or the root, and ``tool0``, ``flange``, ``ee_link``, ``tcp`` or the
+        last link.
 
     Returns
     -------
-    DataFrame
-        The arm's joint columns (empty where there is no solution), ``note``; with all branches also ``row`` (of the
-        input, from 1) and ``branch``.
+    ForwardResult
 
     Raises
     ------
     RobotError
-        If all branches are wanted of an arm without a closed-form inverse; the message says why it has none.
+        If there is no such robot or target, the joints have another shape or look like degrees, or the robot knows no
+        uncertainty.
+    CalibrationError
+        If a calibration folder is not a whole calibration.
+    MeasurementError
+        If a file of joints cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> forward_kinematics("irb1600", np.radians([[0, -14, 14, 0, 0, 0]])).T_base_tip[0, :3, 3].round(6)
+    array([0.645655, 0.      , 1.165707])
+    """
+    opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
+    model = opened.robot
+    q = _joints(q, model.arm)
+    if target is not None and not model.targets:
+        raise RobotError(
+            "a URDF has no reflectors: name a calibration folder to predict a target's position", parameter="target"
+        )
+    points = None if target is None else model.points(q, target)
+    std = heldout = None
+    if uncertainty:
+        from irbcal.validation.uncertainty import position_std
+
+        if opened.record is None or nominal:
+            raise RobotError(
+                f"{opened.name}: only the calibrated behaviour of a calibration folder knows its uncertainty",
+                parameter="uncertainty",
+            )
+        std = position_std(opened.record, q, target)
+        heldout = opened.record.heldout
+    return ForwardResult(
+        T_base_tip=model.poses(q),
+        tip=model.arm.tip_link,
+        base=model.arm.base_link,
+        target=target,
+        points=points,
+        std=std,
+        heldout_mean=None if heldout is None else heldout.all.mean_mm * MM,
+        heldout_rms=None if heldout is None else heldout.all.rms_mm * MM,
+    )
+
+
+def inverse_kinematics(
+    robot: RobotLike,
+    T_base_tip: ArrayLike | str | Path,
+    *,
+    near: ArrayLike | None = None,
+    all_branches: bool = False,
+    nominal: bool = False,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+) -> InverseJoints:
+    """Joints to command so that a robot's tip reaches poses.
+
+    Parameters
+    ----------
+    robot
+        See `forward_kinematics`.
+    T_base_tip : array_like, shape (n, 4, 4), or path
+        Poses of the tip link in the base link, metres; or a file with the columns ``x_mm, y_mm, z_mm, qw, qx, qy, qz``.
+    near : array_like, shape (joints,), optional
+        The solution nearest to these joints is taken, radians (metres for prismatic joints); those nearest to zero
+        within the limits unless given.
+    all_branches : bool
+        Every branch within the joint limits instead; for arms with a closed-form inverse.
+    nominal : bool
+        Nominal behaviour of a calibration.
+    base_link, tip_link : str, optional
+        See `forward_kinematics`.
+
+    Returns
+    -------
+    InverseJoints
+
+    Raises
+    ------
+    RobotError
+        If there is no such robot, shapes do not fit, ``near`` looks like degrees, or all branches are wanted of an arm
+        without a closed-form inverse; the message says why it has none.
+    CalibrationError
+        If a calibration folder is not a whole calibration.
+    MeasurementError
+        If a file of poses cannot be read.
     """
     from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
 
-    columns, units = nominal.joint_columns, nominal.joint_units
-    if not all_branches and not closed_form.has_closed_form(nominal):
+    opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
+    model, arm = opened.robot, opened.nominal
+    T = _poses(T_base_tip)
+    start = _start(arm, near)
+    if all_branches:
+        return _all_branches(model, arm, T, start)
+    if closed_form.has_closed_form(arm):
+        seed, branch = closed_form.nearest(arm, closed_form.branches(arm, T), start)
+        found = calibrated_arm.solve(model, arm, T, seed=np.where(branch[:, None] >= 0, seed, start))
+    else:
         # with fewer than six joints a pose is met only as well as its file is rounded
-        tolerance = 1e-8 if len(columns) < 6 else 1e-10
-        found = any_arm.solve(robot, nominal, T_base_tip, near, tolerance, tolerance)
-        table = pd.DataFrame(found.joints / units, columns=columns)
-        table["note"] = _notes(found)
-        return table
-    branches = closed_form.branches(nominal, T_base_tip)
-    n = len(T_base_tip)
-    if not all_branches:
-        seed, branch = closed_form.nearest(nominal, branches, near)
-        found = calibrated_arm.solve(robot, nominal, T_base_tip, seed=np.where(branch[:, None] >= 0, seed, near))
-        table = pd.DataFrame(found.joints / units, columns=columns)
-        table["note"] = _notes(found)
-        return table
-    parts = []
+        tolerance = 1e-8 if len(start) < 6 else 1e-10
+        found = any_arm.solve(model, arm, T, start, tolerance, tolerance)
+    return InverseJoints(
+        found.joints, np.arange(len(T)), None, found.notes(), tuple(arm.joint_columns), arm.joint_units
+    )
+
+
+def _all_branches(model: Robot, arm: Arm, T: FloatArray, near: FloatArray) -> InverseJoints:
+    from irbcal.modeling.inverse import calibrated_arm, closed_form
+
+    branches = closed_form.branches(arm, T)
+    joints: list[FloatArray] = []
+    rows: list[IntArray] = []
+    names: list[NameArray] = []
+    notes: list[NameArray] = []
     for k, name in enumerate(closed_form.BRANCH_NAMES):
-        joints, inside = closed_form.with_configuration(nominal, branches, np.full(n, k), near)
-        rows = np.flatnonzero(inside)
-        found = calibrated_arm.solve(robot, nominal, T_base_tip[rows], seed=joints[rows])
-        part = pd.DataFrame(found.joints / units, columns=columns)
-        part.insert(0, "branch", name)
-        part.insert(0, "row", rows + 1)
-        part["note"] = _notes(found)
-        parts.append(part[found.converged])
-    return pd.concat(parts).sort_values("row", kind="stable", ignore_index=True)
+        seed, inside = closed_form.with_configuration(arm, branches, np.full(len(T), k), near)
+        row = np.flatnonzero(inside)
+        found = calibrated_arm.solve(model, arm, T[row], seed=seed[row])
+        good = found.converged
+        joints.append(found.joints[good])
+        rows.append(row[good])
+        names.append(np.full(int(good.sum()), name, dtype=object))
+        notes.append(found.notes()[good])
+    order = np.argsort(np.concatenate(rows), kind="stable")
+    return InverseJoints(
+        np.concatenate(joints)[order],
+        np.concatenate(rows)[order],
+        np.concatenate(names)[order],
+        np.concatenate(notes)[order],
+        tuple(arm.joint_columns),
+        arm.joint_units,
+    )
 
 
-def _notes(found):
-    from irbcal.modeling.inverse.calibrated_arm import Reason
+def poses_to_frame(T_base_tip: FloatArray) -> pd.DataFrame:
+    """Poses (n, 4, 4) as a table: ``x_mm, y_mm, z_mm, qw, qx, qy, qz`` (unit quaternion, scalar first, qw >= 0)."""
+    import pandas as pd
 
-    notes = np.array([Reason(code).words if code else "" for code in found.reason], dtype=object)
-    notes[found.converged & ~found.inside] = "outside the joint limits"
-    return notes
-
-
-def pose_table(robot, q):
-    """Tip poses in the base link for commanded joints (n, joints), radians (metres for prismatic joints).
-
-    Returns
-    -------
-    DataFrame
-        ``x_mm, y_mm, z_mm, qw, qx, qy, qz`` (unit quaternion, scalar first, qw not negative).
-    """
-    from scipy.spatial.transform import Rotation
-
-    T = robot.poses(q)
-    xyzw = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)
-    values = np.column_stack([T[:, :3, 3] / MM, xyzw[:, 3], xyzw[:, :3]])
+    values = np.column_stack([T_base_tip[:, :3, 3] / MM, frames.quaternion_from_matrix(T_base_tip[:, :3, :3])])
     return pd.DataFrame(values, columns=["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"])
 
 
-def target_table(robot, q, target):
-    """Positions of one reflector in the measuring frame, columns ``x_mm, y_mm, z_mm``.
+def pose_table(robot: Robot, q: ArrayLike) -> pd.DataFrame:
+    """Tip poses in the base link for commanded joints (n, joints), radians, as `poses_to_frame` writes them."""
+    return poses_to_frame(robot.poses(q))
 
-    Raises
-    ------
-    RobotError
-        If the robot has no such target.
-    """
-    if not robot.targets:
-        raise RobotError("a URDF has no reflectors: name a calibration folder to predict a target's position")
-    return pd.DataFrame(robot.points(q, target) / MM, columns=["x_mm", "y_mm", "z_mm"])
+
+def _joints(q: ArrayLike | str | Path, arm: Arm) -> FloatArray:
+    if isinstance(q, (str, Path)):
+        from irbcal.measurement import lists
+
+        return lists.read_joints(q, arm.joint_columns)
+    return arm.check_joints(q)
+
+
+def _poses(T_base_tip: ArrayLike | str | Path) -> FloatArray:
+    if isinstance(T_base_tip, (str, Path)):
+        from irbcal.measurement import lists
+
+        return lists.read_poses(T_base_tip)
+    T = np.asarray(T_base_tip, dtype=float)
+    return T[None] if T.shape == (4, 4) else T
+
+
+def _start(arm: Arm, near: ArrayLike | None) -> FloatArray:
+    if near is None:
+        return np.clip(np.zeros(len(arm.lower)), arm.lower, arm.upper)
+    start = arm.check_joints(near)
+    if len(start) != 1 or not np.isfinite(start).all():
+        raise RobotError(
+            f"near: expected {len(arm.lower)} numbers ({', '.join(arm.joint_names)}), found {near!r}", parameter="near"
+        )
+    return start[0]

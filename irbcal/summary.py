@@ -65,7 +65,7 @@ class Table:
 
         table = Terminal(box=box.SIMPLE_HEAD, pad_edge=False)
         for name, right in zip(self.columns, self.on_the_right(), strict=True):
-            table.add_column(Text(name), justify="right" if right else "left")
+            table.add_column(Text(name), justify="right" if right else "left", overflow="fold")
         for k, row in enumerate(self.cells()):
             table.add_row(*(Text(cell) for cell in row), style="bold" if k in self.bold else None)
         return table

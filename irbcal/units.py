@@ -1,12 +1,14 @@
 """The only conversion factors of the project: millimetres and degrees outside, metres and radians inside."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
-MM = 1e-3
+MM: float = 1e-3
 """One millimetre in metres."""
 
-DEG = np.pi / 180.0
+DEG: float = np.pi / 180.0
 """One degree in radians."""
 
-UNIT_OUTSIDE = {"m": ("mm", MM), "rad": ("deg", DEG), "1": ("1", 1.0)}
+UNIT_OUTSIDE: Mapping[str, tuple[str, float]] = {"m": ("mm", MM), "rad": ("deg", DEG), "1": ("1", 1.0)}
 """SI unit -> (unit at the surface, factor: value in SI = factor * value at the surface)."""

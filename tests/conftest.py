@@ -1,8 +1,18 @@
+"""What many tests need: the measured data, the program inside this process, a calibration of simulated data."""
+
+import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
+from support import arm, measured, outcome_of, random_robot, write_measurements
+from typer.testing import CliRunner
+
+import irbcal
+from irbcal.cli.main import app
+from irbcal.files import calibration_folder, robots
 
 # the same examples every time, and no verdict on a slow moment of a shared machine
 settings.register_profile("irbcal", deadline=None, derandomize=True)
@@ -17,3 +27,54 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip(f"no measured data: {folder} does not exist (set IRBCAL_SHARED_DATA to their folder)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def calibrated():
+    """Calibrates the simulated demonstration robot into a folder, without the report that takes most of the time."""
+
+    def make(folder, model):
+        made = irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", model)
+        folder.mkdir()
+        (folder / calibration_folder.URDF_NAME).write_bytes(made.urdf)
+        (folder / calibration_folder.JSON_NAME).write_text(made.record.model_dump_json(), encoding="utf-8")
+        return folder
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def demo_calibration(calibrated, tmp_path_factory):
+    """Folder of a calibration of the simulated demonstration robot, level 34."""
+    return calibrated(tmp_path_factory.mktemp("calibration") / "demo", "34")
+
+
+@pytest.fixture(scope="session")
+def program():
+    """Runs the program: what it prints, or its JSON with ``--json``; wrong calls and refusals raise."""
+
+    def run(*arguments):
+        done = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        return json.loads(done.stdout) if "--json" in arguments else done.stdout
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def outcome(tmp_path_factory):
+    """A calibration of a simulated robot."""
+    nominal = arm()
+    rng = np.random.default_rng(1)
+    truth = random_robot(nominal, "34", rng)
+    points = measured(truth, nominal.random_joints(60, 1), 3e-5, rng)
+    path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
+    return outcome_of(path, "irb1600", "34", holdout=0.3)
+
+
+@pytest.fixture(scope="session")
+def folder(outcome, tmp_path_factory):
+    """The same, saved."""
+    path = tmp_path_factory.mktemp("saved") / "calibration"
+    irbcal.save(outcome, path, world_link=True, target_links=True)
+    return path

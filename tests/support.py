@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irbcal.files import urdf
+from irbcal.files import robots, urdf
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.arm import relative_difference
@@ -43,6 +43,37 @@ def central_differences(function, x, step=1e-5):
             (8 * (function(x + e) - function(x - e)) - (function(x + 2 * e) - function(x - 2 * e))) / (12 * step)
         )
     return np.array(columns).T
+
+
+def assert_derivative(function, x, derivative, atol, step=1e-3):
+    """A derivative (outputs, inputs), or anything with as many numbers in that order, against central differences.
+
+    ``function`` takes inputs (k,) and gives an array; ``atol`` is in its units over those of the inputs.
+    """
+    numeric = central_differences(lambda y: np.ravel(function(y)), x, step)
+    off = np.abs(numeric - np.reshape(derivative, numeric.shape)).max()
+    assert off <= atol, f"the derivative differs from central differences by {off:.3g}"
+
+
+def motions(robot, n, seed=5):
+    """Commands inside the limits and speeds, (n, joints) each."""
+    q = robot.arm.random_joints(n, seed)
+    return q, np.random.default_rng(seed).normal(size=q.shape)
+
+
+def on_a_rail(path):
+    """Write the IRB 120 on a linear axis to a URDF; its base link is ``rail_base``."""
+    path.write_text(robots.robot_file("irb120").read_text().replace("</robot>", _RAIL))
+    return path
+
+
+_RAIL = """<joint name="rail" type="prismatic">
+    <parent link="rail_base"/><child link="base_link"/>
+    <origin xyz="0 0.1 0.05" rpy="0 0 0.3"/><axis xyz="0 1 0"/>
+    <limit lower="-0.2" upper="2.5" effort="1" velocity="1"/>
+  </joint>
+  <link name="rail_base"/>
+</robot>"""
 
 
 def random_robot(nominal, level, rng, size=0.3, targets=None, T_world_base=None):
@@ -102,3 +133,10 @@ def example_robot(name):
     if not path.is_file():
         pytest.skip(f"example-robot-data does not hold {name}")
     return path
+
+
+def outcome_of(*arguments, **options):
+    """A calibration just made, with its fits, points and measurements; arguments of `irbcal.calibrate`."""
+    import irbcal
+
+    return irbcal.calibrate(*arguments, **options).outcome

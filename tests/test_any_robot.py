@@ -11,29 +11,21 @@ from support import (
     central_differences,
     example_robot,
     measured,
+    on_a_rail,
+    outcome_of,
     random_robot,
     write_measurements,
 )
 
 import irbcal
-from irbcal import calibrating
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import IdentificationError, MeasurementError, RobotError
-from irbcal.files import robots, urdf, urdf_check
+from irbcal.files import urdf, urdf_check
 from irbcal.identification.fit import identify
 from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import distances
 from irbcal.modeling import parameters
-from irbcal.modeling.inverse import any_arm, closed_form
 from irbcal.modeling.robot import Robot
-
-ON_A_RAIL = """<joint name="rail" type="prismatic">
-    <parent link="rail_base"/><child link="base_link"/>
-    <origin xyz="0 0.1 0.05" rpy="0 0 0.3"/><axis xyz="0 1 0"/>
-    <limit lower="-0.2" upper="2.5" effort="1" velocity="1"/>
-  </joint>
-  <link name="rail_base"/>
-</robot>"""
 
 ROBOTS = {  # file, base, tip, revolute and prismatic joints
     "ur3": ("ur_description/urdf/ur3_robot.urdf", None, None, 6, 0),
@@ -49,9 +41,7 @@ ROBOTS = {  # file, base, tip, revolute and prismatic joints
 @pytest.fixture(scope="module")
 def rail(tmp_path_factory):
     """File of an IRB 120 on a linear axis."""
-    path = tmp_path_factory.mktemp("rail") / "rail.urdf"
-    path.write_text(robots.robot_file("irb120").read_text().replace("</robot>", ON_A_RAIL))
-    return path
+    return on_a_rail(tmp_path_factory.mktemp("rail") / "rail.urdf")
 
 
 @pytest.fixture(params=list(ROBOTS))
@@ -223,7 +213,7 @@ def test_a_scara_is_calibrated_although_its_base_and_tool_cannot_be_told_apart(n
     data = write_measurements(
         tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), noise, rng), columns=arm.joint_columns
     )
-    outcome = calibrating.calibrate(data, tmp_path / "scara.urdf", holdout=0.0)
+    outcome = outcome_of(data, tmp_path / "scara.urdf", holdout=0.0)
     other = measured(robot, arm.random_joints(200, 5))
     error = distances(outcome.fit.robot, other)
     nominal = distances(outcome.nominal.robot, other)
@@ -272,7 +262,7 @@ def test_arms_not_built_like_the_thesis_get_the_general_model(name, tmp_path):
     robot = random_robot(arm, "placement", rng, size=0.1)
     data = write_measurements(tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), 1e-5, rng))
     for model in (None, "auto"):
-        outcome = calibrating.calibrate(data, example_robot(file), model, base=base, tip=tip)
+        outcome = outcome_of(data, example_robot(file), model, base_link=base, tip_link=tip)
         assert outcome.fit.level == "placement"
         assert distances(outcome.fit.robot, outcome.heldout_points).mean() < 4e-5
 
@@ -282,54 +272,23 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
     points = measured(random_robot(arm, "placement", np.random.default_rng(1)), arm.random_joints(40, 1))
     data = write_measurements(tmp_path / "m.csv", points, columns=arm.joint_columns)
     with pytest.raises(MeasurementError, match=r"m\.csv: row 1: missing column q1_deg: irb120_3_058 has 6 joints"):
-        calibrating.calibrate(data, "irb120")
+        outcome_of(data, "irb120")
     with pytest.raises(
         IdentificationError,
         match="model 34 is for arms with six revolute joints, irb120_3_058 has 6 revolute and 1 prismatic",
     ):
-        calibrating.calibrate(data, rail, "34", base="rail_base")
+        outcome_of(data, rail, "34", base_link="rail_base")
     with pytest.raises(IdentificationError, match="no error parameter is called 'stiffness_A'"):
-        calibrating.calibrate(data, rail, base="rail_base", free=["stiffness_A"])
-    with pytest.raises(IdentificationError, match="the method axes is for arms with six revolute joints"):
-        calibrating.calibrate(data, rail, base="rail_base", method="axes")
+        outcome_of(data, rail, base_link="rail_base", free=["stiffness_A"])
+    with pytest.raises(IdentificationError, match="the method circles is for arms with six revolute joints"):
+        outcome_of(data, rail, base_link="rail_base", method="circles")
     with pytest.raises(RobotError, match="the arm-stiffness model is for six revolute joints"):
         arm.stiffness_geometry()
     degrees = [name.replace("mm", "deg") for name in arm.joint_columns]
     wrong = write_measurements(tmp_path / "deg.csv", points, columns=degrees)
     with pytest.raises(MeasurementError, match="missing column q1_mm: irb120_3_058 has 7 joints"):
-        calibrating.calibrate(wrong, rail, base="rail_base")
+        outcome_of(wrong, rail, base_link="rail_base")
     text = data.read_text().replace("q3_deg", "angle3")
     (tmp_path / "gap.csv").write_text(text)
     with pytest.raises(MeasurementError, match="missing column q3_deg"):
         irbcal.read_measurements(tmp_path / "gap.csv")
-
-
-@pytest.mark.parametrize("name", ["ur10", "panda", "rail"])
-def test_numerical_inverse(name, rail):
-    """Poses of random joints are reached within the limits; a seed near the answer is kept near."""
-    file, base, tip, _, _ = ROBOTS[name]
-    arm = urdf.read(example_robot(file) if file else rail, base, tip).arm
-    robot = random_robot(arm, "placement", np.random.default_rng(3), size=0.2)
-    assert not closed_form.has_closed_form(arm)
-    q = arm.random_joints(60, 12)
-    T = robot.poses(q)
-    found = any_arm.solve(robot, arm, T)
-    solved = found.converged & found.inside
-    assert solved.mean() > 0.95
-    assert_same_poses(robot.poses(found.joints[solved]), T[solved], 1e-9, 1e-9)
-    near = any_arm.solve(robot, arm, T, q + 0.01, thorough=False)
-    assert near.converged.all()
-    assert np.abs(near.joints - q)[near.inside].max() < 0.3
-    T[0, 0, 3] = np.nan
-    bad = any_arm.solve(robot, arm, T[:2], q[:2])
-    assert list(bad.converged) == [False, True]
-    assert "NaN" in any_arm.Reason(bad.reason[0]).words
-    far = any_arm.solve(robot, arm, _away(T[1:2]))
-    assert not far.converged.any()
-    assert np.isnan(far.joints).all()
-
-
-def _away(T):
-    T = T.copy()
-    T[:, 2, 3] += 50.0
-    return T

@@ -42,7 +42,7 @@ def test_every_option_in_it_exists():
         "iso9283",
         "tracker",
         "ballbar",
-        "axes",
+        "joints",
         "verify",
         "view",
         "fk",

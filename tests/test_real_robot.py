@@ -3,9 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
-from support import example_robot
+from support import example_robot, outcome_of
 
-from irbcal import calibrating
 from irbcal.files import urdf, urdf_check
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances, rotation_distances
@@ -24,7 +23,7 @@ def irb120_file(shared_data):
 
 @pytest.mark.parametrize("level", INDEPENDENT_MEAN_MM)
 def test_held_out_accuracy(irb120_file, level):
-    outcome = calibrating.calibrate(irb120_file, "irb120", level, holdout=296, order="last")
+    outcome = outcome_of(irb120_file, "irb120", level, holdout=296, split="last")
     assert outcome.fit_points.poses == 200
     assert outcome.heldout_points.poses == 296
     found = statistics(distances(outcome.fit.robot, outcome.heldout_points))
@@ -49,7 +48,7 @@ def test_registration_removes_the_drift_of_the_tracker(irb120_file):
 
 
 def test_parallel_axes_never_run_apart(irb120_file):
-    outcome = calibrating.calibrate(irb120_file, "irb120", "34", holdout=296, order="last")
+    outcome = outcome_of(irb120_file, "irb120", "34", holdout=296, split="last")
     rows = {row.name: row for row in outcome.fit.parameters()}
     lengths = [row.value for name, row in rows.items() if name.startswith(("delta_a", "delta_d")) and row.unit == "mm"]
     assert np.abs(lengths).max() < 1.6
@@ -77,7 +76,7 @@ def test_held_out_accuracy_of_full_poses(shared_data, tmp_path, group, level):
     rows.to_csv(tmp_path / "ur10.csv", index=False)
     robot = example_robot("ur_description/urdf/ur10_robot.urdf")
     aside = int(rows["x_mm"].notna().sum()) - 300
-    outcome = calibrating.calibrate(tmp_path / "ur10.csv", robot, level, holdout=aside, order="last")
+    outcome = outcome_of(tmp_path / "ur10.csv", robot, level, holdout=aside, split="last")
     assert outcome.fit_points.poses == 300
     mean, largest, turn = UR10[group, level]
     found = statistics(distances(outcome.fit.robot, outcome.heldout_points))
@@ -93,7 +92,7 @@ def test_calibrated_ur10_keeps_its_links_in_place(shared_data, tmp_path):
     rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
     rows[rows["group"] == "random"].to_csv(tmp_path / "ur10.csv", index=False)
     robot = example_robot("ur_description/urdf/ur10_robot.urdf")
-    outcome = calibrating.calibrate(tmp_path / "ur10.csv", robot, "26", holdout=700, order="last")
+    outcome = outcome_of(tmp_path / "ur10.csv", robot, "26", holdout=700, split="last")
     assert urdf.largest_link_shift(outcome.urdf, outcome.fit.robot.arm) < 5e-3
     written = urdf.to_bytes(outcome.urdf, outcome.fit.robot.arm)
     check = urdf_check.check(written, outcome.fit.robot.arm)

@@ -1,6 +1,10 @@
+"""Style and types: what continuous integration and the hooks before a commit check."""
+
 import subprocess
 import sys
 from pathlib import Path
+
+import yaml
 
 ROOT = Path(__file__).parents[1]
 
@@ -11,8 +15,29 @@ def python_scripts():
     return [path for path in files if "python" in path.read_text(encoding="utf-8").partition("\n")[0]]
 
 
-def test_ruff_finds_nothing():
-    command = [sys.executable, "-m", "ruff", "check", "--no-cache", "--output-format", "concise"]
-    paths = [".", *(str(path.relative_to(ROOT)) for path in python_scripts())]
-    done = subprocess.run([*command, *paths], cwd=ROOT, capture_output=True, text=True)
+def run(*command):
+    done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, f"\n{done.stdout}{done.stderr}"
+
+
+def test_ruff_finds_nothing():
+    paths = [".", *(str(path.relative_to(ROOT)) for path in python_scripts())]
+    run("ruff", "check", "--no-cache", "--output-format", "concise", *paths)
+
+
+def test_everything_is_formatted():
+    paths = ["irbcal", "tests", "scripts", *(str(path.relative_to(ROOT)) for path in python_scripts())]
+    run("ruff", "format", "--no-cache", "--check", *paths)
+
+
+def test_types_are_complete_and_right():
+    run("mypy")
+
+
+def test_the_hooks_run_the_same_tools():
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"][0]["hooks"]
+    assert [hook["entry"] for hook in hooks] == [
+        ".venv/bin/ruff check",
+        ".venv/bin/ruff format --check",
+        ".venv/bin/mypy",
+    ]

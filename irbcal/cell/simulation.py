@@ -14,7 +14,7 @@ from irbcal.cell import procedure as cell_procedure
 from irbcal.cell.gravity import Bodies
 from irbcal.errors import MeasurementError
 from irbcal.files import urdf as urdf_module
-from irbcal.measurement import table as tables
+from irbcal.measurement import columns as readers
 from irbcal.modeling import frames
 from irbcal.units import MM
 
@@ -127,18 +127,18 @@ def read_plan(path, arm, wait_s=cells.WAIT_S):
     MeasurementError
         If the file does not keep the format.
     """
-    raw, source, digest = tables._read_columns(path, arm.joint_columns)
+    raw, source, digest = readers.read(path, arm.joint_columns)
     columns = []
     for name in arm.joint_columns:
-        expected = tables._expected_joint(name)
-        values = tables._numbers(raw, name, source, expected)
-        largest = tables.LARGEST_POSITION_MM if name.endswith("_mm") else tables.LARGEST_ANGLE_DEG
+        expected = readers.expected_joint(name)
+        values = readers.numbers(raw, name, source, expected)
+        largest = readers.LARGEST_POSITION_MM if name.endswith("_mm") else readers.LARGEST_ANGLE_DEG
         _refuse_first(np.abs(values) > largest, raw, name, source, expected)
         columns.append(values)
     n = len(raw)
     waits = np.full(n, float(wait_s))
     if "wait_s" in raw.columns:
-        given = tables._numbers(raw, "wait_s", source, "seconds or nothing", lost=True)
+        given = readers.numbers(raw, "wait_s", source, "seconds or nothing", lost=True)
         outside = (given < 0) | (given > LONGEST_WAIT)
         _refuse_first(outside, raw, "wait_s", source, f"0 to {LONGEST_WAIT:g} seconds")
         waits = np.where(np.isfinite(given), given, waits)
@@ -242,7 +242,7 @@ def measurement_table(run, plan, arm):
     columns |= {name: joints[row, j] for j, name in enumerate(arm.joint_columns)}
     columns["target"] = np.array(run.names, dtype=object)[point]
     xyz = np.round(run.xyz[row, point] / MM, 4) + 0.0
-    columns |= {name: xyz[:, k] for k, name in enumerate(tables.POSITION)}
+    columns |= {name: xyz[:, k] for k, name in enumerate(readers.POSITION)}
     columns["payload_kg"] = np.full(len(row), run.payload_kg)
     columns["time_s"] = np.round(run.time_s[row, point], 2)
     columns["simulated"] = np.full(len(row), "yes", dtype=object)

@@ -1,5 +1,7 @@
 """``irbcal demo``: the main job on the data that ship with the package."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 
@@ -7,15 +9,14 @@ import typer
 
 from irbcal.cli import calibrate, show
 from irbcal.files import robots
+from irbcal.identification.choices import Model
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = Path("irbcal-demo"),
-    model: Annotated[
-        calibrate.Model, typer.Option(help="Level of the error model (thesis, section 5.4).")
-    ] = calibrate.Model["34"],
+    model: Annotated[Model, typer.Option(help="Level of the error model (thesis, section 5.4).")] = "34",
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
-):
+) -> None:
     """Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses."""
     if not json:
         show.say("Demonstration on SIMULATED measurements of an IRB 1600 that errs like the one of the thesis.")
@@ -24,8 +25,8 @@ def demo(
         "irb1600",
         out,
         json,
-        save={"with_world": False, "with_targets": False},
-        model=model.value,
+        {},
+        model=model,
         verify=robots.demo_file("demo_verification.csv"),
     )
     if not json:

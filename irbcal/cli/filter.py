@@ -1,21 +1,27 @@
 """``irbcal filter``: a robot program in, the same program with fake targets out."""
 
+from __future__ import annotations
+
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from irbcal.cli import show
 
-SHOWN = 10
+if TYPE_CHECKING:
+    from irbcal.arrays import FloatArray
+    from irbcal.correction.filtered import Filtered
 
 
 def filter_program(
     calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
     program: Annotated[
         Path,
-        typer.Argument(help="RAPID module (.mod, .prg, .sys, .modx), or CSV of joints or poses.", show_default=False),
+        typer.Argument(
+            help="RAPID module (.mod, .prg, .sys, .modx, .sysx), or CSV of joints or poses.", show_default=False
+        ),
     ],
     out: Annotated[Path, typer.Option(help="File for the program with fake targets.", show_default=False)],
     allow_partial: Annotated[
@@ -30,58 +36,54 @@ def filter_program(
     ] = None,
     wobj: Annotated[list[str] | None, typer.Option(help="a work object in the base frame.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
-):
+) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
-    from irbcal.correction import filter as filters
-    from irbcal.correction.languages import rapid, table
-    from irbcal.files import calibration_folder
-    from irbcal.files.atomic import refuse_to_overwrite, write_together
+    from irbcal.correction.filter import NotWritten, correct
+
+    tools, work_objects = _frames(tool, "--tool"), _frames(wobj, "--wobj")
+    refused = False
+    try:
+        found = correct(
+            calibration,
+            program,
+            out=out,
+            allow_partial=allow_partial,
+            changes=changes,
+            tool=tools,
+            wobj=work_objects,
+        )
+    except NotWritten as refusal:
+        found, refused = refusal.found, True
+    if json:
+        show.print_json(_content(found))
+    else:
+        show.tell(found.told())
+    if refused:
+        some = len(found.targets) > 0
+        why = "correct these targets or call again with --allow-partial" if some else "no target could be corrected"
+        print(f"irbcal: nothing was written: {why}", file=sys.stderr)
+        raise typer.Exit(1)
+
+
+def _content(found: Filtered) -> dict[str, Any]:
     from irbcal.units import MM
 
-    refuse_to_overwrite(out, program)
-    saved = calibration_folder.load(calibration)
-    robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
-    fingerprint = saved.calibrated_urdf_sha256[:16]
-    if program.suffix.lower() == ".csv":
-        found = filters.filter_table(robot, nominal, table.read(program, nominal.joint_columns), fingerprint)
-    else:
-        module = rapid.read(program, _frames(tool, "--tool"), _frames(wobj, "--wobj"))
-        found = filters.filter_module(robot, nominal, module, fingerprint, rapid.mark)
-    shifts = found.shifts / MM
-    write = bool(len(shifts)) and (allow_partial or not found.left)
-    if write:
-        contents = {out.name: found.data}
-        write_together(out.parent, contents)
-        if changes:
-            text = found.changes.to_csv(index=False, float_format="%.6f")
-            write_together(changes.parent, {changes.name: text.encode()})
-    expected = saved.heldout.all.mean_mm if saved.heldout else None
-    if json:
-        show.print_json(
-            {
-                "out": str(out) if write else None,
-                "corrected": len(shifts),
-                "left": [{"target": name, "line": line, "reason": reason} for name, line, reason in found.left],
-                "notes": [{"line": line, "text": text} for line, text in found.notes],
-                "mean_shift_mm": float(shifts.mean()) if len(shifts) else None,
-                "max_shift_mm": float(shifts.max()) if len(shifts) else None,
-                "expected_error_mm": expected,
-                "fingerprint": fingerprint,
-            }
-        )
-    else:
-        _print(found, out, write, expected)
-    if found.left and not allow_partial:
-        print("irbcal: nothing was written: correct these targets or call again with --allow-partial", file=sys.stderr)
-        raise typer.Exit(1)
-    if not len(shifts):
-        print("irbcal: nothing was written: no target could be corrected", file=sys.stderr)
-        raise typer.Exit(1)
+    some = len(found.targets) > 0
+    return {
+        "out": None if found.written is None else str(found.written),
+        "corrected": len(found.targets),
+        "left": [item._asdict() for item in found.left],
+        "notes": [note._asdict() for note in found.notes],
+        "mean_shift_mm": float(found.shift.mean() / MM) if some else None,
+        "max_shift_mm": float(found.shift.max() / MM) if some else None,
+        "expected_error_mm": None if found.expected_error is None else found.expected_error / MM,
+        "fingerprint": found.fingerprint,
+    }
 
 
-def _frames(given, option):
+def _frames(given: list[str] | None, option: str) -> dict[str, FloatArray]:
     """Frames from the command line, dict of name to (4, 4) in metres."""
-    from irbcal.correction.program import poses_from_numbers
+    from irbcal.correction.notation import poses_from_numbers
 
     out = {}
     for text in given or ():
@@ -94,42 +96,3 @@ def _frames(given, option):
             raise typer.BadParameter(f"expected NAME=x,y,z,q1,q2,q3,q4, found {text!r}", param_hint=option)
         out[name.lower()] = poses_from_numbers([values])[0]
     return out
-
-
-def _print(found, out, written, expected):
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-
-    changes = found.changes
-    if len(changes):
-        slides = any(name.endswith("_mm") for name in found.joint_columns)
-        view = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        for name in (
-            "target",
-            "line",
-            "shift mm",
-            "turn deg",
-            "largest joint change deg (mm)" if slides else "largest joint change deg",
-        ):
-            view.add_column(name, justify="left" if name == "target" else "right")
-        for _, row in changes.head(SHOWN).iterrows():
-            largest = max(abs(row[name] - row[f"{name}_before"]) for name in found.joint_columns)
-            cells = (f"{row['shift_mm']:.3f}", f"{row['turn_deg']:.4f}", f"{largest:.4f}")
-            view.add_row(str(row["target"]), str(row["line"]), *cells)
-        Console(markup=False).print(view)
-        if len(changes) > SHOWN:
-            show.say(f"… and {len(changes) - SHOWN} more")
-        shifts = changes["shift_mm"]
-        show.say(
-            f"{len(changes)} target{'s' if len(changes) != 1 else ''} corrected, by {shifts.mean():.3f} mm on average "
-            f"and at most {shifts.max():.3f} mm"
-        )
-    if expected is not None:
-        show.say(f"Expected error afterwards: {expected:.3f} mm mean, that of the calibration's held-out poses")
-    for name, line, reason in found.left:
-        show.say(f"  left as it was: {name} (line {line}): {reason}")
-    for line, text in found.notes:
-        show.note(f"line {line}: {text}")
-    if written:
-        show.say(f"Written to {out}")

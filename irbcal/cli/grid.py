@@ -1,7 +1,29 @@
-"""Plain tables on stdout and lists of numbers from the command line, for the commands of the validation."""
+"""Plain tables and rows of files on stdout, and lists of numbers from the command line."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Cell: TypeAlias = "str | int | float | tuple[float, int] | None"
+"""Text, a number, a number with its decimals, or nothing."""
 
 
-def table(title, columns, rows):
+def write(frame: pd.DataFrame, as_json: bool) -> None:
+    """A table for programs on stdout: CSV, or a line of JSON for each row, with null where there is no number."""
+    if not as_json:
+        frame.to_csv(sys.stdout, index=False, float_format="%.9f")
+        return
+    for record in frame.astype(object).where(frame.notna(), None).to_dict(orient="records"):
+        sys.stdout.write(json.dumps(record) + "\n")
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> None:
     """Print a table.
 
     Parameters
@@ -27,7 +49,7 @@ def table(title, columns, rows):
     Console(width=max(100, len(columns) * 14), markup=False).print(grid)
 
 
-def cell(value, digits=3):
+def cell(value: Cell, digits: int = 3) -> str:
     """A value as text: numbers with three decimals unless given as (value, digits)."""
     if isinstance(value, tuple):
         value, digits = value
@@ -38,13 +60,13 @@ def cell(value, digits=3):
     return str(value)
 
 
-def interval(ends, digits=3):
+def interval(ends: Sequence[float] | None, digits: int = 3) -> str:
     """An interval as text, or a dash."""
     return "–" if ends is None else f"{ends[0]:.{digits}f} … {ends[1]:.{digits}f}"
 
 
-def numbers(text, counts, option):
-    """Numbers separated by commas, as a list of floats; a wrong call if there are not as many as one of the counts."""
+def numbers(text: str, counts: Sequence[int], option: str, names: Sequence[str] = ()) -> list[float]:
+    """Numbers separated by commas; a wrong call if their count is another, ``names`` says of what."""
     import math
 
     import typer
@@ -54,5 +76,6 @@ def numbers(text, counts, option):
     except ValueError:
         values = []
     if len(values) not in counts or not all(map(math.isfinite, values)):
-        raise typer.BadParameter(f"expected {' or '.join(map(str, counts))} numbers, found {text!r}", param_hint=option)
+        expected = f"{' or '.join(map(str, counts))} numbers" + (f" ({', '.join(names)})" if names else "")
+        raise typer.BadParameter(f"expected {expected}, found {text!r}", param_hint=option)
     return values

@@ -1,11 +1,12 @@
 """``irbcal ik``: inverse kinematics for a file of poses."""
 
-import json as json_module
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from irbcal.cli import grid
 
 
 def ik(
@@ -30,32 +31,18 @@ def ik(
         typer.Option(help="Tip link of a URDF.", show_default="tool0, flange, ee_link, tcp or the last link"),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
-):
+) -> None:
     """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot."""
-    import numpy as np
+    from irbcal.files.opening import open_robot
+    from irbcal.kinematics import inverse_kinematics
 
-    from irbcal import kinematics as tables
-    from irbcal.measurement import table
-
-    model, arm = tables.open_pair(robot, nominal, base_link, tip_link)
-    start = np.clip(np.zeros(len(arm.lower)), arm.lower, arm.upper)
+    opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
+    start = None
     if near is not None:
-        try:
-            start = np.array([float(value) for value in near.split(",")])
-        except ValueError:
-            start = np.zeros(0)
-        if len(start) != len(arm.lower) or not np.isfinite(start).all():
-            raise typer.BadParameter(
-                f"expected {len(arm.lower)} numbers ({', '.join(arm.joint_columns)}), found {near!r}",
-                param_hint="--near",
-            )
-        start = start * arm.joint_units
-    frame = tables.joint_table(model, arm, table.read_poses(poses), start, all_branches)
-    if json:
-        for record in frame.astype(object).where(frame.notna(), None).to_dict(orient="records"):
-            sys.stdout.write(json_module.dumps(record) + "\n")
-    else:
-        frame.to_csv(sys.stdout, index=False, float_format="%.9f")
-    missing = int(frame[arm.joint_columns[0]].isna().sum())
+        columns = opened.nominal.joint_columns
+        start = grid.numbers(near, [len(columns)], "--near", columns) * opened.nominal.joint_units
+    found = inverse_kinematics(opened, poses, near=start, all_branches=all_branches)
+    grid.write(found.to_frame(), json)
+    missing = len(found) - int(found.found.sum())
     if missing:
-        print(f"irbcal: {missing} of {len(frame)} poses have no joints, see the column note", file=sys.stderr)
+        print(f"irbcal: {missing} of {len(found)} poses have no joints, see the column note", file=sys.stderr)

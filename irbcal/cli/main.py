@@ -1,5 +1,7 @@
 """Entry point of the ``irbcal`` command."""
 
+from __future__ import annotations
+
 import errno
 import os
 import sys
@@ -8,7 +10,6 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import (
-    axes,
     ballbar,
     calibrate,
     demo,
@@ -18,8 +19,10 @@ from irbcal.cli import (
     ik,
     import_,
     iso9283,
+    joints,
     plan,
     report,
+    robots,
     simulate,
     study,
     tracker,
@@ -33,16 +36,15 @@ app = typer.Typer(
     help="Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
-def _version(wanted: bool):
+def _version(wanted: bool) -> None:
     if wanted:
-        from importlib.metadata import version
+        from irbcal import __version__
 
-        print(f"irbcal {version('irbcal')}")
+        print(f"irbcal {__version__}")
         raise typer.Exit
 
 
@@ -51,7 +53,7 @@ def common(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
     ] = False,
-):
+) -> None:
     """Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."""
 
 
@@ -61,6 +63,7 @@ app.command("calibrate", rich_help_panel="Calibrate")(calibrate.calibrate)
 app.command("evaluate", rich_help_panel="Calibrate")(evaluate.evaluate)
 app.command("view", rich_help_panel="Calibrate")(view.view)
 app.command("report", rich_help_panel="Calibrate")(report.report)
+app.command("robots", rich_help_panel="Prepare")(robots.robots)
 app.command("fk", rich_help_panel="Use")(fk.fk)
 app.command("ik", rich_help_panel="Use")(ik.ik)
 app.command("filter", rich_help_panel="Use")(filter.filter_program)
@@ -68,13 +71,14 @@ app.command("verify", rich_help_panel="Use")(verify.verify)
 app.command("plan", rich_help_panel="Prepare")(plan.plan)
 app.command("simulate", rich_help_panel="Prepare")(simulate.simulate)
 app.command("study", rich_help_panel="Prepare")(study.study)
-app.command("axes", rich_help_panel="Validate")(axes.axes)
+app.command("joints", rich_help_panel="Validate")(joints.joints)
+app.command("axes", hidden=True)(joints.joints)  # its name before
 app.command("iso9283", rich_help_panel="Validate")(iso9283.iso9283)
 app.command("tracker", rich_help_panel="Validate")(tracker.tracker)
 app.command("ballbar", rich_help_panel="Validate")(ballbar.ballbar)
 
 
-def main():
+def main() -> None:
     """Run a command; refusals become one sentence on stderr and exit code 1."""
     try:
         app()

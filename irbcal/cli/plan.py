@@ -163,7 +163,7 @@ def _page(made, package_dirs):
 
     scene, setting = made.scene, made.scene.setting
     base, tip = scene.links
-    shown = view(scene.name, plan=made.q, package_dirs=package_dirs, cube=scene.cube, base=base, tip=tip).scene
+    shown = view(scene.name, plan=made.q, package_dir=package_dirs, cube=scene.cube, base_link=base, tip_link=tip).scene
     pose, target, xyz, _ = made.expected()
     T_scene_world = frames.inverse(scene.T_world_base)
     return View(

@@ -1,15 +1,13 @@
 """``irbcal report``: write the report of a calibration again, with its figures and data as files on request."""
 
-from contextlib import suppress
-from enum import Enum
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from irbcal.cli import show
-
-Kind = Enum("Kind", [(kind, kind) for kind in ("png", "svg")], type=str)
 
 
 def report(
@@ -17,43 +15,21 @@ def report(
     figures: Annotated[
         Path | None, typer.Option(help="Folder for the figures as files of their own.", show_default=False)
     ] = None,
-    format: Annotated[Kind, typer.Option(help="Of these figures.")] = Kind.png,
+    format: Annotated[Literal["png", "svg"], typer.Option(help="Of these figures.")] = "png",
     data: Annotated[
         Path | None, typer.Option(help="Folder for the data behind figures and tables (CSV).", show_default=False)
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
-):
+) -> None:
     """Write report.html again from calibration.json; its figures (PNG, SVG) and data (CSV) on request."""
-    from irbcal.files import calibration_folder
-    from irbcal.files.atomic import check_writable, write_together
-    from irbcal.reports import report_page as page
+    from irbcal.calibration import load
+    from irbcal.calibration import report as write
 
-    made = []
-    try:
-        with show.progress(3, quiet=json) as step:
-            step("reading the calibration")
-            saved = calibration_folder.load(calibration)
-            folders = {folder: {} for folder in (calibration, figures, data) if folder is not None}
-            for folder in folders:
-                made += check_writable(folder)
-            step("computing errors")
-            evidence = page.gather(saved)
-            step("drawing")
-            if figures is not None:
-                folders[figures] |= page.figure_files(saved, evidence, format.value)
-            if data is not None:
-                folders[data] |= page.data_files(saved, evidence)
-            folders[calibration][calibration_folder.REPORT_NAME] = page.render(saved, evidence).encode("utf-8")
-            for folder, files in folders.items():
-                write_together(folder, files)
-    except BaseException:
-        for folder in made:  # an empty folder would look like a result
-            with suppress(OSError):
-                folder.rmdir()
-        raise
-    written = [str(folder / name) for folder, files in folders.items() for name in files]
+    with show.progress(3, quiet=json) as step:
+        folders = write(calibration, figures=figures, format=format, data=data, progress=step)
     if json:
-        show.print_json({"out": str(calibration), "simulated": saved.simulated, "written": written})
+        written = [str(folder / name) for folder, names in folders.items() for name in names]
+        show.print_json({"out": str(calibration), "simulated": load(calibration).simulated, "written": written})
         return
-    for folder, files in folders.items():
-        show.say(f"Written to {folder}: {', '.join(files)}")
+    for folder, names in folders.items():
+        show.say(f"Written to {folder}: {', '.join(names)}")

@@ -86,8 +86,8 @@ def simulate(
     from irbcal.cell.cell import ROBOT_SEED
     from irbcal.files import calibration_folder
     from irbcal.files.atomic import refuse_to_overwrite, write_together
+    from irbcal.measurement.lists import read_joints
     from irbcal.measurement.statistics import statistics
-    from irbcal.measurement.table import read_joints
 
     only = [] if only == ["none"] else only
     check_names([*(only or ()), *(without or ())])

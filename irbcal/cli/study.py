@@ -8,12 +8,15 @@ import typer
 
 from irbcal.cli import show
 
-Method = Enum("Method", {name: name for name in ("nelder-mead", "least-squares", "max")}, type=str)
-Model = Enum("Model", {name: name for name in ("34", "26", "16", "11")}, type=str)
+Method = Enum(
+    "Method",
+    {"nelder-mead": "nelder-mead", "least-squares": "least-squares", "max": "max"},
+    type=str,
+)
+Model = Enum("Model", {"34": "34", "26": "26", "16": "16", "11": "11"}, type=str)
 
 INTERRUPTED = 130
-HEADLINES = ("7.13", "curve")
-"""Tables that are printed unless others are asked for."""
+"""Exit code of a study that was interrupted."""
 
 
 def study(
@@ -50,40 +53,41 @@ def study(
         typer.Option(help="Do and print only this table: 7.1 … 7.16, procedures, targets, curve (repeat for more)."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
-):
+) -> None:
     """Calibrate and verify a virtual robot again and again: tables and figures of the thesis's chapter 7, SIMULATED."""
-    import time
-
     if out is None:
         raise typer.BadParameter("missing", param_hint="--out")
     sizes, curve = _counts(procedures, "--procedures"), _counts(poses_curve, "--poses-curve", empty=True)
 
-    from irbcal.studies import repetition as studies
-    from irbcal.studies import runner as study_run
+    from irbcal.studies import runner
+    from irbcal.studies.settings import Settings
 
-    settings = studies.Settings(sizes, each, curve, model.value, method.value, points, seed)
-    start = time.perf_counter()
-    steps = study_run.missing(settings, out, only)
+    steps = runner.missing(Settings(sizes, each, curve, model.value, method.value, points, seed), out, only)
     with show.progress(steps + 1, quiet=json) as step:
         try:
-            outcome = study_run.run(settings, out, jobs, only, step)
-        except KeyboardInterrupt:
-            left = study_run.missing(settings, out, only)
-            typer.echo(
-                f"irbcal: interrupted with {left} calibrations to do: the same call goes on from there", err=True
+            found = runner.study(
+                out=out,
+                procedures=sizes,
+                each=each,
+                model=model.value,
+                method=method.value,
+                seed=seed,
+                points=points,
+                poses_curve=curve,
+                jobs=jobs,
+                only=only,
+                progress=step,
             )
+        except runner.Interrupted as stopped:
+            typer.echo(f"irbcal: {stopped}", err=True)
             raise typer.Exit(INTERRUPTED) from None
-    seconds = time.perf_counter() - start
-    shown = [table for table in outcome.tables if table.key in (only or HEADLINES)]
     if json:
-        show.print_json(_document(out, settings, outcome, shown if only else outcome.tables, seconds))
-        return
-    _print(shown)
-    show.say(f"{outcome.done} calibrations done, {outcome.kept} found finished, {seconds:.1f} s")
-    show.say(f"Written to {out / study_run.PAGE}, {out / study_run.TABLES}, {out / study_run.RESULTS}")
+        show.print_json(found.to_dict())
+    else:
+        show.tell(found.told())
 
 
-def _counts(text, option, empty=False):
+def _counts(text: str, option: str, empty: bool = False) -> tuple[int, ...]:
     """Whole numbers separated by commas."""
     if empty and text == "none":
         return ()
@@ -92,41 +96,3 @@ def _counts(text, option, empty=False):
     except ValueError:
         sentence = f"expected whole numbers with commas between them, found {text!r}"
         raise typer.BadParameter(sentence, param_hint=option) from None
-
-
-def _print(tables):
-    """Tables as aligned text, as wide as they are."""
-    for table in tables:
-        show.say(f"SIMULATED (in brackets: the thesis, a real robot). {table.heading}")
-        rows = [table.columns, *([str(value) for value in row] for row in table.rows)]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        for row in rows:
-            show.say("  " + "  ".join(f"{text:<{width}}" for text, width in zip(row, widths, strict=True)).rstrip())
-        for note in table.notes:
-            show.say(f"  {note}")
-        show.say()
-
-
-def _document(out, settings, outcome, tables, seconds):
-    from irbcal.studies.tables import Cell
-
-    def plain(value):
-        return {"value": value.value, "thesis": value.thesis} if isinstance(value, Cell) else value
-
-    return {
-        "out": str(out),
-        "simulated": True,
-        "settings": settings.document(),
-        "done": outcome.done,
-        "kept": outcome.kept,
-        "seconds": seconds,
-        "tables": {
-            table.key: {
-                "title": table.title,
-                "columns": list(table.columns),
-                "rows": [[plain(value) for value in row] for row in table.rows],
-                "notes": list(table.notes),
-            }
-            for table in tables
-        },
-    }

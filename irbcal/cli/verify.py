@@ -1,4 +1,6 @@
-"""``irbcal verify``: is a URDF the one of this calibration."""
+"""``irbcal verify``: is a URDF or a corrected program the one of this calibration."""
+
+from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
@@ -11,7 +13,10 @@ from irbcal.cli import show
 
 def verify(
     calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
-    urdf: Annotated[Path, typer.Option(help="URDF to compare with it.", show_default=False)],
+    urdf: Annotated[Path | None, typer.Option(help="URDF to compare with it.", show_default=False)] = None,
+    program: Annotated[
+        Path | None, typer.Option(help="Program with fake targets to compare with it.", show_default=False)
+    ] = None,
     base_link: Annotated[
         str | None, typer.Option(help="Base link in the URDF.", show_default="the calibration's")
     ] = None,
@@ -19,20 +24,16 @@ def verify(
         str | None, typer.Option(help="Tip link in the URDF.", show_default="the calibration's")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
-):
-    """Tell whether a URDF found somewhere is this calibration; exit code 1 if it is not."""
-    from irbcal.errors import RobotError
-    from irbcal.files import calibration_folder, origins
+) -> None:
+    """Tell whether a URDF or a program found somewhere is of this calibration; exit code 1 if it is not."""
+    from irbcal.validation.verification import verify as compare
 
-    saved = calibration_folder.load(calibration)
-    try:
-        data = urdf.read_bytes()
-    except OSError as error:
-        raise RobotError(f"{urdf}: cannot read this file: {error.strerror}") from None
-    result = origins.verify(saved, data, str(urdf), base_link, tip_link)
+    if (urdf is None) == (program is None):
+        raise typer.BadParameter("give one of --urdf and --program", param_hint="--urdf")
+    result = compare(calibration, urdf, program=program, base_link=base_link, tip_link=tip_link)
     if json:
         show.print_json(asdict(result))
     else:
-        show.say(f"{urdf}: {result.explanation}")
+        show.say(f"{urdf or program}: {result.explanation}")
     if not result.is_calibration:
         raise typer.Exit(1)

@@ -1,5 +1,7 @@
 """``irbcal view``: a calibration, its measured points and its errors in a browser."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 
@@ -7,7 +9,7 @@ import typer
 
 
 def view(
-    robot: Annotated[
+    source: Annotated[
         str, typer.Argument(help="Calibration folder, URDF or shipped robot (irb1600, irb120).", show_default=False)
     ],
     measurements: Annotated[
@@ -43,23 +45,22 @@ def view(
         int | None, typer.Option(min=0, max=65535, help="Port on 127.0.0.1.", show_default="8160 or a free one")
     ] = None,
     open_browser: Annotated[bool, typer.Option("--open", help="Open a browser.")] = False,
-):
+) -> None:
     """Look at the robot, measured and modelled points and magnified errors, pose by pose (served on 127.0.0.1 only)."""
     from irbcal.cli import show
     from irbcal.viewer.view import view as look
 
     shown = look(
-        robot,
+        source,
         measurements,
         plan=plan,
-        magnification=magnify,
-        package_dirs=package_dir or (),
+        magnify=magnify,
+        package_dir=package_dir or (),
         refit_base=refit_base,
-        base=base_link,
-        tip=tip_link,
+        base_link=base_link,
+        tip_link=tip_link,
     )
-    for note in shown.scene.notes:
-        show.note(note)
+    show.tell(shown.told())
     if html is None:
         shown.serve(port, open_browser, show.say)
     else:

@@ -1,15 +1,28 @@
-"""Fake targets: commands with which a robot that errs reaches the pose that was meant (Nubiola 2011, section 6.2)."""
+"""Fake targets: commands with which a robot that errs reaches the pose that was meant (Nubiola 2011, section 6.2).
+
+The calibrated inverse (`irbcal.modeling.inverse`) gives the joints whose true pose is the wanted one; the pose that
+the controller's nominal model makes of them, ``H_fake`` of section 6.2, is what the program then asks for.
+"""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
 from irbcal.modeling.robot import Robot
-from irbcal.units import DEG
+from irbcal.summary import Speaks, Told
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _WORDS = {
     calibrated_arm.Reason.NOT_FOUND: "no small correction reaches it: it lies next to a singularity or just beyond the "
@@ -20,17 +33,17 @@ LARGEST_CHANGE = 10 * DEG
 """Largest turn of a joint that counts as a correction, radians; more is needed next to a singularity only."""
 
 
-@dataclass(frozen=True, eq=False)
-class Corrected:
+@dataclass(frozen=True, eq=False, repr=False)
+class Corrected(Speaks):
     """Fake targets for a batch of n wanted poses.
 
     Attributes
     ----------
     T_wanted : ndarray, shape (n, 4, 4)
         Tip poses that the robot shall reach, in the base link.
-    q_nominal : ndarray, shape (n, 6)
+    q_nominal : ndarray, shape (n, joints)
         Joints with which the nominal robot would reach them, radians; NaN where it does not.
-    q : ndarray, shape (n, 6)
+    q : ndarray, shape (n, joints)
         Joints to command instead; NaN where no correction was found.
     T_fake : ndarray, shape (n, 4, 4)
         Pose that the nominal controller takes those joints for.
@@ -43,27 +56,69 @@ class Corrected:
         Distance that the calibrated model still misses by, metres.
     """
 
-    T_wanted: np.ndarray
-    q_nominal: np.ndarray
-    q: np.ndarray
-    T_fake: np.ndarray
-    ok: np.ndarray
-    reason: np.ndarray
-    residual: np.ndarray
+    T_wanted: FloatArray
+    q_nominal: FloatArray
+    q: FloatArray
+    T_fake: FloatArray
+    ok: BoolArray
+    reason: NameArray
+    residual: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
 
     @property
-    def shift(self):
+    def shift(self) -> FloatArray:
         """Distance from wanted to fake pose, shape (n,), metres; NaN where not corrected."""
         return np.linalg.norm(self.T_fake[:, :3, 3] - self.T_wanted[:, :3, 3], axis=1)
 
     @property
-    def turn(self):
+    def turn(self) -> FloatArray:
         """Angle from wanted to fake pose, shape (n,), radians; NaN where not corrected."""
         return frames.rotation_distance(self.T_fake[:, :3, :3], self.T_wanted[:, :3, :3])
 
+    def told(self) -> list[Told]:
+        """How many are corrected and by how much, and why the others are not."""
+        told: list[Told] = [corrected_in_words(self.shift[self.ok], len(self.ok))]
+        reasons, counts = np.unique(self.reason[~self.ok].astype(str), return_counts=True)
+        told += [f"  {count} not corrected: {reason}" for reason, count in zip(reasons, counts, strict=True)]
+        return told
 
-def correct_joints(robot: Robot, nominal: Arm, q):
-    """Fake targets for joint targets: the nominal pose of ``q`` is what is wanted.
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each wanted pose, radians and metres.
+
+        Columns ``q1`` … (commanded joints), ``q1_nominal`` …, ``shift_m``, ``turn_rad``, ``residual_m``, ``ok`` and
+        ``reason``.
+        """
+        import pandas as pd
+
+        joints = [f"q{k}" for k in range(1, self.q.shape[1] + 1)]
+        columns = dict(zip(joints, self.q.T, strict=True))
+        columns |= {f"{name}_nominal": values for name, values in zip(joints, self.q_nominal.T, strict=True)}
+        columns |= {"shift_m": self.shift, "turn_rad": self.turn, "residual_m": self.residual}
+        return pd.DataFrame(columns).assign(ok=self.ok, reason=self.reason)
+
+
+def corrected_in_words(shift: FloatArray, asked: int | None = None) -> str:
+    """One line on how many targets are corrected and by how much.
+
+    Parameters
+    ----------
+    shift : ndarray, shape (n,)
+        Of the corrected targets, metres.
+    asked : int, optional
+        How many there were; without it nothing is said of them.
+    """
+    if not len(shift):
+        return "no target corrected" if asked is None else f"none of {asked} targets corrected"
+    of = "" if asked is None else f" of {asked}"
+    plural = "s" if (len(shift) if asked is None else asked) != 1 else ""
+    mean, most = shift.mean() / MM, shift.max() / MM
+    return f"{len(shift)}{of} target{plural} corrected, by {mean:.3f} mm on average and at most {most:.3f} mm"
+
+
+def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike) -> Corrected:
+    """Fake targets for joint targets: the nominal pose of ``q`` is what is wanted (Nubiola 2011, section 6.2).
 
     Parameters
     ----------
@@ -83,17 +138,23 @@ def correct_joints(robot: Robot, nominal: Arm, q):
     RobotError
         If the arm has fewer than six joints.
     """
-    q = nominal.check_joints(q)
-    if q.shape[1] < 6:
+    joints = nominal.check_joints(q)
+    if joints.shape[1] < 6:
         raise RobotError(
-            f"{nominal.name} has {q.shape[1]} joints: with fewer than six there are no fake targets, because position "
-            "and orientation cannot both be corrected"
+            f"{nominal.name} has {joints.shape[1]} joints: with fewer than six there are no fake targets, because "
+            "position and orientation cannot both be corrected"
         )
-    return _correct(robot, nominal, nominal.forward(q), q)
+    return _correct(robot, nominal, nominal.forward(joints), joints)
 
 
-def correct_poses(robot: Robot, nominal: Arm, T_base_tip, seed=None, configuration=None):
-    """Fake targets for poses of the tip in the base link.
+def correct_poses(
+    robot: Robot,
+    nominal: Arm,
+    T_base_tip: ArrayLike,
+    seed: ArrayLike | None = None,
+    configuration: ArrayLike | None = None,
+) -> Corrected:
+    """Fake targets for poses of the tip in the base link (Nubiola 2011, section 6.2).
 
     Parameters
     ----------
@@ -102,7 +163,7 @@ def correct_poses(robot: Robot, nominal: Arm, T_base_tip, seed=None, configurati
     nominal : Arm
         What the controller computes with.
     T_base_tip : ndarray, shape (n, 4, 4)
-    seed : ndarray, shape (n, 6), optional
+    seed : ndarray, shape (6,) or (n, 6), optional
         Joints whose branch and turns are meant, radians.
     configuration : ndarray of int, shape (n,), optional
         Branch that is meant (see `irbcal.modeling.inverse.closed_form`); without it and ``seed`` the one nearest to
@@ -132,7 +193,7 @@ def correct_poses(robot: Robot, nominal: Arm, T_base_tip, seed=None, configurati
     return _correct(robot, nominal, np.asarray(T_base_tip, dtype=float), q)
 
 
-def _correct(robot, nominal, T_wanted, q_nominal):
+def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatArray) -> Corrected:
     known = np.isfinite(q_nominal).all(axis=1)
     n = len(q_nominal)
     q = np.full(q_nominal.shape, np.nan)

@@ -47,6 +47,8 @@ DPI = 200
 GAP = 16.0
 
 Sign: TypeAlias = Literal["o", "^", "v", "-", "--"]
+LegendEntry: TypeAlias = tuple[str, Sign, str]
+"""Colour, sign and words."""
 """What stands in a legend."""
 
 

@@ -1,14 +1,17 @@
 """Writing files whole or not at all, and never over what was read."""
 
+from __future__ import annotations
+
 import os
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from irbcal.errors import CalibrationError
 
 
-def write_together(folder, contents):
+def write_together(folder: str | Path, contents: Mapping[str, bytes]) -> None:
     """Write files into a folder so that either all are new or all are as before.
 
     Each file is written and flushed under a temporary name first; then all are renamed. If a rename
@@ -25,10 +28,10 @@ def write_together(folder, contents):
         If the folder cannot be written.
     """
     folder = Path(folder)
-    done = []
+    done: list[str] = []
     taken = [name for name in contents if (folder / name).is_dir()]
     if taken:
-        raise CalibrationError(f"{folder / taken[0]}: expected a file to write, found a folder")
+        raise CalibrationError("expected a file to write, found a folder", file=folder / taken[0])
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".irbcal-", dir=folder) as temporary:
@@ -55,10 +58,10 @@ def write_together(folder, contents):
                             os.unlink(folder / name)
                 raise
     except OSError as error:
-        raise CalibrationError(f"{folder}: cannot write to this folder: {error.strerror}") from None
+        raise CalibrationError(f"cannot write to this folder: {error.strerror}", file=folder) from None
 
 
-def refuse_to_overwrite(out, *inputs):
+def refuse_to_overwrite(out: str | Path, *inputs: str | Path | None) -> None:
     """Refuse a file to write that is one of those to read.
 
     Raises
@@ -68,10 +71,10 @@ def refuse_to_overwrite(out, *inputs):
     """
     for path in inputs:
         if path is not None and Path(out).exists() and Path(path).exists() and os.path.samefile(out, path):
-            raise CalibrationError(f"{out}: this is the file to read from: name another one to write")
+            raise CalibrationError("this is the file to read from: name another one to write", file=out)
 
 
-def check_writable(folder, names=()):
+def check_writable(folder: str | Path, names: Sequence[str] = ()) -> list[Path]:
     """Refuse a folder that cannot be written, before any work is done.
 
     Parameters
@@ -94,10 +97,38 @@ def check_writable(folder, names=()):
         os.close(handle)
         os.unlink(name)
     except FileExistsError:
-        raise CalibrationError(f"{folder}: expected a folder to write to, found a file") from None
+        raise CalibrationError("expected a folder to write to, found a file", file=folder) from None
     except OSError as error:
-        raise CalibrationError(f"{folder}: cannot write to this folder: {error.strerror}") from None
+        raise CalibrationError(f"cannot write to this folder: {error.strerror}", file=folder) from None
     taken = [name for name in names if (folder / name).is_dir()]
     if taken:
-        raise CalibrationError(f"{folder / taken[0]}: expected a file to replace, found a folder")
+        raise CalibrationError("expected a file to replace, found a folder", file=folder / taken[0])
     return made
+
+
+@contextmanager
+def made_folders(*folders: str | Path, names: Sequence[str] = ()) -> Iterator[None]:
+    """Folders to write to, checked before the work is done; those made for it go again where the work fails.
+
+    Parameters
+    ----------
+    *folders : str or Path
+        Made if absent.
+    names : sequence of str
+        See `check_writable`.
+
+    Raises
+    ------
+    CalibrationError
+        If one cannot be written.
+    """
+    made: list[Path] = []
+    try:
+        for folder in folders:
+            made += check_writable(folder, names)
+        yield
+    except BaseException:
+        for folder in made:  # an empty folder would look like a result
+            with suppress(OSError):
+                Path(folder).rmdir()
+        raise

@@ -1,30 +1,139 @@
-"""Files that come with irbcal: nominal robots with their meshes, and the demonstration data."""
+"""Robots by name, and the files that come with irbcal: nominal robots with their meshes, the demonstration data."""
 
-import importlib.util
+from __future__ import annotations
+
 import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from irbcal.errors import RobotError
+from irbcal.summary import Speaks, Table, Told
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _PACKAGE = Path(__file__).parents[1]
+EXAMPLES = "example-robot-data"
+"""The package that holds other makers' robots."""
 
-ROBOTS = {"irb1600": "irb1600_6_145.urdf", "irb120": "irb120_3_058.urdf"}
-"""Short names of the shipped robots."""
+
+@dataclass(frozen=True)
+class NamedRobot:
+    """A robot that is known by a short name.
+
+    Attributes
+    ----------
+    name : str
+    file : str
+        URDF in ``urdf/`` of irbcal, or in ``robots`` of example-robot-data.
+    what : str
+        The robot in words.
+    source : str
+        ``irbcal`` or ``example-robot-data``.
+    base_link, tip_link : str or None
+        Ends of the arm where its URDF leaves them open.
+    """
+
+    name: str
+    file: str
+    what: str
+    source: str = EXAMPLES
+    base_link: str | None = None
+    tip_link: str | None = None
+
+    def path(self) -> Path:
+        """The URDF.
+
+        Raises
+        ------
+        RobotError
+            If the package that holds it is not installed.
+        """
+        if self.source != EXAMPLES:
+            return urdf_folder() / self.file
+        path = next((folder / EXAMPLES / "robots" / self.file for folder in _example_robots()), None)
+        if path is None or not path.is_file():
+            raise RobotError(f"the robot {self.name} is in the package {EXAMPLES}, which is not installed here")
+        return path
 
 
-def urdf_folder():
+NAMED = (
+    NamedRobot("irb1600", "irb1600_6_145.urdf", "ABB IRB 1600-6/1.45", "irbcal"),
+    NamedRobot("irb120", "irb120_3_058.urdf", "ABB IRB 120-3/0.58", "irbcal"),
+    NamedRobot("ur3", "ur_description/urdf/ur3_robot.urdf", "Universal Robots UR3"),
+    NamedRobot("ur5", "ur_description/urdf/ur5_robot.urdf", "Universal Robots UR5"),
+    NamedRobot("ur10", "ur_description/urdf/ur10_robot.urdf", "Universal Robots UR10"),
+    NamedRobot("panda", "panda_description/urdf/panda.urdf", "Franka Emika Panda", tip_link="panda_link8"),
+    NamedRobot("xarm7", "xarm_description/urdf/xarm7.urdf", "UFACTORY xArm 7", tip_link="link7"),
+    NamedRobot(
+        "kinova", "kinova_description/robots/kinova.urdf", "Kinova JACO j2s6s200", tip_link="j2s6s200_end_effector"
+    ),
+    NamedRobot("z1", "z1_description/urdf/z1.urdf", "Unitree Z1", tip_link="link06"),
+)
+"""Robots by name; a line more makes one more robot."""
+
+ROBOTS = {robot.name: robot.file for robot in NAMED if robot.source != EXAMPLES}
+"""Short names of the shipped robots, and their files."""
+
+
+@dataclass(frozen=True, repr=False)
+class RobotList(Speaks):
+    """The robots that are known by name."""
+
+    robots: tuple[NamedRobot, ...]
+
+    def told(self) -> Sequence[Told]:
+        """What ``irbcal robots`` prints."""
+        rows = [(robot.name, robot.what, robot.source) for robot in self.robots]
+        return [
+            Table(f"{len(rows)} robots by name (--robot NAME)", ("name", "robot", "from"), tuple(rows)),
+            "Any other robot: --robot FILE.urdf",
+        ]
+
+    def headline(self) -> str:
+        """The names."""
+        return ", ".join(robot.name for robot in self.robots)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a robot: name, robot, source, file, base_link, tip_link."""
+        import pandas as pd
+
+        return pd.DataFrame([vars(robot) for robot in self.robots])
+
+
+def robots() -> RobotList:
+    """Robots that can be named instead of a URDF file: those that ship with irbcal and those of example-robot-data."""
+    present = [robot for robot in NAMED if robot.source != EXAMPLES or any(_example_robots())]
+    return RobotList(tuple(present))
+
+
+def urdf_folder() -> Path:
     """Folder of the shipped URDF files, in a wheel or in a checkout."""
     inside = _PACKAGE / "urdf"
     return inside if inside.is_dir() else _PACKAGE.parent / "urdf"
 
 
-def robot_file(robot):
+def named(robot: str | Path) -> NamedRobot | None:
+    """The robot of a name (shipped ones also with their variant and ending), unless there is a file of that name."""
+    if Path(robot).is_file():
+        return None
+    wanted = str(robot).lower()
+    for item in NAMED:
+        if wanted == item.name or (item.source != EXAMPLES and wanted.removesuffix(".urdf") + ".urdf" == item.file):
+            return item
+    return None
+
+
+def robot_file(robot: str | Path) -> Path:
     """Path of a robot file.
 
     Parameters
     ----------
     robot : str or Path
-        A path to a URDF, or a shipped robot's name (with or without its variant and ending).
+        A path to a URDF, or a robot's name, see `robots`.
 
     Returns
     -------
@@ -33,21 +142,21 @@ def robot_file(robot):
     Raises
     ------
     RobotError
-        If there is no such file; the sentence lists the shipped robots.
+        If there is no such file; the sentence lists the names.
     """
     path = Path(robot)
     if path.is_file():
         return path
     if path.exists():
-        raise RobotError(f"{path}: expected a URDF file, found {'a folder' if path.is_dir() else 'something else'}")
-    wanted = str(robot).lower()
-    for short, name in ROBOTS.items():
-        if wanted in (short, name, name.removesuffix(".urdf")):
-            return urdf_folder() / name
-    raise RobotError(f"robot file {str(robot)!r} does not exist; shipped robots are {', '.join(ROBOTS)}")
+        raise RobotError(f"expected a URDF file, found {'a folder' if path.is_dir() else 'something else'}", file=path)
+    known = named(robot)
+    if known is None:
+        names = ", ".join(item.name for item in NAMED)
+        raise RobotError(f"robot file {str(robot)!r} does not exist; robots by name are {names}", parameter="robot")
+    return known.path()
 
 
-def package_dirs(*extra):
+def package_dirs(*extra: str | Path) -> list[str]:
     """Folders in which ``package://NAME/...`` of a URDF is looked up: NAME is a folder in one of them.
 
     In this order, each once and only those that exist: the folders given; the shipped robots' own; those of a sourced
@@ -70,7 +179,7 @@ def package_dirs(*extra):
     return list(dict.fromkeys(str(folder.absolute()) for folder in folders if folder.is_dir()))
 
 
-def _ros_folders():
+def _ros_folders() -> Iterator[Path]:
     for entry in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
         yield Path(entry)
         if (Path(entry) / "package.xml").is_file():  # ROS allows a package itself as an entry
@@ -79,13 +188,18 @@ def _ros_folders():
         yield Path(entry) / "share"
 
 
-def _example_robots():
-    spec = importlib.util.find_spec("example_robot_data")  # finds the package without importing it
-    above = Path(spec.origin).parents if spec and spec.origin else ()
-    return [folder / "share" for folder in above if (folder / "share" / "example-robot-data").is_dir()]
+def _example_robots() -> Iterator[Path]:
+    """The ``share`` folder of example-robot-data, if it is installed: the package has files only, no Python module."""
+    try:
+        files = distribution(EXAMPLES)
+    except PackageNotFoundError:
+        return
+    share = Path(str(files.locate_file("cmeel.prefix"))) / "share"
+    if (share / EXAMPLES).is_dir():
+        yield share
 
 
-def mesh_file(fname, folders=None):
+def mesh_file(fname: str, folders: Sequence[str | Path] | None = None) -> str:
     """File that a mesh's ``filename`` in a URDF means.
 
     Serves yourdfpy as it is: ``yourdfpy.URDF.load(file, filename_handler=mesh_file)``.
@@ -111,6 +225,6 @@ def mesh_file(fname, folders=None):
     return str(next((path for path in candidates if path.is_file()), fname))
 
 
-def demo_file(name):
+def demo_file(name: str) -> Path:
     """Path of a file of the demonstration data."""
     return _PACKAGE / "data" / name

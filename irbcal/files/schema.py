@@ -1,11 +1,15 @@
 """What stands in ``calibration.json``: a checked schema, and the robots that it describes."""
 
-from typing import Annotated, Literal
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
 from pydantic_core import PydanticUndefined
 
+from irbcal.arrays import FloatArray
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -81,11 +85,11 @@ class Origin(_Model):
     rpy_rad: list[float]
 
     @staticmethod
-    def of(T):
+    def of(T: FloatArray) -> Origin:
         """From a transform, shape (4, 4)."""
         return Origin(xyz_m=(T[:3, 3] + 0.0).tolist(), rpy_rad=(frames.rpy_from_matrix(T[:3, :3]) + 0.0).tolist())
 
-    def transform(self):
+    def transform(self) -> FloatArray:
         """As a transform, shape (4, 4)."""
         return frames.transform(frames.matrix_from_rpy(np.array(self.rpy_rad)), self.xyz_m)
 
@@ -186,9 +190,10 @@ class PointTable(_Model):
     qz: list[float | None] = []
 
     @model_validator(mode="after")
-    def _of_one_length(self):
+    def _of_one_length(self) -> PointTable:
         n = len(self.pose)
-        for name, column in self:
+        for name in type(self).model_fields:
+            column: list[Any] = getattr(self, name)
             added_later = type(self).model_fields[name].default is not PydanticUndefined
             if len(column) != n and not (added_later and not column):
                 raise ValueError(f"column {name} has {len(column)} values for {n} points")
@@ -209,9 +214,9 @@ class PoseTable(_Model):
     came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
 
     @model_validator(mode="after")
-    def _of_one_length(self):
+    def _of_one_length(self) -> PoseTable:
         n = len(self.pose)
-        columns = [self.group, self.heldout, *self.joints, *self.came_from]
+        columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from]
         if any(len(column) != n for column in columns) or len(self.joints) != len(self.came_from):
             raise ValueError(f"every column must have {n} values, one for each pose")
         return self
@@ -281,11 +286,12 @@ class DataFile(_Model):
 
 
 class Check(_Model):
-    """Largest disagreement with Pinocchio on the written URDF."""
+    """Largest disagreement with Pinocchio and yourdfpy on the written URDF."""
 
     position_m: float
     rotation_rad: float
     poses: int
+    yourdfpy_poses: int = 0
 
 
 class Record(_Model):
@@ -338,7 +344,7 @@ class Record(_Model):
     seconds: float
 
     @model_validator(mode="after")
-    def _points_of_known_poses(self):
+    def _points_of_known_poses(self) -> Record:
         p, rows = self.poses, self.points.row
         if p is not None and any(
             not 0 <= row < len(p.pose) or p.heldout[row] != heldout
@@ -349,44 +355,44 @@ class Record(_Model):
             raise ValueError(f"poses have {len(p.joints)} joints, the robot has {len(self.robot.joint_names)}")
         return self
 
-    def arm(self, calibrated=True):
+    def arm(self, calibrated: bool = True) -> Arm:
         """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
         section = self.robot
         slides = [kind == "prismatic" for kind in section.joint_types]
-        limits = [
-            [
-                np.inf * sign if value is None else value * (MM if sliding else DEG)
-                for value, sliding in zip(values, slides, strict=True)
-            ]
-            for sign, values in ((-1, section.lower), (1, section.upper))
-        ]
+
+        def limits(sign: int, values: Sequence[float | None]) -> FloatArray:
+            units = [MM if sliding else DEG for sliding in slides]
+            pairs = zip(values, units, strict=True)
+            return np.array([sign * np.inf if value is None else value * unit for value, unit in pairs])
+
         return Arm(
             section.name,
             _table(section.dhm_calibrated if calibrated else section.dhm_nominal, slides),
             np.array(section.base_to_frame0),
             np.array(section.last_frame_to_tip),
             tuple(section.joint_names),
-            *limits,
+            limits(-1, section.lower),
+            limits(1, section.upper),
             section.base_link,
             section.tip_link,
         )
 
-    def robot_calibrated(self):
+    def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints."""
         j = self.joint_map
         joint_map = JointMap(
-            j.gain,
-            [j.stiffness_A_rad, j.stiffness_B_rad],
-            [j.phi2_rad, j.phi3_rad],
-            [j.fourier_a1_rad, j.fourier_b1_rad, j.fourier_a2_rad, j.fourier_b2_rad],
+            np.array(j.gain),
+            np.array([j.stiffness_A_rad, j.stiffness_B_rad]),
+            np.array([j.phi2_rad, j.phi3_rad]),
+            np.array([j.fourier_a1_rad, j.fourier_b1_rad, j.fourier_a2_rad, j.fourier_b2_rad]),
         )
         return Robot(self.arm(), joint_map, *_placed(self.placement))
 
-    def robot_nominal(self):
+    def robot_nominal(self) -> Robot:
         """The nominal robot with base and tool identified from the same poses."""
         return Robot(self.arm(calibrated=False), JointMap(), *_placed(self.placement_nominal))
 
-    def used_points(self, heldout):
+    def used_points(self, heldout: bool) -> tuple[PointSet, FloatArray] | None:
         """The used points, fitted or held out, and the directions from which their joints were reached.
 
         Parameters
@@ -418,59 +424,39 @@ class Record(_Model):
             tuple(names),
             np.array(p.pose, dtype=object)[poses],
             np.array(p.group, dtype=object)[poses],
-            _rotations(np.column_stack([t.qx, t.qy, t.qz, t.qw])[mine]) if t.qw else None,
+            frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mine]) if t.qw else None,
             u95,
         )
         came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
         return points, came_from.T[poses]
 
-    def tool_shape(self):
+    def tool_shape(self) -> dict[str, FloatArray]:
         """Places of the reflectors that make up the tool's pose, dict of arrays (3,), metres; empty if none do."""
         return {name: np.array(place) * MM for name, place in self.tool_shape_mm.items()}
 
-    def reference_places(self):
+    def reference_places(self) -> dict[str, FloatArray]:
         """Places of the reference points in the measuring frame, dict of arrays (3,), metres."""
         return {name: np.array(place) * MM for name, place in self.references_mm.items()}
 
 
-def _table(rows, prismatic):
+def _table(rows: Sequence[Row], prismatic: Sequence[bool]) -> DHMTable:
+    def column(name: str, unit: float) -> FloatArray:
+        return np.array([getattr(row, name) * unit for row in rows])
+
     return DHMTable(
-        *(
-            [getattr(row, name) * unit for row in rows]
-            for name, unit in (
-                ("alpha_deg", DEG),
-                ("a_mm", MM),
-                ("theta_deg", DEG),
-                ("d_mm", MM),
-                ("beta_deg", DEG),
-                ("b_mm", MM),
-            )
-        ),
-        prismatic,
+        column("alpha_deg", DEG),
+        column("a_mm", MM),
+        column("theta_deg", DEG),
+        column("d_mm", MM),
+        column("beta_deg", DEG),
+        column("b_mm", MM),
+        np.array(prismatic, dtype=bool),
     )
 
 
-def _rotations(quaternions):
-    """Matrices (m, 3, 3) of quaternions (m, 4), scalar last; NaN where there is none."""
-    from scipy.spatial.transform import Rotation
-
-    quaternions = quaternions.astype(float)
-    have = np.isfinite(quaternions).all(axis=1)
-    out = np.full((len(quaternions), 3, 3), np.nan)
-    if have.any():
-        out[have] = Rotation.from_quat(quaternions[have]).as_matrix()
-    return out
-
-
-def _placed(placement):
-    from scipy.spatial.transform import Rotation
-
+def _placed(placement: Placement) -> tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]:
     b = placement.base
-    T = frames.transform(
-        Rotation.from_quat([b.qx, b.qy, b.qz, b.qw]).as_matrix(), np.array([b.x_mm, b.y_mm, b.z_mm]) * MM
-    )
-    rotations = {
-        name: Rotation.from_quat([x, y, z, w]).as_matrix()
-        for name, (w, x, y, z) in placement.target_quaternions.items()
-    }
+    R = frames.matrix_from_quaternion([b.qw, b.qx, b.qy, b.qz])
+    T = frames.transform(R, np.array([b.x_mm, b.y_mm, b.z_mm]) * MM)
+    rotations = {name: frames.matrix_from_quaternion(q) for name, q in placement.target_quaternions.items()}
     return T, {name: np.array(xyz) * MM for name, xyz in placement.targets.items()}, rotations

@@ -6,23 +6,27 @@ tree: with ``F_i`` the link frame in DHM frame i and ``S_i`` the corrected DHM s
 corrected origin of joint i is ``F_{i-1}^-1 S_i F_i``, so that axes, visuals, collisions and inertials keep
 their place in their links. Everything else in the file stays as it was.
 
-A URDF is untrusted input: document types and entities are refused before parsing, nothing is fetched.
+The XML itself is in `irbcal.files.urdf_xml`.
 """
 
+from __future__ import annotations
+
 import copy
-import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
-from irbcal.files import robots
+from irbcal.files import robots, urdf_xml
+from irbcal.files.urdf_xml import XmlElement, XmlTree
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
 
-MAX_BYTES = 20_000_000
 LARGEST_ARM = 50.0
 """Metres; no arm is larger."""
 MOST_JOINTS = 20
@@ -53,13 +57,24 @@ class UrdfArm:
     """
 
     arm: Arm
-    tree: object
-    joint_elements: tuple
-    T_dhm_link: np.ndarray
-    T_link_parent: np.ndarray
-    child_links: tuple
+    tree: XmlTree
+    joint_elements: tuple[int, ...]
+    T_dhm_link: FloatArray
+    T_link_parent: FloatArray
+    child_links: tuple[str, ...]
     root_link: str
-    T_root_base: np.ndarray
+    T_root_base: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle: the document as bytes."""
+        return {**vars(self), "tree": urdf_xml.serialised(self.tree)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in {**state, "tree": urdf_xml.parse(state["tree"], "URDF")}.items():
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)
@@ -68,21 +83,21 @@ class _Joint:
     kind: str
     parent: str
     child: str
-    T_parent_joint: np.ndarray
-    axis: np.ndarray
+    T_parent_joint: FloatArray
+    axis: FloatArray
     lower: float
     upper: float
     mimic: bool
     position: int
 
 
-def read(path, base=None, tip=None):
+def read(path: str | Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
     """Read a robot from a URDF file.
 
     Parameters
     ----------
     path : str or Path
-        A file, or the name of a shipped robot (``irb1600``, ``irb120``).
+        A file, or a robot's name, see `irbcal.files.robots.robots`.
     base, tip : str, optional
         Link names; by default ``base_link`` (or the root) and ``tool0``, ``flange``, ``ee_link`` or the last link.
 
@@ -95,13 +110,19 @@ def read(path, base=None, tip=None):
     RobotError
         If the file cannot be read safely or does not hold a serial arm.
     """
-    path = robots.robot_file(path)
-    return from_bytes(path.read_bytes(), str(path), base, tip)
+    known = robots.named(path)
+    if known is not None:
+        base, tip = base or known.base_link, tip or known.tip_link
+    file = robots.robot_file(path)
+    return from_bytes(file.read_bytes(), str(file), base, tip)
 
 
-def from_bytes(data, source, base=None, tip=None):
+read_urdf = read
+
+
+def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | None = None) -> UrdfArm:
     """As `read`, from the file's content; ``source`` names it in errors."""
-    tree = _parse(data, source)
+    tree = urdf_xml.parse(data, source)
     root = tree.getroot()
     joints = _joints(root, source)
     links = [link.get("name") for link in root.findall("link")]
@@ -112,46 +133,23 @@ def from_bytes(data, source, base=None, tip=None):
     tip = _choose_tip(tip, links, by_child, source)
     for name in (base, tip):
         if name not in links:
-            raise RobotError(f"{source}: there is no link {name!r}; links are {', '.join(links)}")
+            raise RobotError(f"there is no link {name!r}; links are {', '.join(links)}", file=source)
     path = _path(base, tip, by_child, source)
     moving = _moving(path, base, tip, source)
     return _build(root.get("name") or Path(source).stem, tree, path, moving, base, tip, root_link, by_child, source)
 
 
-def _parse(data, source):
-    from lxml import etree
-
-    if not data.strip():
-        raise RobotError(f"{source}: the file is empty, expected a URDF")
-    if len(data) > MAX_BYTES:
-        raise RobotError(f"{source}: {len(data)} bytes is too large for a URDF (at most {MAX_BYTES})")
-    encoding = re.match(rb"\s*<\?xml[^>]*encoding\s*=\s*['\"]([\w.-]+)['\"]", data.removeprefix(b"\xef\xbb\xbf"))
-    if b"\x00" in data or (encoding and encoding[1].lower() not in (b"utf-8", b"us-ascii", b"ascii", b"iso-8859-1")):
-        raise RobotError(f"{source}: expected UTF-8 text, found another encoding")
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        line = data[: data.find(b"<!")].count(b"\n") + 1
-        raise RobotError(f"{source}: line {line}: document types and entities are refused in a URDF")
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
-    try:
-        tree = etree.ElementTree(etree.fromstring(data, parser))
-    except etree.XMLSyntaxError as error:
-        raise RobotError(f"{source}: not well-formed XML: {' '.join(error.msg.split())}") from None
-    if tree.getroot().tag != "robot":
-        raise RobotError(f"{source}: expected a <robot> element at the top, found <{tree.getroot().tag}>")
-    return tree
-
-
-def _numbers(text, count, what, source):
+def _numbers(text: str, count: int, what: str, source: str) -> FloatArray:
     try:
         values = np.array([float(part) for part in text.split()])
     except ValueError:
         values = np.zeros(0)
     if len(values) != count or not np.isfinite(values).all():
-        raise RobotError(f"{source}: {what}: expected {count} numbers, found {text!r}")
+        raise RobotError(f"{what}: expected {count} numbers, found {text!r}", file=source)
     return values
 
 
-def _origin(element, what, source):
+def _origin(element: XmlElement, what: str, source: str) -> FloatArray:
     origin = element.find("origin")
     if origin is None:
         return np.eye(4)
@@ -160,14 +158,17 @@ def _origin(element, what, source):
     return frames.transform(frames.matrix_from_rpy(rpy), xyz)
 
 
-def _limits(element, kind, what, source):
+def _limits(element: XmlElement, kind: str, what: str, source: str) -> tuple[float, float]:
     limit = element.find("limit")
     if kind not in ("revolute", "prismatic") or limit is None:
         return -np.inf, np.inf
-    return tuple(_numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0] for key in ("lower", "upper"))
+    lower, upper = (
+        float(_numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
+    )
+    return lower, upper
 
 
-def _joints(root, source):
+def _joints(root: XmlElement, source: str) -> list[_Joint]:
     joints = []
     for position, element in enumerate(root.findall("joint")):
         name, kind = element.get("name"), element.get("type")
@@ -175,13 +176,13 @@ def _joints(root, source):
         ends = [element.find(tag) for tag in ("parent", "child")]
         if name is None or kind is None or None in ends or any(end.get("link") is None for end in ends):
             line = element.sourceline
-            raise RobotError(f"{source}: line {line}: a joint needs a name, a type, a parent and a child link")
+            raise RobotError("a joint needs a name, a type, a parent and a child link", file=source, line=line)
         axis_element = element.find("axis")
         axis_text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
         axis = _numbers(axis_text, 3, f"{what}, axis", source)
         length = np.linalg.norm(axis)
         if kind in ("revolute", "continuous", "prismatic") and length < 1e-6:
-            raise RobotError(f"{source}: {what}: the axis has no direction: {axis_text!r}")
+            raise RobotError(f"{what}: the axis has no direction: {axis_text!r}", file=source)
         joints.append(
             _Joint(
                 name,
@@ -198,35 +199,35 @@ def _joints(root, source):
     return joints
 
 
-def _check_structure(links, joints, source):
+def _check_structure(links: Sequence[str], joints: Sequence[_Joint], source: str) -> str:
     """One root, no cycles, every joint between known links; returns the root link."""
     for names, what in ((links, "link"), ([joint.name for joint in joints], "joint")):
         double = sorted({name for name in names if names.count(name) > 1}, key=str)
         if double:
-            raise RobotError(f"{source}: {what} name {double[0]!r} is used {names.count(double[0])} times")
-    parent = {}
+            raise RobotError(f"{what} name {double[0]!r} is used {names.count(double[0])} times", file=source)
+    parent: dict[str, str] = {}
     for joint in joints:
         for end in (joint.parent, joint.child):
             if end not in links:
-                raise RobotError(f"{source}: joint {joint.name!r} names a link {end!r} that does not exist")
+                raise RobotError(f"joint {joint.name!r} names a link {end!r} that does not exist", file=source)
         if joint.child in parent:
-            raise RobotError(f"{source}: link {joint.child!r} has two parent joints: not a tree")
+            raise RobotError(f"link {joint.child!r} has two parent joints: not a tree", file=source)
         parent[joint.child] = joint.parent
     roots = [link for link in links if link not in parent]
     if len(roots) != 1:
         found = ", ".join(roots) or "none: the joints form a cycle"
-        raise RobotError(f"{source}: expected exactly one root link, found {found}")
+        raise RobotError(f"expected exactly one root link, found {found}", file=source)
     for link in links:
         seen = {link}
         while link in parent:
             link = parent[link]
             if link in seen:
-                raise RobotError(f"{source}: the joints form a cycle through link {link!r}")
+                raise RobotError(f"the joints form a cycle through link {link!r}", file=source)
             seen.add(link)
     return roots[0]
 
 
-def _choose_tip(tip, links, by_child, source):
+def _choose_tip(tip: str | None, links: Sequence[str], by_child: Mapping[str, _Joint], source: str) -> str:
     if tip is not None:
         return tip
     for name in TIP_NAMES:
@@ -235,7 +236,7 @@ def _choose_tip(tip, links, by_child, source):
     parents = {joint.parent for joint in by_child.values()}
     leaves = [link for link in links if link not in parents]
 
-    def depth(link):
+    def depth(link: str) -> int:
         count = 0
         while link in by_child:
             count += by_child[link].kind != "fixed"
@@ -246,38 +247,52 @@ def _choose_tip(tip, links, by_child, source):
     best = [link for link in leaves if depth(link) == deepest]
     if len(best) != 1:
         raise RobotError(
-            f"{source}: which link is the tip? candidates are {', '.join(best)}: name one of these, or a link before "
-            "them, with --tip-link"
+            f"which link is the tip? candidates are {', '.join(best)}: name one of these, or a link before "
+            "them, with --tip-link",
+            file=source,
+            parameter="tip_link",
         )
     return best[0]
 
 
-def _path(base, tip, by_child, source):
-    path, link = [], tip
+def _path(base: str, tip: str, by_child: Mapping[str, _Joint], source: str) -> list[_Joint]:
+    path: list[_Joint] = []
+    link = tip
     while link != base:
         if link not in by_child:
-            raise RobotError(f"{source}: there is no chain of joints from link {base!r} to link {tip!r}")
+            raise RobotError(f"there is no chain of joints from link {base!r} to link {tip!r}", file=source)
         path.append(by_child[link])
         link = by_child[link].parent
     return path[::-1]
 
 
-def _moving(path, base, tip, source):
+def _moving(path: Sequence[_Joint], base: str, tip: str, source: str) -> list[_Joint]:
     moving = [joint for joint in path if joint.kind != "fixed"]
     listed = ", ".join(f"{joint.name} ({joint.kind})" for joint in moving) or "none"
     other = [joint for joint in moving if joint.kind not in ("revolute", "continuous", "prismatic")]
     if not 2 <= len(moving) <= MOST_JOINTS or other:
         raise RobotError(
-            f"{source}: expected 2 to {MOST_JOINTS} revolute or prismatic joints between {base!r} and {tip!r}, "
-            f"found {len(moving)} moving joints: {listed}"
+            f"expected 2 to {MOST_JOINTS} revolute or prismatic joints between {base!r} and {tip!r}, "
+            f"found {len(moving)} moving joints: {listed}",
+            file=source,
         )
     for joint in moving:
         if joint.mimic:
-            raise RobotError(f"{source}: joint {joint.name!r} mimics another joint, expected independent ones")
+            raise RobotError(f"joint {joint.name!r} mimics another joint, expected independent ones", file=source)
     return moving
 
 
-def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
+def _build(
+    name: str,
+    tree: XmlTree,
+    path: Sequence[_Joint],
+    moving: Sequence[_Joint],
+    base: str,
+    tip: str,
+    root_link: str,
+    by_child: Mapping[str, _Joint],
+    source: str,
+) -> UrdfArm:
     """DHM table and link offsets of the chain at zero joints."""
     T = np.eye(4)
     link_frames, parent_frames = [np.eye(4)], []
@@ -297,8 +312,8 @@ def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
         T_base_0,
         T_last_tip,
         tuple(joint.name for joint in moving),
-        [joint.lower for joint in moving],
-        [joint.upper for joint in moving],
+        np.array([joint.lower for joint in moving]),
+        np.array([joint.upper for joint in moving]),
         base,
         tip,
     )
@@ -314,13 +329,15 @@ def _build(name, tree, path, moving, base, tip, root_link, by_child, source):
         link = by_child[link].parent
     size = np.abs([link[:3, 3] for link in link_frames]).max()
     if size > LARGEST_ARM:
-        raise RobotError(f"{source}: the arm is {size:.0f} m large: a URDF is in metres, is this one in millimetres?")
+        raise RobotError(
+            f"the arm is {size:.0f} m large: a URDF is in metres, is this one in millimetres?", file=source
+        )
     positions = tuple(joint.position for joint in moving)
     children = tuple(joint.child for joint in moving)
     return UrdfArm(arm, tree, positions, T_dhm_link, np.array(parent_frames), children, root_link, T_root_base)
 
 
-def joint_origins(urdf, arm):
+def joint_origins(urdf: UrdfArm, arm: Arm) -> dict[str, FloatArray]:
     """Joint origins that give the moving joints of an arm's chain another DHM table.
 
     Parameters
@@ -346,7 +363,7 @@ def joint_origins(urdf, arm):
     return origins
 
 
-def with_joint_origins(data, origins):
+def with_joint_origins(data: bytes, origins: Mapping[str, FloatArray]) -> bytes:
     """A URDF with other joint origins; all else as it was.
 
     Parameters
@@ -360,14 +377,14 @@ def with_joint_origins(data, origins):
     -------
     bytes
     """
-    tree = _parse(data, "URDF")
+    tree = urdf_xml.parse(data, "URDF")
     for element in tree.getroot().findall("joint"):
         if element.get("name") in origins:
-            _set_origin(element, origins[element.get("name")])
-    return _serialised(tree)
+            urdf_xml.set_origin(element, origins[element.get("name")])
+    return urdf_xml.serialised(tree)
 
 
-def fingerprint(data, source):
+def fingerprint(data: bytes, source: str) -> str | None:
     """Fingerprint of the calibration that wrote a URDF; None where there is none.
 
     Raises
@@ -375,11 +392,18 @@ def fingerprint(data, source):
     RobotError
         If the file is not a URDF.
     """
-    element = _parse(data, source).getroot().find(FINGERPRINT_TAG)
+    element = urdf_xml.parse(data, source).getroot().find(FINGERPRINT_TAG)
     return None if element is None else element.get("fingerprint")
 
 
-def to_bytes(urdf, arm, T_world_base=None, targets=None, mark=None):
+def to_bytes(
+    urdf: UrdfArm,
+    arm: Arm,
+    T_world_base: FloatArray | None = None,
+    targets: Mapping[str, FloatArray] | None = None,
+    mark: str | None = None,
+    words: str | None = None,
+) -> bytes:
     """The URDF with corrected joint origins.
 
     Parameters
@@ -394,6 +418,8 @@ def to_bytes(urdf, arm, T_world_base=None, targets=None, mark=None):
         Adds a link ``target_NAME`` for each reflector, fixed to the tip; metres.
     mark : str, optional
         Fingerprint of the calibration, written into an element that readers of URDF pass over.
+    words : str, optional
+        What the file is, written as its first comment in place of that of an earlier calibration.
 
     Returns
     -------
@@ -408,15 +434,15 @@ def to_bytes(urdf, arm, T_world_base=None, targets=None, mark=None):
     for position in urdf.joint_elements:
         name = elements[position].get("name")
         if not np.array_equal(nominal[name], corrected[name]):
-            _set_origin(elements[position], corrected[name])
+            urdf_xml.set_origin(elements[position], corrected[name])
     names = {element.get("name") for element in root.iter("link", "joint")}
     if T_world_base is not None:
         world = next(name for name in ("world", "measuring_frame", "irbcal_world") if name not in names)
         T_world_root = T_world_base @ frames.inverse(urdf.T_root_base)
-        _add_fixed(root, world, urdf.root_link, world, T_world_root)
+        urdf_xml.add_fixed(root, world, urdf.root_link, world, T_world_root)
     for name, xyz in (targets or {}).items():
         link = f"target_{name}"
-        _add_fixed(root, urdf.arm.tip_link, link, link, frames.transform(None, xyz))
+        urdf_xml.add_fixed(root, urdf.arm.tip_link, link, link, frames.transform(None, xyz))
     if mark is not None:
         for old in root.findall(FINGERPRINT_TAG):
             root.remove(old)
@@ -424,21 +450,12 @@ def to_bytes(urdf, arm, T_world_base=None, targets=None, mark=None):
         if element.getprevious() is not None:
             element.getprevious().tail = "\n  "
         element.tail = "\n"
-    return _serialised(tree)
+    if words is not None:
+        urdf_xml.begin_with(root, words)
+    return urdf_xml.serialised(tree)
 
 
-def _serialised(tree):
-    from lxml import etree
-
-    root = tree.getroot()
-    # lxml drops the line ends between the comments before and after the root element: write them one a line
-    around = [*reversed(list(root.itersiblings(preceding=True))), root, *root.itersiblings()]
-    parts = [b'<?xml version="1.0" encoding="utf-8"?>']
-    parts += [etree.tostring(node, encoding="utf-8", with_tail=False) for node in around]
-    return b"\n".join(parts) + b"\n"
-
-
-def largest_link_shift(urdf, arm):
+def largest_link_shift(urdf: UrdfArm, arm: Arm) -> float:
     """How far corrected joint origins move any link frame at zero joints, metres.
 
     Parameters
@@ -456,35 +473,5 @@ def largest_link_shift(urdf, arm):
     largest = 0.0
     for i, T_dhm_link in enumerate(urdf.T_dhm_link[1:]):
         before, after = before @ urdf.arm.table.step(i), after @ arm.table.step(i)
-        largest = max(largest, np.linalg.norm((before @ T_dhm_link)[:3, 3] - (after @ T_dhm_link)[:3, 3]))
+        largest = max(largest, float(np.linalg.norm((before @ T_dhm_link)[:3, 3] - (after @ T_dhm_link)[:3, 3])))
     return float(largest)
-
-
-def _text(values):
-    # adding zero turns -0 into 0
-    return " ".join(format(float(value) + 0.0, ".17g") for value in values)
-
-
-def _set_origin(joint, T):
-    from lxml import etree
-
-    origin = joint.find("origin")
-    if origin is None:
-        origin = etree.Element("origin")
-        origin.tail = joint.text
-        joint.insert(0, origin)
-    origin.set("xyz", _text(T[:3, 3]))
-    origin.set("rpy", _text(frames.rpy_from_matrix(T[:3, :3])))
-
-
-def _add_fixed(root, parent, child, new_link, T):
-    from lxml import etree
-
-    link = etree.SubElement(root, "link", name=new_link)
-    joint = etree.SubElement(root, "joint", name=f"{parent}-{child}", type="fixed")
-    etree.SubElement(joint, "parent", link=parent)
-    etree.SubElement(joint, "child", link=child)
-    _set_origin(joint, T)
-    etree.indent(joint, level=1)
-    link.getprevious().tail = link.tail = "\n  "
-    joint.tail = "\n"

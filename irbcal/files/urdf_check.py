@@ -1,11 +1,23 @@
-"""Pinocchio as the independent witness of forward kinematics."""
+"""Pinocchio and yourdfpy as independent witnesses of a URDF's forward kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from io import BytesIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import CalibrationError
-from irbcal.modeling.arm import relative_difference
+from irbcal.modeling.arm import Arm, relative_difference
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 CHECK_POSES = 10_000
+SECOND_POSES = 50
+"""Poses that yourdfpy computes, too: one by one, in Python."""
 LIMIT = 1e-9
 """Largest disagreement (metres, radians) with which a written URDF is accepted."""
 
@@ -33,7 +45,9 @@ class ArmInModel:
         If the model has no such joint or link.
     """
 
-    def __init__(self, model, arm):
+    columns: IntArray
+
+    def __init__(self, model: pin.Model, arm: Arm) -> None:
         missing = [name for name in arm.joint_names if not model.existJointName(name)]
         if missing:
             raise CalibrationError(f"the model of {arm.name} has no joint {missing[0]!r}")
@@ -43,7 +57,7 @@ class ArmInModel:
         self.columns = np.array([joint.idx_v for joint in self._joints])
         self.base, self.tip = self.frame(arm.base_link), self.frame(arm.tip_link)
 
-    def frame(self, name):
+    def frame(self, name: str) -> int:
         """Number of a frame: a link where there is one of that name, else a joint or an added frame.
 
         Raises
@@ -58,7 +72,7 @@ class ArmInModel:
             raise CalibrationError(f"there is no frame {name!r}; frames are {', '.join(names)}")
         return names.index(name)
 
-    def configurations(self, joints, rest):
+    def configurations(self, joints: FloatArray, rest: FloatArray) -> FloatArray:
         """Configurations with the arm's joints at given places.
 
         Parameters
@@ -81,7 +95,7 @@ class ArmInModel:
                 out[:, joint.idx_q], out[:, joint.idx_q + 1] = np.cos(value), np.sin(value)
         return out
 
-    def joints(self, configurations):
+    def joints(self, configurations: FloatArray) -> FloatArray:
         """The arm's joints in configurations: the inverse of `configurations`.
 
         Parameters
@@ -100,7 +114,7 @@ class ArmInModel:
         return out
 
 
-def poses(urdf_bytes, arm, q):
+def poses(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     """Tip poses in the base link as Pinocchio computes them from a URDF.
 
     Parameters
@@ -128,13 +142,28 @@ def poses(urdf_bytes, arm, q):
     return out
 
 
-def check(urdf_bytes, arm, seed=0, n=CHECK_POSES):
-    """Compare an arm's forward kinematics with Pinocchio's on a URDF, at random poses inside the limits.
+def poses_by_yourdfpy(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
+    """As `poses`, by yourdfpy: another reader of URDF, another kinematics."""
+    import yourdfpy
+
+    robot = yourdfpy.URDF.load(
+        BytesIO(urdf_bytes), build_scene_graph=True, load_meshes=False, build_collision_scene_graph=False
+    )
+    out = np.empty((len(q), 4, 4))
+    for k, row in enumerate(q):
+        robot.update_cfg(dict(zip(arm.joint_names, row.tolist(), strict=True)))
+        out[k] = robot.get_transform(arm.tip_link, arm.base_link)
+    return out
+
+
+def check(urdf_bytes: bytes, arm: Arm, seed: int = 0, n: int = CHECK_POSES) -> Mapping[str, float]:
+    """Compare an arm's forward kinematics with Pinocchio's and yourdfpy's on a URDF, at random poses in the limits.
 
     Returns
     -------
     dict
-        ``position_m``, ``rotation_rad``: largest differences; ``poses``: how many were compared.
+        ``position_m``, ``rotation_rad``: largest differences; ``poses``: how many Pinocchio computed;
+        ``yourdfpy_poses``: how many of them yourdfpy did.
 
     Raises
     ------
@@ -142,14 +171,23 @@ def check(urdf_bytes, arm, seed=0, n=CHECK_POSES):
         If a difference is above 1e-9 m or 1e-9 rad: the URDF does not describe the calibrated arm.
     """
     q = arm.random_joints(n, seed)
-    try:
-        by_pinocchio = poses(urdf_bytes, arm, q)
-    except (ValueError, RuntimeError) as error:
-        raise CalibrationError(f"Pinocchio cannot read this robot's URDF: {' '.join(str(error).split())}") from None
-    position, rotation = relative_difference(by_pinocchio, arm.forward(q))
-    if not max(position, rotation) <= LIMIT:
-        raise CalibrationError(
-            f"Pinocchio disagrees with the calibrated robot by {position:.2g} m and {rotation:.2g} rad "
-            f"(at most {LIMIT:g} is accepted): the URDF was not written"
-        )
-    return {"position_m": float(position), "rotation_rad": float(rotation), "poses": n}
+    own = arm.forward(q)
+    position, rotation = 0.0, 0.0
+    for name, compute, count in (("Pinocchio", poses, n), ("yourdfpy", poses_by_yourdfpy, min(n, SECOND_POSES))):
+        try:
+            theirs = compute(urdf_bytes, arm, q[:count])
+        except Exception as error:  # whatever a foreign reader raises
+            raise CalibrationError(f"{name} cannot read this robot's URDF: {' '.join(str(error).split())}") from error
+        difference = relative_difference(theirs, own[:count])
+        if not max(difference) <= LIMIT:
+            raise CalibrationError(
+                f"{name} disagrees with the calibrated robot by {difference[0]:.2g} m and {difference[1]:.2g} rad "
+                f"(at most {LIMIT:g} is accepted): the URDF was not written"
+            )
+        position, rotation = max(position, difference[0]), max(rotation, difference[1])
+    return {
+        "position_m": float(position),
+        "rotation_rad": float(rotation),
+        "poses": n,
+        "yourdfpy_poses": min(n, SECOND_POSES),
+    }

@@ -1,5 +1,53 @@
-"""Names of the ways to identify, for the command line and for `irbcal.identification.methods` alike."""
+"""Names of the ways to identify, for the command line and for the functions alike.
 
-METHODS = ("least-squares", "axes", "nelder-mead")
-OBJECTIVES = ("rms", "max", "pnorm")
-LOSSES = ("linear", "soft_l1", "huber")
+The command line reads this file at every start: it imports nothing heavy.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias, get_args
+
+from irbcal.modeling.levels import LEVELS as LEVELS
+from irbcal.modeling.levels import Level as Level
+from irbcal.options import checked
+
+Method: TypeAlias = Literal["least-squares", "circles", "nelder-mead"]
+"""How to identify: Gauss-Newton; directly from the circles of one-joint moves; the search of the thesis."""
+
+MethodOrAlias: TypeAlias = Literal["least-squares", "circles", "nelder-mead", "axes"]
+
+Objective: TypeAlias = Literal["rms", "max", "pnorm"]
+"""What to minimise: root mean square, largest distance, or a p-norm between them."""
+
+Loss: TypeAlias = Literal["linear", "soft_l1", "huber"]
+"""What a distance counts in the root mean square."""
+
+RobustLoss: TypeAlias = Literal["soft_l1", "huber"]
+
+Model: TypeAlias = Literal["nominal", "11", "16", "26", "34", "34b", "offsets", "placement", "auto"]
+"""A level, or that which cross-validation chooses."""
+
+Parallel: TypeAlias = Literal["hayati", "forced"]
+"""What becomes of nearly parallel axes: the tilt between them is kept, or they get one direction."""
+
+ConeSolver: TypeAlias = Literal["numpy", "clarabel"]
+"""Solver of the convex models of the largest distance."""
+
+METHODS: tuple[Method, ...] = get_args(Method)
+ALIASES: dict[str, Method] = {"axes": "circles"}
+"""Other names that are understood as methods."""
+
+OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
+LOSSES: tuple[Loss, ...] = get_args(Loss)
+MODELS: tuple[Model, ...] = get_args(Model)
+
+
+def method_of(name: str) -> Method:
+    """The method of a name or alias (``axes``, the first name of ``circles``).
+
+    Raises
+    ------
+    OptionError
+        If there is no such method.
+    """
+    return checked("method", ALIASES.get(name, name), METHODS)

@@ -5,10 +5,14 @@ along the line. The squared distance of a point from its circle is the sum of a 
 sum over all points is minimised by Gauss-Newton steps with analytic derivatives (Gander, Golub and Strebel 1994).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.units import DEG, MM
 
@@ -62,40 +66,43 @@ class AxisFit:
     """
 
     name: str
-    direction: np.ndarray
-    point: np.ndarray
-    targets: np.ndarray
-    radii: np.ndarray
-    heights: np.ndarray
-    used: np.ndarray
-    radial: np.ndarray
-    axial: np.ndarray
-    basis: np.ndarray
-    covariance: np.ndarray
+    direction: FloatArray
+    point: FloatArray
+    targets: IntArray
+    radii: FloatArray
+    heights: FloatArray
+    used: BoolArray
+    radial: FloatArray
+    axial: FloatArray
+    basis: FloatArray
+    covariance: FloatArray
     arc: float
 
+    def __post_init__(self) -> None:
+        lock(self)
+
     @property
-    def rms(self):
+    def rms(self) -> float:
         """Root mean square distance of the points used from their circles, metres."""
         return float(np.sqrt(np.mean(self.radial**2 + self.axial**2)))
 
     @property
-    def direction_std(self):
+    def direction_std(self) -> float:
         """Standard deviation of the direction where it is largest, radians; NaN if unknown."""
         return _largest_std(self.covariance[:2, :2])
 
     @property
-    def position_std(self):
+    def position_std(self) -> float:
         """Standard deviation of the position at ``point`` where it is largest, metres; NaN if unknown."""
         return _largest_std(self.covariance[2:, 2:])
 
 
-def _largest_std(covariance):
+def _largest_std(covariance: FloatArray) -> float:
     return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))) if np.isfinite(covariance).all() else np.nan
 
 
-def circle_through(points):
-    """Circle through three points (Nubiola 2011, eqs. 3.1 to 3.4).
+def circle_through(points: ArrayLike) -> tuple[FloatArray, FloatArray, float]:
+    """Circle through three points (Nubiola 2011, eqs. 3.1, 3.2, 3.3 and 3.4).
 
     Parameters
     ----------
@@ -128,7 +135,7 @@ def circle_through(points):
     return normal, p_2 + arm, float(np.linalg.norm(arm))
 
 
-def best_triple(points):
+def best_triple(points: FloatArray) -> tuple[FloatArray, float]:
     """The two points farthest apart and the one that spans the largest triangle with them.
 
     Of more than `TRIPLE_POINTS` points an even selection is looked at.
@@ -145,14 +152,14 @@ def best_triple(points):
     """
     points = points[np.unique(np.linspace(0, len(points) - 1, TRIPLE_POINTS).astype(int))]
     gaps = np.linalg.norm(points[:, None] - points[None, :], axis=2)
-    i, j = np.unravel_index(np.argmax(gaps), gaps.shape)
+    i, j = divmod(int(np.argmax(gaps)), len(points))
     areas = 0.5 * np.linalg.norm(np.cross(points[i] - points, points[j] - points), axis=1)
     k = int(np.argmax(areas))
     return points[[i, k, j]], float(areas[k])
 
 
-def fit_axis(xyz, target, angle, name="axis"):
-    """The common axis of the circles that targets draw while one joint moves.
+def fit_axis(xyz: ArrayLike, target: ArrayLike, angle: ArrayLike, name: str = "axis") -> AxisFit:
+    """The common axis of the circles that targets draw while one joint moves (Nubiola 2011, section 3.1.1, Figure 3.1).
 
     Parameters
     ----------
@@ -177,9 +184,9 @@ def fit_axis(xyz, target, angle, name="axis"):
         the axis' position uncertain by more than `MAX_POSITION_STD`, if the points do not lie on circles or do not
         turn as the joint does.
     """
-    xyz, target, angle = np.asarray(xyz, dtype=float), np.asarray(target), np.asarray(angle, dtype=float)
-    names, index = np.unique(target, return_inverse=True)
-    turns = [distinct_angles(angle[index == k]) for k in range(len(names))]
+    places, angles = np.asarray(xyz, dtype=float), np.asarray(angle, dtype=float)
+    names, index = np.unique(np.asarray(target), return_inverse=True)
+    turns = [distinct_angles(angles[index == k]) for k in range(len(names))]
     most = max(map(len, turns), default=0)
     if most < 3:
         raise IdentificationError(
@@ -192,24 +199,24 @@ def fit_axis(xyz, target, angle, name="axis"):
             f"group {name}: an arc of {arc / DEG:.1f} degrees is too short to find the axis: "
             f"at least {MIN_ARC / DEG:.0f} degrees are needed"
         )
-    off_center = np.linalg.norm(xyz - _means(xyz, index)[index], axis=1)
+    off_center = np.linalg.norm(places - _means(places, index)[index], axis=1)
     moves = np.array([off_center[index == k].max() > MOVED and len(turns[k]) > 1 for k in range(len(names))])
     used = moves[index]
     if not any(len(turn) > 2 and moved for turn, moved in zip(turns, moves, strict=True)):
         raise IdentificationError(
             f"group {name}: no target moves by more than {MOVED / MM:g} mm: all of them lie on the axis"
         )
-    xyz, angle = xyz[used], angle[used]
+    places, angles = places[used], angles[used]
     targets, index = np.unique(index[used], return_inverse=True)
-    direction, point = _fit(xyz, index, name)
-    direction, disagreement = _sense(direction, point, xyz, index, angle)
+    direction, point = _fit(places, index, name)
+    direction, disagreement = _sense(direction, point, places, index, angles)
     if disagreement > MAX_DISAGREEMENT:
         raise IdentificationError(
             f"group {name}: the points turn otherwise than the joint does, by {disagreement / DEG:.0f} degrees: "
             "check the joint's unit and column"
         )
-    basis, radii, heights, r, J = _equations(direction, point, xyz, index)
-    m = len(xyz)
+    basis, radii, heights, r, J = _equations(direction, point, places, index)
+    m = len(places)
     freedom = 2 * m - 4 - 2 * len(targets)
     # three points on one circle leave no residual to judge by
     covariance = np.linalg.inv(J.T @ J) * (r @ r / freedom) if freedom > 0 else np.full((4, 4), np.nan)
@@ -220,7 +227,7 @@ def fit_axis(xyz, target, angle, name="axis"):
     return found
 
 
-def distinct_angles(angle):
+def distinct_angles(angle: FloatArray) -> FloatArray:
     """Joint angles without repetitions, whole turns aside, sorted in [0, 2 pi); radians."""
     angle = np.sort(np.mod(angle, 2 * np.pi))
     if len(angle) == 0:
@@ -230,12 +237,12 @@ def distinct_angles(angle):
     return kept if len(kept) else angle[:1]
 
 
-def arc_of(angles):
+def arc_of(angles: FloatArray) -> float:
     """Smallest arc that holds sorted angles in [0, 2 pi), radians."""
     return 2 * np.pi - np.diff(angles, append=angles[0] + 2 * np.pi).max()
 
 
-def _check(found):
+def _check(found: AxisFit) -> None:
     std = found.position_std
     if not std > MAX_POSITION_STD:
         return
@@ -246,7 +253,7 @@ def _check(found):
     raise IdentificationError(f"{said}: the points lie {found.rms / MM:.1f} mm off their circles")
 
 
-def _means(values, index):
+def _means(values: FloatArray, index: IntArray) -> FloatArray:
     """Mean of ``values`` (m, ...) for each index."""
     count = np.bincount(index)
     sums = np.zeros((len(count), *values.shape[1:]))
@@ -254,7 +261,7 @@ def _means(values, index):
     return sums / count.reshape(-1, *([1] * (values.ndim - 1)))
 
 
-def _across(direction):
+def _across(direction: FloatArray) -> FloatArray:
     """Two unit vectors (2, 3) that make a right-handed frame with a direction."""
     helper = np.eye(3)[np.argmin(np.abs(direction))]
     first = np.cross(helper, direction)
@@ -262,13 +269,17 @@ def _across(direction):
     return np.array([first, np.cross(direction, first)])
 
 
-def _moved(direction, point, basis, step):
+def _moved(
+    direction: FloatArray, point: FloatArray, basis: FloatArray, step: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """The axis after tilts (rad) and shifts (m) along the basis."""
     turned = direction + step[:2] @ basis
     return turned / np.linalg.norm(turned), point + step[2:] @ basis
 
 
-def _equations(direction, point, xyz, index):
+def _equations(
+    direction: FloatArray, point: FloatArray, xyz: FloatArray, index: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Basis, radii, heights, residuals (2 m,) and their derivatives (2 m, 4); radii and heights are eliminated."""
     basis = _across(direction)
     arms = xyz - point
@@ -286,7 +297,7 @@ def _equations(direction, point, xyz, index):
     return basis, radii, heights, r, J
 
 
-def _fit(xyz, index, name):
+def _fit(xyz: FloatArray, index: IntArray, name: str) -> tuple[FloatArray, FloatArray]:
     """Direction and point of the axis: from one target's best triple, then that target, then all of them."""
     triples = [best_triple(xyz[index == k]) for k in range(index.max() + 1)]
     best = int(np.argmax([area for _, area in triples]))
@@ -296,12 +307,15 @@ def _fit(xyz, index, name):
     return _gauss_newton(direction, point, xyz, index, name)
 
 
-def _gauss_newton(direction, point, xyz, index, name):
+def _gauss_newton(
+    direction: FloatArray, point: FloatArray, xyz: FloatArray, index: IntArray, name: str
+) -> tuple[FloatArray, FloatArray]:
+    """The axis that fits circles best, from a first guess (Gander, Golub and Strebel 1994)."""
     center = xyz.mean(axis=0)
     for _ in range(MAX_ITERATIONS):
         point = point + direction * (direction @ (center - point))
         basis, _, _, r, J = _equations(direction, point, xyz, index)
-        step = np.linalg.lstsq(J, -r, rcond=1e-13)[0]
+        step = np.asarray(np.linalg.lstsq(J, -r, rcond=1e-13)[0], dtype=float)
         size, shrink = np.abs(step).max(), 1.0
         if size < 1e-11:
             return direction, point
@@ -318,7 +332,9 @@ def _gauss_newton(direction, point, xyz, index, name):
     raise IdentificationError(f"group {name}: no circles fit the points: check the targets' names and the joints")
 
 
-def _sense(direction, point, xyz, index, angle):
+def _sense(
+    direction: FloatArray, point: FloatArray, xyz: FloatArray, index: IntArray, angle: FloatArray
+) -> tuple[FloatArray, float]:
     """The direction with the joint's positive sense, and the rms difference of both turns, radians.
 
     Points count by their radius: near the axis their direction is lost in noise.

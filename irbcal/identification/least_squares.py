@@ -2,21 +2,43 @@
 
 The normal equations are summed over blocks of poses (memory does not grow with the data); directions that
 the data do not show are held at the smallest change from nominal (`irbcal.identification.observability`).
+
+What the data show is judged by the residuals of the moment, so that near the noise a direction may come and go: once
+seen it moves, and moved it is not seen. Where the objective no longer falls, the held directions are therefore frozen:
+what is left is an ordinary least-squares problem with fewer unknowns.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import observability
-from irbcal.identification.residuals import State
+from irbcal.identification.residuals import Problem, State
 
 STEP_TOLERANCE = 1e-7
 """Largest step (metres, radians) after which the iteration has converged: convergence is at least a factor of
 1,000 a step near the minimum, so that what is left after a step of this size is below a nanometre."""
 
 MAX_ITERATIONS = 60
+"""Iterations, counted anew when directions are frozen."""
+
+PATIENCE = 5
+"""Iterations without progress after which the held directions are frozen."""
+
+PROGRESS = 1e-3
+"""Relative fall of the sum of squares that counts as progress."""
+
+DECREASE_TOLERANCE = 1e-8
+"""Expected fall of the sum of squares, in variances of one coordinate, below which a fit with frozen directions has
+converged, too: no combination of parameters is farther from the minimum than 1e-4 of its standard deviation."""
+
+Record = Callable[[int, State], None]
+"""Called with iteration and state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +52,7 @@ class Solution:
     rss : float
         Sum of squared residuals at ``state``, m^2.
     iterations : int
-    history : list of float
+    history : tuple of float
         Root mean square distance (m) after each iteration.
     """
 
@@ -38,10 +60,13 @@ class Solution:
     information: observability.Information
     rss: float
     iterations: int
-    history: list
+    history: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
-def solve(problem, state, record=None):
+def solve(problem: Problem, state: State, record: Record | None = None) -> Solution:
     """Minimise the sum of squared distances from a start.
 
     Parameters
@@ -63,16 +88,27 @@ def solve(problem, state, record=None):
     """
     m = len(problem.points)
     H, g, rss = problem.normal_equations(state)
-    history = [np.sqrt(rss / m)]
+    sums = [rss]
+    ranks: list[int] = []
+    held: FloatArray | None = None
+    last = MAX_ITERATIONS
     if record:
         record(0, state)
-    for iteration in range(1, MAX_ITERATIONS + 1):
-        seen = observability.information(problem, H, rss)
+    iteration = 0
+    while iteration < last:
+        iteration += 1
+        if held is None and _stands_still(sums):
+            held = observability.information(problem, H, rss).weakest(min(ranks[-PATIENCE:]))
+            last = iteration + MAX_ITERATIONS
+            state = _put_back(problem, observability.information(problem, H, rss, held), state)
+            H, g, rss = problem.normal_equations(state)
+        seen = observability.information(problem, H, rss, held)
+        ranks.append(seen.rank)
         step = _step(seen, g, state)
         size = np.abs(step).max()
-        if size < STEP_TOLERANCE:
+        if size < STEP_TOLERANCE or (held is not None and g @ step < DECREASE_TOLERANCE * seen.sigma**2):
             moved = problem.moved(state, step)
-            return Solution(moved, seen, problem.rss(moved), iteration, history)
+            return Solution(moved, seen, problem.rss(moved), iteration, tuple(np.sqrt(np.array(sums) / m)))
         shrink = 1.0
         while True:
             moved = problem.moved(state, shrink * step)
@@ -84,17 +120,27 @@ def solve(problem, state, record=None):
             if shrink < 1e-6:
                 break
         state, rss = moved, new_rss
-        history.append(np.sqrt(rss / m))
+        sums.append(rss)
         if record:
             record(iteration, state)
     raise IdentificationError(
-        f"the fit did not converge in {MAX_ITERATIONS} iterations (last step {size:.2g}, rms "
-        f"{1e3 * history[-1]:.3g} mm): check units, joint order and the robot file, and that neither base "
+        f"the fit did not converge in {iteration} iterations (last step {size:.2g}, rms "
+        f"{1e3 * np.sqrt(rss / m):.3g} mm): check units, joint order and the robot file, and that neither base "
         "nor tool moved between the poses"
     )
 
 
-def _step(seen, g, state):
+def _stands_still(sums: list[float]) -> bool:
+    """Whether the sum of squares has made no progress of late, although the fit has not converged."""
+    return len(sums) > 2 * PATIENCE and min(sums[-PATIENCE:]) > (1 - PROGRESS) * min(sums[:-PATIENCE])
+
+
+def _put_back(problem: Problem, seen: observability.Information, state: State) -> State:
+    """The state with held directions at nominal; base and targets follow."""
+    return problem.moved(state, _step(seen, np.zeros(problem.unknowns), state))
+
+
+def _step(seen: observability.Information, g: FloatArray, state: State) -> FloatArray:
     """Gauss-Newton step of base, targets and error parameters; held directions go back to nominal."""
     b = len(seen.H_nn_inverse)
     known = seen.H_nn_inverse @ g[:b]

@@ -8,16 +8,23 @@ thesis did. Each unknown is counted in plausible sizes: the error parameters' ow
 of a length and an angle.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
+from irbcal.arrays import FloatArray, lock
 from irbcal.identification.history import distances, largest
-from irbcal.identification.residuals import State
+from irbcal.identification.least_squares import Record
+from irbcal.identification.residuals import Problem, State
 from irbcal.units import DEG, MM
 
 ITERATIONS = 2000
+"""Iterations of a run (Nubiola 2011, section 7.5)."""
+
 EVERY = 10
 """Iterations between two records (Nubiola 2011, section 7.5)."""
 
@@ -38,7 +45,7 @@ class NelderMead:
     value : float
         Objective at ``state``, metres.
     iterations, evaluations : int
-    history : list of float
+    history : tuple of float
         Objective at the start and every ten iterations, metres.
     """
 
@@ -46,18 +53,28 @@ class NelderMead:
     value: float
     iterations: int
     evaluations: int
-    history: list
+    history: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
-def sizes(problem):
+def sizes(problem: Problem) -> FloatArray:
     """Plausible size of every unknown, shape (unknowns,), metres and radians."""
     base = [ANGLE] * 3 + [LENGTH] * 3
     targets = [LENGTH] * (3 * len(problem.free)) + [ANGLE] * (3 * len(problem.framed))
     return np.array(base + targets + [p.scale for p in problem.parameters])
 
 
-def solve(problem, start, iterations=ITERATIONS, simplex=SIMPLEX, objective=largest, record=None):
-    """Search for a smaller objective without derivatives.
+def solve(
+    problem: Problem,
+    start: State,
+    iterations: int = ITERATIONS,
+    simplex: float = SIMPLEX,
+    objective: Callable[[FloatArray], float] = largest,
+    record: Record | None = None,
+) -> NelderMead:
+    """Search for a smaller objective without derivatives (Nubiola 2011, sections 3.5 and 7.3).
 
     Parameters
     ----------
@@ -77,12 +94,14 @@ def solve(problem, start, iterations=ITERATIONS, simplex=SIMPLEX, objective=larg
     -------
     NelderMead
     """
+    from scipy.optimize import minimize
+
     scale = sizes(problem)
 
-    def state_at(x):
+    def state_at(x: FloatArray) -> State:
         return problem.moved(start, scale * x)
 
-    def function(x):
+    def function(x: FloatArray) -> float:
         return objective(distances(problem, state_at(x)))
 
     history = [function(np.zeros(len(scale)))]
@@ -90,7 +109,7 @@ def solve(problem, start, iterations=ITERATIONS, simplex=SIMPLEX, objective=larg
     if record:
         record(0, start)
 
-    def callback(intermediate_result):
+    def callback(intermediate_result: Any) -> None:
         nonlocal count
         count += 1
         if count % EVERY == 0:
@@ -102,4 +121,4 @@ def solve(problem, start, iterations=ITERATIONS, simplex=SIMPLEX, objective=larg
     # scipy counts the first simplex as an iteration
     options = {"maxiter": iterations + 1, "xatol": 0.0, "fatol": 0.0, "initial_simplex": first}
     found = minimize(function, first[0], method="Nelder-Mead", callback=callback, options=options)
-    return NelderMead(state_at(found.x), float(found.fun), count, int(found.nfev) + 1, history)
+    return NelderMead(state_at(found.x), float(found.fun), count, int(found.nfev) + 1, tuple(history))

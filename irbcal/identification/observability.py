@@ -6,15 +6,24 @@ that space is *seen* if its standard deviation, given the residuals at hand, is 
 size; every other direction is *held*: the parameters keep the smallest change from nominal along it.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import qr
 
+from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import IdentificationError
+
+if TYPE_CHECKING:
+    from irbcal.identification.residuals import Problem
 
 ROUNDING = 1e-13
 """Information below this fraction of the largest is rounding, whatever the residuals."""
+
+HELD, TIED = 0.99, 0.01
+"""Share of a parameter in held directions above which it counts as held, and as tied."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +33,8 @@ class Information:
     Attributes
     ----------
     eigenvalues : ndarray, shape (k,)
-        Of the scaled information matrix, m^2 (change of the sum of squares for one plausible size), ascending.
+        Of the scaled information matrix, m^2 (change of the sum of squares for one plausible size), ascending; those of
+        held directions come first.
     directions : ndarray, shape (k, k)
         Their eigenvectors, columns, in plausible sizes.
     seen : ndarray of bool, shape (k,)
@@ -41,21 +51,29 @@ class Information:
         parallel have any.
     """
 
-    eigenvalues: np.ndarray
-    directions: np.ndarray
-    seen: np.ndarray
-    scale: np.ndarray
-    H_nn_inverse: np.ndarray
-    follow: np.ndarray
+    eigenvalues: FloatArray
+    directions: FloatArray
+    seen: BoolArray
+    scale: FloatArray
+    H_nn_inverse: FloatArray
+    follow: FloatArray
     sigma: float
-    outer_null: np.ndarray
+    outer_null: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
 
     @property
-    def rank(self):
+    def rank(self) -> int:
         """Number of seen directions, base and targets included."""
         return len(self.H_nn_inverse) - self.outer_null.shape[1] + int(self.seen.sum())
 
-    def covariance(self):
+    def weakest(self, rank: int) -> FloatArray:
+        """The directions that are held if no more than ``rank`` (base and targets included) are seen, shape (k, h)."""
+        held = len(self.seen) - int(self.seen.sum()) + max(self.rank - rank, 0)
+        return self.directions[:, :held]
+
+    def covariance(self) -> FloatArray:
         """Covariance of base (rotation vector, translation), targets and error parameters, SI units.
 
         Held directions add nothing: standard deviations are those of the parameters with the held
@@ -68,7 +86,7 @@ class Information:
         return self.sigma**2 * np.block([[C_nn, C_nr], [C_nr.T, C_rr]])
 
     @property
-    def singular_values(self):
+    def singular_values(self) -> FloatArray:
         """Singular values of the scaled Jacobian of the error parameters, descending, metres.
 
         How far all points move together (root of the summed squares) for one plausible size along each
@@ -76,7 +94,7 @@ class Information:
         """
         return np.sqrt(np.maximum(self.eigenvalues[::-1], 0.0))
 
-    def indices(self, poses):
+    def indices(self, poses: int) -> dict[str, float]:
         """Observability indices O1 to O5 and the condition number, over the seen directions.
 
         O1 = (s_1 ... s_r)^(1/r) / sqrt(poses) (Borm and Menq 1989), O2 = s_r / s_1 (Driels and Pathre 1990),
@@ -104,7 +122,7 @@ class Information:
             "condition": float(s[0] / s[-1]),
         }
 
-    def correlations(self, above=0.9):
+    def correlations(self, above: float = 0.9) -> list[tuple[int, int, float]]:
         """Pairs of error parameters that the data can hardly tell apart.
 
         Returns
@@ -114,14 +132,14 @@ class Information:
         """
         b = len(self.H_nn_inverse)
         C = self.covariance()[b:, b:]
-        free = np.flatnonzero(self.held_fraction() < 0.01)
+        free = np.flatnonzero(self.held_fraction() < TIED)
         std = np.sqrt(np.diag(C))
         pairs = [
             (int(i), int(j), float(C[i, j] / (std[i] * std[j]))) for k, i in enumerate(free) for j in free[k + 1 :]
         ]
         return sorted((pair for pair in pairs if abs(pair[2]) > above), key=lambda pair: -abs(pair[2]))
 
-    def basis(self):
+    def basis(self) -> FloatArray:
         """Directions in which the data speak: base and targets, then the seen combinations of error parameters.
 
         Returns
@@ -133,12 +151,12 @@ class Information:
         seen = self.directions[:, self.seen] * self.scale[:, None]
         return np.block([[np.eye(b), np.zeros((b, seen.shape[1]))], [np.zeros((k, b)), seen]])
 
-    def held_fraction(self):
+    def held_fraction(self) -> FloatArray:
         """Share of each error parameter that lies in held directions, 0 (identified) to 1 (held), shape (k,)."""
         held = self.directions[:, ~self.seen]
         return np.clip(np.sum(held**2, axis=1), 0.0, 1.0)
 
-    def held_directions(self):
+    def held_directions(self) -> list[tuple[int, FloatArray, FloatArray]]:
         """A readable basis of the held directions.
 
         Each basis vector has its own leading error parameter that no other vector contains.
@@ -150,6 +168,8 @@ class Information:
             plausible sizes of the error parameters, shape (k,), one at the leading one; and how base and
             targets move along, SI units, shape (b,).
         """
+        from scipy.linalg import qr
+
         held = self.directions[:, ~self.seen]
         if not held.shape[1]:
             return []
@@ -159,7 +179,7 @@ class Information:
         return [(int(j), v, -self.follow @ (self.scale * v)) for j, v in zip(leading, basis.T, strict=True)]
 
 
-def information(problem, H, rss):
+def information(problem: Problem, H: FloatArray, rss: float, held: FloatArray | None = None) -> Information:
     """Information about the error parameters from the normal matrix.
 
     Parameters
@@ -168,6 +188,9 @@ def information(problem, H, rss):
     H : ndarray, shape (unknowns, unknowns)
     rss : float
         Sum of squared residuals, m^2.
+    held : ndarray, shape (k, h), optional
+        Orthonormal directions in plausible sizes that are held whatever the data say; unless given, the residuals
+        decide.
 
     Returns
     -------
@@ -193,8 +216,8 @@ def information(problem, H, rss):
     follow = H_nn_inverse @ H[:b, b:]
     scale = np.array([p.scale for p in problem.parameters])
     S = (H[b:, b:] - H[b:, :b] @ follow) * scale[:, None] * scale
-    eigenvalues, directions = np.linalg.eigh(0.5 * (S + S.T)) if len(scale) else (np.zeros(0), np.zeros((0, 0)))
-    largest = eigenvalues[-1] if len(scale) else 0.0
+    eigenvalues, directions = _eigen(0.5 * (S + S.T), held)
+    largest = eigenvalues.max(initial=0.0)
     solid = eigenvalues > ROUNDING * max(largest, 0.0)
     known = b - int(null.sum()) + int(solid.sum())
     spare = equations - known
@@ -205,5 +228,20 @@ def information(problem, H, rss):
             "smaller model"
         )
     sigma = np.sqrt(rss / spare)
-    seen = solid & (eigenvalues > sigma**2)
+    seen = solid & ((eigenvalues > sigma**2) if held is None else (np.arange(len(scale)) >= held.shape[1]))
     return Information(eigenvalues, directions, seen, scale, H_nn_inverse, follow, float(sigma), vectors[:, null])
+
+
+def _eigen(S: FloatArray, held: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues, ascending, and eigenvectors of a symmetric matrix; with held directions, theirs come first."""
+    if not len(S):
+        return np.zeros(0), np.zeros((0, 0))
+    if held is None:
+        values, vectors = np.linalg.eigh(S)
+        return values, vectors
+    whole, _ = np.linalg.qr(held, mode="complete")
+    parts = []
+    for V in (held, whole[:, held.shape[1] :]):
+        values, turned = np.linalg.eigh(V.T @ S @ V)
+        parts.append((values, V @ turned))
+    return np.concatenate([values for values, _ in parts]), np.hstack([vectors for _, vectors in parts])

@@ -1,13 +1,17 @@
 """Gross errors and mixed-up units, seen against the nominal robot before anything is identified."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import numpy as np
 
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification.fit import identify
-from irbcal.measurement.points import distances
+from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import dhm
+from irbcal.modeling.arm import Arm
 from irbcal.units import DEG, MM
 
 FLOOR = 5 * MM
@@ -29,18 +33,18 @@ READINGS = {
 }
 
 
-def scaled(points, q_factor, xyz_factor):
+def scaled(points: PointSet, q_factor: float, xyz_factor: float) -> PointSet:
     """The same points with joints and positions multiplied."""
     return replace(points, q=points.q * q_factor, xyz=points.xyz * xyz_factor)
 
 
-def spread(arm, points):
+def spread(arm: Arm, points: PointSet) -> float:
     """Root mean square distance of the nominal tip positions from their middle, metres."""
     tip = dhm.forward(arm.table, points.q, arm.T_base_0, arm.T_last_tip)[:, :3, 3]
     return float(np.sqrt(np.mean(np.sum((tip - tip.mean(axis=0)) ** 2, axis=1))))
 
 
-def find_gross_errors(arm, points, source="the measurements"):
+def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurements") -> tuple[BoolArray, FloatArray]:
     """Points that no robot of this kind could have reached.
 
     The nominal robot (base and tool identified) is fitted to the 60 % of the points that it fits best, which up to
@@ -72,18 +76,19 @@ def find_gross_errors(arm, points, source="the measurements"):
         distance = trimmed_distances(arm, points)
     except IdentificationError as error:
         _refuse_other_units(arm, points, np.inf, source)
-        raise IdentificationError(f"{source}: {error}") from None
+        raise IdentificationError(str(error), file=source) from None
     median = np.median(distance)
     if median > TOO_FAR * spread(arm, points):
         _refuse_other_units(arm, points, median, source)
         raise IdentificationError(
-            f"{source}: {arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base "
-            "and tool: wrong robot file, joint order or joint signs, or a base or tool that moved between the poses?"
+            f"{arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base and tool: "
+            "wrong robot file, joint order or joint signs, or a base or tool that moved between the poses?",
+            file=source,
         )
     return distance <= max(FLOOR, FACTOR * median), distance
 
 
-def trimmed_distances(arm, points):
+def trimmed_distances(arm: Arm, points: PointSet) -> FloatArray:
     """Distances of all points from the nominal robot fitted to the best part of them, shape (m,), metres."""
     distance = distances(identify(arm, points, "nominal").robot, points)
     core = None
@@ -102,7 +107,7 @@ def trimmed_distances(arm, points):
     return distance
 
 
-def _refuse_other_units(arm, points, median, source):
+def _refuse_other_units(arm: Arm, points: PointSet, median: float, source: str) -> None:
     """Name the units in which the nominal robot would fit."""
     for reading, factors in READINGS.items():
         other = scaled(points, *factors)
@@ -112,6 +117,7 @@ def _refuse_other_units(arm, points, median, source):
             continue
         if better < min(0.1 * median, 0.02 * spread(arm, other)):
             raise MeasurementError(
-                f"{source}: these look like {reading}: read so, the nominal robot meets the points within "
-                f"{better / MM:.2g} mm (median)"
+                f"these look like {reading}: read so, the nominal robot meets the points within "
+                f"{better / MM:.2g} mm (median)",
+                file=source,
             )

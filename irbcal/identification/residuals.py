@@ -22,12 +22,20 @@ base               rotation ``e x p``, translation ``e``
 =================  ==========================================
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames, parameters
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap, fourier_terms, stiffness_terms
+from irbcal.modeling.parameters import Parameter
 
 BLOCK = 2048
 """Poses whose Jacobian is in memory at a time."""
@@ -51,18 +59,54 @@ class State:
         Target frames in the tip link; identity for targets without measured orientation.
     """
 
-    T_world_base: np.ndarray
-    targets: np.ndarray
-    errors: np.ndarray
-    rotations: np.ndarray = field(default=None)
+    T_world_base: FloatArray
+    targets: FloatArray
+    errors: FloatArray
+    rotations: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
-    def __post_init__(self):
-        if self.rotations is None:
+    def __post_init__(self) -> None:
+        if not len(self.rotations):
             object.__setattr__(self, "rotations", np.tile(np.eye(3), (len(self.targets), 1, 1)))
+        lock(self)
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Some poses with their points, and where their rows stand; private, and made once for a problem: not locked.
+
+    Attributes
+    ----------
+    q : ndarray, shape (n, joints)
+    pose, target : ndarray of int, shape (m,)
+        Row of ``q`` and target of each point.
+    xyz : ndarray, shape (3, m)
+    turned : ndarray of int, shape (o,)
+        Points with a measured orientation.
+    rotation : ndarray, shape (o, 3, 3)
+    rows : ndarray of int, shape (m + o,)
+        Of the whole problem: the points', then the orientations'.
+    stiffness : ndarray, shape (2, n)
+        Terms of A and B at each pose; empty where no parameter needs them.
+    fourier : ndarray, shape (4, n)
+        Terms of joint 6; likewise.
+    """
+
+    q: FloatArray
+    pose: IntArray
+    target: IntArray
+    xyz: FloatArray
+    turned: IntArray
+    rotation: FloatArray
+    rows: IntArray
+    stiffness: FloatArray
+    fourier: FloatArray
 
 
 class Problem:
-    """Measured points and orientations against an arm with given error parameters.
+    """Measured points and orientations against an arm with given error parameters (Nubiola 2011, section 3.5).
+
+    The prediction is that of eqs. 3.32, 3.33 and 3.34 with the joint map of `irbcal.modeling.joint_map`, from the base
+    in the measuring frame to the target on the tool.
 
     A measured orientation is one more row of three residuals: the rotation vector from the predicted to the
     measured target frame, times `ORIENTATION_LENGTH`. Rows are ordered: all positions, then all orientations.
@@ -96,17 +140,17 @@ class Problem:
 
     def __init__(
         self,
-        arm,
-        points,
-        error_parameters,
-        phases=(0.0, np.pi / 2),
-        known_targets=None,
-        orientation_length=ORIENTATION_LENGTH,
-    ):
+        arm: Arm,
+        points: PointSet,
+        error_parameters: Sequence[Parameter],
+        phases: ArrayLike = (0.0, np.pi / 2),
+        known_targets: Mapping[str, ArrayLike] | None = None,
+        orientation_length: float = ORIENTATION_LENGTH,
+    ) -> None:
         self.arm = arm
         self.points = points
         self.parameters = tuple(error_parameters)
-        self.joint_map = JointMap(np.zeros(len(arm.joint_names)), phases=phases)
+        self.joint_map = JointMap(np.zeros(len(arm.joint_names)), phases=np.asarray(phases, dtype=float))
         self.known = {k: np.asarray(v, float) for k, v in (known_targets or {}).items() if k in points.target_names}
         self.orientation_length = orientation_length
         names = points.target_names
@@ -118,12 +162,13 @@ class Problem:
         self.weights = _weights(points, oriented)
         self._blocks = self._cut(points, oriented)
 
-    def _cut(self, points, oriented):
-        """Per block of poses: joints, points, and where its rows stand."""
+    def _cut(self, points: PointSet, oriented: BoolArray) -> list[_Block]:
+        """The points in blocks of poses."""
         starts = range(0, points.poses, BLOCK)
         edges = np.searchsorted(points.pose, [*starts, points.poses])
         before = np.concatenate([[0], np.cumsum(oriented)])
         kinds = {parameter.kind for parameter in self.parameters}
+        none = np.zeros((0, 0))
         blocks = []
         for k, start in enumerate(starts):
             rows = slice(edges[k], edges[k + 1])
@@ -131,26 +176,26 @@ class Problem:
             turned = np.flatnonzero(oriented[rows])
             o = len(points) + before[edges[k]]
             blocks.append(
-                {
-                    "q": q,
-                    "pose": points.pose[rows] - start,
-                    "target": points.target[rows],
-                    "xyz": np.ascontiguousarray(points.xyz[rows].T),
-                    "turned": turned,
-                    "rotation": points.rotation[rows][turned] if len(turned) else None,
-                    "rows": np.r_[rows, o : o + len(turned)],
-                    "stiffness": stiffness_terms(q, self.joint_map.phases) if "stiffness" in kinds else None,
-                    "fourier": fourier_terms(q) if "fourier" in kinds else None,
-                }
+                _Block(
+                    q=q,
+                    pose=points.pose[rows] - start,
+                    target=points.target[rows],
+                    xyz=np.ascontiguousarray(points.xyz[rows].T),
+                    turned=turned,
+                    rotation=np.zeros((0, 3, 3)) if points.rotation is None else points.rotation[rows][turned],
+                    rows=np.r_[rows, o : o + len(turned)],
+                    stiffness=np.asarray(stiffness_terms(q, self.joint_map.phases)) if "stiffness" in kinds else none,
+                    fourier=fourier_terms(q) if "fourier" in kinds else none,
+                )
             )
         return blocks
 
     @property
-    def unknowns(self):
+    def unknowns(self) -> int:
         """Number of unknowns: base, targets and error parameters."""
         return self.outer + len(self.parameters)
 
-    def moved(self, state, step):
+    def moved(self, state: State, step: FloatArray) -> State:
         """The state after a step in the order of the unknowns.
 
         The base moves by a rotation vector and a translation given in the base link, a target frame by a
@@ -164,20 +209,20 @@ class Problem:
             rotations[j] = frames.rotation_from_vector(turn) @ rotations[j]
         return State(state.T_world_base @ shift, targets, state.errors + step[self.outer :], rotations)
 
-    def model(self, state):
+    def model(self, state: State) -> tuple[Arm, JointMap]:
         """Arm and joint map with the state's error parameters added."""
         table, joint_map = parameters.apply(self.parameters, state.errors, self.arm.table, self.joint_map)
         return self.arm.with_table(table), joint_map
 
-    def residuals(self, state):
+    def residuals(self, state: State) -> FloatArray:
         """Residuals of all rows in the base link, shape (rows, 3), metres; not weighted."""
         arm, joint_map = self.model(state)
         out = np.empty((self.rows, 3))
         for block in self._blocks:
-            out[block["rows"]] = self._block(block, arm, joint_map, state, False)[0].T
+            out[block.rows] = self._misses(block, arm, joint_map, state).T
         return out
 
-    def jacobian(self, state):
+    def jacobian(self, state: State) -> FloatArray:
         """Derivative of all predictions, shape (3 rows, unknowns), x, y, z of a row side by side; not weighted.
 
         For small problems; least squares uses `normal_equations`.
@@ -185,10 +230,10 @@ class Problem:
         arm, joint_map = self.model(state)
         out = np.empty((self.rows, 3, self.unknowns))
         for block in self._blocks:
-            out[block["rows"]] = self._block(block, arm, joint_map, state, True)[1].transpose(2, 1, 0)
+            out[block.rows] = self._derivatives(block, arm, joint_map, state)[1].transpose(2, 1, 0)
         return out.reshape(-1, self.unknowns)
 
-    def normal_equations(self, state, weights=None):
+    def normal_equations(self, state: State, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float]:
         """Weighted sums over all rows, a block of poses at a time.
 
         Parameters
@@ -209,63 +254,68 @@ class Problem:
         weights = self.weights if weights is None else weights
         uniform = np.all(weights == 1.0)
         arm, joint_map = self.model(state)
-        H, g, rss = 0.0, 0.0, 0.0
+        H, g, rss = np.zeros((self.unknowns, self.unknowns)), np.zeros(self.unknowns), 0.0
         for block in self._blocks:
-            r, J = self._block(block, arm, joint_map, state, True)
+            r, J = self._derivatives(block, arm, joint_map, state)
             if not uniform:
-                w = weights[block["rows"]]
+                w = weights[block.rows]
                 r *= w
                 J *= w
             flat = J.reshape(self.unknowns, -1)
-            r = r.ravel()
             H = H + flat @ flat.T
-            g = g + flat @ r
-            rss += r @ r
+            g = g + flat @ r.ravel()
+            rss += float(np.vdot(r, r))
         return H, g, rss
 
-    def rss(self, state, weights=None):
+    def rss(self, state: State, weights: FloatArray | None = None) -> float:
         """Weighted sum of squared residuals, m^2."""
         weights = self.weights if weights is None else weights
         return float(np.sum((weights[:, None] * self.residuals(state)) ** 2))
 
-    def _block(self, block, arm, joint_map, state, with_jacobian):
-        """Residuals (3, rows) and, on request, derivatives (unknowns, 3, rows) of one block."""
-        table, pose, target, turned = arm.table, block["pose"], block["target"], block["turned"]
-        m = len(pose)
-        theta = joint_map.effective(block["q"]).T + table.offsets[:, None]
-        if with_jacobian:
-            chain = dhm.chain_frames(table, theta, arm.T_base_0, arm.T_last_tip)
-            tip = chain.tip[..., pose]
-        else:
-            tip = dhm.tip_columns(table, theta, arm.T_base_0, arm.T_last_tip)[..., pose]
-        local = state.targets[target].T
+    def _residuals(self, block: _Block, tip: FloatArray, state: State) -> tuple[FloatArray, FloatArray]:
+        """Residuals (3, rows) of one block and its predicted points (3, m), from tip frames (4, 3, m)."""
+        m = len(block.pose)
+        local = state.targets[block.target].T
         p = tip[3] + tip[0] * local[0] + tip[1] * local[1] + tip[2] * local[2]
         T_base_world = frames.inverse(state.T_world_base)
-        r = np.empty((3, m + len(turned)))
-        r[:, :m] = T_base_world[:3, :3] @ block["xyz"] + T_base_world[:3, 3:] - p
-        if len(turned):
-            predicted = tip[:3, :, turned].transpose(2, 1, 0) @ state.rotations[target[turned]]
-            measured = T_base_world[:3, :3] @ block["rotation"]
+        r = np.empty((3, m + len(block.turned)))
+        r[:, :m] = T_base_world[:3, :3] @ block.xyz + T_base_world[:3, 3:] - p
+        if len(block.turned):
+            predicted = tip[:3, :, block.turned].transpose(2, 1, 0) @ state.rotations[block.target[block.turned]]
+            measured = T_base_world[:3, :3] @ block.rotation
             r[:, m:] = self.orientation_length * _rotation_vectors(measured @ predicted.transpose(0, 2, 1)).T
-        if not with_jacobian:
-            return r, None
+        return r, p
+
+    def _misses(self, block: _Block, arm: Arm, joint_map: JointMap, state: State) -> FloatArray:
+        """Residuals (3, rows) of one block."""
+        theta = joint_map.effective(block.q).T + arm.table.offsets[:, None]
+        tip = dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_last_tip)[..., block.pose]
+        return self._residuals(block, tip, state)[0]
+
+    def _derivatives(self, block: _Block, arm: Arm, joint_map: JointMap, state: State) -> tuple[FloatArray, FloatArray]:
+        """Residuals (3, rows) and derivatives (unknowns, 3, rows) of one block."""
+        theta = joint_map.effective(block.q).T + arm.table.offsets[:, None]
+        chain = dhm.chain_frames(arm.table, theta, arm.T_base_0, arm.T_last_tip)
+        tip = chain.tip[..., block.pose]
+        r, p = self._residuals(block, tip, state)
+        m = len(block.pose)
         J = np.zeros((self.unknowns, 3, r.shape[1]))
         J[0, 1, :m], J[0, 2, :m] = -p[2], p[1]
         J[1, 0, :m], J[1, 2, :m] = p[2], -p[0]
         J[2, 0, :m], J[2, 1, :m] = -p[1], p[0]
         J[3, 0, :m] = J[4, 1, :m] = J[5, 2, :m] = 1.0
         for slot, k in enumerate(self.free):
-            mine = np.flatnonzero(target == k)
+            mine = np.flatnonzero(block.target == k)
             J[6 + 3 * slot : 9 + 3 * slot, :, mine] = tip[:3, :, mine]
         self._robot_columns(J[self.outer :, :, :m], chain, p, block)
-        if len(turned):
+        if len(block.turned):
             self._orientation_columns(J[:, :, m:], chain, tip, block)
         return r, J
 
-    def _orientation_columns(self, J, chain, tip, block):
+    def _orientation_columns(self, J: FloatArray, chain: dhm.ChainFrames, tip: FloatArray, block: _Block) -> None:
         """Fill derivatives of the predicted rotation vectors, (unknowns, 3, o)."""
-        turned = block["turned"]
-        pose, target = block["pose"][turned], block["target"][turned]
+        turned = block.turned
+        pose, target = block.pose[turned], block.target[turned]
         length = self.orientation_length
         for k in range(3):
             J[k, k] = length
@@ -277,11 +327,11 @@ class Problem:
         spin = {kind: length * array[..., pose] for kind, array in axes.items()}
         self._fill(J[self.outer :], spin, block, pose)
 
-    def _robot_columns(self, J, chain, p, block):
+    def _robot_columns(self, J: FloatArray, chain: dhm.ChainFrames, p: FloatArray, block: _Block) -> None:
         """Fill derivatives by the robot's error parameters, (k, 3, m)."""
-        pose = block["pose"]
+        pose = block.pose
         kinds = {parameter.kind for parameter in self.parameters}
-        columns = {}
+        columns: dict[str, FloatArray] = {}
         if "a" in kinds or "alpha" in kinds:
             columns["a"] = chain.x_before[..., pose]
         if "alpha" in kinds:
@@ -295,7 +345,7 @@ class Problem:
             columns["beta"] = _turned(columns["b"], chain.o_tilt[..., pose], p)
         self._fill(J, columns, block, pose)
 
-    def _fill(self, J, columns, block, pose):
+    def _fill(self, J: FloatArray, columns: Mapping[str, FloatArray], block: _Block, pose: IntArray) -> None:
         """Derivatives by every error parameter from those by the DHM columns; absent columns have no effect."""
         for slot, parameter in enumerate(self.parameters):
             kind, index = parameter.kind, parameter.index
@@ -304,16 +354,16 @@ class Problem:
             elif kind == "gain":
                 along = columns.get("d" if self.arm.table.prismatic[index] else "theta")
                 if along is not None:
-                    J[slot] = along[index] * block["q"][pose, index]
+                    J[slot] = along[index] * block.q[pose, index]
             elif kind == "fourier":
-                J[slot] = columns["theta"][5] * block["fourier"][index, pose]
+                J[slot] = columns["theta"][5] * block.fourier[index, pose]
             elif kind == "stiffness" and index == 0:  # A
-                J[slot] = columns["theta"][1] * block["stiffness"][0][pose]
+                J[slot] = columns["theta"][1] * block.stiffness[0][pose]
             elif kind == "stiffness":  # B
-                J[slot] = (columns["theta"][1] + columns["theta"][2]) * block["stiffness"][1][pose]
+                J[slot] = (columns["theta"][1] + columns["theta"][2]) * block.stiffness[1][pose]
 
 
-def _weights(points, oriented):
+def _weights(points: PointSet, oriented: BoolArray) -> FloatArray:
     """Row weights from the points' uncertainties: the median over the row's own, at most a hundred times either way."""
     if points.u95 is None or not np.isfinite(points.u95).any():
         return np.ones(len(points) + int(oriented.sum()))
@@ -322,14 +372,14 @@ def _weights(points, oriented):
     return np.concatenate([weights, weights[oriented]])
 
 
-def _rotation_vectors(R):
+def _rotation_vectors(R: FloatArray) -> FloatArray:
     """Rotation vectors (n, 3) of rotations (n, 3, 3)."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_matrix(R).as_rotvec()
 
 
-def _turned(axis, origin, p):
+def _turned(axis: FloatArray, origin: FloatArray, p: FloatArray) -> FloatArray:
     """Velocity ``axis x (p - origin)`` for axes and origins (joints, 3, m) and points (3, m)."""
     arm = p - origin
     out = np.empty_like(axis)

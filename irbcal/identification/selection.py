@@ -1,16 +1,30 @@
 """Choosing a level: which error model do the data support."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError, RobotError
+from irbcal.identification.choices import LEVELS, Level
 from irbcal.identification.fit import identify
-from irbcal.measurement.points import distances
+from irbcal.measurement.points import PointSet, distances
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import levels_of
+from irbcal.options import checked
+from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 FOLDS = 5
+"""Parts of the cross-validation."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +45,7 @@ class Candidate:
         Why it could not be fitted, else empty.
     """
 
-    level: str
+    level: Level
     mean_mm: float | None
     gain_mm: float | None
     gain_std_mm: float | None
@@ -39,30 +53,54 @@ class Candidate:
     refused: str = ""
 
 
-@dataclass(frozen=True)
-class Choice:
+@dataclass(frozen=True, repr=False)
+class Choice(Speaks):
     """A chosen level with the comparison that led to it.
 
     Attributes
     ----------
     level : str
-    table : list of Candidate
+    table : tuple of Candidate
         In the order of growing size.
     explanation : str
         Two sentences.
     """
 
-    level: str
-    table: list
+    level: Level
+    table: tuple[Candidate, ...]
     explanation: str
 
+    def __post_init__(self) -> None:
+        lock(self)
 
-def pose_errors(arm, points, level, folds, **options):
+    def told(self) -> Sequence[Told]:
+        """Which level and why; the levels compared; why some could not be."""
+        rows = tuple((row.level, row.mean_mm, row.gain_mm, row.gain_std_mm) for row in self.table)
+        columns = ("model", "mean (mm)", "gain (mm)", "±")
+        bold = frozenset(k for k, row in enumerate(self.table) if row.level == self.level)
+        title = "Cross-validated errors; gain over the smaller model chosen before"
+        refused = [f"  model {row.level}: {row.refused}" for row in self.table if row.refused]
+        return (self.explanation, Table(title, columns, rows, bold=bold), *refused)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The levels compared, a row each, with the columns of `Candidate`."""
+        import pandas as pd
+
+        return pd.DataFrame([vars(row) for row in self.table])
+
+
+def pose_errors(
+    arm: Arm,
+    points: PointSet,
+    level: Level,
+    folds: IntArray,
+    known_targets: Mapping[str, ArrayLike] | None = None,
+) -> FloatArray:
     """Mean distance of each pose under a model fitted to the other folds, shape (n,), metres."""
     errors = np.full(points.poses, np.nan)
     for fold in range(folds.max() + 1):
         out = folds == fold
-        robot = identify(arm, points.select(~out), level, **options).robot
+        robot = identify(arm, points.select(~out), level, known_targets).robot
         seen = points.select(out)
         distance = distances(robot, seen)
         count = np.bincount(seen.pose, minlength=seen.poses)
@@ -70,7 +108,14 @@ def pose_errors(arm, points, level, folds, **options):
     return errors
 
 
-def choose_level(arm, points, seed=0, levels=None, progress=None, **options):
+def choose_level(
+    arm: Arm,
+    points: PointSet,
+    seed: int = 0,
+    levels: Sequence[Level] | None = None,
+    progress: Callable[[str], object] | None = None,
+    known_targets: Mapping[str, ArrayLike] | None = None,
+) -> Choice:
     """Compare levels by cross-validation over poses and choose one.
 
     Going from small to large, a level replaces the one chosen so far only if it is better, pose by pose, by more
@@ -87,7 +132,7 @@ def choose_level(arm, points, seed=0, levels=None, progress=None, **options):
         From small to large; all that the arm has unless given.
     progress : callable, optional
         Called with a text for each level.
-    **options
+    known_targets : dict of str to array_like, shape (3,), optional
         See `irbcal.identification.fit.identify`.
 
     Returns
@@ -98,23 +143,26 @@ def choose_level(arm, points, seed=0, levels=None, progress=None, **options):
     ------
     IdentificationError
         If not even the smallest level can be fitted.
+    OptionError
+        If there is no such level.
     """
     folds = np.random.default_rng(seed).permutation(np.arange(points.poses) % FOLDS)
-    table, chosen, best = [], None, None
-    for level in levels_of(arm) if levels is None else levels:
+    compared = [checked("levels", level, LEVELS) for level in (levels_of(arm) if levels is None else levels)]
+    table: list[Candidate] = []
+    chosen, best = compared[0], np.zeros(0)
+    for level in compared:
         if progress:
             progress(f"cross-validating model {level}")
         try:
-            errors = pose_errors(arm, points, level, folds, **options)
+            errors = pose_errors(arm, points, level, folds, known_targets)
         except (IdentificationError, RobotError) as error:
-            if chosen is None:
+            if not table:
                 raise
             table.append(Candidate(level, None, None, None, False, str(error)))
             continue
         mean = float(errors.mean() / MM)
-        if chosen is None:
-            better, gain, deviation = True, None, None
-        else:
+        better, gain, deviation = True, None, None
+        if table:
             difference = (best - errors) / MM
             gain = float(difference.mean())
             deviation = float(difference.std(ddof=1) / np.sqrt(len(difference)))
@@ -122,10 +170,11 @@ def choose_level(arm, points, seed=0, levels=None, progress=None, **options):
         if better:
             chosen, best = level, errors
         table.append(Candidate(level, mean, gain, deviation, better))
-    return Choice(chosen, table, _explain(chosen, table, points.poses))
+    return Choice(chosen, tuple(table), _explain(chosen, table, points.poses))
 
 
-def _explain(chosen, table, poses):
+def _explain(chosen: Level, table: Sequence[Candidate], poses: int) -> str:
+    """Two sentences on the choice."""
     row = next(item for item in table if item.level == chosen)
     first = f"Model {chosen} has a cross-validated mean error of {row.mean_mm:.3f} mm over {poses} poses"
     if row.gain_mm is not None:
@@ -138,6 +187,7 @@ def _explain(chosen, table, poses):
     return f"{first}. {second}"
 
 
-def _listed(items):
+def _listed(items: Sequence[Candidate]) -> str:
+    """Levels as the subject of a sentence."""
     names = " and ".join(item.level for item in items)
     return f"The larger model {names} is" if len(items) == 1 else f"The larger models {names} are"

@@ -6,14 +6,17 @@ translation. That is linear in the nine entries of ``W``, in ``s`` and in all ta
 the least-squares ``W`` starts the fit.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
+from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
-from irbcal.identification.residuals import State
+from irbcal.identification.residuals import Problem, State
 from irbcal.modeling import dhm, frames
 
 
-def closed_form(problem):
+def closed_form(problem: Problem) -> tuple[State, float]:
     """First guess of base and targets from nominal kinematics.
 
     Parameters
@@ -50,14 +53,14 @@ def closed_form(problem):
         targets[k] = problem.known.get(name, targets[k])
     right = tip[3] + np.einsum("kcm,mk->cm", tip[:3], targets[points.target])
     # equations of base-link component k stand in rows k m .. (k+1) m
-    M = np.zeros((3, m, unknowns))
+    rows = np.zeros((3, m, unknowns))
     for k in range(3):
-        M[k, :, 3 * k : 3 * k + 3] = ((y - center) / size).T
-        M[k, :, 9 + k] = 1.0
+        rows[k, :, 3 * k : 3 * k + 3] = ((y - center) / size).T
+        rows[k, :, 9 + k] = 1.0
         for slot, t in enumerate(free):
             mine = points.target == t
-            M[k, mine, 12 + 3 * slot : 15 + 3 * slot] = -tip[:3, k, mine].T
-    M = M.reshape(3 * m, unknowns)
+            rows[k, mine, 12 + 3 * slot : 15 + 3 * slot] = -tip[:3, k, mine].T
+    M = rows.reshape(3 * m, unknowns)
     eigenvalues, V = np.linalg.eigh(M.T @ M)
     keep = eigenvalues > 1e-12 * eigenvalues[-1]
     solution = V[:, keep] @ ((V[:, keep].T @ (M.T @ right.ravel())) / eigenvalues[keep])
@@ -77,17 +80,19 @@ def closed_form(problem):
     return state, float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
 
 
-def nominal_tip(problem):
+def nominal_tip(problem: Problem) -> FloatArray:
     """Tip frames of the nominal arm at each point's joints: axes and origin, shape (4, 3, m)."""
     arm, points = problem.arm, problem.points
     theta = points.q.T + arm.table.offsets[:, None]
     return dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_last_tip)[..., points.pose]
 
 
-def _target_rotations(problem, tip, W):
+def _target_rotations(problem: Problem, tip: FloatArray, W: FloatArray) -> FloatArray:
     """Mean orientation of each measured target frame in the tip link; identity without measurements."""
     points = problem.points
     rotations = np.tile(np.eye(3), (len(points.target_names), 1, 1))
+    if points.rotation is None:
+        return rotations
     oriented = points.oriented()
     for k in problem.framed:
         mine = oriented & (points.target == k)
@@ -96,7 +101,7 @@ def _target_rotations(problem, tip, W):
     return rotations
 
 
-def turned_starts(problem, state):
+def turned_starts(problem: Problem, state: State) -> list[State]:
     """Starts for every one of the 24 turns of a cube, for data on which `closed_form` is not determined."""
     tip = nominal_tip(problem)
     middle_base, middle_world = tip[3].mean(axis=1), problem.points.xyz.mean(axis=0)

@@ -1,23 +1,31 @@
 """Residuals of each joint against its angle and the direction it came from, with the backlash they show.
 
-The part of `irbcal.joint_behaviour.residuals` that every calibration report has; ``irbcal axes`` does the rest.
+The part of `irbcal.joint_behaviour.residuals` that every calibration report has; ``irbcal joints`` does the rest.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from irbcal.joint_behaviour import residuals as joint_residuals
-from irbcal.joint_behaviour.terms import judged
+from irbcal.arrays import FloatArray, lock
+from irbcal.joint_behaviour.linearised import Linearised
+from irbcal.joint_behaviour.placing import placed
+from irbcal.joint_behaviour.residuals import backlash_terms
+from irbcal.joint_behaviour.terms import Term, judged
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.robot import Robot
+from irbcal.summary import Speaks, Told
 
 MOST_BINS, FEWEST_BINS = 10, 2
 FEWEST_IN_BIN = 5
 
 
-@dataclass(frozen=True, eq=False)
-class Approach:
+@dataclass(frozen=True, eq=False, repr=False)
+class Approach(Speaks):
     """What the residuals say of each joint's direction of approach.
 
     Attributes
@@ -35,11 +43,23 @@ class Approach:
 
     robot: Robot
     points: PointSet
-    direction: np.ndarray
-    terms: tuple
-    angle: np.ndarray
+    direction: FloatArray
+    terms: tuple[Term, ...]
+    angle: FloatArray
 
-    def by_angle(self, joint, sign):
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> Sequence[Told]:
+        """Backlash of each joint, in a sentence for each."""
+        return [sentence for term in self.terms for sentence in term.told()]
+
+    def headline(self) -> str:
+        """The joints whose backlash was seen."""
+        seen = ", ".join(str(term.joint) for term in self.terms if term.seen) or "none"
+        return f"backlash by {self.points.poses} poses, seen of joints: {seen}"
+
+    def by_angle(self, joint: int, sign: float) -> FloatArray:
         """Means over bins of one joint's angle, of poses reached from one side.
 
         Parameters
@@ -70,7 +90,7 @@ class Approach:
         return np.array(rows).reshape(-1, 3)
 
 
-def analyse(robot, points, direction):
+def analyse(robot: Robot, points: PointSet, direction: ArrayLike) -> Approach:
     """Backlash and angular residuals of all joints, from any poses.
 
     Parameters
@@ -91,6 +111,6 @@ def analyse(robot, points, direction):
         If there are too few poses or the robot is not that of the points.
     """
     step = np.asarray(direction, dtype=float)[np.isin(np.arange(points.poses), points.pose)]
-    robot, points, step, _ = joint_residuals.placed(robot, points.without_empty_poses(), step)
-    terms, _, _, angle = joint_residuals.backlash_terms(joint_residuals.Linearised(robot, points, step))
+    robot, points, step, _ = placed(robot, points.without_empty_poses(), step)
+    terms, _, _, angle = backlash_terms(Linearised(robot, points, step))
     return Approach(robot, points, np.sign(step), tuple(judged(terms)), angle)

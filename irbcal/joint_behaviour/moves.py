@@ -1,14 +1,21 @@
-"""Errors of one-joint moves from their circles alone (Nubiola 2011, sections 4.1, 4.2 and 5.2)."""
+"""What moves of one joint show, from their circles alone (Nubiola 2011, sections 4.1, 4.2, 4.3 and 5.2)."""
+
+from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import circles
+from irbcal.joint_behaviour.series import Series, home_poses, one_series
 from irbcal.joint_behaviour.terms import (
     HIGHEST_FREQUENCY,
+    Kind,
     Term,
     best_frequency,
     fourier_columns,
@@ -17,85 +24,23 @@ from irbcal.joint_behaviour.terms import (
     judged,
     quantile,
 )
-from irbcal.measurement.last_moves import STILL
 from irbcal.measurement.points import PointSet
-from irbcal.units import DEG, MM
+from irbcal.summary import Speaks, Told
+from irbcal.units import DEG
 
 GROUP = re.compile(r"axis([1-9]\d?)(?!\d).*")
 """Names of groups of one-joint moves."""
 
-
 KINDS = ("backlash", "gain", "fourier", "gravity")
 GRAVITY = (2, 3)
-"""Joints that lift the arm."""
+"""Joints that lift the arm (Nubiola 2011, section 4.3)."""
 
 SPARE = 3
 """Angles more than unknowns that a test needs."""
 
-OFF_CIRCLE, OFF_CIRCLE_FACTOR = 0.2 * MM, 12.0
-"""A point farther from its circle than both this and this many robust standard deviations is left out."""
 
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """One joint moved from one home pose.
-
-    Attributes
-    ----------
-    name : str
-        Of the group.
-    joint : int
-        Counted from 1.
-    q : ndarray, shape (n, joints)
-        Joints of its poses in the order of the file, radians.
-    direction : ndarray, shape (n,)
-        +1 where the joint came from below, -1 from above, 0 where it is not known.
-    fit : AxisFit
-    points : PointSet
-        Points on the circles.
-    radial, tangential, axial : ndarray, shape (m,)
-        Errors of each point, metres: outwards, in the joint's positive sense, along the axis. The tangential error is
-        zero where ``zero`` says.
-    radius : ndarray, shape (m,)
-        Of each point's circle, metres.
-    angle : ndarray, shape (n,)
-        Angular error of each pose (measured minus commanded turn), radians.
-    zero : float
-        Joint angle at which the angular error is set to zero (mean of both directions): the one nearest to 0, radians.
-    follow : ndarray, shape (n, 4)
-        Change of ``angle`` with the axis' tilts and shifts, in the order of ``fit.covariance``.
-    excluded : tuple of tuple
-        (pose, target, distance in metres) of points far from their circles.
-    """
-
-    name: str
-    joint: int
-    q: np.ndarray
-    direction: np.ndarray
-    fit: circles.AxisFit
-    points: PointSet
-    radial: np.ndarray
-    tangential: np.ndarray
-    axial: np.ndarray
-    radius: np.ndarray
-    angle: np.ndarray
-    zero: float
-    follow: np.ndarray
-    excluded: tuple
-
-    @property
-    def turn(self):
-        """The moving joint's angle at each pose, radians."""
-        return self.q[:, self.joint - 1]
-
-    @property
-    def lever(self):
-        """Root mean square radius, metres."""
-        return float(np.sqrt(np.mean(self.radius**2)))
-
-
-@dataclass(frozen=True, eq=False)
-class JointMoves:
+@dataclass(frozen=True, eq=False, repr=False)
+class JointMoves(Speaks):
     """All series of one joint and what they show together.
 
     Attributes
@@ -106,40 +51,53 @@ class JointMoves:
     backlash, gain, fourier : Term
     gravity : Term or None
         For joints 2 and 3: one period a turn, cosine and sine, for each home pose its own, as the bending of an arm
-        gives (section 5.3).
+        gives (Nubiola 2011, sections 4.3.2 and 5.3).
     """
 
     joint: int
-    series: tuple
+    series: tuple[Series, ...]
     backlash: Term
     gain: Term
     fourier: Term
     gravity: Term | None
 
     @property
-    def play(self):
+    def play(self) -> float:
         """Backlash that the other terms were freed of, radians."""
         return sure_backlash(self.backlash)
 
     @property
-    def terms(self):
+    def terms(self) -> tuple[Term, ...]:
         """All terms."""
         return tuple(getattr(self, kind) for kind in KINDS if getattr(self, kind) is not None)
 
+    def told(self) -> Sequence[Told]:
+        """Errors and terms, as tables, and what they mean."""
+        from irbcal.joint_behaviour.numbers import errors_table, terms_table
+        from irbcal.joint_behaviour.verdict import of_moves
 
-# --- from where a joint came -----------------------------------------------------------------------------
+        return [errors_table([self]), terms_table(self.terms), *of_moves([self])]
+
+    def headline(self) -> str:
+        """Its joint and what was seen."""
+        seen = ", ".join(term.kind for term in self.terms if term.seen) or "nothing"
+        return f"joint {self.joint} moved alone in {len(self.series)} series: seen: {seen}"
 
 
-def has_moves(points):
+def has_moves(points: PointSet) -> bool:
     """Whether there are groups of one-joint moves."""
     return any(GROUP.fullmatch(str(group)) for group in points.groups)
 
 
-def analyse_moves(points, step, joint=None, order=2, frequency=1.0):
-    """Errors of one-joint moves, backlash, gain and Fourier series per joint (Nubiola 2011, sections 4.1, 4.2, 5.2).
+def analyse_moves(
+    points: PointSet, step: FloatArray, joint: int | None = None, order: int = 2, frequency: float | None = 1.0
+) -> list[JointMoves]:
+    """Errors of one-joint moves, backlash, gain and Fourier series per joint.
 
-    Poses of one group that differ in joints other than the moving one are separate series, such as the tests of
-    Tables 4.2 and 4.4; each has its own circles, all series of a joint share backlash and Fourier series.
+    Nubiola 2011, sections 4.1 (all joints, moved as Table 4.1 says), 4.2 (joint 6), 4.3 (joint 2) and 5.2 (the series);
+    section 7.7 takes its first guess of the series from the same analysis of 158 axis points. Poses of one group that
+    differ in joints other than the moving one are separate series, such as the tests of Table 4.2 and of Table 4.4;
+    each has its own circles, all series of a joint share backlash and Fourier series.
 
     Parameters
     ----------
@@ -165,7 +123,7 @@ def analyse_moves(points, step, joint=None, order=2, frequency=1.0):
     seen = points.without_empty_poses()
     step = step[np.isin(np.arange(points.poses), points.pose)]
     names = [str(group) for group in seen.groups]
-    found = {}
+    found: dict[int, list[str]] = {}
     for name in dict.fromkeys(names):
         match = GROUP.fullmatch(name)
         if match and joint in (None, int(match[1])):
@@ -174,142 +132,20 @@ def analyse_moves(points, step, joint=None, order=2, frequency=1.0):
         which = "axis1, axis2, …" if joint is None else f"axis{joint}"
         others = ", ".join(sorted({name for name in names if name})) or "no groups"
         raise IdentificationError(f"there are no one-joint moves in a group {which}; found {others}")
-    out = []
+    out: list[JointMoves] = []
     for number in sorted(found):
         if number > seen.q.shape[1]:
             raise IdentificationError(f"group {found[number][0]}: there are only {seen.q.shape[1]} joints")
         series = [
             one_series(seen.select(part), step[part, number - 1], number, name)
             for name in found[number]
-            for part in _homes(seen.q, np.array(names) == name, number, name)
+            for part in home_poses(seen.q, np.array(names) == name, number, name)
         ]
         out.append(_joint_moves(number, series, order, frequency))
     return _judged_moves(out)
 
 
-def _homes(q, mine, joint, name):
-    """Masks of the poses of a group that share the other joints."""
-    rows = np.flatnonzero(mine)
-    rest = np.delete(q[rows], joint - 1, axis=1)
-    homes, which = [], np.empty(len(rows), dtype=int)
-    for k, pose in enumerate(rest):
-        off = [np.abs(_wrapped(pose - home)).max() for home in homes]
-        if off and min(off) <= STILL:
-            which[k] = int(np.argmin(off))
-        else:
-            which[k] = len(homes)
-            homes.append(pose)
-    if np.bincount(which).min() < 3:
-        spread = np.ptp(_wrapped(rest - rest[0]), axis=0)
-        moving = int(np.argmax(spread))
-        number = moving + 1 if moving + 1 < joint else moving + 2
-        if spread[moving] > STILL:
-            raise IdentificationError(
-                f"group {name}: joint {number} moves by {spread[moving] / DEG:.3g} degrees, but only joint {joint} may "
-                "move there (each other home pose needs three poses or more)"
-            )
-    masks = []
-    for k in range(len(homes)):
-        mask = np.zeros(len(q), dtype=bool)
-        mask[rows[which == k]] = True
-        masks.append(mask)
-    return masks
-
-
-def one_series(points, step, joint, name):
-    """Circles of one joint from one home pose, and the errors along them (Nubiola 2011, section 4.1).
-
-    Parameters
-    ----------
-    points : PointSet
-        Poses in which only this joint moves.
-    step : ndarray, shape (n,)
-        Its last move before each pose, radians; NaN where unknown.
-    joint : int
-        Counted from 1.
-    name : str
-
-    Returns
-    -------
-    Series
-
-    Raises
-    ------
-    IdentificationError
-        As `irbcal.identification.circles.fit_axis`.
-    """
-    points, fit, excluded = _fit_without_outliers(points, joint, name)
-    used = np.zeros(points.poses, dtype=bool)
-    used[points.pose] = True
-    points, step = points.select(used), step[used]
-    turn, pose = points.q[:, joint - 1], points.pose
-    slot = np.searchsorted(fit.targets, points.target)
-    arms = points.xyz - fit.point
-    height, plane = arms @ fit.direction, arms @ fit.basis.T
-    radius = fit.radii[slot]
-    phi = np.arctan2(plane[:, 1], plane[:, 0])
-    error = phi - turn[pose]
-    for k in range(len(fit.targets)):  # each target stands at an angle of its own on the tool
-        mine = slot == k
-        start = np.angle(np.sum(np.exp(1j * error[mine])))
-        error[mine] = _wrapped(error[mine] - start)
-    angle, error = _common_angle(error, pose, slot, radius**2)
-    zero = turn[np.argmin(np.abs(turn))]
-    at_zero = angle[np.abs(turn - zero) < circles.SAME_ANGLE].mean()
-    tangent = np.column_stack([-np.sin(phi), np.cos(phi)])
-    follow = -np.column_stack([height[:, None] * tangent, tangent]) / radius[:, None]
-    follow = np.column_stack([_pose_mean(column, pose, radius**2) for column in follow.T])
-    direction = np.sign(np.nan_to_num(step))
-    return Series(
-        name,
-        joint,
-        points.q,
-        direction,
-        fit,
-        points,
-        fit.radial,
-        radius * (error - at_zero),
-        fit.axial,
-        radius,
-        angle - at_zero,
-        float(zero),
-        follow,
-        excluded,
-    )
-
-
-def _fit_without_outliers(points, joint, name):
-    """Points on circles and their axis; the farthest point goes first, as long as it is far."""
-    excluded = []
-    while True:
-        fit = circles.fit_axis(points.xyz, points.target, points.joints()[:, joint - 1], name)
-        points = points.take(fit.used)
-        off = np.hypot(fit.radial, fit.axial)
-        limit = max(OFF_CIRCLE, OFF_CIRCLE_FACTOR * 1.4826 * np.median(off))
-        worst = int(np.argmax(off))
-        if off[worst] <= limit or len(points) < 8:
-            return points, fit, tuple(excluded)
-        excluded.append((str(points.pose_ids[points.pose[worst]]), points.names()[worst], float(off[worst])))
-        points = points.take(np.arange(len(points)) != worst)
-
-
-def _pose_mean(values, pose, weight):
-    return np.bincount(pose, weight * values) / np.bincount(pose, weight)
-
-
-def _common_angle(error, pose, slot, weight):
-    """Angle of each pose that all targets share, and the points' errors about the targets' own zero angles."""
-    offset = np.zeros(slot.max() + 1)
-    for _ in range(100):  # exact at once where every target is seen in every pose
-        angle = _pose_mean(error - offset[slot], pose, weight)
-        change = np.bincount(slot, weight * (error - offset[slot] - angle[pose])) / np.bincount(slot, weight)
-        offset += change
-        if np.abs(change).max() < 1e-15:
-            break
-    return angle, error - offset[slot]
-
-
-def _joint_moves(joint, series, order, frequency):
+def _joint_moves(joint: int, series: Sequence[Series], order: int, frequency: float | None) -> JointMoves:
     levels = [_levels(s) for s in series]
     lever = float(np.sqrt(np.mean([s.lever**2 for s in series])))
     backlash = _backlash_of_moves(joint, series, levels, lever)
@@ -324,14 +160,14 @@ def _joint_moves(joint, series, order, frequency):
     )
 
 
-def sure_backlash(term):
+def sure_backlash(term: Term) -> float:
     """Backlash in radians where its interval does not hold zero, else 0."""
     if not term.values or term.low[0] <= 0.0 <= term.high[0]:
         return 0.0
     return term.values[0]
 
 
-def _levels(series):
+def _levels(series: Series) -> IntArray:
     """Number of the joint angle at which each pose stands; whole turns count."""
     order = np.argsort(series.turn, kind="stable")
     number = np.cumsum(np.r_[0, np.diff(series.turn[order]) > circles.SAME_ANGLE])
@@ -340,21 +176,24 @@ def _levels(series):
     return out
 
 
-def _backlash_of_moves(joint, series, levels, lever):
-    """From angles that were reached from both sides: their differences do not depend on how the error runs."""
+def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[IntArray], lever: float) -> Term:
+    """Backlash of Nubiola 2011, section 4.2: about 0.05 degrees of joint 6 there.
+
+    From angles that were reached from both sides: their differences do not depend on how the error runs.
+    """
     from scipy.stats import t as student
 
-    difference = []
+    found = []
     for s, number in zip(series, levels, strict=True):
         above, below = s.direction < 0, s.direction > 0
         for level in np.intersect1d(number[above], number[below]):
             here = number == level
-            difference.append(s.angle[here & above].mean() - s.angle[here & below].mean())
-    n, name = len(difference), ("backlash",)
+            found.append(s.angle[here & above].mean() - s.angle[here & below].mean())
+    n, name = len(found), ("backlash",)
     if n < SPARE:
         note = f"{n or 'no'} joint angle{'s were' if n > 1 else ' was'} reached from both sides, {SPARE} are needed"
         return Term("backlash", joint, name, note=note)
-    difference = np.array(difference)
+    difference = np.array(found)
     mean, std = difference.mean(), max(difference.std(ddof=1) / np.sqrt(n), 1e-12)
     half = quantile(n - 1) * std
     others = (n * mean - difference) / (n - 1)
@@ -370,6 +209,17 @@ def _backlash_of_moves(joint, series, levels, lever):
         float(lever * np.sqrt(np.mean((difference - others) ** 2)) / 2),
         float(lever * abs(mean) / 2),
     )
+
+
+class _Fit(NamedTuple):
+    """Outcome of `_Levels.fit`; covariance with that of the circles, rms of angles left out in radians."""
+
+    beta: FloatArray
+    covariance: FloatArray
+    freedom: int
+    p: float
+    rms_without: float
+    rms_with: float
 
 
 class _Levels:
@@ -391,8 +241,12 @@ class _Levels:
         Typical distance between neighbouring angles, radians.
     """
 
-    def __init__(self, series, levels, play):
-        x, y, root, own, follow = [], [], [], [], []
+    def __init__(self, series: Sequence[Series], levels: Sequence[IntArray], play: float) -> None:
+        x: list[FloatArray] = []
+        y: list[FloatArray] = []
+        root: list[FloatArray] = []
+        own: list[IntArray] = []
+        follow: list[FloatArray] = []
         for k, (s, number) in enumerate(zip(series, levels, strict=True)):
             used = (s.direction != 0) | (play == 0.0)
             _, number = np.unique(number[used], return_inverse=True)
@@ -414,16 +268,8 @@ class _Levels:
         self.step = float(np.median(np.concatenate([np.diff(part) for part in x])))
         self.range = float(max(np.ptp(part) for part in x))
 
-    def fit(self, X, extra=0):
-        """Weighted least squares of terms beside the series' zeros; ``extra`` unknowns are spent elsewhere.
-
-        Returns
-        -------
-        beta, covariance : ndarray
-        p : float
-        rms_without, rms_with : float
-            Of angles left out, radians.
-        """
+    def fit(self, X: FloatArray, extra: int = 0) -> _Fit:
+        """Weighted least squares of terms beside the series' zeros; ``extra`` unknowns are spent elsewhere."""
         from scipy.stats import f as fisher
 
         w = self.root[:, None]
@@ -440,41 +286,46 @@ class _Levels:
         p = float(fisher.sf(beta @ np.linalg.solve(C, beta) / len(beta), len(beta), freedom))
         H_0 = np.sum(N**2, axis=1)
         H_1 = H_0 + np.einsum("rk,kr->r", rest_X, P)
-        return beta, C, freedom, p, self._left_out(rest, H_0), self._left_out(left, H_1)
+        return _Fit(beta, C, freedom, p, self._left_out(rest, H_0), self._left_out(left, H_1))
 
-    def _left_out(self, left, leverage):
+    def _left_out(self, left: FloatArray, leverage: FloatArray) -> float:
         """Root mean square of what is left of angles that were left out, radians; a pose counts once."""
         return float(np.sqrt(np.sum((left / np.maximum(1 - leverage, 1e-9)) ** 2) / np.sum(self.root**2)))
 
 
-def _term_of_levels(kind, joint, names, X, data, lever, beta, C, freedom, p, before, after, **more):
-    half = quantile(freedom) * np.sqrt(np.diag(C))[: len(names)]
-    effect = X[:, : len(names)] @ beta[: len(names)]
+def _term_of_levels(
+    kind: Kind, joint: int, names: tuple[str, ...], X: FloatArray, data: _Levels, lever: float, fit: _Fit, **more: Any
+) -> Term:
+    beta = fit.beta[: len(names)]
+    half = quantile(fit.freedom) * np.sqrt(np.diag(fit.covariance))[: len(names)]
+    effect = X[:, : len(names)] @ beta
     effect = effect - data.own @ ((data.own.T @ effect) / data.own.sum(axis=0))
     return Term(
         kind,
         joint,
         names,
-        tuple(map(float, beta[: len(names)])),
-        tuple(map(float, beta[: len(names)] - half)),
-        tuple(map(float, beta[: len(names)] + half)),
-        p,
-        lever * before,
-        lever * after,
+        tuple(map(float, beta)),
+        tuple(map(float, beta - half)),
+        tuple(map(float, beta + half)),
+        fit.p,
+        lever * fit.rms_without,
+        lever * fit.rms_with,
         float(lever * np.sqrt(np.mean(effect**2))),
         **more,
     )
 
 
-def _gain_of_moves(joint, data, lever):
+def _gain_of_moves(joint: int, data: _Levels, lever: float) -> Term:
+    """A gain of the encoder, as Nubiola 2011, eq. 3.31, has it."""
     missing = 1 + data.own.shape[1] + SPARE - len(data.x)
     if missing > 0:
         return Term("gain", joint, ("gain",), note=f"{len(data.x)} joint angles are too few")
     X = data.x[:, None]
-    return _term_of_levels("gain", joint, ("gain",), X, data, lever, *data.fit(X))
+    return _term_of_levels("gain", joint, ("gain",), X, data, lever, data.fit(X))
 
 
-def _gravity_of_moves(joint, data, lever):
+def _gravity_of_moves(joint: int, data: _Levels, lever: float) -> Term:
+    """One period a turn for each home pose: what the elbow's angle does to the curves of Nubiola 2011, Figure 4.10."""
     count = data.own.shape[1]
     names = tuple(f"{letter}_{k}" for k in range(1, count + 1) for letter in "ab")
     if len(data.x) < 3 * count + SPARE:
@@ -482,10 +333,14 @@ def _gravity_of_moves(joint, data, lever):
         return Term("gravity", joint, names, note=note)
     wave = fourier_columns(data.x, 1, 1.0)
     X = (data.own[:, :, None] * wave[:, None, :]).reshape(len(wave), -1)
-    return _term_of_levels("gravity", joint, names, X, data, lever, *data.fit(X))
+    return _term_of_levels("gravity", joint, names, X, data, lever, data.fit(X))
 
 
-def _fourier_of_moves(joint, data, lever, order, frequency):
+def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequency: float | None) -> Term:
+    """The series of Nubiola 2011, eq. 5.8, fitted to both directions (section 5.2, Figure 5.2, Table 5.2).
+
+    Its constant is the series' zero; omega is given, as the thesis's is in the end, or free.
+    """
     names, free = fourier_names(order), frequency is None
     needed = data.own.shape[1] + 2 * order + free + SPARE
     # of places a turn apart, a series with one period a turn sees one
@@ -495,38 +350,36 @@ def _fourier_of_moves(joint, data, lever, order, frequency):
         least = needed if len(data.x) < needed else 2 * order + 2
         return Term("fourier", joint, names, note=f"{short} are too few for order {order}: {least} are needed")
     highest = np.pi / data.step / order
-    if not free:
+    if frequency is not None:
         if frequency > highest * (1 + 1e-9):
             note = f"steps of {data.step / DEG:.3g} degrees are too wide for order {order} at frequency {frequency:g}"
             return Term("fourier", joint, names, note=note)
         X = fourier_columns(data.x, order, frequency)
-        more = {"frequency": (float(frequency),)}
-        return _term_of_levels("fourier", joint, names, X, data, lever, *data.fit(X), **more)
+        return _term_of_levels("fourier", joint, names, X, data, lever, data.fit(X), frequency=(float(frequency),))
     tried = frequencies(data.range, min(highest, HIGHEST_FREQUENCY))
-    found = best_frequency(lambda f: data.fit(fourier_columns(data.x, order, f), extra=1)[5], tried)
+    found = best_frequency(lambda f: data.fit(fourier_columns(data.x, order, f), extra=1).rms_with, tried)
     X = fourier_columns(data.x, order, found)
-    beta = data.fit(X, extra=1)[0]
+    fit = data.fit(X, extra=1)
     # one column more for the frequency itself: d/df of the series
     turned = np.column_stack([[-k, k] * data.x[:, None] for k in range(1, order + 1)])
     swapped = X.reshape(len(X), order, 2)[:, :, ::-1].reshape(len(X), -1)
-    along = (turned * swapped) @ beta
-    _, C, freedom, *_ = data.fit(np.column_stack([X, along]))
-    half = quantile(freedom) * np.sqrt(C[-1, -1])
-    _, _, _, p, before, after = data.fit(X, extra=1)
-    more = {"frequency": (found, found - half, found + half)}
-    p = min(1.0, p * len(tried))
-    return _term_of_levels("fourier", joint, names, X, data, lever, beta, C, freedom, p, before, after, **more)
+    along = (turned * swapped) @ fit.beta
+    free_too = data.fit(np.column_stack([X, along]))
+    half = quantile(free_too.freedom) * np.sqrt(free_too.covariance[-1, -1])
+    fit = fit._replace(covariance=free_too.covariance, freedom=free_too.freedom, p=min(1.0, fit.p * len(tried)))
+    interval = (found, float(found - half), float(found + half))
+    return _term_of_levels("fourier", joint, names, X, data, lever, fit, frequency=interval)
 
 
-def _judged_moves(joints):
+def _judged_moves(joints: list[JointMoves]) -> list[JointMoves]:
     """The same with p values corrected for the number of joints and with verdicts."""
     for kind in KINDS:
         have = [k for k, item in enumerate(joints) if getattr(item, kind) is not None]
         for k, term in zip(have, judged([getattr(joints[k], kind) for k in have]), strict=True):
-            joints[k] = replace(joints[k], **{kind: term})
+            joints[k] = _with_term(joints[k], kind, term)
     return joints
 
 
-def _wrapped(angle):
-    """Angle in (-pi, pi]."""
-    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+def _with_term(moves: JointMoves, kind: str, term: Term) -> JointMoves:
+    changes: dict[str, Any] = {kind: term}
+    return replace(moves, **changes)

@@ -1,18 +1,35 @@
-"""Figures of the behaviour of each joint, after Nubiola 2011, Figures 4.3, 4.5, 4.8, 4.10, 5.2, 5.5 and 5.6.
+"""Figures of the behaviour of each joint.
 
-Nothing is computed here that is not in the report beyond what a drawing needs (bins, smooth curves). One thing has one
-colour and marker everywhere: reached from below, reached from above, with the term, without it.
+Nubiola 2011, Figures 4.3, 4.5, 4.8, 4.9, 4.10, 5.2, 5.5 and 5.6. Nothing is computed here that is not in the result
+beyond what a drawing needs (bins, smooth curves). One thing has one colour and marker everywhere: reached from below,
+reached from above, with the term, without it.
 """
 
+from __future__ import annotations
+
 import re
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
+from irbcal.arrays import FloatArray
+from irbcal.errors import OptionError
 from irbcal.figures.colours import CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, UNKNOWN
 from irbcal.figures.style import as_bytes, house_style
-from irbcal.joint_behaviour.behaviour import equivalent_error, predicted_series
-from irbcal.joint_behaviour.terms import fourier_columns
+from irbcal.joint_behaviour.behaviour import JointBehaviour
+from irbcal.joint_behaviour.equivalent_angle import equivalent_error, predicted_series
+from irbcal.joint_behaviour.moves import JointMoves
+from irbcal.joint_behaviour.residuals import ResidualAnalysis
+from irbcal.joint_behaviour.series import Series
+from irbcal.joint_behaviour.terms import Term, fourier_columns, fourier_order
 from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LineStyle: TypeAlias = Literal["-", "--", ":", "-.", ""]
 
 DIRECTIONS = (
     (1.0, FROM_BELOW, "^", "reached from below"),
@@ -22,64 +39,70 @@ DIRECTIONS = (
 BINS = 10
 MOST_TARGETS = 4
 THESIS_ELBOW = (30.0, 0.0, -30.0, -60.0, -90.0)
-"""Angles of joint 3 in Table 4.4, degrees."""
+"""Angles of joint 3 in Nubiola 2011, Table 4.4, degrees."""
 
 
-def draw(report):
-    """All figures that a report allows.
-
-    Parameters
-    ----------
-    report : irbcal.joint_behaviour.behaviour.Report
-
-    Returns
-    -------
-    dict of str to bytes
-        PNG files by name.
-    """
-    figures = {}
+def draw(found: JointBehaviour) -> dict[str, bytes]:
+    """All figures that a result allows, as PNG files by name."""
     with house_style():
-        mark = "SIMULATED data: " if report.simulated else ""
-        for joint in report.moves:
-            for name, series in _named_series(joint):
-                title = f"{mark}joint {joint.joint} moved alone ({name})"
-                figures[f"errors_{_file(name)}.png"] = _errors(series, title)
-            if joint.fourier.tested:
-                title = f"{mark}angular error of joint {joint.joint}"
-                figures[f"fourier_joint_{joint.joint}.png"] = _fourier(joint, title)
-        if report.moves:
-            figures["angular_errors.png"] = _angular(report.moves, f"{mark}angular errors of joints moved alone")
-        if any(joint.joint == 2 for joint in report.moves) or _stiffness(report) is not None:
-            figures["stiffness_joint_2.png"] = _equivalent(report, f"{mark}equivalent error of joint 2")
-        if report.residuals is not None and np.isfinite(report.residuals.angle).any():
-            found = report.residuals
-            title = f"{mark}angular residual of each joint by its direction of approach"
-            figures["residuals_by_direction.png"] = _by_direction(found, title)
-            if any(term.tested for term in found.of("move").values()):
-                title = f"{mark}angular residual of each joint by the size of its last move"
-                figures["residuals_by_move.png"] = _by_move(found, title)
-            figures["backlash.png"] = _backlash(found, f"{mark}backlash, 95 % intervals")
-    return figures
+        return {f"{name}.png": as_bytes(drawing()) for name, drawing in drawings(found).items()}
 
 
-def _named_series(joint):
+def drawn(found: JointBehaviour, name: str) -> Figure:
+    """One figure by its name.
+
+    Raises
+    ------
+    OptionError
+        If these measurements do not allow a figure of that name.
+    """
+    every = drawings(found)
+    if name not in every:
+        raise OptionError.unknown("figure", name, tuple(every))
+    with house_style():
+        return every[name]()
+
+
+def drawings(found: JointBehaviour) -> dict[str, Callable[[], Figure]]:
+    """What draws each figure that a result allows, by name."""
+    out: dict[str, Callable[[], Figure]] = {}
+    mark = "SIMULATED data: " if found.simulated else ""
+    for joint in found.moves:
+        for name, series in _named_series(joint):
+            out[f"errors_{_file(name)}"] = partial(_errors, series, f"{mark}joint {joint.joint} moved alone ({name})")
+        if joint.fourier.tested:
+            out[f"fourier_joint_{joint.joint}"] = partial(
+                _fourier, joint, f"{mark}angular error of joint {joint.joint}"
+            )
+    if found.moves:
+        out["angular_errors"] = partial(_angular, found.moves, f"{mark}angular errors of joints moved alone")
+    if any(joint.joint == 2 for joint in found.moves) or _stiffness(found) is not None:
+        out["stiffness_joint_2"] = partial(_equivalent, found, f"{mark}equivalent error of joint 2")
+    seen = found.residuals
+    if seen is not None and np.isfinite(seen.angle).any():
+        title = f"{mark}angular residual of each joint by its direction of approach"
+        out["residuals_by_direction"] = partial(_by_direction, seen, title)
+        if any(term.tested for term in seen.of("move").values()):
+            title = f"{mark}angular residual of each joint by the size of its last move"
+            out["residuals_by_move"] = partial(_by_move, seen, title)
+        out["backlash"] = partial(_backlash, seen, f"{mark}backlash, 95 % intervals")
+    return out
+
+
+def _named_series(joint: JointMoves) -> Iterator[tuple[str, Series]]:
     """Series with names of their own: the group, numbered where it has several home poses."""
     groups = [s.name for s in joint.series]
-    count = {}
+    count: dict[str, int] = {}
     for s in joint.series:
         count[s.name] = count.get(s.name, 0) + 1
         yield (f"{s.name} {count[s.name]}" if groups.count(s.name) > 1 else s.name), s
 
 
-def _file(name):
+def _file(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9.-]+", "_", name)[:60]
 
 
-def _png(figure):
-    return as_bytes(figure)
-
-
-def _figure(width, height, title):
+def _figure(width: float, height: float, title: str) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -87,31 +110,35 @@ def _figure(width, height, title):
     return figure
 
 
-def _legend(figure, handles, columns=4):
+def _legend(figure: Figure, handles: Sequence[Any], columns: int = 4) -> None:
     """A legend below everything else."""
     figure.legend(handles=handles, loc="outside lower left", ncols=columns, frameon=False, handlelength=1.6)
 
 
-def _direction_handles(directions, errorbars=False):
+def _direction_handles(directions: FloatArray | Sequence[float], errorbars: bool = False) -> list[Any]:
     from matplotlib.lines import Line2D
 
     seen = [entry for entry in DIRECTIONS if (np.asarray(directions) == entry[0]).any()]
-    line = "-" if errorbars else ""
+    line: LineStyle = "-" if errorbars else ""
     return [Line2D([], [], color=c, marker=m, linestyle=line, label=label) for _, c, m, label in seen]
 
 
-def _curve_handle(colour, style, label):
+def _curve_handle(colour: str, style: LineStyle, label: str) -> Any:
     from matplotlib.lines import Line2D
 
     return Line2D([], [], color=colour, linestyle=style, label=label)
 
 
-def _errors(series, title):
-    """Radial, tangential and axial errors against the joint's angle, a line for each target (Figures 4.3, 4.8, 4.9)."""
+def _errors(series: Series, title: str) -> Figure:
+    """Radial, tangential and axial errors against the joint's angle, a line for each target.
+
+    Nubiola 2011, Figures 4.3, 4.8 and 4.9; the latter two, of section 4.3.1, are the stretched arm of Figure 4.6 with
+    two payloads: one series for each.
+    """
     figure = _figure(6.4, 6.6, title)
     panels = figure.subplots(3, 1, sharex=True)
     points = series.points
-    lines = ("-", "--", ":", "-.")
+    lines: tuple[LineStyle, ...] = ("-", "--", ":", "-.")
     targets = np.unique(points.target)
     shown = targets[np.argsort([-series.radius[points.target == t][0] for t in targets])][:MOST_TARGETS]
     for axes, name in zip(panels, ("radial", "tangential", "axial"), strict=True):
@@ -131,10 +158,10 @@ def _errors(series, title):
         radius = series.radius[points.target == t][0] / MM
         handles.append(_curve_handle("black", lines[k], f"{points.target_names[t]} (radius {radius:.0f} mm)"))
     _legend(figure, handles, 3)
-    return _png(figure)
+    return figure
 
 
-def _panels(figure, count, **options):
+def _panels(figure: Figure, count: int, **options: Any) -> Any:
     columns = min(3, count)
     rows = -(-count // columns)
     grid = figure.subplots(rows, columns, squeeze=False, **options)
@@ -143,8 +170,8 @@ def _panels(figure, count, **options):
     return grid.ravel()[:count]
 
 
-def _angular(moves, title):
-    """Angular errors of all joints, with both directions (Figure 4.3)."""
+def _angular(moves: Sequence[JointMoves], title: str) -> Figure:
+    """Angular errors of all joints, with both directions (Nubiola 2011, Figures 4.3 and 4.5)."""
     figure = _figure(9.6, 0.6 + 2.7 * -(-len(moves) // 3), title)
     directions = np.concatenate([s.direction for joint in moves for s in joint.series])
     for axes, joint in zip(_panels(figure, len(moves)), moves, strict=True):
@@ -156,13 +183,13 @@ def _angular(moves, title):
         axes.set_xlabel(f"joint {joint.joint} (deg)")
         axes.set_ylabel("angular error (deg)")
     _legend(figure, _direction_handles(directions))
-    return _png(figure)
+    return figure
 
 
-def _fourier(joint, title):
-    """Angular error with its Fourier series, and what is left (Figures 4.5 and 5.2)."""
+def _fourier(joint: JointMoves, title: str) -> Figure:
+    """Angular error with its Fourier series, and what is left (Nubiola 2011, Figures 4.5 and 5.2)."""
     term = joint.fourier
-    order, frequency = max(int(name[1:]) for name in term.names), term.frequency[0]
+    order, frequency = fourier_order(term), 1.0 if term.frequency is None else term.frequency[0]
     figure = _figure(6.4, 5.4, title)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     play = joint.play
@@ -186,24 +213,24 @@ def _fourier(joint, title):
     directions = np.concatenate([s.direction for s in joint.series])
     label = f"Fourier series of order {order}, frequency {frequency:.4g} per turn"
     _legend(figure, [*_direction_handles(directions), _curve_handle(CALIBRATED, "-", label)], 2)
-    return _png(figure)
+    return figure
 
 
-def _stiffness(report):
-    """A and B with names, or None: as estimated, else as in the robot's joint map."""
-    if report.residuals is None:
+def _stiffness(found: JointBehaviour) -> FloatArray | None:
+    """A and B as estimated from the residuals, radians; None where they were not."""
+    if found.residuals is None:
         return None
-    term = report.residuals.of("stiffness").get(None)
-    return np.array(term.values) if term is not None and len(term.values) == 2 else None
+    term = found.residuals.of("stiffness").get(None)
+    return np.array(term.shown.values) if term is not None and len(term.shown.values) == 2 else None
 
 
-def _equivalent(report, title):
-    """The equivalent error of joint 2: measured (Figure 4.10) and by the stiffness model (Figures 5.5 and 5.6)."""
+def _equivalent(report: JointBehaviour, title: str) -> Figure:
+    """The equivalent error of joint 2: measured (Nubiola 2011, Figure 4.10) and modelled (Figures 5.5 and 5.6)."""
     import matplotlib
 
     series = [s for joint in report.moves if joint.joint == 2 for s in joint.series]
     found, geometry = _stiffness(report), report.stiffness_geometry
-    model = found is not None and geometry is not None
+    model = None if found is None or geometry is None else (found, *geometry)
     count = (1 if series else 0) + (2 if model else 0)
     figure = _figure(max(6.4, 4.2 * count), 4.4, title)
     panels = list(_panels(figure, max(count, 1), sharey=True))
@@ -219,31 +246,31 @@ def _equivalent(report, title):
         for k, s in enumerate(series):
             elbow = f"joint 3 at {s.q[0, 2] / DEG:.0f} deg"
             axes.plot(s.turn / DEG, s.angle / DEG, ".", color=shades[k], markersize=5, label=elbow)
-            if model:
+            if report.residuals is not None and found is not None and model:
                 order = np.argsort(s.turn, kind="stable")
                 curve = predicted_series(s, report.residuals.robot, found)
                 axes.plot(s.turn[order] / DEG, curve[order] / DEG, color=shades[k], linewidth=1.2)
     if model:
-        phases, guess = geometry
-        fitted = f"A = {found[0] / DEG:.4f}, B = {found[1] / DEG:.4f} deg"
+        values, phases, guess = model
+        fitted = f"A = {values[0] / DEG:.4f}, B = {values[1] / DEG:.4f} deg"
         for axes, coefficients, words in (
-            (panels[0], found, f"model, identified: {fitted}"),
+            (panels[0], values, f"model, identified: {fitted}"),
             (panels[1], guess.coefficients, "model, physical guess of eqs. 5.19 to 5.22"),
         ):
             axes.set_title(words, fontsize=10, loc="left")
             x = np.linspace(-90, 90, 181) * DEG
-            for k, elbow in enumerate(THESIS_ELBOW):
-                curve = equivalent_error(x, elbow * DEG, coefficients, phases, (guess.L_1, guess.L_2))
-                axes.plot(x / DEG, curve / DEG, color=shades[k], label=f"joint 3 at {elbow:.0f} deg")
-    handles = {}
+            for k, bent in enumerate(THESIS_ELBOW):
+                curve = equivalent_error(x, bent * DEG, coefficients, phases, (guess.L_1, guess.L_2))
+                axes.plot(x / DEG, curve / DEG, color=shades[k], label=f"joint 3 at {bent:.0f} deg")
+    handles: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
     _legend(figure, list(handles.values()), 5 if count > 2 else 3)
-    return _png(figure)
+    return figure
 
 
-def _binned(x, y, edges):
+def _binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> FloatArray:
     """Middle, mean and half-width of the 95 % interval of ``y`` in bins of ``x`` that hold five values or more."""
     which = np.digitize(x, edges[1:-1])
     out = []
@@ -254,28 +281,32 @@ def _binned(x, y, edges):
     return np.array(out).reshape(-1, 3).T
 
 
-def _shown_joints(found):
+def _plays(found: ResidualAnalysis) -> dict[int | None, Term]:
+    return {joint: term.shown for joint, term in found.of("backlash").items()}
+
+
+def _shown_joints(found: ResidualAnalysis) -> list[int]:
     return [j for j in range(found.angle.shape[1]) if np.isfinite(found.angle[:, j]).any()]
 
 
-def _limits(axes, *values):
+def _limits(axes: Any, *values: FloatArray) -> None:
     """A vertical range that the means fill; single poses may lie outside."""
     size = 1.15 * max(np.abs(np.concatenate([v for v in values if len(v)])).max(initial=0.0), 1e-6)
     axes.set_ylim(-size, size)
 
 
-def _by_direction(found, title):
+def _by_direction(found: ResidualAnalysis, title: str) -> Figure:
     """Angular residual against joint angle: dots are poses, bars the means of bins with 95 % intervals."""
     joints = _shown_joints(found)
     figure = _figure(9.6, 0.8 + 2.9 * -(-len(joints) // 3), title)
     signs = np.sign(found.step)
-    slides, plays = found.robot.arm.table.prismatic, found.of("backlash")
+    slides, plays = found.robot.arm.table.prismatic, _plays(found)
     for axes, j in zip(_panels(figure, len(joints)), joints, strict=True):
         size, unit = (MM, "mm") if slides[j] else (DEG, "deg")
         q, angle = found.points.q[:, j] / size, found.angle[:, j] / size
         have = np.isfinite(angle)
         edges = np.unique(np.quantile(q[have], np.linspace(0, 1, BINS + 1)))
-        means = []
+        means: list[FloatArray] = []
         for sign, colour, marker, _ in DIRECTIONS[:2]:
             here = have & (signs[:, j] == sign)
             axes.plot(q[here], angle[here], ".", color=colour, markersize=2, alpha=0.35)
@@ -292,20 +323,20 @@ def _by_direction(found, title):
             axes.set_title(f"backlash {term.values[0] / size:.4f} ± {half:.4f} {unit}", fontsize=9.5, loc="left")
     handles = _direction_handles([1.0, -1.0], errorbars=True)
     _legend(figure, handles)
-    return _png(figure)
+    return figure
 
 
-def _by_move(found, title):
+def _by_move(found: ResidualAnalysis, title: str) -> Figure:
     """Angular residual against the last move: play makes a step at zero, a lag a slope."""
     tested = [joint for joint, term in found.of("move").items() if term.tested]
     joints = [j for j in _shown_joints(found) if j + 1 in tested]
     figure = _figure(9.6, 0.8 + 2.9 * -(-len(joints) // 3), title)
-    slides, plays = found.robot.arm.table.prismatic, found.of("backlash")
+    slides, plays = found.robot.arm.table.prismatic, _plays(found)
     for axes, j in zip(_panels(figure, len(joints)), joints, strict=True):
         size, unit = (MM, "mm") if slides[j] else (DEG, "deg")
         move, angle = found.step[:, j] / size, found.angle[:, j] / size
         have = np.isfinite(angle) & np.isfinite(move)
-        means = []
+        means: list[FloatArray] = []
         for sign, colour, marker, _ in DIRECTIONS[:2]:
             here = have & (np.sign(move) == sign)
             axes.plot(move[here], angle[here], ".", color=colour, markersize=2, alpha=0.35)
@@ -324,25 +355,26 @@ def _by_move(found, title):
         axes.set_ylabel(f"residual ({unit})")
     handles = _direction_handles([1.0, -1.0], errorbars=True)
     _legend(figure, [*handles, _curve_handle(NOMINAL, "--", "what backlash alone would give")])
-    return _png(figure)
+    return figure
 
 
-def _backlash(found, title):
+def _backlash(found: ResidualAnalysis, title: str) -> Figure:
     """Backlash of each joint with its interval, and what the two halves of the poses give by themselves."""
     slides = found.robot.arm.table.prismatic
-    terms = [term for term in found.of("backlash").values() if term.tested]
+    terms = [term.shown for term in found.of("backlash").values() if term.tested]
     figure = _figure(6.4, 3.8, title)
     axes = figure.add_subplot()
     for term in terms:
-        size = MM if slides[term.joint - 1] else DEG
+        number = term.joint or 0
+        size = MM if slides[number - 1] else DEG
         value, low, high = (v[0] / size for v in (term.values, term.low, term.high))
         bars = [[value - low], [high - value]]
-        axes.errorbar([term.joint], [value], bars, color=CALIBRATED, marker="o", capsize=4, linewidth=1.6)
+        axes.errorbar([number], [value], bars, color=CALIBRATED, marker="o", capsize=4, linewidth=1.6)
         for k, marker in enumerate("<>"):
-            x = term.joint + (-0.2, 0.2)[k]
-            axes.plot([x], [found.halves[term.joint - 1, k] / size], marker, color=UNKNOWN, markersize=6)
+            x = number + (-0.2, 0.2)[k]
+            axes.plot([x], [found.halves[number - 1, k] / size], marker, color=UNKNOWN, markersize=6)
     axes.axhline(0, color="black", linewidth=0.8)
-    axes.set_xticks([term.joint for term in terms])
+    axes.set_xticks([term.joint or 0 for term in terms])
     axes.set_xlabel("joint")
     axes.set_ylabel("backlash (deg)" if not slides.any() else "backlash (deg; mm where it slides)")
     from matplotlib.lines import Line2D
@@ -353,4 +385,4 @@ def _backlash(found, title):
         Line2D([], [], color=UNKNOWN, marker=">", linestyle="", label="second half"),
     ]
     _legend(figure, handles, 3)
-    return _png(figure)
+    return figure

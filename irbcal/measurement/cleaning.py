@@ -1,13 +1,23 @@
 """Cleaning: from the table as measured to points that can be trusted, with a reason for every point left out."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.registration import Registration, register
+from irbcal.measurement.table import MeasurementSet
+from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DISTANCE_FLOOR = 0.2 * MM
 """Smallest deviation of a distance between rigid points that is called wrong, metres."""
@@ -38,26 +48,92 @@ class Exclusion:
     reason: str
 
 
-@dataclass(frozen=True, eq=False)
-class Cleaned:
+@dataclass(frozen=True, eq=False, repr=False)
+class Cleaned(Speaks):
     """Points fit for use.
 
     Attributes
     ----------
     points : PointSet
-    excluded : list of Exclusion
+    excluded : tuple of Exclusion
     registration : Registration or None
-    notes : list of str
+    notes : tuple of str
         What the user should know, in sentences.
     """
 
     points: PointSet
-    excluded: list
+    excluded: tuple[Exclusion, ...]
     registration: Registration | None
-    notes: list
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The points that were left out: ``pose``, ``target``, ``reason``."""
+        import pandas as pd
+
+        return pd.DataFrame([vars(item) for item in self.excluded], columns=["pose", "target", "reason"])
+
+    def told(self) -> Sequence[Told]:
+        """Counts and notes; a table of the reasons for which points were left out."""
+        told: list[Told] = [
+            f"{len(self.points)} points of {self.points.poses} poses can be used, {len(self.excluded)} are left out",
+            *self.notes,
+        ]
+        if self.excluded:
+            by_reason: dict[str, list[Exclusion]] = {}
+            for item in self.excluded:
+                by_reason.setdefault(item.reason.split(":")[0], []).append(item)
+            rows = tuple(
+                (reason, len(items), f"{items[0].pose}/{items[0].target}") for reason, items in by_reason.items()
+            )
+            told.append(Table("Left out", ("reason", "points", "first (pose/target)"), rows))
+        return told
 
 
-def clean(measurements, places=None, only_targets=None):
+@dataclass(eq=False)
+class _Rows:
+    """The rows of a table while reasons to leave them out are found; changed in place."""
+
+    pose: IntArray
+    target: NameArray
+    reference: BoolArray
+    xyz: FloatArray
+    rotation: FloatArray | None
+    reason: NameArray
+    """Empty as long as a row is good."""
+
+    @classmethod
+    def of(cls, measurements: MeasurementSet) -> _Rows:
+        table = measurements.table
+        xyz = measurements.positions()
+        reason = np.full(len(table), "", dtype=object)
+        reason[np.isnan(xyz).any(axis=1)] = "lost: no position"
+        return cls(
+            table["pose_index"].to_numpy(),
+            table["target"].to_numpy(dtype=object),
+            measurements.is_reference(),
+            xyz,
+            measurements.rotations(),
+            reason,
+        )
+
+    @property
+    def good(self) -> BoolArray:
+        return self.reason == ""
+
+    @property
+    def tool(self) -> BoolArray:
+        """Rows of targets on the tool."""
+        return ~self.reference
+
+
+def clean(
+    measurements: MeasurementSet,
+    places: Mapping[str, FloatArray] | None = None,
+    only_targets: Sequence[str] | Mapping[str, FloatArray] | None = None,
+) -> Cleaned:
     """Leave out lost points, wrong references and distances that do not fit; register the rest.
 
     Parameters
@@ -77,80 +153,80 @@ def clean(measurements, places=None, only_targets=None):
     MeasurementError
         If nothing is left.
     """
-    table = measurements.table
-    source = measurements.source
-    pose = table["pose_index"].to_numpy()
-    xyz = measurements.positions()
-    rotation, u95 = measurements.rotations(), measurements.uncertainties()
-    target = table["target"].to_numpy(dtype=object)
-    reference = measurements.is_reference()
-    reason = np.full(len(table), "", dtype=object)
-    reason[np.isnan(xyz).any(axis=1)] = "lost: no position"
-    notes = []
+    rows = _Rows.of(measurements)
+    registration, notes = _registered(rows, places, measurements.source)
+    names = sorted(set(rows.target[rows.tool])) if only_targets is None else list(only_targets)
+    rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = "target unknown to the calibration"
+    _mark_wrong_distances(rows, names)
+    pose = measurements.table["pose"]
+    excluded = tuple(
+        Exclusion(p, t, r)
+        for p, t, r in zip(pose[~rows.good], rows.target[~rows.good], rows.reason[~rows.good], strict=True)
+    )
+    keep = rows.tool & rows.good
+    if not keep.any():
+        if rows.reference.all():
+            raise MeasurementError("there are only reference points, no target on the tool", file=measurements.source)
+        raise MeasurementError(
+            f"no usable point is left of {int(rows.tool.sum())}: {excluded[0].reason}", file=measurements.source
+        )
+    return Cleaned(_point_set(measurements, rows, keep, names), excluded, registration, tuple(notes))
 
-    reference_names = sorted(set(target[reference]))
-    seen = by_pose(pose, target, xyz, reference & (reason == ""), reference_names)
-    _mark_wrong_references(seen, reference_names, pose, target, reference, reason)
-    registration = None
-    notes += _moved_references(pose, target, reference, reason)
-    if reference_names:
-        good = reference & (reason == "")
-        seen = by_pose(pose, target, xyz, good, reference_names)
-        registration = register(seen, reference_names, source, places)
+
+def _registered(
+    rows: _Rows, places: Mapping[str, FloatArray] | None, source: str
+) -> tuple[Registration | None, list[str]]:
+    """Register the rows in place by their references; what the user should know of it."""
+    names = sorted(set(rows.target[rows.reference]))
+    seen = by_pose(rows.pose, rows.target, rows.xyz, rows.reference & rows.good, names)
+    _mark_wrong_references(seen, names, rows)
+    notes, registration = _moved_references(rows), None
+    if names:
+        seen = by_pose(rows.pose, rows.target, rows.xyz, rows.reference & rows.good, names)
+        registration = register(seen, names, source, places)
         if registration is None:
             notes.append(
-                f"The references {', '.join(reference_names)} were not used: registration needs three in a pose"
+                f"The references {', '.join(names)} were not used: registration needs three in a pose"
                 + (" that the calibration knows." if places is not None else ".")
             )
     elif places:
         notes.append("There are no reference points: the points are taken to be in the calibration's frame.")
     if registration is not None:
-        T = registration.T_frame_pose[pose]
-        xyz = np.einsum("nij,nj->ni", T[:, :3, :3], xyz) + T[:, :3, 3]
-        rotation = None if rotation is None else T[:, :3, :3] @ rotation
+        T = registration.T_frame_pose[rows.pose]
+        rows.xyz = np.einsum("nij,nj->ni", T[:, :3, :3], rows.xyz) + T[:, :3, 3]
+        rows.rotation = None if rows.rotation is None else T[:, :3, :3] @ rows.rotation
         missing = int((~registration.own).sum())
         if missing:
             notes.append(
                 f"{missing} of {len(registration.own)} poses saw fewer than three references: their registration is "
                 "interpolated between the neighbouring poses."
             )
+    return registration, notes
 
-    target_names = sorted(set(target[~reference])) if only_targets is None else list(only_targets)
-    strange = ~reference & ~np.isin(target, target_names) & (reason == "")
-    reason[strange] = "target unknown to the calibration"
-    _mark_wrong_distances(pose, target, xyz, ~reference, target_names, reason)
 
-    keep = ~reference & (reason == "")
-    excluded = [
-        Exclusion(p, t, r)
-        for p, t, r in zip(table["pose"][reason != ""], target[reason != ""], reason[reason != ""], strict=True)
-    ]
-    if not keep.any():
-        if reference.all():
-            raise MeasurementError(f"{source}: there are only reference points, no target on the tool")
-        why = excluded[0].reason
-        raise MeasurementError(f"{source}: no usable point is left of {int((~reference).sum())}: {why}")
-    target_names = [name for name in target_names if (keep & (target == name)).any()]
+def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names: Sequence[str]) -> PointSet:
+    """The rows to keep as points sorted by pose, of the targets that they hold."""
+    table, u95 = measurements.table, measurements.uncertainties()
+    names = [name for name in names if (keep & (rows.target == name)).any()]
     groups = table["group"].to_numpy(dtype=object) if "group" in table.columns else np.full(len(table), "", object)
-    rows = np.flatnonzero(keep)
-    rows = rows[np.argsort(pose[rows], kind="stable")]
-    used, number = np.unique(pose[rows], return_inverse=True)
-    first = np.unique(pose, return_index=True)[1]
-    points = PointSet(
+    kept = np.flatnonzero(keep)
+    kept = kept[np.argsort(rows.pose[kept], kind="stable")]
+    used, number = np.unique(rows.pose[kept], return_inverse=True)
+    first = np.unique(rows.pose, return_index=True)[1]
+    return PointSet(
         measurements.joints()[used],
         number,
-        np.array([target_names.index(name) for name in target[rows]]),
-        xyz[rows],
-        tuple(target_names),
+        np.array([names.index(name) for name in rows.target[kept]]),
+        rows.xyz[kept],
+        tuple(names),
         table["pose"].to_numpy(dtype=object)[first][used],
         groups[first][used],
-        None if rotation is None else rotation[rows],
-        None if u95 is None else u95[rows],
+        None if rows.rotation is None else rows.rotation[kept],
+        None if u95 is None else u95[kept],
     )
-    return Cleaned(points, excluded, registration, notes)
 
 
-def by_pose(pose, target, xyz, use, names):
+def by_pose(pose: IntArray, target: NameArray, xyz: FloatArray, use: BoolArray, names: Sequence[str]) -> FloatArray:
     """Positions as an array (poses, names, 3), NaN where absent; repeated points are averaged."""
     total = np.zeros((pose.max() + 1, len(names), 3))
     count = np.zeros((pose.max() + 1, len(names), 1))
@@ -162,7 +238,7 @@ def by_pose(pose, target, xyz, use, names):
         return total / np.where(count > 0, count, np.nan)
 
 
-def _wrong_points(seen):
+def _wrong_points(seen: FloatArray) -> tuple[BoolArray, FloatArray]:
     """Which points of each pose do not keep their distances to the others, and by how much.
 
     Parameters
@@ -199,29 +275,28 @@ def _wrong_points(seen):
     return wrong, np.where(wrong, worst, 0.0)
 
 
-def _mark_wrong_references(seen, names, pose, target, reference, reason):
+def _mark_wrong_references(seen: FloatArray, names: Sequence[str], rows: _Rows) -> None:
     """A reference that contradicts the others puts its whole pose in doubt: all its points are left out."""
     if len(names) < 2:
         return
     wrong, deviation = _wrong_points(seen)
     for p in np.flatnonzero(wrong.any(axis=1)):
-        bad = [names[k] for k in np.flatnonzero(wrong[p])]
+        bad = [names[k] for k in np.flatnonzero(wrong[p]).tolist()]
         off = deviation[p].max() / MM
-        mine = (pose == p) & (reason == "")
-        for row in np.flatnonzero(mine):
-            if reference[row] and target[row] in bad:
-                reason[row] = f"wrong reference: its distance to another one is off by {off:.3g} mm"
+        for row in np.flatnonzero((rows.pose == p) & rows.good):
+            if rows.reference[row] and rows.target[row] in bad:
+                rows.reason[row] = f"wrong reference: its distance to another one is off by {off:.3g} mm"
             else:
-                reason[row] = f"pose left out: its reference {' and '.join(bad)} is off by {off:.3g} mm"
+                rows.reason[row] = f"pose left out: its reference {' and '.join(bad)} is off by {off:.3g} mm"
 
 
-def _moved_references(pose, target, reference, reason):
+def _moved_references(rows: _Rows) -> list[str]:
     """A note for every reference that is wrong in many poses: it was moved, not confused."""
-    poses = len(np.unique(pose))
-    wrong = np.array([text.startswith("wrong reference") for text in reason], dtype=bool)
+    poses = len(np.unique(rows.pose))
+    wrong = np.array([text.startswith("wrong reference") for text in rows.reason], dtype=bool)
     notes = []
-    for name in sorted(set(target[reference])):
-        count = len(np.unique(pose[wrong & (target == name)]))
+    for name in sorted(set(rows.target[rows.reference])):
+        count = len(np.unique(rows.pose[wrong & (rows.target == name)]))
         if count > MOVED * poses:
             notes.append(
                 f"The reference {name} contradicts the others in {count} of {poses} poses, which are left out: it "
@@ -230,11 +305,12 @@ def _moved_references(pose, target, reference, reason):
     return notes
 
 
-def _mark_wrong_distances(pose, target, xyz, use, names, reason):
+def _mark_wrong_distances(rows: _Rows, names: Sequence[str]) -> None:
+    """A target that does not keep its distances to the others on the rigid tool is left out."""
     if len(names) < 2:
         return
-    seen = by_pose(pose, target, xyz, use & (reason == ""), names)
+    seen = by_pose(rows.pose, rows.target, rows.xyz, rows.tool & rows.good, names)
     wrong, deviation = _wrong_points(seen)
-    for p, k in zip(*np.nonzero(wrong), strict=True):
-        rows = (pose == p) & (target == names[k]) & (reason == "")
-        reason[rows] = f"wrong distance: off by {deviation[p, k] / MM:.3g} mm to another target on the rigid tool"
+    for p, k in np.argwhere(wrong).tolist():
+        mine = (rows.pose == p) & (rows.target == names[k]) & rows.good
+        rows.reason[mine] = f"wrong distance: off by {deviation[p, k] / MM:.3g} mm to another target on the rigid tool"

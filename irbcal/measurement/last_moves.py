@@ -1,14 +1,16 @@
 """The last move of each joint before each pose: what backlash and lag depend on."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.units import DEG
 
 STILL = 2e-3 * DEG
 """Largest change of a joint, whole turns aside, that still counts as standing still."""
 
 
-def last_moves(q, groups=None):
+def last_moves(q: ArrayLike, groups: NameArray | None = None) -> FloatArray:
     """Last move of each joint before each pose.
 
     A joint that stands still keeps its last move: it still leans to the side it came from. The first pose and the first
@@ -16,7 +18,7 @@ def last_moves(q, groups=None):
 
     Parameters
     ----------
-    q : ndarray, shape (n, joints)
+    q : array_like, shape (n, joints)
         Joints in the order in which the robot visited them, radians.
     groups : ndarray of str, shape (n,), optional
 
@@ -33,6 +35,3 @@ def last_moves(q, groups=None):
         if not fresh[k]:
             out[k] = np.where(np.abs(change[k - 1]) > STILL, change[k - 1], out[k - 1])
     return out
-
-
-# --- circles ---------------------------------------------------------------------------------------------

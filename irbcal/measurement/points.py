@@ -1,22 +1,35 @@
 """Measured points as arrays: what identification and validation compute with."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.errors import RobotError
 from irbcal.modeling import frames
+from irbcal.modeling.robot import Robot
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import MM
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
-@dataclass(frozen=True, eq=False)
-class PointSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class PointSet(Speaks):
     """Measured reflector positions and the joints at which they were measured.
 
     Points are sorted by pose, so that a block of poses is a slice of points.
 
     Parameters
     ----------
-    q : ndarray, shape (n, 6)
-        Commanded joints of each pose, radians.
+    q : ndarray, shape (n, joints)
+        Commanded joints of each pose, radians (metres for prismatic joints).
     pose : ndarray of int, shape (m,)
         Row of ``q`` each point belongs to, ascending.
     target : ndarray of int, shape (m,)
@@ -34,39 +47,90 @@ class PointSet:
         Expanded uncertainty of each point, metres; NaN where not given.
     """
 
-    q: np.ndarray
-    pose: np.ndarray
-    target: np.ndarray
-    xyz: np.ndarray
-    target_names: tuple
-    pose_ids: np.ndarray
-    groups: np.ndarray
-    rotation: np.ndarray | None = None
-    u95: np.ndarray | None = None
+    q: FloatArray
+    pose: IntArray
+    target: IntArray
+    xyz: FloatArray
+    target_names: tuple[str, ...]
+    pose_ids: NDArray[Any]
+    groups: NameArray
+    rotation: FloatArray | None = None
+    u95: FloatArray | None = None
 
-    def __len__(self):
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __len__(self) -> int:
         return len(self.pose)
 
     @property
-    def poses(self):
+    def poses(self) -> int:
         """Number of poses."""
         return len(self.q)
 
-    def joints(self):
-        """Joints of each point, shape (m, 6), radians."""
+    def joints(self) -> FloatArray:
+        """Joints of each point, shape (m, joints), radians (metres for prismatic joints)."""
         return self.q[self.pose]
 
-    def names(self):
+    def names(self) -> NameArray:
         """Target name of each point, shape (m,)."""
         return np.array(self.target_names, dtype=object)[self.target]
 
-    def oriented(self):
+    def oriented(self) -> BoolArray:
         """Which points carry a measured orientation, shape (m,)."""
         if self.rotation is None:
             return np.zeros(len(self), dtype=bool)
-        return np.isfinite(self.rotation).all(axis=(1, 2))
+        return np.asarray(np.isfinite(self.rotation).all(axis=(1, 2)))
 
-    def take(self, keep):
+    def predicted(self, robot: Robot) -> FloatArray:
+        """Where a robot expects the points.
+
+        Parameters
+        ----------
+        robot : Robot
+            It must know every target that was seen.
+
+        Returns
+        -------
+        ndarray, shape (m, 3)
+            Metres, in the robot's measuring frame.
+
+        Raises
+        ------
+        RobotError
+            If it does not know a target.
+        """
+        local = np.zeros((len(self.target_names), 3))
+        for k in np.unique(self.target):
+            if self.target_names[k] not in robot.targets:
+                raise RobotError(
+                    f"unknown target {self.target_names[k]!r}: this robot has {', '.join(robot.targets) or 'none'}"
+                )
+            local[k] = robot.targets[self.target_names[k]]
+        T = robot.poses(self.q)[self.pose]
+        base = np.einsum("mij,mj->mi", T[:, :3, :3], local[self.target]) + T[:, :3, 3]
+        return base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
+
+    def predicted_rotations(self, robot: Robot) -> FloatArray:
+        """How a robot expects the target frames to be turned.
+
+        Parameters
+        ----------
+        robot : Robot
+
+        Returns
+        -------
+        ndarray, shape (m, 3, 3)
+            In the robot's measuring frame; NaN for targets whose orientation the robot does not know.
+        """
+        local = np.full((len(self.target_names), 3, 3), np.nan)
+        for k, name in enumerate(self.target_names):
+            if name in robot.target_rotations:
+                local[k] = robot.target_rotations[name]
+        tip = robot.T_world_base[:3, :3] @ robot.poses(self.q)[:, :3, :3]
+        return tip[self.pose] @ local[self.target]
+
+    def take(self, keep: BoolArray | IntArray) -> PointSet:
         """The points that a mask of shape (m,) keeps; the poses stay, even without points."""
         return replace(
             self,
@@ -77,7 +141,7 @@ class PointSet:
             u95=None if self.u95 is None else self.u95[keep],
         )
 
-    def select(self, keep):
+    def select(self, keep: BoolArray) -> PointSet:
         """The poses that a mask of shape (n,) keeps, with their points."""
         keep = np.asarray(keep, dtype=bool)
         rest = self.take(keep[self.pose])
@@ -86,20 +150,59 @@ class PointSet:
             rest, q=self.q[keep], pose=number[rest.pose], pose_ids=self.pose_ids[keep], groups=self.groups[keep]
         )
 
-    def with_seen_targets(self):
+    def with_seen_targets(self) -> PointSet:
         """The same points without names of targets that none of them has."""
         seen = np.unique(self.target)
         names = tuple(self.target_names[k] for k in seen)
         return replace(self, target=np.searchsorted(seen, self.target), target_names=names)
 
-    def without_empty_poses(self):
+    def without_empty_poses(self) -> PointSet:
         """The same points without poses that have none."""
         used = np.zeros(self.poses, dtype=bool)
         used[self.pose] = True
         return self.select(used)
 
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each point.
 
-def distances(robot, points):
+        Returns
+        -------
+        DataFrame
+            ``pose``, ``group``, ``q1`` … (radians, metres for prismatic joints), ``target``, ``x_mm``, ``y_mm``,
+            ``z_mm`` in the measuring frame and, where measured, ``u95_mm`` and ``qw``, ``qx``, ``qy``, ``qz``.
+        """
+        import pandas as pd
+        from scipy.spatial.transform import Rotation
+
+        columns: dict[str, NDArray[Any]] = {"pose": self.pose_ids[self.pose], "group": self.groups[self.pose]}
+        columns |= {f"q{k}": angle for k, angle in enumerate(self.joints().T, 1)}
+        columns["target"] = self.names()
+        columns |= dict(zip(("x_mm", "y_mm", "z_mm"), self.xyz.T / MM, strict=True))
+        if self.u95 is not None:
+            columns["u95_mm"] = self.u95 / MM
+        if self.rotation is not None:
+            quaternion, have = np.full((len(self), 4), np.nan), self.oriented()
+            if have.any():
+                xyzw = Rotation.from_matrix(self.rotation[have]).as_quat(canonical=True)
+                quaternion[have] = np.roll(xyzw, 1, axis=1)
+            columns |= dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
+        return pd.DataFrame(columns)
+
+    def told(self) -> Sequence[Told]:
+        """Counts of points, poses and targets; a table of groups, where there are any."""
+        counts = np.bincount(self.target, minlength=len(self.target_names))
+        targets = ", ".join(f"{name} {count}" for name, count in zip(self.target_names, counts, strict=True))
+        turned = f", {int(self.oriented().sum())} of them with orientation" if self.rotation is not None else ""
+        told: list[Told] = [f"{len(self)} points of {self.poses} poses{turned}; targets: {targets}"]
+        groups = [str(name) for name in self.groups]
+        if any(groups):
+            of_points = [groups[k] for k in self.pose]
+            rows = tuple((name, groups.count(name), of_points.count(name)) for name in dict.fromkeys(groups))
+            told.append(Table("Groups", ("group", "poses", "points"), rows))
+        return told
+
+
+def distances(robot: Robot, points: PointSet) -> FloatArray:
     """Distance of each measured point from its prediction.
 
     Parameters
@@ -112,16 +215,16 @@ def distances(robot, points):
     -------
     ndarray, shape (m,)
         Metres.
+
+    Raises
+    ------
+    RobotError
+        If the robot does not know a target.
     """
-    local = np.array([robot.targets[name] for name in points.target_names])[points.target]
-    T = robot.poses(points.q)
-    R, p = T[points.pose, :3, :3], T[points.pose, :3, 3]
-    base = np.einsum("mij,mj->mi", R, local) + p
-    predicted = base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
-    return np.linalg.norm(points.xyz - predicted, axis=1)
+    return np.linalg.norm(points.xyz - points.predicted(robot), axis=1)
 
 
-def rotation_distances(robot, points):
+def rotation_distances(robot: Robot, points: PointSet) -> FloatArray:
     """Angle between each measured and predicted target frame.
 
     Parameters
@@ -136,8 +239,6 @@ def rotation_distances(robot, points):
     """
     known = np.isin(points.names().astype(str), list(robot.target_rotations))
     rows = np.flatnonzero(points.oriented() & known)
-    if not len(rows):
+    if points.rotation is None or not len(rows):
         return np.zeros(0)
-    R_tip = (robot.T_world_base @ robot.poses(points.q[points.pose[rows]]))[:, :3, :3]
-    local = np.array([robot.target_rotations[name] for name in points.names()[rows]])
-    return frames.rotation_distance(R_tip @ local, points.rotation[rows])
+    return frames.rotation_distance(points.predicted_rotations(robot)[rows], points.rotation[rows])

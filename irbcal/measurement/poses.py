@@ -1,11 +1,14 @@
 """Other views of measured points: three of a pose as one full pose, all in a frame of three points."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.cleaning import by_pose
+from irbcal.measurement.points import PointSet
 from irbcal.measurement.registration import register
 from irbcal.modeling import frames
 
@@ -13,8 +16,12 @@ TOOL = "tool"
 """Name of the target frame that stands for all reflectors of the tool."""
 
 
-def as_poses(points, source="the measurements", shape=None):
+def as_poses(
+    points: PointSet, source: str = "the measurements", shape: Mapping[str, FloatArray] | None = None
+) -> tuple[PointSet, Mapping[str, FloatArray]]:
     """Turn the points of each pose into one measured pose of the tool.
+
+    Three points of the tool that are not on a line tell its orientation, too (Nubiola 2011, section 2.1).
 
     The reflectors are taken as one rigid body. Its frame has its origin in the reflectors' centre and the axes of the
     coordinates in which its shape is given.
@@ -41,13 +48,13 @@ def as_poses(points, source="the measurements", shape=None):
     """
     if len(points.target_names) < 3:
         raise MeasurementError(
-            f"{source}: a full pose needs three targets on the tool, found {', '.join(points.target_names)}"
+            f"a full pose needs three targets on the tool, found {', '.join(points.target_names)}", file=source
         )
     every = np.ones(len(points), dtype=bool)
     seen = by_pose(points.pose, points.names(), points.xyz, every, points.target_names)
     found = register(seen, points.target_names, source, shape, what="targets")
     if found is None:
-        raise MeasurementError(f"{source}: a full pose needs three targets on the tool; no pose saw three at a time")
+        raise MeasurementError("a full pose needs three targets on the tool; no pose saw three at a time", file=source)
     T_world_shape = frames.inverse(found.T_frame_pose[found.own])
     centre = np.mean(list(found.references.values()), axis=0)
     n = int(found.own.sum())
@@ -64,8 +71,10 @@ def as_poses(points, source="the measurements", shape=None):
     return poses, found.references
 
 
-def in_frame_of(points, references, names, source="the measurements"):
-    """Everything in the frame of three reference points (Nubiola 2011, section 3.3).
+def in_frame_of(
+    points: PointSet, references: Mapping[str, FloatArray], names: Sequence[str], source: str = "the measurements"
+) -> tuple[PointSet, dict[str, FloatArray]]:
+    """Everything in the frame of three reference points (Nubiola 2011, sections 3.3 and 7.1).
 
     Parameters
     ----------
@@ -90,13 +99,14 @@ def in_frame_of(points, references, names, source="the measurements"):
     missing = [name for name in names if name not in references]
     if len(names) != 3 or missing:
         raise MeasurementError(
-            f"{source}: a frame needs three reference points, found {', '.join(references) or 'none'}"
-            + (f" but not {missing[0]}" if missing else "")
+            f"a frame needs three reference points, found {', '.join(references) or 'none'}"
+            + (f" but not {missing[0]}" if missing else ""),
+            file=source,
         )
     try:
         T = frames.inverse(frames.from_three_points(*(references[name] for name in names)))
     except ValueError as error:
-        raise MeasurementError(f"{source}: {', '.join(names)}: {error}") from None
+        raise MeasurementError(f"{', '.join(names)}: {error}", file=source) from None
     rotation = None if points.rotation is None else T[:3, :3] @ points.rotation
     places = {name: frames.apply(T, place[None])[0] for name, place in references.items()}
     return replace(points, xyz=frames.apply(T, points.xyz), rotation=rotation), places

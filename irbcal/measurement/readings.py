@@ -1,17 +1,23 @@
 """Tables of readings for validation: numbers and labels by column, checked."""
 
+from collections.abc import Sequence
+
 import pandas as pd
 
+from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.table import POSITION, QUATERNION, _check_quaternions, _names, _numbers, _read_columns
+from irbcal.measurement import columns
+from irbcal.measurement.columns import POSITION, QUATERNION, TableLike
 
 
-def read(path, numbers, labels=(), optional=()):
-    """Read a CSV (or Parquet) file of readings.
+def read(
+    table: TableLike, numbers: Sequence[str], labels: Sequence[str] = (), optional: Sequence[str] = ()
+) -> pd.DataFrame:
+    """Read a table of readings.
 
     Parameters
     ----------
-    path : str or Path
+    table : str, Path or DataFrame
     numbers : sequence of str
         Columns that must be there with a number in every row.
     labels : sequence of str
@@ -28,50 +34,56 @@ def read(path, numbers, labels=(), optional=()):
     Raises
     ------
     MeasurementError
-        If the file cannot be read or does not keep the format.
+        If the table cannot be read or does not keep the format.
     """
-    raw, source, _ = _read_columns(path, [*labels, *numbers])
-    table = pd.DataFrame({"row": raw.index})
+    cells, source, _ = columns.read(table, [*labels, *numbers])
+    out = pd.DataFrame({"row": cells.index})
     for name in numbers:
-        table[name] = _numbers(raw, name, source, "a number")
+        out[name] = columns.numbers(cells, name, source, "a number")
     for name in labels:
-        table[name] = _names(raw, name, source)
-    for name in [c for c in raw.columns if c not in table.columns]:
+        out[name] = columns.names(cells, name, source)
+    for name in [name for name in cells.columns if name not in out.columns]:
         if name in (*optional, *QUATERNION):
-            table[name] = _numbers(raw, name, source, "a number or nothing", lost=True)
+            out[name] = columns.numbers(cells, name, source, "a number or nothing", lost=True)
         else:
-            table[name] = raw[name].to_numpy()
-    _check_quaternions(table, source)
-    table.attrs["source"] = source
-    return table
+            out[name] = cells[name].to_numpy()
+    columns.check_quaternions(out, source)
+    out.attrs["source"] = source
+    return out
 
 
-def read_points(path, labels=(), numbers=(), optional=()):
+def read_points(
+    table: TableLike, labels: Sequence[str] = (), numbers: Sequence[str] = (), optional: Sequence[str] = ()
+) -> pd.DataFrame:
     """As `read`, with the columns ``x_mm``, ``y_mm``, ``z_mm``; rows of lost points (empty or 0,0,0) are left out.
+
+    Returns
+    -------
+    DataFrame
+        ``attrs`` also holds ``lost``, the number of rows that are left out.
 
     Raises
     ------
     MeasurementError
         As `read`, or if all points are lost.
     """
-    table = read(path, numbers, labels, (*POSITION, *optional))
-    missing = [name for name in POSITION if name not in table.columns]
+    found = read(table, numbers, labels, (*POSITION, *optional))
+    source = found.attrs["source"]
+    missing = [name for name in POSITION if name not in found.columns]
     if missing:
-        raise MeasurementError(f"{table.attrs['source']}: row 1: missing column {', '.join(missing)}")
-    xyz = table[POSITION].to_numpy()
-    lost = pd.isna(xyz).any(axis=1) | (xyz == 0.0).all(axis=1)
+        row = columns.header_row(source)
+        raise MeasurementError(f"missing column {', '.join(missing)}", file=source, row=row)
+    lost = columns.lost_points(found[POSITION].to_numpy())
     if lost.all():
-        raise MeasurementError(f"{table.attrs['source']}: every point is lost")
-    attrs = table.attrs | {"lost": int(lost.sum())}
-    table = table[~lost].reset_index(drop=True)
-    table.attrs.update(attrs)
-    return table
+        raise MeasurementError("every point is lost", file=source)
+    attrs = found.attrs | {"lost": int(lost.sum())}
+    found = found[~lost].reset_index(drop=True)
+    found.attrs.update(attrs)
+    return found
 
 
-def rotations(table):
+def rotations(table: pd.DataFrame) -> FloatArray | None:
     """Orientations of a table's rows, shape (rows, 3, 3); None without quaternion columns or with gaps in them."""
-    from scipy.spatial.transform import Rotation
-
     if QUATERNION[0] not in table.columns or table[QUATERNION].isna().any(axis=None):
         return None
-    return Rotation.from_quat(table[["qx", "qy", "qz", "qw"]].to_numpy()).as_matrix()
+    return columns.rotations(table)

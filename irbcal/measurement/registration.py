@@ -4,16 +4,45 @@ References are reflectors fixed to the ground. What moves them between poses is 
 station), so the rigid motion that takes them back to their common places takes it out of the targets too.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import MeasurementError
+from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
+from irbcal.modeling.robot import Robot
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import MM
 
 
-@dataclass(frozen=True, eq=False)
-class Registration:
+def base_on(robot: Robot, points: PointSet) -> Robot:
+    """The robot with its base where the points say: closed form, least squares.
+
+    Parameters
+    ----------
+    robot : Robot
+        It must know every target that was seen.
+    points : PointSet
+        In any frame, which becomes the robot's measuring frame; three points that are not on a line at least.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    RobotError
+        If it does not know a target.
+    """
+    at_origin = points.predicted(robot.replace(T_world_base=np.eye(4)))
+    return robot.replace(T_world_base=frames.rigid_fit(at_origin, points.xyz))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Registration(Speaks):
     """Motion of the measuring frame over the poses.
 
     Attributes
@@ -28,21 +57,39 @@ class Registration:
         Root mean square distance of the references from their places after registration, metres.
     """
 
-    references: dict
-    T_frame_pose: np.ndarray
-    own: np.ndarray
+    references: Mapping[str, FloatArray]
+    T_frame_pose: FloatArray
+    own: BoolArray
     residual: float
 
+    def __post_init__(self) -> None:
+        lock(self)
+
     @property
-    def largest_shift(self):
+    def largest_shift(self) -> float:
         """Largest motion of the references' centre between any pose and the measuring frame, metres."""
         centre = np.mean(list(self.references.values()), axis=0)
         moved = self.T_frame_pose[:, :3, :3] @ centre + self.T_frame_pose[:, :3, 3]
         return float(np.linalg.norm(moved - centre, axis=1).max())
 
+    def told(self) -> Sequence[Told]:
+        """How well the references agree, and their places."""
+        rows = tuple((name, *(place / MM).tolist()) for name, place in self.references.items())
+        return [
+            f"{int(self.own.sum())} of {len(self.own)} poses saw three of {len(self.references)} references; residual "
+            f"{self.residual / MM:.4f} mm rms, largest shift {self.largest_shift / MM:.4f} mm",
+            Table("Places of the references, mm", ("reference", "x", "y", "z"), rows),
+        ]
 
-def register(seen, names, source, places=None, what="reference points"):
-    """Rigid motion of every pose from its reference points.
+
+def register(
+    seen: FloatArray,
+    names: Sequence[str],
+    source: str,
+    places: Mapping[str, FloatArray] | None = None,
+    what: str = "reference points",
+) -> Registration | None:
+    """Rigid motion of every pose from its reference points (Nubiola 2011, section 7.1: the arbitrary base).
 
     Parameters
     ----------
@@ -70,7 +117,7 @@ def register(seen, names, source, places=None, what="reference points"):
     if places is not None:
         use = [k for k, name in enumerate(names) if name in places]
         seen, names = seen[:, use], [names[k] for k in use]
-    visible = np.isfinite(seen).all(axis=2)
+    visible = np.asarray(np.isfinite(seen).all(axis=2))
     own = visible.sum(axis=1) >= 3
     if not own.any():
         return None
@@ -81,7 +128,7 @@ def register(seen, names, source, places=None, what="reference points"):
     spread = np.linalg.svd(common[known] - common[known].mean(axis=0), compute_uv=False)
     if spread[1] < 0.02 * spread[0]:
         raise MeasurementError(
-            f"{source}: the {what} {', '.join(names)} lie on a line: the rotation about it is unknown"
+            f"the {what} {', '.join(names)} lie on a line: the rotation about it is unknown", file=source
         )
     T = _motions(seen, visible, own, common)
     error = _moved(T[own], seen[own]) - common
@@ -90,11 +137,11 @@ def register(seen, names, source, places=None, what="reference points"):
     return Registration(places, _interpolated(T, own), own, residual)
 
 
-def _moved(T, points):
+def _moved(T: FloatArray, points: FloatArray) -> FloatArray:
     return np.einsum("nij,nkj->nki", T[:, :3, :3], points) + T[:, None, :3, 3]
 
 
-def _common_places(seen, visible, own):
+def _common_places(seen: FloatArray, visible: BoolArray, own: BoolArray) -> FloatArray:
     """Mean place of each reference once all poses are laid over one another (generalised Procrustes).
 
     The iteration starts from the middle of the poses as measured; where the tracker changed its station, so
@@ -122,14 +169,14 @@ def _common_places(seen, visible, own):
     return frames.apply(frames.rigid_fit(common[ok], middle[ok]), common)
 
 
-def _same_shape(places, other, tolerance=5e-3):
+def _same_shape(places: FloatArray, other: FloatArray, tolerance: float = 5e-3) -> bool:
     """Whether two sets of points have the same distances, within 5 mm, where both are known."""
     both = np.isfinite(places).all(axis=1) & np.isfinite(other).all(axis=1)
     distances = [np.linalg.norm(p[both][:, None] - p[both], axis=2) for p in (places, other)]
-    return np.abs(distances[0] - distances[1]).max() < tolerance
+    return bool(np.abs(distances[0] - distances[1]).max() < tolerance)
 
 
-def _motions(seen, visible, own, common):
+def _motions(seen: FloatArray, visible: BoolArray, own: BoolArray, common: FloatArray) -> FloatArray:
     """Rigid motions of the poses with three references, one batch for each pattern of visibility."""
     T = np.full((len(seen), 4, 4), np.nan)
     patterns, which = np.unique(visible, axis=0, return_inverse=True)
@@ -142,7 +189,7 @@ def _motions(seen, visible, own, common):
     return T
 
 
-def _interpolated(T, own):
+def _interpolated(T: FloatArray, own: BoolArray) -> FloatArray:
     """Fill poses without their own registration linearly between their neighbours in time."""
     from scipy.spatial.transform import Rotation
 

@@ -1,16 +1,24 @@
 """The nominal arm: a DHM chain between a base link and a tip link, with names and limits."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.joint_map import Stiffness
 from irbcal.units import DEG, MM
 
+LARGEST_TRAVEL = 50.0
+"""Metres that no prismatic joint goes, if the URDF gives no limit."""
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Arm:
     """A serial arm; most have six revolute joints.
 
@@ -30,48 +38,57 @@ class Arm:
 
     name: str
     table: dhm.DHMTable
-    T_base_0: np.ndarray
-    T_last_tip: np.ndarray
-    joint_names: tuple
-    lower: np.ndarray
-    upper: np.ndarray
+    T_base_0: FloatArray
+    T_last_tip: FloatArray
+    joint_names: tuple[str, ...]
+    lower: FloatArray
+    upper: FloatArray
     base_link: str = "base_link"
     tip_link: str = "tool0"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for key in ("T_base_0", "T_last_tip", "lower", "upper"):
-            value = np.array(getattr(self, key), dtype=float)
-            value.setflags(write=False)
-            object.__setattr__(self, key, value)
+            object.__setattr__(self, key, np.asarray(getattr(self, key), dtype=float))
+        lock(self)
+
+    def __repr__(self) -> str:
+        return f"<Arm {self.name}: {self.joints_in_words}, {self.base_link} to {self.tip_link}>"
 
     @property
-    def six_revolute(self):
+    def joints_in_words(self) -> str:
+        """How many joints of which kind, for people."""
+        slides = int(self.table.prismatic.sum())
+        turns = f"{len(self.joint_names) - slides} revolute"
+        return f"{turns} and {slides} prismatic joints" if slides else f"{turns} joints"
+
+    @property
+    def six_revolute(self) -> bool:
         """Whether the arm has six revolute joints: what the thesis's error models and closed forms are made for."""
         return len(self.joint_names) == 6 and not self.table.prismatic.any()
 
     @property
-    def planar(self):
+    def planar(self) -> bool:
         """Whether all turning axes are parallel (SCARA): such an arm cannot tell its base from its tool in all ways."""
         values = self.random_joints(3, 0).T + self.table.offsets[:, None]
         turning = dhm.chain_frames(self.table, values, self.T_base_0).z[~self.table.prismatic]
         return bool(np.abs(np.cross(turning, turning[:1, :, :1], axis=1)).max(initial=0.0) < np.sin(1.0 * DEG))
 
     @property
-    def joint_columns(self):
+    def joint_columns(self) -> list[str]:
         """Columns of joint values in files: ``q1_deg`` and so on, ``q1_mm`` for a prismatic joint."""
         return [f"q{i}_{'mm' if slides else 'deg'}" for i, slides in enumerate(self.table.prismatic, start=1)]
 
     @property
-    def joint_units(self):
+    def joint_units(self) -> FloatArray:
         """SI value of one unit of each column of `joint_columns`, shape (n,)."""
         return np.where(self.table.prismatic, MM, DEG)
 
-    def with_table(self, table):
+    def with_table(self, table: dhm.DHMTable) -> Arm:
         """The same arm with another DHM table."""
         return replace(self, table=table)
 
-    def forward(self, theta):
-        """Tip poses in the base link.
+    def forward(self, theta: ArrayLike) -> FloatArray:
+        """Tip poses in the base link (Nubiola 2011, eq. 6.39; of a calibrated arm eq. 6.40).
 
         Parameters
         ----------
@@ -85,22 +102,22 @@ class Arm:
         """
         return dhm.forward(self.table, theta, self.T_base_0, self.T_last_tip)
 
-    def random_joints(self, n, seed):
+    def random_joints(self, n: int, seed: int) -> FloatArray:
         """Uniform random joints inside the limits (a full turn or 1 m either way where there are none), (n, joints)."""
         free = np.where(self.table.prismatic, 1.0, np.pi)
         lower = np.where(np.isfinite(self.lower), self.lower, -free)
         upper = np.where(np.isfinite(self.upper), self.upper, free)
         return np.random.default_rng(seed).uniform(lower, upper, (n, len(lower)))
 
-    def stiffness_geometry(self):
-        """What the arm-stiffness model needs to know of the arm (Nubiola 2011, figure 5.3).
+    def stiffness_geometry(self) -> tuple[FloatArray, Stiffness]:
+        """What the arm-stiffness model needs to know of the arm (Nubiola 2011, Figure 5.3).
 
         Returns
         -------
         phases : ndarray, shape (2,)
             Angles of upper arm and forearm from the vertical at zero joints, about axes 2 and 3, radians.
         stiffness : Stiffness
-            The physical guess of eqs. 5.19 to 5.22 for this arm's lengths.
+            The physical guess of eqs. 5.19, 5.20, 5.21 and 5.22 for this arm's lengths.
 
         Raises
         ------
@@ -125,10 +142,55 @@ class Arm:
         fore = fore - axis * (axis @ fore)
         up = np.array([0.0, 0.0, 1.0])
         phases = np.array([np.arctan2(axis @ np.cross(up, v), up @ v) for v in (upper, fore)])
-        return phases, Stiffness.guess(np.linalg.norm(upper), np.linalg.norm(fore))
+        return phases, Stiffness.guess(float(np.linalg.norm(upper)), float(np.linalg.norm(fore)))
 
-    def check_joints(self, q):
-        """Refuse joint arrays that are not (n, joints)."""
+    @cached_property
+    def _farthest(self) -> FloatArray:
+        """Joint values, shape (n,), that only another unit explains: twice the limit, or two turns where that is more.
+
+        A continuous joint may go on turning for ever: it is judged, at eight turns, only where no other joint could
+        tell. A prismatic joint is judged at ten times its limit.
+        """
+        slides = self.table.prismatic
+        limit = np.maximum(np.abs(self.lower), np.abs(self.upper))
+        endless = ~np.isfinite(limit)
+        turning = np.where(endless, np.inf, 2.0 * np.maximum(limit, 2.0 * np.pi))
+        if endless[~slides].all():
+            turning = np.full(len(slides), 16.0 * np.pi)
+        return np.where(slides, np.where(endless, LARGEST_TRAVEL, 10.0 * np.maximum(limit, 1.0)), turning)
+
+    def check_joints(self, q: ArrayLike) -> FloatArray:
+        """Refuse joint arrays that are not (n, joints), or not in radians and metres.
+
+        Parameters
+        ----------
+        q : array_like, shape (n, joints) or (joints,)
+            Radians (metres for prismatic joints).
+
+        Returns
+        -------
+        ndarray, shape (n, joints)
+
+        Raises
+        ------
+        RobotError
+            If the shape is another, or a number so large that it must be meant in degrees (millimetres).
+        """
+        q = self.check_shape(q)
+        far = np.abs(q) > self._farthest
+        if far.any():
+            row, joint = np.argwhere(far)[0]
+            slides = self.table.prismatic[joint]
+            found, wanted = ("millimetres", "metres") if slides else ("degrees", "radians")
+            raise RobotError(
+                f"joints of {self.name} are expected in {wanted}, found {q[row, joint]:.6g} for "
+                f"{self.joint_names[joint]}: these look like {found}",
+                parameter="q",
+            )
+        return q
+
+    def check_shape(self, q: ArrayLike) -> FloatArray:
+        """Refuse arrays, of joints or their speeds, that are not (n, joints) or (joints,); returns (n, joints)."""
         q = np.atleast_2d(np.asarray(q, dtype=float))
         joints = len(self.joint_names)
         if q.ndim != 2 or q.shape[1] != joints:
@@ -136,7 +198,7 @@ class Arm:
         return q
 
 
-def relative_difference(T_1, T_2):
-    """Largest distance of origins (m) and largest relative rotation (rad) of two batches of poses."""
+def relative_difference(T_1: FloatArray, T_2: FloatArray) -> tuple[float, float]:
+    """Largest distance of origins (m) and largest relative rotation (rad) of two batches of poses (..., 4, 4)."""
     position = np.linalg.norm(T_1[..., :3, 3] - T_2[..., :3, 3], axis=-1).max()
-    return position, frames.rotation_distance(T_1[..., :3, :3], T_2[..., :3, :3]).max()
+    return float(position), float(frames.rotation_distance(T_1[..., :3, :3], T_2[..., :3, :3]).max())

@@ -1,6 +1,6 @@
-"""Modified Denavit-Hartenberg geometry (Craig) and its forward kinematics for batches.
+"""Modified Denavit-Hartenberg geometry (Craig) and its forward kinematics for batches (Nubiola 2011, section 5.1).
 
-One row of the table is the step from frame i-1 to frame i (Nubiola 2011, eq. 5.1), with Hayati's tilt
+One row of the table is the step from frame i-1 to frame i (eqs. 5.1 and 5.2), with Hayati's tilt
 ``beta`` about y in between for nearly parallel axes and a shift ``b`` along y (both zero in a plain DHM table)::
 
     A_i = Rot(x, alpha_i) Trans(a_i, 0, 0) Rot(y, beta_i) Trans(0, b_i, 0) Rot(z, theta_i) Trans(0, 0, d_i)
@@ -12,19 +12,25 @@ chain with the axes of the moving frame held as arrays of shape (3, poses), a bl
 no 4x4 products and no loop over poses.
 """
 
-from dataclasses import dataclass, fields
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.modeling import frames
+from irbcal.units import DEG, MM
 
 BLOCK = 2048
 """Poses per block: the working set of a block stays in the processor's cache."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DHMTable:
-    """DHM parameters of a serial arm with ``n`` joints.
+    """DHM parameters of a serial arm with ``n`` joints (Nubiola 2011, Table 5.1 is that of the IRB 1600).
 
     Parameters
     ----------
@@ -42,32 +48,47 @@ class DHMTable:
     The arrays are copied and locked; use `dataclasses.replace` for a changed table.
     """
 
-    alpha: np.ndarray
-    a: np.ndarray
-    theta: np.ndarray
-    d: np.ndarray
-    beta: np.ndarray = None
-    b: np.ndarray = None
-    prismatic: np.ndarray = None
+    alpha: FloatArray
+    a: FloatArray
+    theta: FloatArray
+    d: FloatArray
+    beta: FloatArray = field(default_factory=lambda: np.zeros(0))
+    b: FloatArray = field(default_factory=lambda: np.zeros(0))
+    prismatic: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
-    def __post_init__(self):
-        for name in ("beta", "b", "prismatic"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros(np.shape(self.alpha)))
-        for field in fields(self):
-            value = np.array(getattr(self, field.name), dtype=bool if field.name == "prismatic" else float)
-            if value.shape != np.shape(self.alpha) or value.ndim != 1:
-                raise ValueError(f"DHM column {field.name} has shape {value.shape}, expected (n,)")
+    def __post_init__(self) -> None:
+        shape = np.shape(self.alpha)
+        for column in fields(self):
+            value = np.array(getattr(self, column.name), dtype=bool if column.name == "prismatic" else float)
+            if not value.size and column.name in ("beta", "b", "prismatic"):
+                value = np.zeros(shape, dtype=value.dtype)
+            if value.shape != shape or value.ndim != 1:
+                raise ValueError(f"DHM column {column.name} has shape {value.shape}, expected (n,)")
             value.setflags(write=False)
-            object.__setattr__(self, field.name, value)
+            object.__setattr__(self, column.name, value)
+        lock(self)
+
+    def __len__(self) -> int:
+        return len(self.alpha)
+
+    def __repr__(self) -> str:
+        columns = {"alpha_deg": DEG, "a_mm": MM, "theta_deg": DEG, "d_mm": MM, "beta_deg": DEG, "b_mm": MM}
+        values = {name: getattr(self, name.split("_")[0]) / unit for name, unit in columns.items()}
+        shown = {name: v for name, v in values.items() if name[0] != "b" or v.any()}
+        rows = [" ".join(f"{v[i]:.6g}" for v in shown.values()) for i in range(min(len(self), 8))]
+        more = ["…"] if len(self) > 8 else []
+        return f"<DHMTable of {len(self)} joints: {' '.join(shown)}: {'; '.join(rows + more)}>"
 
     @property
-    def offsets(self):
+    def offsets(self) -> FloatArray:
         """What is added to each effective joint, shape (n,): ``theta`` (rad), of prismatic joints ``d`` (m)."""
         return np.where(self.prismatic, self.d, self.theta)
 
-    def step(self, i, value=0.0):
-        """Transform ``T_{i-1}_i`` of row ``i`` (counted from 0) at an effective joint angle (rad) or travel (m)."""
+    def step(self, i: int, value: float = 0.0) -> FloatArray:
+        """Transform ``T_{i-1}_i`` of row ``i`` (counted from 0) at an effective joint angle (rad) or travel (m).
+
+        It is the product of Nubiola 2011, eq. 5.1, multiplied out in eq. 5.2.
+        """
         angle, travel = (0.0, value) if self.prismatic[i] else (value, 0.0)
         before = frames.transform(frames.rot_x(self.alpha[i])) @ frames.transform(None, [self.a[i], 0.0, 0.0])
         tilt = frames.transform(frames.rot_y(self.beta[i]), [0.0, self.b[i], 0.0])
@@ -75,7 +96,7 @@ class DHMTable:
         return before @ tilt @ turn @ frames.transform(None, [0.0, 0.0, self.d[i] + travel])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ChainFrames:
     """Axes and origins along the chain for a block of poses, all in the base frame.
 
@@ -91,21 +112,28 @@ class ChainFrames:
         x, y, z axes and origin of the tip frame.
     """
 
-    x_before: np.ndarray
-    o_before: np.ndarray
-    z: np.ndarray
-    o: np.ndarray
-    y_tilt: np.ndarray
-    o_tilt: np.ndarray
-    tip: np.ndarray
+    x_before: FloatArray
+    o_before: FloatArray
+    z: FloatArray
+    o: FloatArray
+    y_tilt: FloatArray
+    o_tilt: FloatArray
+    tip: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
-def _turn(first, second, c, s):
+def _turn(
+    first: FloatArray, second: FloatArray, c: FloatArray | float, s: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
     """Axes (first, second) turned towards one another by the angle with cosine c and sine s."""
     return c * first + s * second, c * second - s * first
 
 
-def _walk(table, joints, T_base_0, T_last_tip, store):
+def _walk(
+    table: DHMTable, joints: FloatArray, T_base_0: FloatArray, T_last_tip: FloatArray | None, store: FloatArray | None
+) -> Sequence[FloatArray]:
     """Walk the chain; ``joints`` (joints, n) are with the table's offsets. ``store`` receives each joint's axes."""
     n = joints.shape[1]
     # columns of constant transforms have one column: they cost nothing until the first joint turns them
@@ -138,7 +166,9 @@ def _walk(table, joints, T_base_0, T_last_tip, store):
     return [R[0, k] * x + R[1, k] * y + R[2, k] * z for k in range(3)] + [o + p[0] * x + p[1] * y + p[2] * z]
 
 
-def chain_frames(table, joints, T_base_0, T_last_tip=None):
+def chain_frames(
+    table: DHMTable, joints: FloatArray, T_base_0: FloatArray, T_last_tip: FloatArray | None = None
+) -> ChainFrames:
     """Axes and origins of every joint for a block of poses: all that derivatives need.
 
     Parameters
@@ -155,10 +185,20 @@ def chain_frames(table, joints, T_base_0, T_last_tip=None):
     ChainFrames
     """
     store = np.empty((6, len(joints), 3, joints.shape[1]))
-    return ChainFrames(*store, tip_columns(table, joints, T_base_0, T_last_tip, store))
+    tip = tip_columns(table, joints, T_base_0, T_last_tip, store)
+    for array in (store, tip):  # nobody else has them: locked without a copy
+        array.setflags(write=False)
+    x_before, o_before, z, o, y_tilt, o_tilt = store
+    return ChainFrames(x_before, o_before, z, o, y_tilt, o_tilt, tip)
 
 
-def tip_columns(table, joints, T_base_0, T_last_tip=None, store=None):
+def tip_columns(
+    table: DHMTable,
+    joints: FloatArray,
+    T_base_0: FloatArray,
+    T_last_tip: FloatArray | None = None,
+    store: FloatArray | None = None,
+) -> FloatArray:
     """The tip frame's x, y, z axes and origin in the base frame, shape (4, 3, n); arguments as `chain_frames`."""
     tip = np.empty((4, 3, joints.shape[1]))
     for k, column in enumerate(_walk(table, joints, T_base_0, T_last_tip, store)):
@@ -166,8 +206,12 @@ def tip_columns(table, joints, T_base_0, T_last_tip=None, store=None):
     return tip
 
 
-def forward(table, theta, T_base_0=None, T_last_tip=None):
-    """Forward kinematics for a batch (Nubiola 2011, eq. 6.39 with eq. 5.1).
+def forward(
+    table: DHMTable, theta: ArrayLike, T_base_0: FloatArray | None = None, T_last_tip: FloatArray | None = None
+) -> FloatArray:
+    """Forward kinematics for a batch: the product of the steps of eq. 5.1 (Nubiola 2011, eqs. 6.1 and 6.39).
+
+    With the table of a calibrated arm and effective joints it is the product of eq. 6.40.
 
     Parameters
     ----------
@@ -199,8 +243,11 @@ def forward(table, theta, T_base_0=None, T_last_tip=None):
     return out
 
 
-def from_transform(T):
-    """DHM parameters of one step (Nubiola 2011, eqs. 5.3 to 5.7).
+def from_transform(T: FloatArray) -> tuple[float, float, float, float]:
+    """DHM parameters of one step (Nubiola 2011, eqs. 5.3, 5.4, 5.5, 5.6 and 5.7).
+
+    The length of d and its sign come in one: ``d = -A_24 sin(alpha) + A_34 cos(alpha)``, which is eqs. 5.6 and 5.7
+    without a division of cases where ``cos(alpha)`` is zero.
 
     Parameters
     ----------
@@ -220,7 +267,7 @@ def from_transform(T):
     alpha = np.arctan2(-T[1, 2], T[2, 2])
     theta = np.arctan2(-T[0, 1], T[0, 0])
     d = -T[1, 3] * np.sin(alpha) + T[2, 3] * np.cos(alpha)
-    row = DHMTable([alpha], [T[0, 3]], [theta], [d])
+    row = DHMTable(*np.array([[alpha], [T[0, 3]], [theta], [d]]))
     if np.abs(row.step(0) - T).max() > 1e-9:
         raise ValueError("the transform is not one DHM step: axis z is not perpendicular to the previous x axis")
-    return alpha, T[0, 3], theta, d
+    return float(alpha), float(T[0, 3]), float(theta), float(d)

@@ -1,15 +1,28 @@
 """From joint axes to a DHM table: what reading a URDF and measuring a robot's axes have in common."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import numpy as np
 
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.modeling import dhm, frames
 
 NEARLY_PARALLEL = np.sin(np.radians(5.0))
-"""Sine of the angle below which two axes get Hayati's form instead of a far-away common normal."""
+"""Sine of the angle below which two axes get Hayati's form instead of a far-away common normal.
+
+It is the tolerance of Nubiola 2011, section 3.1.3.
+"""
 
 
-def dhm_from_axes(points, axes, T_base_tip, prismatic=None):
-    """DHM table of joint axes and a tip frame at zero joints (Nubiola 2011, section 3.1.2).
+def dhm_from_axes(
+    points: FloatArray,
+    axes: FloatArray,
+    T_base_tip: FloatArray,
+    prismatic: Sequence[bool] | BoolArray | None = None,
+) -> tuple[dhm.DHMTable, FloatArray, FloatArray]:
+    """DHM table of joint axes and a tip frame at zero joints (Nubiola 2011, section 3.1.2, Figures 3.2 and 5.1).
 
     The x axis of each frame runs along the common normal to the next axis; where the axes intersect, its
     sign is the one nearer to the previous x axis. Nearly parallel axes get Hayati's form: the next axis is
@@ -61,21 +74,24 @@ def dhm_from_axes(points, axes, T_base_tip, prismatic=None):
     T_last_tip = frames.inverse(T_base_last) @ T_base_tip
     if np.abs(T_last_tip - np.eye(4)).max() < 1e-12:
         T_last_tip = np.eye(4)
-    return dhm.DHMTable(alpha, a, theta, d, beta, prismatic=prismatic), T_base_0, T_last_tip
+    slides = np.zeros(n, dtype=bool) if prismatic is None else np.array(prismatic, dtype=bool)
+    return dhm.DHMTable(alpha, a, theta, d, beta, prismatic=slides), T_base_0, T_last_tip
 
 
-def _unit(v):
+def _unit(v: FloatArray) -> FloatArray:
     return v / np.linalg.norm(v)
 
 
-def _carried_x(x, z, z_next, beta):
+def _carried_x(x: FloatArray, z: FloatArray, z_next: FloatArray, beta: float) -> FloatArray:
     """The x axis after Hayati's tilt: Rot(x, alpha) Rot(y, beta) applied to x."""
     # z_next = sin(beta) x + cos(beta) w with w the tilted z before beta, and x' = cos(beta) x - sin(beta) w
     w = (z_next - np.sin(beta) * x) / np.cos(beta)
     return np.cos(beta) * x - np.sin(beta) * w
 
 
-def _common_normal(entry, z, next_point, z_next, x):
+def _common_normal(
+    entry: FloatArray, z: FloatArray, next_point: FloatArray, z_next: FloatArray, x: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Origin on this axis, entry point on the next one, and the x axis between them."""
     cross = np.cross(z, z_next)
     sine = np.linalg.norm(cross)
@@ -95,7 +111,9 @@ def _common_normal(entry, z, next_point, z_next, x):
     return origin, next_entry, direction if near > -1e-9 else -direction
 
 
-def _last_frame(entry, z, x, T_base_tip):
+def _last_frame(
+    entry: FloatArray, z: FloatArray, x: FloatArray, T_base_tip: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Last frame: the tip itself where its z axis lies on the last axis, else the foot of the tip's origin on it."""
     tip = T_base_tip[:3, 3]
     origin = entry + z * (z @ (tip - entry))

@@ -1,16 +1,34 @@
-r"""Rigid transforms.
+r"""Rigid transforms, and the names of frames in this project.
 
-``T_a_b`` maps coordinates in frame ``b`` to coordinates in frame ``a``, so subscripts cancel::
+``T_a_b`` is the place of frame ``b`` in frame ``a``: it maps coordinates in ``b`` to coordinates in ``a``, so that
+neighbouring subscripts cancel::
 
-    T_a_c = T_a_b @ T_b_c          p_a = T_a_b[:3, :3] @ p_b + T_a_b[:3, 3]
+         world ---------------- T_world_base ---------------> base
+           |                                                   |
+      T_world_target                                       T_base_tip        (joints move the tip in the base)
+           |                                                   |
+           v                                                   v
+         target <--------------- T_tip_target --------------- tip
 
-Everything is in metres and radians and takes batches in the leading axes.
+    T_world_target = T_world_base @ T_base_tip @ T_tip_target
+    T_b_a          = inverse(T_a_b)
+    p_a            = T_a_b[:3, :3] @ p_b + T_a_b[:3, 3]
+
+``world`` is the frame of the measurements, ``base`` and ``tip`` are links of the URDF (``0`` and ``last`` the first and
+the last frame of the DHM chain between them), ``target`` is a reflector on the tool. Rotations are ``R_a_b`` or ``R``,
+quaternions have the scalar first (w, x, y, z), metres and radians everywhere. Functions take batches in the leading
+axes where their docstrings say so.
 """
 
+from __future__ import annotations
+
 import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray
 
 
-def rot_x(angle):
+def rot_x(angle: float) -> FloatArray:
     """Rotation matrix about x.
 
     Parameters
@@ -26,19 +44,19 @@ def rot_x(angle):
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
-def rot_y(angle):
+def rot_y(angle: float) -> FloatArray:
     """Rotation matrix about y, shape (3, 3); angle in radians."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
-def rot_z(angle):
+def rot_z(angle: float) -> FloatArray:
     """Rotation matrix about z, shape (3, 3); angle in radians."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def transform(rotation=None, translation=None):
+def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> FloatArray:
     """Homogeneous transform from a rotation (3, 3) and a translation (3,) in metres.
 
     Returns
@@ -53,7 +71,7 @@ def transform(rotation=None, translation=None):
     return T
 
 
-def inverse(T):
+def inverse(T: ArrayLike) -> FloatArray:
     """Inverse of rigid transforms.
 
     Parameters
@@ -73,7 +91,7 @@ def inverse(T):
     return out
 
 
-def apply(T, points):
+def apply(T: FloatArray, points: FloatArray) -> FloatArray:
     """Map points through one transform.
 
     Parameters
@@ -89,8 +107,8 @@ def apply(T, points):
     return points @ T[:3, :3].T + T[:3, 3]
 
 
-def from_xyz_angles(values):
-    """Transform from the six parameters x, y, z, alpha, beta, gamma (Nubiola 2011, eq. 3.5).
+def from_xyz_angles(values: ArrayLike) -> FloatArray:
+    """Transform from the six parameters x, y, z, alpha, beta, gamma (Nubiola 2011, section 3.1.5, eqs. 3.5 and 3.6).
 
     ``Trans(x, y, z) Rot(x, alpha) Rot(y, beta) Rot(z, gamma)``.
 
@@ -107,8 +125,8 @@ def from_xyz_angles(values):
     return transform(rot_x(alpha) @ rot_y(beta) @ rot_z(gamma), [x, y, z])
 
 
-def to_xyz_angles(T):
-    """Six parameters x, y, z, alpha, beta, gamma of a transform (Nubiola 2011, eqs. 3.7 to 3.9).
+def to_xyz_angles(T: FloatArray) -> FloatArray:
+    """Six parameters x, y, z, alpha, beta, gamma of a transform (Nubiola 2011, eqs. 3.7, 3.8 and 3.9).
 
     The cosine of beta is taken positive: ``cos(beta) = +sqrt(1 - A_13^2)``. At ``beta = +-90`` degrees,
     where alpha and gamma turn about the same line, gamma carries the whole turn and alpha is zero.
@@ -132,8 +150,10 @@ def to_xyz_angles(T):
     return np.array([*T[:3, 3], alpha, beta, gamma])
 
 
-def from_three_points(p_1, p_2, p_3):
-    """Frame from three measured points (Nubiola 2011, eqs. 3.13 to 3.19).
+def from_three_points(p_1: ArrayLike, p_2: ArrayLike, p_3: ArrayLike) -> FloatArray:
+    """Frame from three measured points (Nubiola 2011, section 3.3, Figure 3.4).
+
+    Its axes are those of eqs. 3.13, 3.14, 3.15, 3.16 and 3.17, its origin that of eqs. 3.18 and 3.19.
 
     Parameters
     ----------
@@ -152,18 +172,18 @@ def from_three_points(p_1, p_2, p_3):
     ValueError
         If the points lie on a line.
     """
-    p_1, p_2, p_3 = (np.asarray(p, dtype=float) for p in (p_1, p_2, p_3))
-    v_2, v_3 = p_2 - p_1, p_3 - p_1
+    first, second, third = (np.asarray(p, dtype=float) for p in (p_1, p_2, p_3))
+    v_2, v_3 = second - first, third - first
     normal = np.cross(v_2, v_3)
-    if np.linalg.norm(normal) <= 1e-6 * np.linalg.norm(v_2) * max(np.linalg.norm(v_3), 1e-12):
+    if np.linalg.norm(normal) <= 1e-6 * np.linalg.norm(v_2) * np.maximum(np.linalg.norm(v_3), 1e-12):
         raise ValueError("three points on a line do not make a frame")
     x = v_2 / np.linalg.norm(v_2)
     z = normal / np.linalg.norm(normal)
-    origin = p_1 + (v_2 @ v_3) / (v_2 @ v_2) * v_2
+    origin = first + (v_2 @ v_3) / (v_2 @ v_2) * v_2
     return transform(np.column_stack([x, np.cross(z, x), z]), origin)
 
 
-def rpy_from_matrix(R):
+def rpy_from_matrix(R: FloatArray) -> FloatArray:
     """URDF roll, pitch, yaw (``R = Rz(yaw) Ry(pitch) Rx(roll)``), exact through the gimbal lock.
 
     Yaw is taken first; roll then comes from the rotation with that yaw undone, so that whatever yaw is
@@ -183,22 +203,93 @@ def rpy_from_matrix(R):
     return np.array([np.arctan2(-rest[1, 2], rest[1, 1]), np.arctan2(-rest[2, 0], rest[0, 0]), yaw])
 
 
-def matrix_from_rpy(rpy):
+def matrix_from_rpy(rpy: ArrayLike) -> FloatArray:
     """Rotation matrix (3, 3) from URDF roll, pitch, yaw in radians."""
     roll, pitch, yaw = np.asarray(rpy, dtype=float)
     return rot_z(yaw) @ rot_y(pitch) @ rot_x(roll)
 
 
-def rotation_from_vector(vector):
+def quaternion_from_matrix(R: ArrayLike) -> FloatArray:
+    """Unit quaternions of rotation matrices.
+
+    Parameters
+    ----------
+    R : array_like, shape (..., 3, 3)
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+        w, x, y, z: the scalar first, and its first number that is not zero positive. NaN where a matrix is not finite.
+    """
+    R = np.asarray(R, dtype=float)
+    finite = np.isfinite(R).all(axis=(-2, -1))[..., None]
+    R = np.where(finite[..., None], R, np.eye(3))
+    xx, yy, zz = (R[..., k, k] for k in range(3))
+    wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
+    xy, xz, yz = R[..., 1, 0] + R[..., 0, 1], R[..., 0, 2] + R[..., 2, 0], R[..., 2, 1] + R[..., 1, 2]
+    # 4 q q^T: each row is the quaternion times one of its numbers, of which the largest is best
+    rows = np.array(
+        [
+            [1.0 + xx + yy + zz, wx, wy, wz],
+            [wx, 1.0 + xx - yy - zz, xy, xz],
+            [wy, xy, 1.0 - xx + yy - zz, yz],
+            [wz, xz, yz, 1.0 - xx - yy + zz],
+        ]
+    )
+    rows = np.moveaxis(rows, (0, 1), (-2, -1))
+    largest = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    first = np.take_along_axis(q, np.argmax(q != 0.0, axis=-1)[..., None], axis=-1)
+    q = np.where(first < 0.0, -q, q) + 0.0
+    return np.where(finite, q, np.nan)
+
+
+def matrix_from_quaternion(q: ArrayLike) -> FloatArray:
+    """Rotation matrices of quaternions.
+
+    Parameters
+    ----------
+    q : array_like, shape (..., 4)
+        w, x, y, z: the scalar first; of any length but zero, they are brought to length one.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        NaN where a quaternion is not finite.
+
+    Raises
+    ------
+    ValueError
+        If a quaternion has length zero.
+    """
+    q = np.asarray(q, dtype=float)
+    finite = np.isfinite(q).all(axis=-1)[..., None]
+    q = np.where(finite, q, 1.0)
+    length = np.linalg.norm(q, axis=-1, keepdims=True)
+    if (length == 0.0).any():
+        raise ValueError("a quaternion of length zero is no rotation")
+    w, x, y, z = np.moveaxis(q / length, -1, 0)
+    rows = np.array(
+        [
+            [w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), w * w - x * x + y * y - z * z, 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+    )
+    return np.where(finite[..., None], np.moveaxis(rows, (0, 1), (-2, -1)), np.nan)
+
+
+def rotation_from_vector(vector: ArrayLike) -> FloatArray:
     """Rotation matrix (3, 3) of a rotation vector (3,) in radians (Rodrigues)."""
-    x, y, z = vector
+    x, y, z = np.asarray(vector, dtype=float)
     angle = np.sqrt(x * x + y * y + z * z)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     half = np.sinc(angle / (2 * np.pi))  # sin(angle/2) / (angle/2)
     return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half * half * (K @ K)
 
 
-def rotation_distance(R_1, R_2):
+def rotation_distance(R_1: ArrayLike, R_2: ArrayLike) -> FloatArray:
     """Angle of the relative rotation, accurate down to rounding.
 
     Parameters
@@ -214,7 +305,7 @@ def rotation_distance(R_1, R_2):
     return 2.0 * np.arcsin(np.clip(chord / np.sqrt(8.0), 0.0, 1.0))
 
 
-def nearest_rotation(M):
+def nearest_rotation(M: ArrayLike) -> FloatArray:
     """Rotation nearest to a matrix in the Frobenius norm.
 
     Parameters
@@ -225,14 +316,14 @@ def nearest_rotation(M):
     -------
     ndarray, shape (..., 3, 3)
     """
-    U, _, Vt = np.linalg.svd(M)
+    U, _, Vt = np.linalg.svd(np.asarray(M, dtype=float))
     sign = np.sign(np.linalg.det(U @ Vt))
     U = U.copy()
     U[..., :, 2] *= sign[..., None]
     return U @ Vt
 
 
-def rigid_fit(points_b, points_a):
+def rigid_fit(points_b: FloatArray, points_a: FloatArray) -> FloatArray:
     """Least-squares transforms that map points in ``b`` onto points in ``a`` (Kabsch).
 
     Parameters

@@ -1,11 +1,15 @@
 r"""The joint map: from commanded to effective joint angles, the part of a calibration that URDF cannot carry.
 
-Effective angles (Nubiola 2011, eqs. 3.31, 5.8 and 5.9 to 5.15; q in radians)::
+Effective angles (Nubiola 2011, sections 5.2 and 5.3, Table 5.7; q in radians)::
 
     theta_i = q_i + k_i q_i                                      joint gains, every joint
     theta_2 += A sin(q_2 + phi_2) + B sin(q_2 + q_3 + phi_3)     arm stiffness
     theta_3 += B sin(q_2 + q_3 + phi_3)
     theta_6 += a_1 cos q_6 + b_1 sin q_6 + a_2 cos 2 q_6 + b_2 sin 2 q_6    joint-6 Fourier series
+
+The gains are those of eq. 3.31. The Fourier series is eq. 5.8 with omega = 1, and without a_0, which is an offset of
+theta_6 (Table 5.2). The stiffness is that of eqs. 5.14 and 5.15 with the levers of eqs. 5.9, 5.10 and 5.11 in the
+torques of eqs. 5.12 and 5.13.
 
 ``phi_2`` and ``phi_3`` are the directions of upper arm and forearm from the vertical at zero joints; for
 the ABB arms ``phi_2 = 0`` and ``phi_3 = 90`` degrees, which gives ``sin q_2`` and ``cos(q_2 + q_3)`` as printed.
@@ -14,10 +18,14 @@ The four stiffness parameters of the thesis act through ``A`` and ``B`` alone
 (``A = kF1 (L_G1 + m L_1)``, ``B = m kF1 L_G2``): `Stiffness` converts between the two descriptions.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.units import MM
 
@@ -27,12 +35,12 @@ FORMULA = "irbcal-joint-map-1"
 
 @dataclass(frozen=True)
 class Stiffness:
-    """The stiffness parameters of the thesis (section 5.3), lengths in metres.
+    """The four stiffness parameters of Nubiola 2011, section 5.3 and Figure 5.3, lengths in metres.
 
     Parameters
     ----------
     delta_L : float
-        Deflection of the stretched arm's end under gravity.
+        Deflection of the stretched arm's end under gravity (Figure 5.4).
     L_G1, L_G2 : float
         Distance of the centres of mass of upper arm and forearm from axes 2 and 3.
     m : float
@@ -49,24 +57,25 @@ class Stiffness:
     L_2: float
 
     @staticmethod
-    def guess(L_1, L_2):
-        """Physical guess of Nubiola 2011, eqs. 5.19 to 5.22, for arm lengths in metres."""
+    def guess(L_1: float, L_2: float) -> Stiffness:
+        """Physical guess of Nubiola 2011, eqs. 5.19, 5.20, 5.21 and 5.22, for arm lengths in metres."""
         return Stiffness(1.5 * MM, L_1 / 2, L_2 / 2, 1.0, L_1, L_2)
 
-    def _lever(self):
+    def _lever(self) -> float:
+        """Turn of the stretched arm, seen from axis 2, over k F1 (Nubiola 2011, eq. 5.17), metres."""
         return self.L_G1 + self.m * (self.L_1 + self.L_G2) + self.m * self.L_2 / (self.L_1 + self.L_2) * self.L_G2
 
     @property
-    def k_F1(self):
-        """Compliance times weight, rad/m (eq. 5.18)."""
-        return np.arcsin(self.delta_L / (self.L_1 + self.L_2)) / self._lever()
+    def k_F1(self) -> float:
+        """Compliance times weight of the upper arm, rad/m (Nubiola 2011, eq. 5.18, from eqs. 5.16 and 5.17)."""
+        return float(np.arcsin(self.delta_L / (self.L_1 + self.L_2))) / self._lever()
 
     @property
-    def coefficients(self):
-        """The two observable numbers (A, B) in radians."""
+    def coefficients(self) -> tuple[float, float]:
+        """The two observable numbers (A, B) in radians: factors of the sines in Nubiola 2011, eqs. 5.14 and 5.15."""
         return (self.k_F1 * (self.L_G1 + self.m * self.L_1), self.m * self.k_F1 * self.L_G2)
 
-    def with_coefficients(self, A, B):
+    def with_coefficients(self, A: float, B: float) -> Stiffness | None:
         """The parameters that give (A, B) with L_G1 and m held at their present values.
 
         Returns
@@ -81,14 +90,14 @@ class Stiffness:
         angle = k_F1 * changed._lever()
         if not abs(angle) < np.pi / 2:
             return None
-        return replace(changed, delta_L=(self.L_1 + self.L_2) * np.sin(angle))
+        return replace(changed, delta_L=float((self.L_1 + self.L_2) * np.sin(angle)))
 
-    def with_payload(self, delta_kg, L_P, upper_arm_kg):
+    def with_payload(self, delta_kg: float, L_P: float, upper_arm_kg: float) -> Stiffness:
         """The parameters with more (or less) mass on the forearm; compliance and upper arm stay as they are.
 
         With ``p = delta_kg / upper_arm_kg`` the forearm's share grows to ``m' = m + p`` and its centre of mass moves
         to ``m' L_G2' = m L_G2 + p L_P``, so that ``A' = A + kF1 p L_1`` and ``B' = B + kF1 p L_P`` (Nubiola 2011,
-        eqs. 5.12 to 5.15).
+        eqs. 5.12, 5.13, 5.14 and 5.15).
 
         Parameters
         ----------
@@ -114,52 +123,78 @@ class Stiffness:
         show: the extrapolation is a physical guess, not a measurement.
         """
         if not upper_arm_kg > 0.0:
-            raise RobotError(f"the upper arm's mass must be positive, found {upper_arm_kg:g} kg")
+            raise RobotError(
+                f"the upper arm's mass must be positive, found {upper_arm_kg:g} kg", parameter="upper_arm_kg"
+            )
         share = delta_kg / upper_arm_kg
         m = self.m + share
         if not m > 0.0:
             raise RobotError(
-                f"a payload {-delta_kg:g} kg smaller is impossible: the forearm weighs {self.m * upper_arm_kg:g} kg"
+                f"a payload {-delta_kg:g} kg smaller is impossible: the forearm weighs {self.m * upper_arm_kg:g} kg",
+                parameter="delta_kg",
             )
         changed = replace(self, m=m, L_G2=(self.m * self.L_G2 + share * L_P) / m)
         angle = self.k_F1 * changed._lever()
-        return replace(changed, delta_L=(self.L_1 + self.L_2) * np.sin(angle))
+        return replace(changed, delta_L=float((self.L_1 + self.L_2) * np.sin(angle)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class JointMap:
     """Commanded to effective joints; stiffness and Fourier series are for arms with six revolute joints.
 
     Parameters
     ----------
     gain : array_like, shape (n,)
-        Relative gain errors k_i (eq. 3.31), dimensionless, of all n joints; six unless given.
+        Relative gain errors k_i (Nubiola 2011, eq. 3.31), dimensionless, of all n joints; six unless given.
     stiffness : array_like, shape (2,)
-        A and B, radians.
+        A and B, radians (eqs. 5.14 and 5.15; see `Stiffness.coefficients`).
     phases : array_like, shape (2,)
         phi_2 and phi_3, radians.
     fourier : array_like, shape (4,)
-        a_1, b_1, a_2, b_2 of joint 6, radians.
+        a_1, b_1, a_2, b_2 of joint 6, radians (eq. 5.8, Table 5.2).
     """
 
-    gain: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    stiffness: np.ndarray = field(default_factory=lambda: np.zeros(2))
-    phases: np.ndarray = field(default_factory=lambda: np.array([0.0, np.pi / 2]))
-    fourier: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    gain: FloatArray = field(default_factory=lambda: np.zeros(6))
+    stiffness: FloatArray = field(default_factory=lambda: np.zeros(2))
+    phases: FloatArray = field(default_factory=lambda: np.array([0.0, np.pi / 2]))
+    fourier: FloatArray = field(default_factory=lambda: np.zeros(4))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for item in fields(self):
-            value = np.array(getattr(self, item.name), dtype=float)
-            value.setflags(write=False)
-            object.__setattr__(self, item.name, value)
+            object.__setattr__(self, item.name, np.asarray(getattr(self, item.name), dtype=float))
+        lock(self)
+
+    def __repr__(self) -> str:
+        return f"<JointMap: {self.in_words}>"
 
     @property
-    def is_identity(self):
+    def is_identity(self) -> bool:
         """Whether effective and commanded angles are the same."""
         return not (self.gain.any() or self.stiffness.any() or self.fourier.any())
 
-    def effective(self, q):
-        """Effective joints.
+    @property
+    def in_words(self) -> str:
+        """What the map does, in a few words and milliradians."""
+        if self.is_identity:
+            return "no joint map (commanded joints are the effective ones)"
+
+        def numbers(values: FloatArray) -> str:
+            shown = " ".join(f"{1e3 * value:.3g}" for value in values[:20])
+            return shown if len(values) <= 20 else f"{shown} …"
+
+        parts = [
+            f"{name} {numbers(values)}{unit}"
+            for name, values, unit in (
+                ("gains", self.gain, " per mille"),
+                ("stiffness A, B", self.stiffness, " mrad"),
+                ("joint-6 Fourier series", self.fourier, " mrad"),
+            )
+            if values.any()
+        ]
+        return f"joint map with {', '.join(parts)}"
+
+    def effective(self, q: ArrayLike) -> FloatArray:
+        """Effective joints: the formula of this module (Nubiola 2011, eqs. 3.31, 5.8, 5.14 and 5.15).
 
         Parameters
         ----------
@@ -182,7 +217,7 @@ class JointMap:
             theta[:, 5] += self.fourier @ fourier_terms(q)
         return theta
 
-    def jacobian(self, q):
+    def jacobian(self, q: ArrayLike) -> FloatArray:
         """Derivative of the effective by the commanded angles.
 
         Parameters
@@ -215,7 +250,7 @@ class JointMap:
             out[:, 5, 5] += b_1 * c - a_1 * s + 2.0 * (b_2 * c2 - a_2 * s2)
         return out
 
-    def jacobian_derivative(self, q, dq):
+    def jacobian_derivative(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
         """Time derivative of `jacobian` along a motion.
 
         Parameters
@@ -243,7 +278,7 @@ class JointMap:
             out[:, 5, 5] = -(a_1 * c + b_1 * s + 4.0 * (a_2 * c2 + b_2 * s2)) * dq[:, 5]
         return out
 
-    def effective_limits(self, lower, upper):
+    def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """A box of effective joints whose commands all respect joint limits.
 
         Each effective joint grows with its own command, and depends on one other joint at most, through the forearm's
@@ -264,14 +299,16 @@ class JointMap:
             bounds = np.array(bounds, dtype=float)
             finite = np.isfinite(bounds)
             at = np.where(finite, bounds, 0.0)
-            alone = replace(self, stiffness=[self.stiffness[0], 0.0])
+            alone = replace(self, stiffness=self.stiffness * [1.0, 0.0])
             box = np.array(alone.effective(at[None])[0])
             if self.stiffness.any():
                 box[1:3] += inwards * abs(self.stiffness[1])
             limits.append(np.where(finite, box, bounds))
-        return tuple(limits)
+        return limits[0], limits[1]
 
-    def with_payload(self, guess, delta_kg, upper_arm_kg, along, across=0.0):
+    def with_payload(
+        self, guess: Stiffness, delta_kg: float, upper_arm_kg: float, along: float, across: float = 0.0
+    ) -> JointMap:
         """The joint map with more (or less) mass on the tool, by `Stiffness.with_payload`.
 
         Parameters
@@ -303,9 +340,10 @@ class JointMap:
         # B sin(x) + C cos(x) = R sin(x + turn)
         C = held.k_F1 * delta_kg / upper_arm_kg * across
         turn = np.arctan2(C, abs(B)) * np.copysign(1.0, B)
-        return replace(self, stiffness=[A, np.copysign(np.hypot(B, C), B)], phases=self.phases + np.array([0.0, turn]))
+        stiffness = np.array([A, np.copysign(np.hypot(B, C), B)])
+        return replace(self, stiffness=stiffness, phases=self.phases + np.array([0.0, turn]))
 
-    def commanded(self, theta):
+    def commanded(self, theta: ArrayLike) -> FloatArray:
         """Commanded angles that give these effective angles: the inverse of `effective`.
 
         Newton's iteration with the exact Jacobian; the map is within a few milliradians of the identity,
@@ -341,12 +379,15 @@ class JointMap:
         raise ValueError(f"the joint map cannot be inverted: {worst:.3g} rad left after Newton's steps")
 
 
-def stiffness_terms(q, phases):
-    """The two sine terms that A and B multiply, each of shape (n,); q (n, joints) in radians."""
+def stiffness_terms(q: FloatArray, phases: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The two sine terms that A and B multiply, each of shape (n,); q (n, joints) in radians.
+
+    They are the sines of the levers in Nubiola 2011, eqs. 5.9, 5.10 and 5.11.
+    """
     return np.sin(q[:, 1] + phases[0]), np.sin(q[:, 1] + q[:, 2] + phases[1])
 
 
-def fourier_terms(q):
-    """The terms cos q6, sin q6, cos 2 q6, sin 2 q6 as an array (4, n); q (n, 6) in radians."""
+def fourier_terms(q: FloatArray) -> FloatArray:
+    """The terms cos q6, sin q6, cos 2 q6, sin 2 q6 (Nubiola 2011, eq. 5.8) as an array (4, n); q (n, 6) in radians."""
     q6 = q[:, 5]
     return np.array([np.cos(q6), np.sin(q6), np.cos(2 * q6), np.sin(2 * q6)])

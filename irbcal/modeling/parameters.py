@@ -1,4 +1,4 @@
-"""Error parameters by name, the levels of the thesis (section 5.4) and the levels for any arm.
+"""Error parameters by name, the levels of the thesis (Nubiola 2011, section 5.4) and the levels for any arm.
 
 A level is a list of error parameters of the robot itself; base (6) and targets (3 each) are always
 identified beside them and have no nominal values. The thesis's levels are for six revolute joints; the
@@ -6,18 +6,39 @@ general ones take a serial arm of any revolute and prismatic joints: ``offsets``
 ``placement`` all six numbers that place a joint, of which the identification holds what cannot be seen.
 """
 
+from __future__ import annotations
+
 import fnmatch
 import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.levels import LEVELS, Level
 from irbcal.units import DEG, MM
 
-GEOMETRIC = ("alpha", "a", "theta", "d", "beta", "b")
+if TYPE_CHECKING:
+    from irbcal.modeling.arm import Arm
+    from irbcal.modeling.dhm import DHMTable
+    from irbcal.modeling.joint_map import JointMap
+
+Kind: TypeAlias = Literal["alpha", "a", "theta", "d", "beta", "b", "stiffness", "fourier", "gain"]
+"""What an error parameter changes: a column of the DHM table, or an array of the joint map."""
+
+Unit: TypeAlias = Literal["m", "rad", "1"]
+"""SI unit of an error parameter."""
+
+GEOMETRIC: tuple[Kind, ...] = ("alpha", "a", "theta", "d", "beta", "b")
+"""Columns of the DHM table."""
+
 FOURIER = ("a1", "b1", "a2", "b2")
+"""Coefficients of Nubiola 2011, eq. 5.8."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +61,13 @@ class Parameter:
     """
 
     name: str
-    kind: str
+    kind: Kind
     index: int
-    unit: str
+    unit: Unit
     scale: float
 
 
-def parameter(name):
+def parameter(name: str) -> Parameter:
     """The error parameter of a name.
 
     Raises
@@ -56,8 +77,8 @@ def parameter(name):
     """
     match = re.fullmatch(r"delta_(alpha|a|theta|d|beta|b)([1-9]\d?)", name)
     if match:
-        kind, joint = match.groups()
-        length = kind in ("a", "d", "b")
+        kind = next(column for column in GEOMETRIC if column == match[1])
+        joint, length = match[2], kind in ("a", "d", "b")
         return Parameter(name, kind, int(joint) - 1, "m" if length else "rad", 5 * MM if length else 0.5 * DEG)
     match = re.fullmatch(r"gain([1-9]\d?)", name)
     if match:
@@ -66,7 +87,7 @@ def parameter(name):
         return Parameter(name, "stiffness", "AB".index(name[-1]), "rad", 0.5 * DEG)
     if name.startswith("fourier_") and name[8:] in FOURIER:
         return Parameter(name, "fourier", FOURIER.index(name[8:]), "rad", 0.5 * DEG)
-    raise IdentificationError(f"unknown error parameter {name!r}")
+    raise IdentificationError(f"unknown error parameter {name!r}", parameter=name)
 
 
 _THETA = [f"delta_theta{i}" for i in range(2, 7)]
@@ -74,7 +95,7 @@ _LENGTHS = ["delta_a2", "delta_a3", "delta_a4", "delta_d4", "delta_d6"]
 _LINKS = [f"delta_{kind}{i}" for i in range(2, 7) for kind in ("alpha", "a", "theta", "d")]
 _JOINT_MAP = ["stiffness_A", "stiffness_B", *(f"fourier_{name}" for name in FOURIER)]
 
-THESIS_LEVELS = {
+THESIS_LEVELS: Mapping[Level, Sequence[str]] = {
     "nominal": [],
     "11": _THETA,
     "16": _THETA + _LENGTHS,
@@ -82,28 +103,29 @@ THESIS_LEVELS = {
     "34": _LINKS + _JOINT_MAP,
     "34b": ["delta_beta3" if name == "delta_d3" else name for name in _LINKS + _JOINT_MAP],
 }
-"""Level -> names of its error parameters. Level 34 counts four stiffness parameters in the thesis; they
-act through two numbers, which are what is identified (see `irbcal.modeling.joint_map`)."""
+"""Level -> names of its error parameters (Nubiola 2011, sections 5.4.1, 5.4.2, 5.4.3, 5.4.4 and 5.4.5).
 
-GENERAL_LEVELS = ("nominal", "offsets", "placement")
+They are the deltas of Tables 5.3, 5.4, 5.5, 5.6 and 5.7. Level 34 counts four stiffness parameters in the thesis; they
+act through two numbers, which are what is identified (see `irbcal.modeling.joint_map`). Level 34b has Hayati's tilt of
+axis 3 in place of its d, which parallel axes cannot tell from that of axis 2 (section 3.1.3).
+"""
+
+GENERAL_LEVELS: tuple[Level, ...] = ("nominal", "offsets", "placement")
 """Levels for any serial arm. Joint 1 has no errors of its own there: the base takes them."""
 
-LEVELS = (*THESIS_LEVELS, *GENERAL_LEVELS[1:])
-"""All levels."""
 
-
-def levels_of(arm):
+def levels_of(arm: Arm) -> tuple[Level, ...]:
     """Levels to compare for an arm, from small to large."""
     return (*THESIS_LEVELS, "placement") if arm.six_revolute else GENERAL_LEVELS
 
 
-def default_level(arm):
+def default_level(arm: Arm) -> Level:
     """The level for an arm where none is asked for: ``34`` for arms built like the thesis's, else ``placement``."""
     return "34" if closed_form.has_closed_form(arm) else "placement"
 
 
-def level_parameters(level, arm=None):
-    """Error parameters of a level.
+def level_parameters(level: str, arm: Arm | None = None) -> tuple[Parameter, ...]:
+    """Error parameters of a level (Nubiola 2011, section 5.4).
 
     Parameters
     ----------
@@ -121,29 +143,30 @@ def level_parameters(level, arm=None):
         If there is no such level for this arm.
     """
     if level not in LEVELS:
-        raise IdentificationError(f"unknown model {level!r}: choose one of {', '.join(LEVELS)}")
-    if level in THESIS_LEVELS and (level == "nominal" or arm is None or arm.six_revolute):
-        return tuple(parameter(name) for name in THESIS_LEVELS[level])
+        raise IdentificationError(f"unknown model {level!r}: choose one of {', '.join(LEVELS)}", parameter="model")
     if level in THESIS_LEVELS:
+        if level == "nominal" or arm is None or arm.six_revolute:
+            return tuple(parameter(name) for name in THESIS_LEVELS[level])
         raise IdentificationError(
             f"model {level} is for arms with six revolute joints, {arm.name} has {_joints(arm)}: choose one of "
-            f"{', '.join(GENERAL_LEVELS)}"
+            f"{', '.join(GENERAL_LEVELS)}",
+            parameter="model",
         )
-    slides = (False,) * 6 if arm is None else arm.table.prismatic
-    names = []
+    slides = np.zeros(6, dtype=bool) if arm is None else arm.table.prismatic
+    names: list[str] = []
     for i in range(2, len(slides) + 1):
-        kinds = GEOMETRIC if level == "placement" else ("d",) if slides[i - 1] else ("theta",)
+        kinds: tuple[Kind, ...] = GEOMETRIC if level == "placement" else ("d",) if slides[i - 1] else ("theta",)
         names += [f"delta_{kind}{i}" for kind in kinds]
     return tuple(parameter(name) for name in names)
 
 
-def _joints(arm):
+def _joints(arm: Arm) -> str:
     slides = int(arm.table.prismatic.sum())
     turns = len(arm.joint_names) - slides
     return f"{turns} revolute and {slides} prismatic" if slides else f"{turns}"
 
 
-def all_names(arm=None):
+def all_names(arm: Arm | None = None) -> tuple[str, ...]:
     """Names of all error parameters that an arm can have; of six revolute joints unless given."""
     joints = range(1, (6 if arm is None else len(arm.joint_names)) + 1)
     names = [f"delta_{kind}{i}" for i in joints for kind in GEOMETRIC]
@@ -152,7 +175,9 @@ def all_names(arm=None):
     return (*names, *(f"gain{i}" for i in joints))
 
 
-def selected_parameters(level, free=(), hold=(), arm=None):
+def selected_parameters(
+    level: str, free: Sequence[str] = (), hold: Sequence[str] = (), arm: Arm | None = None
+) -> tuple[Parameter, ...]:
     """Error parameters of a level with some added and some left out.
 
     Parameters
@@ -181,7 +206,8 @@ def selected_parameters(level, free=(), hold=(), arm=None):
             raise IdentificationError(
                 f"no error parameter is called {pattern!r}: names are delta_alpha, delta_a, delta_theta, delta_d, "
                 f"delta_beta and delta_b with the joint's number, {joint_map + ', ' if joint_map else ''}"
-                f"gain1 … {existing[-1]}"
+                f"gain1 … {existing[-1]}",
+                parameter=pattern,
             )
     for pattern in free:
         names += [name for name in fnmatch.filter(existing, pattern) if name not in names]
@@ -190,12 +216,14 @@ def selected_parameters(level, free=(), hold=(), arm=None):
     return tuple(parameter(name) for name in names)
 
 
-def thesis_count(parameters):
-    """Number of error parameters as the thesis counts them: with the base, and four for the stiffness."""
+def thesis_count(parameters: Sequence[Parameter]) -> int:
+    """Number of error parameters as Nubiola 2011, section 5.4, counts them: with the base, four for the stiffness."""
     return 6 + len(parameters) + 2 * any(p.kind == "stiffness" for p in parameters)
 
 
-def apply(parameters, values, table, joint_map):
+def apply(
+    parameters: Iterable[Parameter], values: ArrayLike, table: DHMTable, joint_map: JointMap
+) -> tuple[DHMTable, JointMap]:
     """Nominal table and joint map with error parameters added.
 
     Parameters
@@ -211,11 +239,12 @@ def apply(parameters, values, table, joint_map):
     table : DHMTable
     joint_map : JointMap
     """
-    columns = {kind: getattr(table, kind).copy() for kind in GEOMETRIC}
+    columns: dict[str, FloatArray] = {kind: getattr(table, kind).copy() for kind in GEOMETRIC}
     columns |= {kind: getattr(joint_map, kind).copy() for kind in ("gain", "stiffness", "fourier")}
     for item, value in zip(parameters, np.asarray(values, dtype=float), strict=True):
         columns[item.kind][item.index] += value
+    alpha, a, theta, d, beta, b = (columns[kind] for kind in GEOMETRIC)
     return (
-        replace(table, **{kind: columns[kind] for kind in GEOMETRIC}),
+        replace(table, alpha=alpha, a=a, theta=theta, d=d, beta=beta, b=b),
         replace(joint_map, **{kind: columns[kind] for kind in ("gain", "stiffness", "fourier")}),
     )

@@ -1,18 +1,27 @@
 """A robot as calibration knows it: geometry, joint map, place of the base and targets on the tool."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """Predicts poses and reflector positions from commanded joints.
+
+    The whole chain of Nubiola 2011, eqs. 3.32, 3.33 and 3.34, with the errors of the joints (section 5.4.5) in the
+    joint map: its "real" direct model of eq. 6.40 where arm and joint map are calibrated.
 
     Parameters
     ----------
@@ -29,17 +38,24 @@ class Robot:
 
     arm: Arm
     joint_map: JointMap = field(default_factory=JointMap)
-    T_world_base: np.ndarray = field(default_factory=lambda: np.eye(4))
-    targets: dict = field(default_factory=dict)
-    target_rotations: dict = field(default_factory=dict)
+    T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
+    targets: Mapping[str, FloatArray] = field(default_factory=dict)
+    target_rotations: Mapping[str, FloatArray] = field(default_factory=dict)
 
-    def __post_init__(self):
-        T = np.array(self.T_world_base, dtype=float)
-        T.setflags(write=False)
-        object.__setattr__(self, "T_world_base", T)
-        object.__setattr__(self, "targets", {k: np.array(v, dtype=float) for k, v in self.targets.items()})
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "T_world_base", np.asarray(self.T_world_base, dtype=float))
+        for name in ("targets", "target_rotations"):
+            given = getattr(self, name)
+            object.__setattr__(self, name, {key: np.asarray(value, dtype=float) for key, value in given.items()})
+        lock(self)
 
-    def poses(self, q):
+    def __repr__(self) -> str:
+        names = list(self.targets)
+        shown = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
+        targets = f"{len(names)} target{'s' if len(names) > 1 else ''} ({shown})" if names else "no targets"
+        return f"<Robot {self.arm.name}: {self.arm.joints_in_words}, {self.joint_map.in_words}, {targets}>"
+
+    def poses(self, q: ArrayLike) -> FloatArray:
         """Tip poses in the base link for commanded joints.
 
         Parameters
@@ -51,10 +67,19 @@ class Robot:
         -------
         ndarray, shape (n, 4, 4)
             ``T_base_tip``.
-        """
-        return self.arm.forward(self.joint_map.effective(self.arm.check_joints(q)))
 
-    def points(self, q, target):
+        Raises
+        ------
+        RobotError
+            If the joints have another shape, or look like degrees.
+        """
+        return self.forward(self.arm.check_joints(q))
+
+    def forward(self, q: ArrayLike) -> FloatArray:
+        """As `poses`, of joints (n, joints) that may be anything: for iterations, and for trying other units."""
+        return self.arm.forward(self.joint_map.effective(q))
+
+    def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.
 
         Parameters
@@ -72,19 +97,21 @@ class Robot:
         Raises
         ------
         RobotError
-            If a target is not one of the robot's.
+            If a target is not one of the robot's, the joints have another shape, or look like degrees.
         """
         q = self.arm.check_joints(q)
         names = [target] if isinstance(target, str) else list(target)
         unknown = sorted(set(names) - set(self.targets))
         if unknown:
-            raise RobotError(f"unknown target {unknown[0]!r}: this robot has {', '.join(self.targets) or 'none'}")
+            raise RobotError(
+                f"unknown target {unknown[0]!r}: this robot has {', '.join(self.targets) or 'none'}", parameter="target"
+            )
         local = np.array([self.targets[name] for name in names])
-        T = self.poses(q)
+        T = self.forward(q)
         base = np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(local, (len(q), 3))) + T[:, :3, 3]
         return base @ self.T_world_base[:3, :3].T + self.T_world_base[:3, 3]
 
-    def replace(self, **changes):
+    def replace(self, **changes: Any) -> Robot:
         """A copy with some fields changed."""
         return replace(self, **changes)
 

@@ -14,26 +14,42 @@ planning follow:
 cell's first link where the arm stands on something, and the measuring frame where the URDF was written with it.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from irbcal.errors import CalibrationError, RobotError
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import CalibrationError
 from irbcal.files import calibration_folder
+from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.opening import open_robot
 from irbcal.files.urdf_check import LIMIT, ArmInModel
-from irbcal.modeling import dhm, frames
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm, relative_difference
-from irbcal.modeling.joint_map import JointMap, Stiffness
+from irbcal.modeling.joint_map import JointMap
+from irbcal.planners import jacobians, payload
+from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
+from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 
-WORLD, LOCAL, LOCAL_WORLD_ALIGNED = "WORLD", "LOCAL", "LOCAL_WORLD_ALIGNED"
-"""Pinocchio's reference frames by name; members of ``pinocchio.ReferenceFrame`` are taken too."""
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+Reference: TypeAlias = "str | pin.ReferenceFrame"
+"""One of Pinocchio's reference frames, by name or as it is."""
+
 WITHIN = 1e-9
 """How far a command may lie beyond a limit, radians or metres: rounding."""
 
 
-@dataclass(frozen=True, eq=False)
-class CalibratedModel:
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibratedModel(Speaks):
     """A Pinocchio model of the corrected URDF together with the joint map.
 
     Parameters
@@ -67,10 +83,14 @@ class CalibratedModel:
     urdf: bytes
     arm: Arm
     joint_map: JointMap = field(default_factory=JointMap)
-    tip_frames: dict = field(default_factory=dict)
-    rest: np.ndarray = None
+    tip_frames: Mapping[str, FloatArray] = field(default_factory=dict)
+    rest: FloatArray | None = None
+    model: pin.Model = field(init=False)
+    T_universe_base: FloatArray = field(init=False)
+    _place: ArmInModel = field(init=False)
+    _rest: FloatArray = field(init=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         import pinocchio as pin
 
         try:
@@ -80,26 +100,57 @@ class CalibratedModel:
         place = ArmInModel(model, self.arm)
         rest = np.array(pin.neutral(model) if self.rest is None else self.rest, dtype=float)
         if rest.shape != (model.nq,):
-            raise CalibrationError(f"the configuration at rest needs shape ({model.nq},), found {rest.shape}")
+            raise CalibrationError(
+                f"the configuration at rest needs shape ({model.nq},), found {rest.shape}", parameter="rest"
+            )
         data = model.createData()
         pin.framesForwardKinematics(model, data, rest)
-        T_universe_base = data.oMf[place.base].homogeneous
-        for array in (rest, T_universe_base):
-            array.setflags(write=False)
-        given = (("model", model), ("rest", rest), ("T_universe_base", T_universe_base), ("_place", place))
-        for name, value in given:
+        places = {name: np.asarray(T_tip_frame, dtype=float) for name, T_tip_frame in self.tip_frames.items()}
+        derived: dict[str, Any] = {
+            "tip_frames": places,
+            "model": model,
+            "rest": rest,
+            "_rest": rest,
+            "T_universe_base": np.array(data.oMf[place.base].homogeneous),
+            "_place": place,
+        }
+        for name, value in derived.items():
             object.__setattr__(self, name, value)
+        lock(self)
         self._check_arm()
         self._add_frames()
         self._draw_in_limits()
 
+    def __reduce__(self) -> tuple[type[CalibratedModel], tuple[Any, ...]]:
+        """Pickled as what it was made from: Pinocchio's model is built anew."""
+        return CalibratedModel, (self.urdf, self.arm, self.joint_map, self.tip_frames, self.rest)
+
+    def told(self) -> Sequence[Told]:
+        """The arm, its joint map, the frames on its tool, and the joints' limits."""
+        arm, names = self.arm, list(self.tip_frames)
+        shown = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
+        headline = f"{arm.name}, {arm.joints_in_words}, {arm.tip_link} in {arm.base_link}; {self.joint_map.in_words}"
+        units = arm.joint_units
+        limits = np.array([arm.lower, arm.upper, *self.joint_map.effective_limits(arm.lower, arm.upper)]) / units
+        rows = tuple(
+            (name, "mm" if slides else "deg", *(float(v) if np.isfinite(v) else None for v in values))
+            for name, slides, values in zip(arm.joint_names, arm.table.prismatic, limits.T, strict=True)
+        )
+        columns = ("joint", "unit", "lower", "upper", "lower in the model", "upper in the model")
+        return [
+            headline,
+            f"frames on the tool: {shown}" if names else "no frames on the tool",
+            Table("Limits of commanded joints, and of effective joints in the model", columns, rows),
+        ]
+
     @staticmethod
-    def load(folder, rest=None):
-        """The model of a calibration folder.
+    def load(calibration: CalibrationLike, rest: ArrayLike | None = None) -> CalibratedModel:
+        """The model of a calibration.
 
         Parameters
         ----------
-        folder : str or Path
+        calibration : str, Path, Record or a result that holds one
+            Calibration folder, or a loaded calibration of a robot that ships with the package.
         rest : ndarray, shape (nq,), optional
             See `CalibratedModel`.
 
@@ -111,17 +162,25 @@ class CalibratedModel:
         Raises
         ------
         CalibrationError
-            If the folder is not a whole calibration.
+            If the folder is not a whole calibration, or a loaded calibration's URDF is not known.
         """
-        robot = calibration_folder.load(folder).robot_calibrated()
+        if isinstance(calibration, (str, Path)):
+            calibration = calibration_folder.read(calibration)
+        record, urdf = calibration_folder.opened(calibration), open_robot(calibration).urdf_bytes
+        if urdf is None:
+            raise CalibrationError(
+                f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder in its place",
+                parameter="calibration",
+            )
+        robot = record.robot_calibrated()
         targets = {
             f"target_{name}": frames.transform(robot.target_rotations.get(name), xyz)
             for name, xyz in robot.targets.items()
         }
-        urdf = calibration_folder.calibrated_urdf(folder)
-        return CalibratedModel(urdf, robot.arm, robot.joint_map, targets, rest)
+        at_rest = None if rest is None else np.array(rest, dtype=float)
+        return CalibratedModel(urdf, robot.arm, robot.joint_map, targets, at_rest)
 
-    def _check_arm(self):
+    def _check_arm(self) -> None:
         q = self.arm.random_joints(5, seed=2)
         position, rotation = relative_difference(self._loop_placements(q, self._place.tip), self.arm.forward(q))
         if not max(position, rotation) <= LIMIT:
@@ -130,17 +189,17 @@ class CalibratedModel:
                 f"its tip differs by {position / MM:.3g} mm and {rotation / DEG:.3g} degrees"
             )
 
-    def _add_frames(self):
+    def _add_frames(self) -> None:
         import pinocchio as pin
 
         tip = self.model.frames[self._place.tip]
         for name, T_tip_frame in self.tip_frames.items():
             if not self.model.existFrame(name):
-                placement = tip.placement * pin.SE3(np.array(T_tip_frame, dtype=float))
+                placement = tip.placement * pin.SE3(np.array(T_tip_frame))
                 frame = pin.Frame(name, tip.parentJoint, self._place.tip, placement, pin.FrameType.OP_FRAME)
                 self.model.addFrame(frame, False)
 
-    def _draw_in_limits(self):
+    def _draw_in_limits(self) -> None:
         limits = self.joint_map.effective_limits(self.arm.lower, self.arm.upper)
         for joint, lower, upper in zip(self._place.joint_ids, *limits, strict=True):
             joint = self.model.joints[joint]
@@ -150,7 +209,7 @@ class CalibratedModel:
 
     # Commands and configurations
 
-    def model_from_command(self, q, rest=None):
+    def model_from_command(self, q: ArrayLike, rest: ArrayLike | None = None) -> FloatArray:
         """Configurations that the robot really takes up for commanded joints.
 
         Parameters
@@ -164,11 +223,18 @@ class CalibratedModel:
         -------
         ndarray, shape (n, nq)
             In Pinocchio's order; continuous joints are (cos, sin).
+
+        Raises
+        ------
+        RobotError
+            If the joints have another shape, or look like degrees.
         """
         theta = self.joint_map.effective(self.arm.check_joints(q))
-        return self._place.configurations(theta, self.rest if rest is None else rest)
+        return self._place.configurations(theta, self._rest if rest is None else np.asarray(rest, dtype=float))
 
-    def command_from_model(self, configurations, path=False, check_limits=True):
+    def command_from_model(
+        self, configurations: ArrayLike, path: bool = False, check_limits: bool = True
+    ) -> FloatArray:
         """Commands that bring the robot into configurations of `model`: what to do with a planner's path.
 
         Parameters
@@ -199,7 +265,7 @@ class CalibratedModel:
             self.check_commands(q)
         return q
 
-    def velocity_command(self, configurations, velocities):
+    def velocity_command(self, configurations: ArrayLike, velocities: ArrayLike) -> FloatArray:
         """Commanded joint speeds for a planner's velocities: the joint map's ``M^-1`` times them.
 
         Parameters
@@ -214,9 +280,9 @@ class CalibratedModel:
         """
         q = self.command_from_model(configurations, check_limits=False)
         v = self._check_columns(velocities, self.model.nv, "velocities")[:, self._place.columns]
-        return np.linalg.solve(self.joint_map.jacobian(q), v[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(self.joint_map.jacobian(q), v[..., None])[..., 0], dtype=float)
 
-    def beyond_limits(self, q):
+    def beyond_limits(self, q: ArrayLike) -> FloatArray:
         """How far commands lie outside the URDF's joint limits.
 
         Parameters
@@ -232,7 +298,7 @@ class CalibratedModel:
         q = self.arm.check_joints(q)
         return np.maximum(q - self.arm.upper, 0.0) + np.minimum(q - self.arm.lower, 0.0)
 
-    def check_commands(self, q):
+    def check_commands(self, q: ArrayLike) -> None:
         """Refuse commands outside the URDF's joint limits.
 
         Raises
@@ -244,25 +310,28 @@ class CalibratedModel:
         beyond = np.abs(self.beyond_limits(q))
         rows = np.flatnonzero((beyond > WITHIN).any(axis=1))
         if len(rows):
-            row, joint = rows[0], np.argmax(beyond[rows[0]])
+            row, joint = int(rows[0]), int(np.argmax(beyond[rows[0]]))
             value, lower, upper = (
                 f"{v[joint] / self.arm.joint_units[joint]:.6g}" for v in (q[row], self.arm.lower, self.arm.upper)
             )
             unit = "mm" if self.arm.table.prismatic[joint] else "degrees"
             raise CalibrationError(
                 f"row {row + 1} commands {self.arm.joint_names[joint]} to {value} {unit}, outside its limits "
-                f"{lower} to {upper} ({len(rows)} of {len(q)} rows are outside)"
+                f"{lower} to {upper} ({len(rows)} of {len(q)} rows are outside)",
+                parameter=self.arm.joint_names[joint],
             )
 
-    def _check_columns(self, values, columns, what):
+    def _check_columns(self, values: ArrayLike, columns: int, what: str) -> FloatArray:
         values = np.atleast_2d(np.asarray(values, dtype=float))
         if values.ndim != 2 or values.shape[1] != columns:
-            raise CalibrationError(f"{what} of {self.arm.name} need shape (n, {columns}), found {values.shape}")
+            raise CalibrationError(
+                f"{what} of {self.arm.name} need shape (n, {columns}), found {values.shape}", parameter=what
+            )
         return values
 
     # Kinematics of commanded joints
 
-    def placement(self, q, frame=None, relative_to=None):
+    def placement(self, q: ArrayLike, frame: str | None = None, relative_to: str | None = None) -> FloatArray:
         """Where frames really are for commanded joints.
 
         Parameters
@@ -279,12 +348,13 @@ class CalibratedModel:
             ``T_relative_frame``.
         """
         theta = self.joint_map.effective(self.arm.check_joints(q))
-        frame = self._place.tip if frame is None else self._place.frame(frame)
-        relative_to = self._place.base if relative_to is None else self._place.frame(relative_to)
-        T_universe_frame, T_universe_relative = (self._placements(theta, k) for k in (frame, relative_to))
+        numbers = (self._number(frame, self._place.tip), self._number(relative_to, self._place.base))
+        T_universe_frame, T_universe_relative = (self._placements(theta, number) for number in numbers)
         return frames.inverse(T_universe_relative) @ T_universe_frame
 
-    def jacobian(self, q, frame=None, reference=LOCAL_WORLD_ALIGNED):
+    def jacobian(
+        self, q: ArrayLike, frame: str | None = None, reference: Reference = LOCAL_WORLD_ALIGNED
+    ) -> FloatArray:
         """Jacobian of a frame's velocity by the speeds of the commanded joints.
 
         Parameters
@@ -307,7 +377,9 @@ class CalibratedModel:
         J = self._effective_jacobians(self.joint_map.effective(q), None, frame, reference)[0]
         return J @ self.joint_map.jacobian(q)
 
-    def jacobian_derivative(self, q, dq, frame=None, reference=LOCAL_WORLD_ALIGNED):
+    def jacobian_derivative(
+        self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, reference: Reference = LOCAL_WORLD_ALIGNED
+    ) -> FloatArray:
         """Time derivative of `jacobian` along a motion, so that the acceleration is ``J ddq + dJ/dt dq``.
 
         Parameters
@@ -322,16 +394,20 @@ class CalibratedModel:
         ndarray, shape (n, 6, joints)
             Derivative of the matrix that `jacobian` gives; in ``LOCAL`` that of components along moving axes.
         """
-        q, dq = self.arm.check_joints(q), self.arm.check_joints(dq)
+        q, dq = self.arm.check_joints(q), self.arm.check_shape(dq)
         M = self.joint_map.jacobian(q)
         dtheta = np.einsum("nij,nj->ni", M, dq)
         J, dJ = self._effective_jacobians(self.joint_map.effective(q), dtheta, frame, reference)
+        assert dJ is not None  # speeds were given
         return dJ @ M + J @ self.joint_map.jacobian_derivative(q, dq)
 
-    def _fixed_to_tip(self, frame):
+    def _number(self, frame: str | None, default: int) -> int:
+        return default if frame is None else self._place.frame(frame)
+
+    def _fixed_to_tip(self, frame: int) -> bool:
         return self.model.frames[frame].parentJoint == self.model.frames[self._place.tip].parentJoint
 
-    def _placements(self, theta, frame):
+    def _placements(self, theta: FloatArray, frame: int) -> FloatArray:
         """``T_universe_frame`` for effective joints, (n, 4, 4); without a loop for what is fixed to base or tip."""
         listed = self.model.frames
         if self._fixed_to_tip(frame):
@@ -342,62 +418,43 @@ class CalibratedModel:
             return np.broadcast_to(self.T_universe_base @ T_base_frame, (len(theta), 4, 4))
         return self.T_universe_base @ self._loop_placements(theta, frame)
 
-    def _loop_placements(self, theta, frame):
+    def _loop_placements(self, theta: FloatArray, frame: int) -> FloatArray:
         """``T_base_frame`` by Pinocchio, pose by pose."""
         import pinocchio as pin
 
         data = self.model.createData()
         out = np.empty((len(theta), 4, 4))
-        for k, configuration in enumerate(self._place.configurations(theta, self.rest)):
+        for k, configuration in enumerate(self._place.configurations(theta, self._rest)):
             pin.framesForwardKinematics(self.model, data, configuration)
             out[k] = data.oMf[self._place.base].actInv(data.oMf[frame]).homogeneous
         return out
 
-    def _effective_jacobians(self, theta, dtheta, frame, reference):
+    def _effective_jacobians(
+        self, theta: FloatArray, dtheta: FloatArray | None, frame: str | None, reference: Reference
+    ) -> jacobians.JacobianAndRate:
         """Jacobian by effective joints and its time derivative (None without speeds), each (n, 6, joints)."""
         reference = str(reference)
         if reference not in (WORLD, LOCAL, LOCAL_WORLD_ALIGNED):
-            raise CalibrationError(f"unknown reference frame {reference!r}: expected LOCAL, WORLD, LOCAL_WORLD_ALIGNED")
-        frame = self._place.tip if frame is None else self._place.frame(frame)
-        world = self._dhm_jacobians if self._fixed_to_tip(frame) else self._loop_jacobians
-        J, dJ = world(theta, dtheta, frame)
-        return _refer(J, dJ, dtheta, self._placements(theta, frame), reference)
-
-    def _dhm_jacobians(self, theta, dtheta, frame):
-        """World Jacobians of the last link from the axes along the DHM chain, without a loop over poses."""
-        table = self.arm.table
-        chain = dhm.chain_frames(table, theta.T + table.offsets[:, None], self.T_universe_base @ self.arm.T_base_0)
-        z, o = (np.moveaxis(axes, -1, 0) for axes in (chain.z, chain.o))
-        slides = table.prismatic[:, None]
-        J = np.concatenate([np.where(slides, z, np.cross(o, z)), np.where(slides, 0.0, z)], axis=2)
-        if dtheta is None:
-            return np.swapaxes(J, 1, 2), None
-        # each axis moves with the link before it: with the sum of the twists of the joints before
-        twists = np.cumsum(J * dtheta[..., None], axis=1)
-        v, w = np.split(np.concatenate([np.zeros_like(twists[:, :1]), twists[:, :-1]], axis=1), 2, axis=2)
-        linear = np.cross(w, J[..., :3]) + np.cross(v, J[..., 3:])
-        dJ = np.concatenate([linear, np.cross(w, J[..., 3:])], axis=2)
-        return np.swapaxes(J, 1, 2), np.swapaxes(dJ, 1, 2)
-
-    def _loop_jacobians(self, theta, dtheta, frame):
-        """World Jacobians of any link by Pinocchio, pose by pose."""
-        import pinocchio as pin
-
-        place, data = self._place, self.model.createData()
-        speeds = np.zeros((len(theta), self.model.nv))
-        if dtheta is not None:
-            speeds[:, place.columns] = dtheta
-        J, dJ = np.empty((2, len(theta), 6, len(place.joint_ids)))
-        for k, configuration in enumerate(place.configurations(theta, self.rest)):
-            pin.computeJointJacobiansTimeVariation(self.model, data, configuration, speeds[k])
-            J[k], dJ[k] = data.J[:, place.columns], data.dJ[:, place.columns]
-        carries = set(self.model.supports[self.model.frames[frame].parentJoint])
-        moves = np.array([joint in carries for joint in place.joint_ids])
-        return J * moves, None if dtheta is None else dJ * moves
+            raise CalibrationError(
+                f"unknown reference frame {reference!r}: expected LOCAL, WORLD, LOCAL_WORLD_ALIGNED",
+                parameter="reference",
+            )
+        number = self._number(frame, self._place.tip)
+        if self._fixed_to_tip(number):
+            world = jacobians.along_chain(self.arm, self.T_universe_base, theta, dtheta)
+        else:
+            world = jacobians.by_pinocchio(self.model, self._place, number, theta, dtheta, self._rest)
+        return jacobians.referred(world, dtheta, self._placements(theta, number), reference)
 
     # Payload
 
-    def with_payload(self, delta_kg, place=None, wrist=None, masses=None):
+    def with_payload(
+        self,
+        delta_kg: float,
+        place: ArrayLike | None = None,
+        wrist: ArrayLike | None = None,
+        masses: tuple[float, float] | None = None,
+    ) -> CalibratedModel:
         """The model with more (or less) mass on the tool than when the robot was measured.
 
         The arm's stiffness is split into compliance and masses, by the inertials of the URDF, and the new torques of
@@ -430,75 +487,9 @@ class CalibratedModel:
         -----
         A physical guess: positions show compliance times mass only, and the masses in a URDF may be estimates. The
         wrist is taken as stiff and the base as upright. For 3 kg on a stretched IRB 1600 it gives 0.16 mm (simulated
-        demo, estimated masses) to 0.24 mm (eqs. 5.19 to 5.22), where 0.3 mm was measured (Nubiola 2011, Table 4.3).
+        demo, estimated masses) to 0.24 mm (Nubiola 2011, eqs. 5.19, 5.20, 5.21 and 5.22), where 0.3 mm was measured
+        (Table 4.3).
         """
-        import pinocchio as pin
-
-        guess, upper_kg, lever = self._payload_geometry(pin, place, wrist, masses)
-        joint_map = self.joint_map.with_payload(guess, delta_kg, upper_kg, *lever)
-        return replace(self, joint_map=joint_map)
-
-    def _payload_geometry(self, pin, place, wrist, masses):
-        """Stiffness guess by the URDF's masses, the upper arm's mass, and the payload's lever along and across."""
-        if not self.arm.six_revolute:
-            raise RobotError(f"the arm-stiffness model is for six revolute joints, {self.arm.name} has others")
-        theta = np.zeros(6)
-        if wrist is not None:
-            theta[3:] = wrist
-        data = self.model.createData()
-        pin.framesForwardKinematics(self.model, data, self._place.configurations(theta[None], self.rest)[0])
-        pin.centerOfMass(self.model, data)
-        second, third, fifth = (self._place.joint_ids[k] for k in (1, 2, 4))
-        base = data.oMf[self._place.base]
-        axis = dhm.chain_frames(self.arm.table, self.arm.table.offsets[:, None], self.arm.T_base_0).z[1, :, 0]
-        up = np.array([0.0, 0.0, 1.0])
-        along_upper, along_fore, across_fore = (
-            np.cos(angle) * up + np.sin(angle) * np.cross(axis, up)
-            for angle in (*self.joint_map.phases, self.joint_map.phases[1] + np.pi / 2)
-        )
-
-        def from_joint(joint, point):
-            return base.rotation.T @ (point - data.oMi[joint].translation)
-
-        L_1 = along_upper @ from_joint(second, data.oMi[third].translation)
-        L_2 = along_fore @ from_joint(third, data.oMi[fifth].translation)
-        if masses is None:
-            whole, fore = data.mass[second], data.mass[third]
-            upper = whole - fore
-            if not (upper > 0.0 and fore > 0.0):
-                raise RobotError(f"the URDF of {self.arm.name} gives no masses of upper arm and forearm: give `masses`")
-            moment = whole * (data.oMi[second] * data.com[second]) - fore * (data.oMi[third] * data.com[third])
-            L_G1 = along_upper @ from_joint(second, moment / upper)
-        else:
-            (upper, fore), L_G1 = masses, L_1 / 2
-        tip = data.oMf[self._place.tip]
-        payload = from_joint(third, tip * np.array([0.0, 0.0, 0.0] if place is None else place, dtype=float))
-        guess = replace(Stiffness.guess(L_1, L_2), L_G1=L_G1, m=fore / upper)
-        return guess, upper, (along_fore @ payload, across_fore @ payload)
-
-
-def _refer(J, dJ, dtheta, T, reference):
-    """World Jacobians (n, 6, joints), referred to another of Pinocchio's reference frames; T is the frame's place."""
-    if reference == WORLD:
-        return J, dJ
-    p, R = T[:, :3, 3, None], T[:, :3, :3]
-    linear, angular = J[:, :3], J[:, 3:]
-    moved = np.concatenate([linear + np.cross(angular, p, axis=1), angular], axis=1)
-    turned = None
-    if dJ is not None:
-        v, w = np.split(np.einsum("nij,nj->ni", moved, dtheta)[..., None], 2, axis=1)
-        d_angular = dJ[:, 3:]
-        d_linear = dJ[:, :3] + np.cross(d_angular, p, axis=1) + np.cross(angular, v, axis=1)
-        turned = np.concatenate([d_linear, d_angular], axis=1)
-        if reference == LOCAL:
-            turned = _by_blocks(R, turned - np.concatenate([np.cross(w, block, axis=1) for block in _halves(moved)], 1))
-    return (_by_blocks(R, moved) if reference == LOCAL else moved), turned
-
-
-def _halves(J):
-    return J[:, :3], J[:, 3:]
-
-
-def _by_blocks(R, J):
-    """Linear and angular part along the axes R."""
-    return np.concatenate([np.swapaxes(R, 1, 2) @ block for block in _halves(J)], axis=1)
+        whole = self.model, self._place, self._rest
+        changed = payload.with_payload(self.joint_map, self.arm, *whole, delta_kg, place, wrist, masses)
+        return replace(self, joint_map=changed)

@@ -25,7 +25,7 @@ import numpy as np
 
 from irbcal.errors import MeasurementError
 from irbcal.identification import observability
-from irbcal.identification.fit import HELD, TIED
+from irbcal.identification.observability import HELD, TIED
 from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.parameters import level_parameters, parameter

@@ -10,7 +10,7 @@ from irbcal.cell import tool as cell_tool
 from irbcal.errors import MeasurementError
 from irbcal.files import calibration_folder, robots
 from irbcal.files import urdf as urdf_module
-from irbcal.measurement import table as tables
+from irbcal.measurement import columns, lists
 from irbcal.modeling import frames
 from irbcal.modeling.parameters import default_level
 from irbcal.modeling.robot import Robot
@@ -264,8 +264,8 @@ def open_scene(
 
 def _open_robot(name, base, tip):
     if Path(name).is_dir():
-        saved = calibration_folder.load(name)
-        data = calibration_folder.calibrated_urdf(name)
+        folder = calibration_folder.read(name)
+        saved, data = folder.record, folder.urdf
         section = saved.robot
         urdf = urdf_module.from_bytes(data, f"URDF of {section.name}", section.base_link, section.tip_link)
         return saved.robot_calibrated(), saved.arm(calibrated=False), urdf, data, Path(name)
@@ -341,15 +341,15 @@ def read_targets(path):
     MeasurementError
         If the file cannot be read or does not keep the format.
     """
-    places = tables.read_targets(path)
-    raw, source, _ = tables._read_columns(path, ["target"])
+    places = lists.read_targets(path)
+    raw, source, _ = columns.read(path, ["target"])
     given = [name for name in DIRECTIONS if name in raw.columns]
     if not given:
         return conditions.Targets(tuple(places), np.array(list(places.values())))
     if len(given) < 3:
         missing = ", ".join(name for name in DIRECTIONS if name not in given)
         raise MeasurementError(f"{source}: row 1: missing column {missing}; a direction needs nx, ny, nz")
-    looks = np.column_stack([tables._numbers(raw, name, source, "a part of a direction") for name in DIRECTIONS])
+    looks = np.column_stack([columns.numbers(raw, name, source, "a part of a direction") for name in DIRECTIONS])
     short = np.linalg.norm(looks, axis=1) < 1e-6
     if short.any():
         row = raw.index[np.flatnonzero(short)[0]]

@@ -1,181 +1,282 @@
-"""A study on all cores, in a folder that keeps every finished repetition.
+"""A study on all cores: chapter 7 of Nubiola 2011 over again in the virtual cell.
 
-``settings.json``, ``results.csv``, ``tables.md`` and ``page.html``; ``parts/`` holds the rows and the errors one by one
-of each repetition. A second call with the same settings does only what is missing.
+A second call with the same settings does only what is missing in its folder, see `irbcal.studies.folder`.
 """
 
-import hashlib
-import io
-import json
+from __future__ import annotations
+
 import os
 import signal
 import threading
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import pandas as pd
+from irbcal.errors import IrbcalError, OptionError
+from irbcal.studies import trial
+from irbcal.studies.figures import Figure, figures, plotted
+from irbcal.studies.folder import PAGE, PARTS, RESULTS, TABLES, is_kept, keep, open_folder, part, series_of, write
+from irbcal.studies.page import verdict
+from irbcal.studies.results import Results, Table
+from irbcal.studies.settings import Repetition, Settings, repetitions
+from irbcal.studies.stage import Stage
+from irbcal.studies.tables import TABLES as TABLE_NAMES
+from irbcal.studies.tables import needed
+from irbcal.summary import Speaks, Told
 
-from irbcal.cell import simulation
-from irbcal.errors import IrbcalError, MeasurementError
-from irbcal.studies import repetition as study
-from irbcal.studies import tables as study_tables
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure as Canvas
 
-FORMAT = 1
-"""Of the folder and of what the numbers mean: a change makes older folders strangers."""
-SETTINGS, RESULTS, TABLES, PAGE, PARTS = "settings.json", "results.csv", "tables.md", "page.html", "parts"
-NOTE = "SIMULATED: everything here was measured in the virtual cell, nothing on a real robot."
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
+HEADLINES = ("7.13", "curve")
+"""Tables that are told of unless others are asked for."""
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What a call has done.
+
+class Interrupted(KeyboardInterrupt):
+    """A study that was interrupted: the same call goes on from there.
 
     Attributes
     ----------
-    tables : list of Table
+    left : int
+        Calibrations still to be done.
+    """
+
+    def __init__(self, left: int) -> None:
+        self.left = left
+        super().__init__(f"interrupted with {left} calibrations to do: the same call goes on from there")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(Speaks):
+    """What the folder of a study holds, and what the call has done.
+
+    Attributes
+    ----------
+    out : str
+        The folder.
+    settings : Settings
+    tables : tuple of Table
         All that the folder can fill.
     frame : DataFrame
         ``results.csv``.
     done, kept : int
         Repetitions computed by this call, and found finished.
+    seconds : float
+    only : tuple of str
+        Tables that were asked for; empty for all.
     """
 
-    tables: list
+    out: str
+    settings: Settings
+    tables: tuple[Table, ...]
     frame: pd.DataFrame
     done: int
     kept: int
+    seconds: float
+    only: tuple[str, ...] = ()
+
+    def table(self, key: str) -> Table:
+        """A table by its number, such as ``7.13``, or word.
+
+        Raises
+        ------
+        OptionError
+            If the folder cannot fill such a table.
+        """
+        for table in self.tables:
+            if table.key == key:
+                return table
+        raise OptionError.unknown("table", key, [table.key for table in self.tables] or ["none"])
+
+    def told(self) -> Sequence[Told]:
+        """The tables that were asked for, or the main ones, and what was done."""
+        out = [item for table in self.tables if table.key in (self.only or HEADLINES) for item in table.told()]
+        files = ", ".join(str(Path(self.out) / name) for name in (PAGE, TABLES, RESULTS))
+        return [
+            *out,
+            f"{self.done} calibrations done, {self.kept} found finished, {self.seconds:.1f} s",
+            f"Written to {files}",
+        ]
+
+    def headline(self) -> str:
+        """What the procedures came to."""
+        said = verdict(Results(self.frame, self.settings))
+        return said or f"SIMULATED: {self.done + self.kept} of {len(repetitions(self.settings))} calibrations"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it: what was done, and the tables that were asked for."""
+        return {
+            "out": self.out,
+            "simulated": True,
+            "settings": self.settings.document(),
+            "done": self.done,
+            "kept": self.kept,
+            "seconds": self.seconds,
+            "tables": {table.key: table.to_dict() for table in self.tables if not self.only or table.key in self.only},
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows of ``results.csv``; columns as `irbcal.studies.trial.COLUMNS`."""
+        return self.frame.copy()
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Names of the figures that `plot` can draw."""
+        return tuple(self._figures())
+
+    def _figures(self) -> dict[str, Figure]:
+        results = Results(self.frame, self.settings)
+        return {item.key: item for item in figures(results) if results.has(*item.needs)}
+
+    def plot(self, figure: str) -> Canvas:
+        """One of the `figures`, such as ``figure-7-4``; errors one by one are read from the folder.
+
+        Raises
+        ------
+        OptionError
+            If the folder cannot fill such a figure.
+        """
+        every = self._figures()
+        if figure not in every:
+            raise OptionError.unknown("figure", figure, tuple(every) or ("none",))
+        results = Results(self.frame, self.settings)
+        return plotted(every[figure], results, series_of(Path(self.out), results))
 
 
-def run(settings, folder, jobs=None, only=None, report=lambda text: None):
-    """Do what is missing of a study and write its files.
+def study(
+    *,
+    out: str | Path,
+    procedures: Sequence[int] = Settings.procedures,
+    each: int = Settings.each,
+    model: str = Settings.model,
+    method: str = Settings.method,
+    seed: int = Settings.seed,
+    points: int = Settings.points,
+    poses_curve: Sequence[int] = Settings.curve,
+    jobs: int | None = None,
+    only: Sequence[str] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Study:
+    """Calibrate and verify a virtual robot again and again: Nubiola 2011, chapter 7, SIMULATED.
 
     Parameters
     ----------
-    settings : Settings
-    folder : str or Path
+    out : str or Path
+        Folder of the study; where it holds one, what is missing of it is done.
+    procedures : sequence of int
+        Numbers of identification measurements of the procedures.
+    each : int
+        Random choices of each number of measurements.
+    model : str
+        Error model of the procedures and of the curve: ``11``, ``16``, ``26`` or ``34``.
+    method : str
+        ``nelder-mead`` (as the thesis searched), ``max`` (its objective with a certificate) or ``least-squares``.
+    seed : int
+        Of poses, noise and choices.
+    points : int
+        Verification points in each area with each payload; an eighth of them with fake targets; 520 or more.
+    poses_curve : sequence of int
+        Numbers of measurements for the curve of the error; empty: no curve.
     jobs : int, optional
         Processes; as many as there are cores unless given. The results do not depend on it. Started from a script,
         that needs the usual ``if __name__ == "__main__"``.
     only : sequence of str, optional
         Tables (`irbcal.studies.tables.TABLES`) whose repetitions are computed; all unless given.
-    report : callable
-        Called with a text after each repetition.
+    progress : callable, optional
+        Called with a short text when the poses are measured and after each calibration.
 
     Returns
     -------
-    Outcome
+    Study
+        Lengths in mm, angles in degrees, as in the thesis's tables.
 
     Raises
     ------
+    OptionError
+        If the settings make no study, or a table is unknown.
     MeasurementError
-        If a table is unknown or the folder holds another study or something damaged.
+        If the folder holds another study or something damaged.
     CalibrationError
         If the folder cannot be written.
-    KeyboardInterrupt
+    Interrupted
         After repetitions under way were finished and kept.
     """
-    folder = Path(folder)
-    wanted = selected(settings, only)
+    start = time.perf_counter()
+    if jobs is not None and jobs < 1:
+        raise OptionError(f"jobs: expected 1 or more, found {jobs}", parameter="jobs")
+    settings = Settings(tuple(procedures), each, tuple(poses_curve), model, method, points, seed)
+    folder, wanted = Path(out), selected(settings, only)
+    done = _do_missing(settings, folder, wanted, jobs or cores(), progress or (lambda text: None))
+    tables, frame = write(settings, folder)
+    seconds = time.perf_counter() - start
+    return Study(str(out), settings, tuple(tables), frame, done, len(wanted) - done, seconds, tuple(only or ()))
+
+
+def _do_missing(
+    settings: Settings, folder: Path, wanted: Sequence[Repetition], jobs: int, say: Callable[[str], None]
+) -> int:
+    """Compute what the folder does not hold; how many repetitions that was."""
     open_folder(settings, folder)
-    missing = [r for r in wanted if not (folder / PARTS / f"{r.name}.csv").exists()]
-    if missing:
-        stage = study.Stage.of(settings)
-        report("poses measured")
-        _compute(stage, missing, folder, jobs or cores(), report)
-    found = write(settings, folder)
-    return Outcome(*found, len(missing), len(wanted) - len(missing))
+    left = [r for r in wanted if not is_kept(folder, r)]
+    if not left:
+        return 0
+    try:
+        stage = Stage.of(settings)
+        say("poses measured")
+        _compute(stage, left, folder, jobs, say)
+    except KeyboardInterrupt:
+        raise Interrupted(sum(not is_kept(folder, r) for r in wanted)) from None
+    return len(left)
 
 
-def selected(settings, only):
+def selected(settings: Settings, only: Sequence[str] | None) -> list[Repetition]:
     """Repetitions of some tables (all for None), in the study's order."""
-    every = study.repetitions(settings)
+    every = repetitions(settings)
     if not only:
         return every
-    unknown = [name for name in only if name not in study_tables.TABLES]
+    unknown = [name for name in only if name not in TABLE_NAMES]
     if unknown:
-        raise MeasurementError(f"unknown table {unknown[0]!r}: tables are {', '.join(study_tables.TABLES)}")
-    table = study_tables.needed(settings)
+        raise OptionError(f"unknown table {unknown[0]!r}: tables are {', '.join(TABLE_NAMES)}", parameter="only")
+    table = needed(settings)
     names = {r for name in only for r in table[name]}
     return [r for r in every if r in names]
 
 
-def missing(settings, folder, only=None):
+def missing(settings: Settings, folder: str | Path, only: Sequence[str] | None = None) -> int:
     """How many repetitions are still to be done."""
-    return sum(not (Path(folder) / PARTS / f"{r.name}.csv").exists() for r in selected(settings, only))
+    return sum(not is_kept(Path(folder), r) for r in selected(settings, only))
 
 
-def cores():
+def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def open_folder(settings, folder):
-    """Make the folder, or see that it belongs to the same study.
-
-    Raises
-    ------
-    MeasurementError
-        If it belongs to another.
-    """
-    from irbcal.files.atomic import check_writable, write_together
-
-    path = folder / SETTINGS
-    check_writable(folder)
-    document = {"simulated": True, "note": NOTE, "format": FORMAT, "settings": settings.document()}
-    document["cell_sha256"] = _cell_digest(settings)
-    document["sha256"] = hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
-    if not path.exists():
-        strangers = [name for name in (RESULTS, TABLES, PAGE, PARTS) if (folder / name).exists()]
-        if strangers:
-            raise MeasurementError(f"{folder / strangers[0]}: results without {SETTINGS}: choose another folder")
-        write_together(folder, {SETTINGS: (json.dumps(document, indent=1) + "\n").encode()})
-        return
-    try:
-        found = json.loads(path.read_text())
-        if found["sha256"] == document["sha256"]:
-            return
-        differences = [
-            f"{name} {_text(found['settings'].get(name))}, not {_text(value)}"
-            for name, value in document["settings"].items()
-            if found["settings"].get(name) != value
-        ]
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise MeasurementError(f"{path}: these are not the settings of a study: choose another folder") from None
-    what = "; ".join(differences) or "another version of the virtual cell"
-    raise MeasurementError(f"{path}: this folder holds a study with {what}: choose another folder")
-
-
-def _text(value):
-    return ",".join(map(str, value)) if isinstance(value, list) else str(value)
-
-
-def _cell_digest(settings):
-    """Fingerprint of all that the virtual cell hides."""
-    truth = simulation.open_cell("irb1600", seed=settings.seed).truth()
-    return hashlib.sha256(json.dumps(truth, sort_keys=True).encode()).hexdigest()
 
 
 # --- computing --------------------------------------------------------------------------------------------
 
 
-def _compute(stage, repetitions, folder, jobs, report):
+def _compute(
+    stage: Stage, repetitions: Sequence[Repetition], folder: Path, jobs: int, report: Callable[[str], None]
+) -> None:
     """Run repetitions in processes of one thread each, the longest first, and keep each as it ends."""
     (folder / PARTS).mkdir(exist_ok=True)
     order = sorted(repetitions, key=lambda r: -r.measures)
     workers = min(jobs, len(order))
     done, pool = 0, ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start, initargs=(stage,))
-    futures = {}
+    futures: dict[Future[tuple[bytes, bytes]], Repetition] = {}
     try:
         with _quiet_start():
             futures = {pool.submit(_work, repetition): repetition for repetition in order}
         for future in as_completed(futures):
-            _keep(folder, futures.pop(future), *future.result())
+            keep(folder, futures.pop(future), *future.result())
             done += 1
             report(f"{done} of {len(order)} calibrations")
     except BrokenProcessPool:
@@ -187,14 +288,14 @@ def _compute(stage, repetitions, folder, jobs, report):
         pool.shutdown(wait=True, cancel_futures=True)
         for future, repetition in futures.items():
             if future.done() and not future.cancelled() and future.exception() is None:
-                _keep(folder, repetition, *future.result())
+                keep(folder, repetition, *future.result())
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
 @contextmanager
-def _quiet_start():
+def _quiet_start() -> Iterator[None]:
     """Processes started here use one thread each for linear algebra and leave Ctrl-C to this one."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     main = threading.current_thread() is threading.main_thread()
@@ -212,101 +313,27 @@ def _quiet_start():
             signal.signal(signal.SIGINT, handler)
 
 
-def _start(stage):
+_stage: Stage
+
+
+def _start(stage: Stage) -> None:
     global _stage
     _stage = stage
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _end_with_parent():
+def _end_with_parent() -> None:
     """A killed study leaves no process behind."""
-    connection.wait([parent_process().sentinel])
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
     os._exit(1)
 
 
-def _work(repetition):
-    return part(_stage, repetition)
+def _work(repetition: Repetition) -> tuple[bytes, bytes]:
+    return finished(_stage, repetition)
 
 
-def part(stage, repetition):
-    """A repetition as the two files that keep it.
-
-    Returns
-    -------
-    rows, series : bytes
-        CSV of the rows; the errors one by one as a NumPy archive.
-    """
-    rows, series = study.run(stage, repetition)
-    text = pd.DataFrame(rows, columns=list(study.COLUMNS)).to_csv(index=False, float_format="%.6f", lineterminator="\n")
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **series)
-    return text.encode(), stream.getvalue()
-
-
-def _keep(folder, repetition, rows, series):
-    from irbcal.files.atomic import write_together
-
-    write_together(folder / PARTS, {f"{repetition.name}.npz": series, f"{repetition.name}.csv": rows})
-
-
-# --- reading and writing ----------------------------------------------------------------------------------
-
-
-def read_rows(path):
-    """Rows of ``results.csv`` or of a part.
-
-    Raises
-    ------
-    MeasurementError
-        If they are not the rows of a study.
-    """
-    words = dict.fromkeys(("repetition", "model", "method", "kind", "area", "targets", "quantity", "unit"), str)
-    try:
-        frame = pd.read_csv(path, dtype=words, keep_default_na=False)
-        good = list(frame.columns) == list(study.COLUMNS) and len(frame) > 0
-        good = good and all(frame[name].dtype.kind in "if" for name in study.COLUMNS if name not in words)
-    except (OSError, ValueError):
-        good = False
-    if not good:
-        raise MeasurementError(f"{path}: these are not the rows of a study: delete it to compute them again")
-    return frame
-
-
-def read_series(folder, repetition):
-    """Errors of a finished repetition one by one, mm and degrees, under ``kind/area/payload/quantity``."""
-    path = Path(folder) / PARTS / f"{repetition.name}.npz"
-    try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
-            return dict(archive)
-    except Exception:  # zip, zlib and numpy each have errors of their own for damage
-        raise MeasurementError(f"{path}: damaged: delete it and {repetition.name}.csv to compute it again") from None
-
-
-def write(settings, folder):
-    """Write results, tables and page from the parts at hand.
-
-    Returns
-    -------
-    tables : list of Table
-    frame : DataFrame
-    """
-    from irbcal.files.atomic import write_together
-    from irbcal.studies import page as study_page
-
-    folder = Path(folder)
-    done = [r for r in study.repetitions(settings) if (folder / PARTS / f"{r.name}.csv").exists()]
-    frames = [read_rows(folder / PARTS / f"{r.name}.csv") for r in done]
-    for r, frame in zip(done, frames, strict=True):
-        if set(frame["repetition"]) != {r.name}:
-            raise MeasurementError(f"{folder / PARTS / r.name}.csv: expected the rows of {r.name}, found others")
-    frame = pd.concat(frames, ignore_index=True)
-    results = study_tables.Results(frame, settings)
-    tables = study_tables.tables(results)
-    series = {r: read_series(folder, r) for r in study_page.drawn(results)}
-    contents = {
-        RESULTS: frame.to_csv(index=False, float_format="%.6f", lineterminator="\n").encode(),
-        TABLES: study_tables.markdown(tables, settings).encode(),
-        PAGE: study_page.render(results, tables, series).encode(),
-    }
-    write_together(folder, contents)
-    return tables, frame
+def finished(stage: Stage, repetition: Repetition) -> tuple[bytes, bytes]:
+    """A repetition, calibrated and tested, as the two files that keep it."""
+    return part(*trial.run(stage, repetition))

@@ -1,12 +1,12 @@
-"""The figures of Nubiola 2011, Tables 7.1 to 7.16, that a study prints beside its own.
+"""The figures of the tables of Nubiola 2011, chapter 7, that a study prints beside its own.
 
 Four numbers are mean, sigma, maximum and mean + 3 sigma, in millimetres or degrees.
 """
 
 TABLE_7_1 = {3: ((1.004, 0.167, 1.890), (0.961, 0.214, 2.268)), 6: ((0.970, 0.155, 1.963), (0.979, 0.222, 2.326))}
-"""Payload (kg) -> mean, sigma, maximum in the ISO cube and in the whole range; nominal."""
+"""Table 7.1: payload (kg) -> mean, sigma, maximum in the ISO cube and in the whole range; nominal."""
 TABLE_7_1_LAST = {3: (1.505, 1.604), 6: (1.434, 1.643)}
-"""The same: mean + 3 sigma as printed."""
+"""Table 7.1: mean + 3 sigma as printed."""
 
 TABLE_7_2 = {
     "iso_cube": {
@@ -22,31 +22,34 @@ TABLE_7_2 = {
         158: ((0.847, 0.342, 2.810), (0.826, 0.328, 3.041)),
     },
 }
-"""Area -> axis points -> mean, sigma, maximum of target 1 and of all eight; 3 kg."""
+"""Table 7.2: area -> axis points -> mean, sigma, maximum of target 1 and of all eight; 3 kg."""
 TABLE_7_3 = {
     "iso_cube": ((0.480, 0.296, 2.624), (0.396, 0.279, 2.461)),
     "all_range": ((0.795, 0.344, 2.813), (0.773, 0.322, 2.818)),
 }
-"""The same from 18 points with 6 kg. The print has lost the order of the columns: read as in Table 7.2."""
+"""Table 7.3: the same from 18 points with 6 kg. The print has lost the order of the columns: read as in Table 7.2."""
 
 TABLE_7_4 = {
     "expected": ((0.272, 0.065, 0.714, 0.466), (0.321, 0.072, 0.858, 0.538)),
     "verified": ((0.277, 0.063, 0.647, 0.466), (0.329, 0.070, 0.703, 0.539)),
     "verified_all": ((0.286, 0.072, 0.793, 0.502), (0.345, 0.079, 0.927, 0.582)),
 }
+"""Table 7.4: kind -> ISO cube, whole range."""
 TABLE_7_5 = {
     "expected": ((0.288, 0.070, 0.851, 0.497), (0.353, 0.096, 1.056, 0.641)),
     "verified": ((0.270, 0.067, 0.658, 0.471), (0.346, 0.085, 0.798, 0.601)),
 }
+"""Table 7.5: as Table 7.4."""
 TABLE_7_6 = {
     "expected": ((0.580, 0.149, 1.550, 1.026), (0.813, 0.173, 1.762, 1.330)),
     "verified": ((0.589, 0.148, 1.483, 1.033), (0.794, 0.173, 1.727, 1.313)),
 }
+"""Table 7.6: as Table 7.4."""
 TABLE_7_7 = {
     "expected": ((0.619, 0.147, 1.522, 1.060), (0.858, 0.188, 2.035, 1.423)),
     "verified": ((0.636, 0.155, 1.467, 1.101), (0.849, 0.188, 1.928, 1.413)),
 }
-"""Kind -> ISO cube, whole range."""
+"""Table 7.7: as Table 7.4."""
 
 TABLE_7_8 = {
     "nominal": ((0.964, 1.122), (0.103, 0.18)),
@@ -54,23 +57,25 @@ TABLE_7_8 = {
     "axes": ((0.288, 0.458), (0.103, 0.183)),
     "34": ((0.316, 0.371), (0.077, 0.154)),
 }
-"""Model -> mean and maximum of position and of orientation."""
+"""Table 7.8: model -> mean and maximum of position and of orientation."""
 TABLE_7_9 = {
     "nominal": ((0.969, 0.078, 1.241, 1.204), (0.108, 0.022, 0.229, 0.174)),
     "11": ((0.428, 0.086, 0.96, 0.685), (0.109, 0.015, 0.178, 0.154)),
     "axes": ((0.237, 0.075, 0.98, 0.463), (0.103, 0.024, 0.232, 0.176)),
     "34": ((0.223, 0.043, 0.451, 0.351), (0.082, 0.020, 0.166, 0.141)),
 }
-"""Model -> position, orientation."""
+"""Table 7.9: model -> position, orientation."""
 TABLE_7_10 = (0.179, 0.048, 0.462, 0.323)
+"""Table 7.10."""
 TABLE_7_11 = (0.257, 0.052, 0.502, 0.412)
+"""Table 7.11."""
 TABLE_7_12 = {
     80: ((0.345, 0.056, 0.568, 0.512), (0.090, 0.023, 0.185, 0.157)),
     120: ((0.291, 0.043, 0.472, 0.419), (0.097, 0.018, 0.171, 0.150)),
     180: ((0.292, 0.043, 0.474, 0.422), (0.081, 0.019, 0.164, 0.138)),
     200: ((0.292, 0.040, 0.453, 0.412), (0.080, 0.021, 0.174, 0.144)),
 }
-"""Measurements -> position, orientation."""
+"""Table 7.12: measurements -> position, orientation."""
 
 SIZES = (80, 120, 180, 200)
 """Of the procedures A to E: A, C, D and E the worst of each size, B the best of all (it came from 120)."""
@@ -81,7 +86,7 @@ TABLE_7_13 = {
     "D": (0.894, 0.996, 0.546),
     "E": (0.837, 1.211, 0.555),
 }
-"""Largest expected error in the ISO cube and in the whole range, objective reached."""
+"""Table 7.13: largest expected error in the ISO cube and in the whole range, objective reached."""
 TABLE_7_14 = {
     "A": (0.421, 0.108, 1.132, 0.745),
     "B": (0.329, 0.088, 0.916, 0.592),
@@ -89,6 +94,7 @@ TABLE_7_14 = {
     "D": (0.423, 0.109, 1.056, 0.749),
     "E": (0.421, 0.108, 1.093, 0.745),
 }
+"""Table 7.14."""
 TABLE_7_15 = {
     "A": (0.174, 0.038, 0.351, 0.289),
     "B": (0.202, 0.041, 0.379, 0.326),
@@ -96,6 +102,7 @@ TABLE_7_15 = {
     "D": (0.231, 0.044, 0.410, 0.364),
     "E": (0.371, 0.045, 0.610, 0.505),
 }
+"""Table 7.15."""
 TABLE_7_16 = {
     "A": (0.102, 0.021, 0.200, 0.166),
     "B": (0.108, 0.026, 0.222, 0.185),
@@ -103,3 +110,4 @@ TABLE_7_16 = {
     "D": (0.089, 0.022, 0.201, 0.156),
     "E": (0.091, 0.025, 0.194, 0.166),
 }
+"""Table 7.16."""

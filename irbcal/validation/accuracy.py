@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement.cleaning import by_pose
-from irbcal.measurement.points import PointSet
+from irbcal.measurement.points import PointSet, rotation_distances
 from irbcal.measurement.registration import register
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
@@ -164,13 +164,17 @@ def _tips_of_three(robot: Robot, points: PointSet, source: str) -> tuple[IntArra
 
 def error_vectors(robot: Robot, points: PointSet) -> FloatArray:
     """Measured minus predicted places, shape (m, 3), metres, in the measuring frame."""
-    return points.xyz - _predicted(robot, points)
+    return points.xyz - points.predicted(robot)
 
 
-def _predicted(robot: Robot, points: PointSet) -> FloatArray:
-    local = np.array([robot.targets[name] for name in points.target_names])[points.target]
-    T = (robot.T_world_base @ robot.poses(points.q))[points.pose]
-    return np.einsum("mij,mj->mi", T[:, :3, :3], local) + T[:, :3, 3]
+def turns(robot: Robot, points: PointSet) -> FloatArray | None:
+    """Orientation error of each point, NaN where there is none; None where no point has one."""
+    known = points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))
+    if not known.any():
+        return None
+    out = np.full(len(points), np.nan)
+    out[known] = rotation_distances(robot, points)
+    return out
 
 
 def within_sphere(robot: Robot, points: PointSet, center: ArrayLike, diameter: float) -> BoolArray:
@@ -241,7 +245,7 @@ def relative_to_three_points(
     if len(points) < 4:
         raise MeasurementError(f"a frame of three points leaves nothing to compare of {len(points)} points")
     three = widest_triangle(points.xyz) if rows is None else np.asarray(rows, dtype=int)
-    predicted = _predicted(robot, points)
+    predicted = points.predicted(robot)
     try:
         measured = frames.apply(frames.inverse(frames.from_three_points(*points.xyz[three])), points.xyz)
         predicted = frames.apply(frames.inverse(frames.from_three_points(*predicted[three])), predicted)

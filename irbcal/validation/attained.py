@@ -76,7 +76,7 @@ class Attained:
     def seen_from(self, T_world_base: FloatArray) -> Attained:
         """Everything in the base link: errors are then told along its axes."""
         T = frames.inverse(T_world_base)
-        changes = {}
+        changes: dict[str, Any] = {}
         for name in ("xyz", "wanted"):
             if (place := getattr(self, name)) is not None:
                 changes[name] = frames.apply(T, place)

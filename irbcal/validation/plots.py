@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray
-from irbcal.correction.path import Reversal
+from irbcal.correction.joints_along import Reversal
 from irbcal.figures.colours import ACCENT, CALIBRATED, MEASURED, NOMINAL, RULE, SERIES, SOFT
 from irbcal.figures.style import SMALL, THIN
 from irbcal.units import MM

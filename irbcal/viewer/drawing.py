@@ -1,11 +1,18 @@
 """The still bodies of a scene as meshcat commands, recorded in this process: no server, no socket."""
 
+from __future__ import annotations
+
 import base64
 import warnings
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from irbcal.arrays import FloatArray
 from irbcal.viewer import shapes
+from irbcal.viewer.scene import Scene
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # meshcat 0.3.2 imports zmq in a way that zmq regrets
@@ -23,27 +30,27 @@ INK, BODY, GLASS, TEAL, CUBE, PATH = (
 class Recorder:
     """Takes the place of meshcat's window: keeps the commands as the viewer's page takes them."""
 
-    def __init__(self):
-        self.commands = []
+    def __init__(self) -> None:
+        self.commands: list[bytes] = []
 
-    def send(self, command):
+    def send(self, command: Any) -> None:
         """Keep a command (msgpack)."""
         self.commands.append(umsgpack.packb(command.lower()))
 
-    def as_text(self):
+    def as_text(self) -> list[str]:
         """The commands in base64, list of str."""
         return [base64.b64encode(command).decode("ascii") for command in self.commands]
 
 
-class _Body(g.Geometry):
+class _Body(g.Geometry):  # type: ignore[misc]  # meshcat has no types
     """A `shapes.Mesh` in meshcat's form: indexed, with normals and colours of one byte a number."""
 
-    def __init__(self, mesh):
+    def __init__(self, mesh: shapes.Mesh) -> None:
         super().__init__()
         self.mesh = mesh
 
-    def lower(self, object_data):
-        def attribute(kind, code, array, normalized):
+    def lower(self, object_data: Any) -> dict[str, Any]:
+        def attribute(kind: str, code: int, array: NDArray[Any], normalized: bool) -> dict[str, Any]:
             return {
                 "itemSize": array.shape[1],
                 "type": kind,
@@ -66,7 +73,7 @@ class _Body(g.Geometry):
         }
 
 
-def record(scene):
+def record(scene: Scene) -> Recorder:
     """Draw a scene's still bodies.
 
     Nodes: ``/irbcal/robot/K`` (link K), ``/irbcal/tracker``, ``/irbcal/references``, ``/irbcal/cube``,
@@ -101,12 +108,12 @@ def record(scene):
     return recorder
 
 
-def _add(view, path, mesh, **material):
+def _add(view: Any, path: str, mesh: shapes.Mesh, **material: Any) -> None:
     material = {"shininess": 35, "specular": 0x333333, **material}
     view[path].set_object(g.Mesh(_Body(mesh), g.MeshPhongMaterial(vertexColors=True, **material)))
 
 
-def _painted(parts):
+def _painted(parts: Sequence[tuple[FloatArray, FloatArray]]) -> shapes.Mesh:
     """One mesh of bodies and their colours."""
     return shapes.smooth(
         np.concatenate([body for body, _ in parts]),
@@ -114,7 +121,7 @@ def _painted(parts):
     )
 
 
-def _tracker(scene):
+def _tracker(scene: Scene) -> shapes.Mesh:
     """A laser tracker with its head in the origin of the measuring frame, upright, on a tripod."""
     T = scene.T_scene_world
     heights = [place[2] for place in scene.references.values()]
@@ -142,7 +149,7 @@ def _tracker(scene):
     )
 
 
-def _references(scene):
+def _references(scene: Scene) -> shapes.Mesh:
     radius = float(np.clip(0.014 * scene.reach, 0.008, 0.03))
     parts = []
     for place in scene.references.values():
@@ -151,7 +158,7 @@ def _references(scene):
     return _painted(parts)
 
 
-def _cube(centre, edge):
+def _cube(centre: FloatArray, edge: float) -> shapes.Mesh:
     """Edges of a cube and of its inclined plane (ISO 9283), as thin beams."""
     half, width = edge / 2, 0.006 * edge
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])

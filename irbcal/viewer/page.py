@@ -5,20 +5,26 @@ Names in it come from measurement files and URDFs, which are untrusted: they sta
 by their hashes, and no request to anywhere.
 """
 
+from __future__ import annotations
+
 import base64
 import hashlib
 import json
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import FloatArray
 from irbcal.figures.colours import ERRORS
 from irbcal.units import DEG, MM
+from irbcal.viewer.scene import Drawn, Model, Points, Scene
 
 
-def render(scene):
+def render(scene: Scene) -> str:
     """The page of a scene.
 
     Parameters
@@ -59,7 +65,7 @@ def render(scene):
     )
 
 
-def content(scene):
+def content(scene: Scene) -> dict[str, Any]:
     """What the panel works with, as plain values; arrays are base64 of little-endian float32 or int32.
 
     Parameters
@@ -117,7 +123,7 @@ def content(scene):
     }
 
 
-def _drawn(drawn):
+def _drawn(drawn: Drawn) -> dict[str, Any]:
     return {
         "root": drawn.T_scene_root.T.ravel().tolist(),
         "tip": drawn.tip,
@@ -136,29 +142,35 @@ def _drawn(drawn):
     }
 
 
-def _points(points):
+def _points(points: Points) -> dict[str, Any]:
     """Points and errors; differences are taken before rounding to float32."""
-    out = {"pose": _integers(points.pose), "target": _integers(points.target), "count": len(points.pose)}
-    for model in ("calibrated", "nominal"):
-        modelled = getattr(points, model)
-        turn = getattr(points, f"turn_{model}")
-        measured = points.measured is not None and modelled is not None
-        out[model] = None if modelled is None else _floats(modelled)
-        out[f"error_{model}"] = _floats(points.error(model)) if measured else None
-        out[f"turn_{model}"] = None if turn is None else _floats(turn)
-    out["measured"] = None if points.measured is None else _floats(points.measured)
-    return out
+    turns = {"calibrated": points.turn_calibrated, "nominal": points.turn_nominal}
+    out: dict[str, Any] = {
+        "pose": _integers(points.pose),
+        "target": _integers(points.target),
+        "count": len(points.pose),
+        "measured": _floats_if(points.measured),
+        "calibrated": _floats_if(points.calibrated),
+        "nominal": _floats_if(points.nominal),
+        **{f"turn_{model}": _floats_if(turn) for model, turn in turns.items()},
+    }
+    models: tuple[Model, ...] = ("calibrated", "nominal")
+    return out | {f"error_{model}": _floats_if(points.error(model)) for model in models}
 
 
-def _floats(array):
+def _floats_if(array: FloatArray | None) -> str | None:
+    return None if array is None else _floats(array)
+
+
+def _floats(array: ArrayLike) -> str:
     return base64.b64encode(np.ascontiguousarray(array, dtype="<f4").tobytes()).decode("ascii")
 
 
-def _integers(array):
+def _integers(array: ArrayLike) -> str:
     return base64.b64encode(np.ascontiguousarray(array, dtype="<i4").tobytes()).decode("ascii")
 
 
-def escaped_json(value):
+def escaped_json(value: Any) -> str:
     """JSON that can stand inside a script element: no character in it can end or open one."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     for character in "<>&\u2028\u2029":
@@ -166,15 +178,18 @@ def escaped_json(value):
     return text
 
 
-def _digest(text):
+def _digest(text: str) -> str:
     return base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
 
 
-def _own(name):
+def _own(name: str) -> str:
     return (files("irbcal.viewer") / name).read_text(encoding="utf-8")
 
 
-def _viewer(name):
+def _viewer(name: str) -> str:
     """A file of meshcat's viewer, without importing meshcat."""
-    folder = Path(find_spec("meshcat").submodule_search_locations[0])
+    spec = find_spec("meshcat")
+    assert spec is not None, "meshcat is a dependency"
+    assert spec.submodule_search_locations, "meshcat is a package"
+    folder = Path(spec.submodule_search_locations[0])
     return (folder / "viewer" / "dist" / name).read_text(encoding="utf-8")

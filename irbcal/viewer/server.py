@@ -1,7 +1,11 @@
 """Serves one page to browsers on this computer, and to no other."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 from irbcal.errors import IrbcalError
 
@@ -13,7 +17,7 @@ LOCAL_NAMES = ("127.0.0.1", "localhost")
 
 
 @contextmanager
-def serving(page, port=None):
+def serving(page: str, port: int | None = None) -> Iterator[str]:
     """A server of one page in a thread of its own.
 
     Parameters
@@ -45,28 +49,32 @@ def serving(page, port=None):
         server.server_close()
 
 
-def _open(body, port):
-    for wanted in (PORT, 0) if port is None else (port,):
+def _open(body: bytes, port: int | None) -> _Server:
+    if port is None:
         try:
-            return _Server((ADDRESS, wanted), _handler(body))
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or error
-    raise IrbcalError(f"port {wanted} of {ADDRESS} cannot be used: {reason}")
+            return _Server((ADDRESS, PORT), _handler(body))
+        except OSError:
+            port = 0  # any free one
+    try:
+        return _Server((ADDRESS, port), _handler(body))
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise IrbcalError(f"port {port} of {ADDRESS} cannot be used: {reason}", parameter="port") from None
 
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     allow_reuse_address = True
 
-    def handle_error(self, request, client_address):
+    def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that went away is no error of ours."""
 
 
-def _handler(body):
+def _handler(body: bytes) -> type[BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
         server_version, sys_version = "irbcal", ""
 
-        def do_GET(self):
+        def do_GET(self) -> None:
             """The page, to whoever asks for it under a local name (not through a foreign domain's DNS)."""
             host = self.headers.get("Host", "").rsplit(":", 1)[0].lower()
             if host not in LOCAL_NAMES:
@@ -82,7 +90,7 @@ def _handler(body):
                 self.end_headers()
                 self.wfile.write(body)
 
-        def log_message(self, *arguments):
+        def log_message(self, *arguments: Any) -> None:
             """No line for each request."""
 
     return Handler

@@ -3,9 +3,14 @@
 Bodies are arrays of triangles, shape (m, 3, 3), in metres, counter-clockwise seen from outside.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irbcal.arrays import FloatArray, IntArray, lock
 
 SEGMENTS = 32
 CREASE = np.cos(np.radians(38.0))
@@ -14,7 +19,7 @@ CREASE = np.cos(np.radians(38.0))
 MOST_FACES_AT_A_CORNER = 64
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """An indexed mesh as the graphics card takes it.
 
@@ -28,13 +33,16 @@ class Mesh:
     faces : ndarray of uint32, shape (m, 3)
     """
 
-    vertices: np.ndarray
-    normals: np.ndarray
-    colours: np.ndarray
-    faces: np.ndarray
+    vertices: NDArray[np.float32]
+    normals: NDArray[np.int8]
+    colours: NDArray[np.uint8]
+    faces: NDArray[np.uint32]
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
-def smooth(triangles, colours):
+def smooth(triangles: FloatArray, colours: FloatArray) -> Mesh:
     """Weld triangles into a mesh whose normals are smooth but for edges sharper than 38 degrees.
 
     Parameters
@@ -50,7 +58,7 @@ def smooth(triangles, colours):
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
     keep = area > 0
-    triangles, colours, across, area = triangles[keep], np.asarray(colours)[keep], across[keep], area[keep]
+    triangles, colours, across, area = triangles[keep], colours[keep], across[keep], area[keep]
     unit = across / area[:, None]
     corners = triangles.reshape(-1, 3).astype(np.float32)
     vertex = _equal_rows(corners)
@@ -70,13 +78,13 @@ def smooth(triangles, colours):
     )
 
 
-def _equal_rows(rows):
+def _equal_rows(rows: NDArray[np.float32]) -> IntArray:
     """A number for each row, the same for equal rows."""
     rows = np.ascontiguousarray(rows + np.float32(0))  # -0 becomes 0
     return np.unique(rows.view([("", rows.dtype)] * rows.shape[1]).ravel(), return_inverse=True)[1].reshape(-1)
 
 
-def _corner_normals(vertex, face, across, unit):
+def _corner_normals(vertex: IntArray, face: IntArray, across: FloatArray, unit: FloatArray) -> FloatArray:
     """Mean of the normals of the faces at each corner that are not across a sharp edge, weighted by area."""
     order = np.argsort(vertex, kind="stable")
     count = np.bincount(vertex)
@@ -96,7 +104,7 @@ def _corner_normals(vertex, face, across, unit):
     return np.where(length > 0, total / np.where(length > 0, length, 1.0), unit[face])
 
 
-def box(size):
+def box(size: ArrayLike) -> FloatArray:
     """A box about the origin with edges ``size`` (3,)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     corners = 0.5 * signs * np.asarray(size, dtype=float)
@@ -104,7 +112,7 @@ def box(size):
     return corners[np.array([[[a, b, c], [a, c, d]] for a, b, c, d in quads]).reshape(-1, 3)]
 
 
-def _turned(profile, segments=SEGMENTS):
+def _turned(profile: ArrayLike, segments: int = SEGMENTS) -> FloatArray:
     """The body of revolution about z of a profile (k, 2) of radius and height, from bottom to top."""
     angle = 2 * np.pi * np.arange(segments + 1) / segments
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -115,23 +123,23 @@ def _turned(profile, segments=SEGMENTS):
     return np.concatenate([np.stack(part, axis=-2).reshape(-1, 3, 3) for part in ((a, b, c), (a, c, d))])
 
 
-def cylinder(radius, length):
+def cylinder(radius: float, length: float) -> FloatArray:
     """A closed cylinder about z, its centre in the origin."""
     h = length / 2
     return _turned([(0, -h), (radius, -h), (radius, h), (0, h)])
 
 
-def cone(bottom, top, low, high):
+def cone(bottom: float, top: float, low: float, high: float) -> FloatArray:
     """A closed frustum about z with radii ``bottom`` at height ``low`` and ``top`` at ``high``."""
     return _turned([(0, low), (bottom, low), (top, high), (0, high)])
 
 
-def sphere(radius):
+def sphere(radius: float) -> FloatArray:
     """A sphere about the origin."""
     return capsule(radius, 0.0)
 
 
-def capsule(radius, length):
+def capsule(radius: float, length: float) -> FloatArray:
     """A cylinder about z of this length with half spheres on its ends."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 17)
     shift = np.where(angle < -1e-9, -length / 2, length / 2)
@@ -142,18 +150,18 @@ def capsule(radius, length):
     return _turned(profile)
 
 
-def rod(start, end, radius):
+def rod(start: ArrayLike, end: ArrayLike, radius: float) -> FloatArray:
     """A capsule between two points (3,)."""
-    start, end = np.asarray(start, dtype=float), np.asarray(end, dtype=float)
-    along = end - start
-    length = np.linalg.norm(along)
+    ends = np.array([start, end], dtype=float)
+    along = ends[1] - ends[0]
+    length = float(np.linalg.norm(along))
     z = along / length if length else np.array([0.0, 0.0, 1.0])
     x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)
     R = np.column_stack([x, np.cross(z, x), z])
-    return capsule(radius, length) @ R.T + (start + end) / 2
+    return capsule(radius, length) @ R.T + ends.mean(axis=0)
 
 
-def moved(triangles, xyz):
+def moved(triangles: FloatArray, xyz: ArrayLike) -> FloatArray:
     """The same body at another place."""
     return triangles + np.asarray(xyz, dtype=float)

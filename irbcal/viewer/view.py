@@ -10,45 +10,63 @@
     view.serve(open=True)      # in a browser on this computer
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from irbcal.options import renamed
+from irbcal.summary import Speaks, Told
+from irbcal.units import MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from numpy.typing import ArrayLike
+
+    from irbcal.files.opening import RobotLike
+    from irbcal.measurement.table import MeasurementsLike
+    from irbcal.viewer.points import PlanLike
+    from irbcal.viewer.scene import Model, Points, Scene
 
 __all__ = ["View", "view"]
 
 
+@renamed(magnification="magnify", package_dirs="package_dir", base="base_link", tip="tip_link")
 def view(
-    source,
-    measurements=None,
+    source: RobotLike,
+    measurements: MeasurementsLike | None = None,
     *,
-    plan=None,
-    magnification=None,
-    package_dirs=(),
-    cube=None,
-    refit_base=False,
-    base=None,
-    tip=None,
-):
+    plan: PlanLike | None = None,
+    magnify: float | None = None,
+    package_dir: str | Path | Sequence[str | Path] = (),
+    cube: tuple[ArrayLike, float] | None = None,
+    refit_base: bool = False,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+) -> View:
     """Look at a calibration, or at a robot.
 
     Parameters
     ----------
-    source : str, Path or Calibration
-        Calibration folder; a URDF or a shipped robot's name (then there is nothing measured to show).
-    measurements : str, Path or MeasurementSet, optional
-        Measured points; a file that holds joints only is taken as a plan. Without it, the joints have sliders.
-    plan : str, Path or array_like of shape (n, joints), optional
-        Joints to walk through, linearly from pose to pose: a file, or an array in radians (metres for prismatic
-        joints).
-    magnification : float, optional
-        Of the error vectors; by default a round number that makes them visible.
-    package_dirs : sequence of str or Path
+    source : str, Path, or a calibration
+        Calibration folder or a calibration; a URDF or a shipped robot's name (then there is nothing measured to show).
+    measurements : str, Path, DataFrame or MeasurementSet, optional
+        Measured points; a table that holds joints only is taken as a plan. Without it, the joints have sliders.
+    plan : str, Path, DataFrame or array_like of shape (n, joints), optional
+        Joints to walk through, linearly from pose to pose: a table (columns q1_deg …), or an array in radians (metres
+        for prismatic joints).
+    magnify : float, optional
+        Magnification of the error vectors; by default a round number that makes them visible.
+    package_dir : str, Path or sequence of them
         Folders in which ``package://`` names of meshes are looked up.
     cube : (array_like of shape (3,), float), optional
         ISO 9283 cube: centre in the base link and edge, metres. By default that of the IRB 1600, for it only.
     refit_base : bool
         Place the base anew on the measurements (tracker or robot was moved).
-    base, tip : str, optional
+    base_link, tip_link : str, optional
         Link names, for a URDF; see `irbcal.read_urdf`.
 
     Returns
@@ -57,27 +75,33 @@ def view(
 
     Raises
     ------
-    IrbcalError
-        If an input is refused.
+    OptionError
+        If the magnification is not above zero and at most 1e6.
+    RobotError
+        If there is no such robot, its URDF cannot be used, or plan or cube do not fit it.
+    CalibrationError
+        If a calibration cannot be read, or does not hold the robot's looks.
+    MeasurementError
+        If measurements are refused, or given together with a plan or for a robot that is not calibrated.
 
     Examples
     --------
-    >>> view = irbcal.view("my-robot", "verification.csv", magnification=200)  # doctest: +SKIP
+    >>> view = irbcal.view("my-robot", "verification.csv", magnify=200)  # doctest: +SKIP
     >>> view.save("view.html")  # doctest: +SKIP
     """
-    from irbcal.viewer import scene
+    from irbcal.viewer import building
 
     return View(
-        scene.build(
+        building.build(
             source,
             measurements,
             plan=plan,
-            magnification=magnification,
-            package_dirs=package_dirs,
+            magnify=magnify,
+            package_dir=package_dir,
             cube=cube,
             refit_base=refit_base,
-            base=base,
-            tip=tip,
+            base_link=base_link,
+            tip_link=tip_link,
         )
     )
 
@@ -85,7 +109,7 @@ def view(
 setattr(view, "show", view)  # noqa: B010 - `irbcal.view.show` is what the function was called first
 
 
-class View:
+class View(Speaks):
     """A scene and its page.
 
     Parameters
@@ -93,24 +117,72 @@ class View:
     scene : irbcal.viewer.scene.Scene
     """
 
-    def __init__(self, scene):
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle: the page is made again."""
+        return {"scene": self.scene}
+
     @cached_property
-    def html(self):
+    def html(self) -> str:
         """The page: self-contained, no request to anywhere."""
         from irbcal.viewer import page
 
         return page.render(self.scene)
 
-    def _repr_html_(self):
+    def told(self) -> list[Told]:
+        """What there is to see, how large the errors are, and what the user should know."""
+        scene = self.scene
+        what = f"{scene.title}{', SIMULATED' if scene.simulated else ''}: "
+        if scene.points is None:
+            what += "its joints have sliders"
+        else:
+            kind = "poses of a plan" if scene.mode == "plan" else "measured poses"
+            what += f"{len(scene.q)} {kind}, {len(scene.points.pose)} points of {', '.join(scene.targets)}"
+        told: list[Told] = [what]
+        if scene.points is not None:
+            told += _errors(scene.points, scene.magnification)
+        return told + [f"Note: {note}" for note in scene.notes]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each point, metres and radians, in the base link; no rows for a robot without poses.
+
+        Columns ``pose``, ``group``, ``target``; ``calibrated_x_m`` … (where the robot predicts it), and where they are
+        known ``measured_x_m`` …, ``nominal_x_m`` …, ``error_calibrated_m``, ``error_nominal_m``,
+        ``turn_calibrated_rad``, ``turn_nominal_rad``.
+        """
+        import numpy as np
+        import pandas as pd
+
+        scene, points = self.scene, self.scene.points
+        if points is None:
+            return pd.DataFrame(columns=["pose", "group", "target"])
+        columns: dict[str, Any] = {
+            "pose": scene.pose_ids[points.pose],
+            "group": scene.groups[points.pose],
+            "target": np.array(list(scene.targets), dtype=object)[points.target],
+        }
+        places = {"measured": points.measured, "calibrated": points.calibrated, "nominal": points.nominal}
+        for name, xyz in places.items():
+            if xyz is not None:
+                columns |= {f"{name}_{axis}_m": xyz[:, k] for k, axis in enumerate("xyz")}
+        single = {
+            "error_calibrated_m": points.distance("calibrated"),
+            "error_nominal_m": points.distance("nominal"),
+            "turn_calibrated_rad": points.turn_calibrated,
+            "turn_nominal_rad": points.turn_nominal,
+        }
+        return pd.DataFrame(columns | {name: values for name, values in single.items() if values is not None})
+
+    def _repr_html_(self) -> str:
         # no same-origin: the page's script cannot reach the notebook around it
         return (
             '<iframe sandbox="allow-scripts allow-downloads" style="width: 100%; height: 640px; border: 0" '
             f'srcdoc="{escape(self.html)}"></iframe>'
         )
 
-    def save(self, path):
+    def save(self, path: str | Path) -> Path:
         """Write the page to a file: whole, or not at all.
 
         Parameters
@@ -131,11 +203,11 @@ class View:
 
         path = Path(path)
         if path.is_dir():
-            raise IrbcalError(f"{path}: expected a file to write, found a folder")
+            raise IrbcalError("expected a file to write, found a folder", file=path)
         write_together(path.parent, {path.name: self.html.encode("utf-8")})
         return path
 
-    def serve(self, port=None, open=False, say=print):
+    def serve(self, port: int | None = None, open: bool = False, say: Callable[[str], Any] = print) -> None:
         """Serve the page on 127.0.0.1 until interrupted (Ctrl-C).
 
         Parameters
@@ -169,3 +241,14 @@ class View:
                     time.sleep(3600)
             except KeyboardInterrupt:
                 say("")
+
+
+def _errors(points: Points, magnification: float) -> list[Told]:
+    models: tuple[Model, ...] = ("nominal", "calibrated")
+    found = {model: points.distance(model) for model in models}
+    words = [
+        f"{model} {error.mean() / MM:.3f} mm on average and at most {error.max() / MM:.3f} mm"
+        for model, error in found.items()
+        if error is not None
+    ]
+    return [f"Errors, drawn {magnification:g} times as large: {'; '.join(words)}"] if words else []

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from support import outcome_of
 
-from irbcal import calibrating
 from irbcal.files import robots, urdf
-from irbcal.measurement import table
+from irbcal.measurement import columns, table
 from irbcal.measurement.points import distances
 from irbcal.measurement.statistics import statistics
 from irbcal.units import DEG, MM
@@ -52,7 +52,7 @@ def truth():
 @pytest.fixture(scope="module")
 def outcome(runs):
     """Level 34 on the shipped files."""
-    return calibrating.calibrate(runs[IDENTIFICATION], "irb1600", "34", verify=runs[VERIFICATION])
+    return outcome_of(runs[IDENTIFICATION], "irb1600", "34", verify=runs[VERIFICATION])
 
 
 def heldout(outcome, fit):
@@ -71,9 +71,9 @@ def test_shipped_measurements_are_what_the_script_makes(made, name):
     # another processor may round the last decimal of a position otherwise; all else is text for text
     ours, again = (pd.read_csv(path, dtype=str) for path in (robots.demo_file(name), made / name))
     assert list(ours.columns) == list(again.columns)
-    text = [column for column in ours.columns if column not in table.POSITION]
+    text = [column for column in ours.columns if column not in columns.POSITION]
     pd.testing.assert_frame_equal(ours[text], again[text])
-    a, b = (frame[table.POSITION].astype(float).to_numpy() for frame in (ours, again))
+    a, b = (frame[columns.POSITION].astype(float).to_numpy() for frame in (ours, again))
     np.testing.assert_allclose(a, b, rtol=0, atol=0.002)
 
 
@@ -145,7 +145,7 @@ def lost_points(run):
 
 def test_cleaning_finds_every_mistake_and_no_good_point(truth, runs):
     run = runs[IDENTIFICATION]
-    excluded = calibrating.calibrate(run, "irb1600", "nominal").excluded
+    excluded = outcome_of(run, "irb1600", "nominal").excluded
     reasons = {(item.pose, item.target): item.reason for item in excluded}
     mistakes = {(str(item["pose"]), item["target"]) for item in truth["mistakes_in_demo_identification"]}
     doubtful = {pose for pose, target in mistakes if target.startswith("ref")}
@@ -160,7 +160,7 @@ def test_cleaning_finds_every_mistake_and_no_good_point(truth, runs):
 
 
 def test_nothing_but_lost_points_is_left_out_of_the_verification(outcome, runs):
-    identification = calibrating.calibrate(runs[IDENTIFICATION], "irb1600", "nominal").excluded
+    identification = outcome_of(runs[IDENTIFICATION], "irb1600", "nominal").excluded
     left_out = [(item.pose, item.target) for item in outcome.excluded[len(identification) :]]
     assert set(left_out) == lost_points(runs[VERIFICATION])
 

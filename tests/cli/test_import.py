@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import MeasurementError
-from irbcal.measurement.imports import column_map
+from irbcal.measurement.imports import map_file
 
 ROW = "10,-20,30,0,45,90,1200.5,-35.25,640.75"
 
@@ -41,7 +41,9 @@ def test_a_file_goes_in_and_a_measurement_file_comes_out(source, tmp_path):
     assert [path.name for path in out.parent.iterdir()] == ["measured.csv"]
     seen = irbcal.read_measurements(out)
     assert np.allclose(seen.positions()[0], [1.2005, -0.03525, 0.64075], rtol=0, atol=1e-12)
-    assert np.allclose(np.degrees(seen.joints()), [[10, -20, 30, 0, 45, 90], [11, -20, 30, 0, 45, 90]])
+    assert np.allclose(
+        np.degrees(seen.joints()), [[10, -20, 30, 0, 45, 90], [11, -20, 30, 0, 45, 90]], rtol=0, atol=1e-12
+    )
 
 
 def test_dry_run_shows_rows_map_and_counts_and_writes_nothing(source, tmp_path):
@@ -64,7 +66,7 @@ def test_dry_run_shows_rows_map_and_counts_and_writes_nothing(source, tmp_path):
 def test_a_preset_is_printed_to_be_changed(source, tmp_path):
     done = run("--show-preset", "robodk")
     assert done.exit_code == 0
-    assert done.stdout == column_map.preset_text("robodk")
+    assert done.stdout == map_file.preset_text("robodk")
     mine = tmp_path / "mine.yaml"
     mine.write_text(done.stdout.replace("lengths: mm", "lengths: inch"))
     assert run(source, "--as", mine, "--out", tmp_path / "m.csv").exit_code == 0
@@ -102,4 +104,4 @@ def test_wrong_calls(source, tmp_path):
 
 def test_help_has_an_example_for_each_preset():
     done = run("--help")
-    assert all(f"--as {name}" in " ".join(done.stdout.split()) for name in column_map.presets())
+    assert all(f"--as {name}" in " ".join(done.stdout.split()) for name in map_file.presets())

@@ -9,17 +9,16 @@ import pandas as pd
 import pytest
 import trimesh
 from solids import hulls, link_frames, touches_itself
-from support import arm
+from support import arm, outcome_of
 from typer.testing import CliRunner
 
-from irbcal import calibrating
+from irbcal import save
 from irbcal.cell import simulation
 from irbcal.cli.main import app, main
 from irbcal.correction.languages import rapid
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.files import urdf_check
 from irbcal.files.atomic import write_together
-from irbcal.files.calibration_folder import save
 from irbcal.files.robots import robot_file
 from irbcal.measurement import table
 from irbcal.planning import conditions as plans
@@ -210,7 +209,7 @@ def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     write_together(tmp_path, simulation.files(run, asked, cell, tmp_path / "axis.csv", "irb1600"))
     found = {}
     for model in ("nominal", "26"):
-        save(calibrating.calibrate(tmp_path / "axis.csv", "irb1600", model=model, holdout=0), tmp_path / model)
+        save(outcome_of(tmp_path / "axis.csv", "irb1600", model=model, holdout=0), tmp_path / model)
         scene = measuring_plan.open_scene(tmp_path / model, without=plans.SOLID, heights=(0.7, 1.1))
         made = measuring_plan.make(scene, measuring_plan.Wish(axis=0, cube=60, all_range=60))
         pose, target, expected, _ = made.expected()
@@ -242,7 +241,7 @@ def test_refusals_name_conditions_and_counts_and_leave_nothing_behind(tmp_path, 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--robot", "nothing.urdf"), "does not exist; shipped robots are irb1600, irb120"),
+        (("--robot", "nothing.urdf"), "does not exist; robots by name are irb1600, irb120"),
         (("--targets", "smr1,smr77"), "unknown target 'smr77': expected a file, a number from 1 to 9 or names"),
         (("--level", "35"), "unknown model '35'"),
         (("--axis", "0", "--cube", "0", "--all-range", "0"), "the plan has no poses"),

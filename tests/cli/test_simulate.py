@@ -8,15 +8,15 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+from support import outcome_of
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal import calibrating
 from irbcal.cell.effects import NAMES
 from irbcal.cli import main
 from irbcal.errors import IrbcalError
 from irbcal.files import robots
-from irbcal.measurement import table
+from irbcal.measurement import columns, table
 
 
 def run(*arguments):
@@ -101,10 +101,10 @@ def test_same_call_same_bytes_another_seed_others(tmp_path):
 def test_round_trip_plan_simulate_calibrate_filter_simulate_verify(tmp_path):
     """With the corrected program the robot's targets come to lie where the uncorrected one wanted them."""
     run("--random", 100, "--robot", "irb1600", "--out", tmp_path / "measured.csv", "--seed", 1)
-    outcome = calibrating.calibrate(tmp_path / "measured.csv", "irb1600", "34")
+    outcome = outcome_of(tmp_path / "measured.csv", "irb1600", "34")
     irbcal.save(outcome, tmp_path / "cal")
     run("--random", 40, "--robot", "irb1600", "--out", tmp_path / "other.csv", "--seed", 2)
-    joints = pd.read_csv(tmp_path / "other.csv").drop_duplicates("pose")[["pose", *table.JOINTS]]
+    joints = pd.read_csv(tmp_path / "other.csv").drop_duplicates("pose")[["pose", *columns.JOINTS]]
     joints.to_csv(tmp_path / "plan.csv", index=False)
     paths = [str(tmp_path / name) for name in ("cal", "plan.csv", "corrected.csv")]
     call = ["filter", *paths[:2], "--out", paths[2], "--allow-partial"]
@@ -121,7 +121,7 @@ def test_round_trip_plan_simulate_calibrate_filter_simulate_verify(tmp_path):
     assert off["corrected"]["mean_mm"] < 0.3
     # the same from the truth: reached tips against nominal ones in the calibration's base, by another way
     saved = irbcal.load(tmp_path / "cal")
-    q = np.radians(joints[table.JOINTS].to_numpy())
+    q = np.radians(joints[columns.JOINTS].to_numpy())
     truth = json.loads((tmp_path / "corrected-reached.truth.json").read_text())
     reached = np.array(truth["poses"])[:, :3] / 1e3
     wanted = saved.arm(calibrated=False).forward(q)[:, :3, 3]
@@ -170,7 +170,7 @@ def test_effects_are_listed_without_a_robot():
 )
 def test_bad_plans_are_refused_and_nothing_is_written(tmp_path, text, sentence):
     path = tmp_path / "plan.csv"
-    path.write_text(text.replace("{joints}", ",".join(table.JOINTS)))
+    path.write_text(text.replace("{joints}", ",".join(columns.JOINTS)))
     found = refused(path, "--robot", "irb1600", "--out", tmp_path / "new" / "m.csv")
     assert str(path) in found
     assert sentence in found
@@ -203,7 +203,7 @@ def test_a_tracker_that_sees_nothing_is_refused(tmp_path, monkeypatch):
 
 
 def test_a_plan_with_hidden_targets_says_so(tmp_path):
-    rows = [",".join(table.JOINTS), *(f"{angle},0,0,0,0,0" for angle in (90, 120, 150))]
+    rows = [",".join(columns.JOINTS), *(f"{angle},0,0,0,0,0" for angle in (90, 120, 150))]
     (tmp_path / "plan.csv").write_text("\n".join(rows) + "\n")
     out = run(tmp_path / "plan.csv", "--robot", "irb1600", "--out", tmp_path / "m.csv", "--without", "lost")
     assert "Note: the tracker did not see" in " ".join(out.split())

@@ -14,8 +14,10 @@ from typer.testing import CliRunner
 
 from irbcal.cli import main
 from irbcal.errors import IrbcalError
-from irbcal.studies import repetition as study
-from irbcal.studies import runner as study_run
+from irbcal.studies import folder as study_folder
+from irbcal.studies import runner
+from irbcal.studies.settings import Settings
+from irbcal.studies.stage import Stage
 
 CALL = ("--procedures", "80,120", "--each", 1, "--points", 520, "--poses-curve", "none", "--method", "least-squares")
 TABLES = ("--only", "7.1", "--only", "7.13")
@@ -23,7 +25,7 @@ TABLES = ("--only", "7.1", "--only", "7.13")
 
 def run(*arguments):
     """Run the command in this process; returns what it printed on stdout."""
-    done = CliRunner().invoke(main.app, ["study", *map(str, arguments)], catch_exceptions=False)
+    done = CliRunner(env={"COLUMNS": "160"}).invoke(main.app, ["study", *map(str, arguments)], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.stdout
 
@@ -45,15 +47,15 @@ def contents(folder):
 def finished(tmp_path_factory):
     """A study of three calibrations, each run alone and without any process of its own."""
     folder = tmp_path_factory.mktemp("study") / "new" / "out"
-    settings = study.Settings((80, 120), 1, (), "34", "least-squares", 520, 0)
-    study_run.open_folder(settings, folder)
-    stage = study.Stage.of(settings)
-    for repetition in study_run.selected(settings, ["7.1", "7.13"]):
-        rows, series = study_run.part(stage, repetition)
+    settings = Settings((80, 120), 1, (), "34", "least-squares", 520, 0)
+    study_folder.open_folder(settings, folder)
+    stage = Stage.of(settings)
+    for repetition in runner.selected(settings, ["7.1", "7.13"]):
+        rows, series = runner.finished(stage, repetition)
         (folder / "parts").mkdir(exist_ok=True)
         (folder / "parts" / f"{repetition.name}.csv").write_bytes(rows)
         (folder / "parts" / f"{repetition.name}.npz").write_bytes(series)
-    study_run.write(settings, folder)
+    study_folder.write(settings, folder)
     return folder
 
 
@@ -111,7 +113,7 @@ def test_other_settings_and_strangers_in_the_folder_are_refused(finished, tmp_pa
     assert sentence.endswith("settings.json: this folder holds a study with seed 0, not 7: choose another folder")
     assert "method least-squares, not max" in refused("--out", finished, *CALL[:-1], "max")
     assert "procedures 80,120, not 80" in refused("--out", finished, "--procedures", 80, *CALL[2:])
-    monkeypatch.setattr(study_run, "_cell_digest", lambda settings: "another")
+    monkeypatch.setattr(study_folder, "_cell_digest", lambda settings: "another")
     assert "a study with another version of the virtual cell" in refused("--out", finished, *CALL)
     monkeypatch.undo()
     assert contents(finished) == before

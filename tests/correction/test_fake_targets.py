@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import arm, assert_same_poses, random_robot
+from support import arm, assert_same_poses, outcome_of, random_robot
 
-from irbcal import calibrating
 from irbcal.correction.fake_targets import correct_joints, correct_poses
 from irbcal.files import robots
 from irbcal.measurement.points import distances
@@ -55,6 +54,9 @@ def test_targets_out_of_reach_are_left_with_a_reason():
     assert "does not reach" in found.reason[1]
     assert 0 < found.shift[0] < 0.02
     assert np.isnan(found.shift[1])
+    assert found.told()[0].startswith("1 of 2 targets corrected")
+    assert "1 not corrected: the nominal robot does not reach it" in found.summary()
+    assert found.to_frame()["ok"].tolist() == [True, False]
     home = correct_joints(robot, nominal, np.zeros((1, 6)))
     assert not home.ok[0]
     assert home.reason[0], "the wrist singularity at zero joints: no small correction exists"
@@ -63,7 +65,7 @@ def test_targets_out_of_reach_are_left_with_a_reason():
 def test_the_simulated_true_robot_reaches_what_was_wanted_as_well_as_the_calibration_promised():
     """End to end on the demonstration's hidden robot, backlash and all: wanted against reached reflector positions."""
     script = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "make_demo_data"))
-    outcome = calibrating.calibrate(
+    outcome = outcome_of(
         robots.demo_file("demo_identification.csv"),
         "irb1600",
         "34",

@@ -3,12 +3,15 @@
 import numpy as np
 import pandas as pd
 import pytest
-from support import arm, assert_same_poses, random_robot
+from support import arm, assert_same_poses, measured, random_robot, write_measurements
 
-from irbcal.correction import program as programs
-from irbcal.correction.filter import configuration_of, filter_module, filter_table, quadrants, seeds_of
+import irbcal
+from irbcal.correction import notation
+from irbcal.correction import text_program as programs
+from irbcal.correction.configurations import configuration_of, seeds_of
+from irbcal.correction.filter import NotWritten, correct, filter_program, fingerprint_of
 from irbcal.correction.languages import rapid, table
-from irbcal.errors import ProgramError
+from irbcal.errors import CalibrationError, OptionError, ProgramError, RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
 
@@ -18,8 +21,8 @@ WOBJ = frames.from_xyz_angles([0.5, 0.0, 0.3, 0.0, 0.0, 0.2])
 
 
 def literal(T):
-    numbers = programs.numbers_from_poses(T[None])[0]
-    return ",".join(programs.number_text(v, 6) for v in numbers[:3]), ",".join(f"{v:.9f}" for v in numbers[3:])
+    numbers = notation.numbers_from_poses(T[None])[0]
+    return ",".join(notation.number_text(v, 6) for v in numbers[:3]), ",".join(f"{v:.9f}" for v in numbers[3:])
 
 
 def frame_text(T):
@@ -87,28 +90,23 @@ def test_the_controller_reads_the_configuration_data_as_meant(robots, module):
 def test_filtered_module_takes_the_calibrated_robot_to_the_wanted_poses(robots, module):
     nominal, robot = robots
     data, q = module
-    found = filter_module(robot, nominal, rapid.parse(data), "abc123", rapid.mark)
-    assert found.left == []
-    assert len(found.changes) == 60
+    found = filter_program(robot, nominal, rapid.parse(data), "abc123")
+    assert found.left == ()
+    assert len(found.to_frame()) == 60
     fake = rapid.parse(found.data)
     joints, from_poses = controller(nominal, fake)
     wanted = nominal.forward(q)
     # six decimals of a degree and of a millimetre, nine of a quaternion
     assert_same_poses(robot.poses(joints), wanted, 1e-7, 2e-7)
     assert_same_poses(robot.poses(from_poses), wanted, 1e-7, 2e-7)
-    assert 0.05 < found.changes["shift_mm"].mean() < 10
+    assert 0.05 < found.to_frame()["shift_mm"].mean() < 10
     changed = [
         a != b
         for a, b in zip(data.splitlines(), [x for x in found.data.splitlines() if b"irbcal" not in x], strict=True)
     ]
     assert sum(changed) == 60, "only the targets' lines changed"
     with pytest.raises(ProgramError, match="fake targets already for calibration abc123"):
-        filter_module(robot, nominal, fake, "abc123", rapid.mark)
-
-
-def test_quadrants_are_floors_of_ninety_degrees():
-    q = np.radians([[10, 0, 0, 90, 0, 180], [-10, 0, 0, -90.5, 0, 359], [0, 0, 0, 190, 0, -181]])
-    assert quadrants(q).tolist() == [[0, 1, 2], [-1, -2, 3], [0, 2, -3]]
+        filter_program(robot, nominal, fake, "abc123")
 
 
 def test_targets_that_cannot_be_corrected_are_left_as_they_were(robots):
@@ -118,12 +116,12 @@ def test_targets_that_cannot_be_corrected_are_left_as_they_were(robots):
         f"CONST robtarget far:=[[9000,0,0],[1,0,0,0],[0,0,0,0],{FAR}];\nPROC main()\nMoveAbsJ ok,v1,fine,tool0;\n"
         "MoveAbsJ straight,v1,fine,tool0;\nMoveJ far,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
     ).encode()
-    found = filter_module(robot, nominal, rapid.parse(data), "f", rapid.mark)
+    found = filter_program(robot, nominal, rapid.parse(data), "f")
     assert [(name, line) for name, line, _ in found.left] == [("straight", 3), ("far", 4)]
     assert "does not reach" in found.left[1][2]
     kept = found.data.decode().splitlines()
     assert f"CONST jointtarget straight:=[[0,0,0,0,0,0],{FAR}];" in kept
-    assert found.changes["target"].tolist() == ["ok"]
+    assert found.to_frame()["target"].tolist() == ["ok"]
 
 
 def test_tables_of_joints_and_poses(robots, tmp_path):
@@ -131,11 +129,156 @@ def test_tables_of_joints_and_poses(robots, tmp_path):
     q = well_inside(nominal, 200)
     columns = {f"q{i + 1}_deg": np.degrees(q[:, i]) for i in range(6)}
     pd.DataFrame({"speed": "v100", **columns}).to_csv(tmp_path / "j.csv", index=False)
-    found = filter_table(robot, nominal, table.read(tmp_path / "j.csv"), "f")
-    assert found.left == []
+    found = filter_program(robot, nominal, table.read(tmp_path / "j.csv"), "f")
+    assert found.left == ()
     (tmp_path / "f.csv").write_bytes(found.data)
     again = table.read(tmp_path / "f.csv")
     assert_same_poses(robot.poses(again.values), nominal.forward(q), 1e-7, 2e-7)
     assert (again.table["speed"] == "v100").all()
     with pytest.raises(ProgramError, match="fake targets already"):
-        filter_table(robot, nominal, again, "f")
+        filter_program(robot, nominal, again, "f")
+
+
+# --- the front door --------------------------------------------------------------------------------------
+
+JOB = f"""MODULE Job
+CONST jointtarget j1:=[[10,-14,14,0,30,0],{FAR}];
+CONST jointtarget straight:=[[0,0,0,0,0,0],{FAR}];
+PROC main()
+MoveAbsJ j1,v500,fine,tool0;
+{{more}}
+ENDPROC
+ENDMODULE
+"""
+
+
+@pytest.fixture(scope="module")
+def calibration(robots, tmp_path_factory):
+    nominal, truth = robots
+    folder = tmp_path_factory.mktemp("filter")
+    points = measured(truth, nominal.random_joints(60, 1), 5e-5, np.random.default_rng(3))
+    write_measurements(folder / "fit.csv", points)
+    irbcal.save(irbcal.calibrate(folder / "fit.csv", "irb1600", "34", holdout=10), folder / "cal")
+    return folder / "cal"
+
+
+@pytest.fixture
+def job(tmp_path):
+    path = tmp_path / "job.mod"
+    path.write_text(JOB.format(more=""))
+    return path
+
+
+def test_a_program_is_corrected_without_touching_files(calibration, job):
+    before = sorted(job.parent.iterdir())
+    record = irbcal.load(calibration)
+    found = correct(record, job)
+    assert sorted(job.parent.iterdir()) == before
+    assert found.written is None
+    assert found.fingerprint == record.fingerprint
+    assert found.complete
+    (fake,) = [target for target in rapid.parse(found.data).targets if target.name == "j1"]
+    wanted = record.arm(calibrated=False).forward(np.radians([[10, -14, 14, 0, 30, 0]]))
+    assert_same_poses(record.robot_calibrated().poses(fake.value[None]), wanted, 1e-7, 2e-7)
+    np.testing.assert_allclose(found.q[0], fake.value, rtol=0, atol=1e-8)
+    assert found.expected_error == pytest.approx(record.heldout.all.mean_mm * 1e-3)
+
+
+def test_files_are_written_when_asked(calibration, job, tmp_path):
+    found = correct(str(calibration), job, out=tmp_path / "new" / "job.mod", changes=tmp_path / "changes.csv")
+    assert found.written == tmp_path / "new" / "job.mod"
+    assert found.written.read_bytes() == found.data
+    seen = pd.read_csv(tmp_path / "changes.csv")
+    assert seen.columns.tolist() == found.to_frame().columns.tolist()
+    assert (seen["target"].tolist(), seen["line"].tolist()) == (["j1"], [2])
+    np.testing.assert_allclose(seen["shift_mm"], 1e3 * found.shift, rtol=0, atol=1e-6)
+
+
+def test_nothing_is_written_unless_all_is_corrected_or_a_part_is_allowed(calibration, job, tmp_path):
+    job.write_text(JOB.format(more="MoveAbsJ straight,v500,fine,tool0;\nMoveJ Offs(p,0,0,1),v500,fine,tool0;"))
+    out, changes = tmp_path / "new.mod", tmp_path / "changes.csv"
+    with pytest.raises(
+        NotWritten, match=r"job\.mod: nothing was written, because straight \(line 3\) and 1 more"
+    ) as caught:
+        correct(calibration, job, out=out, changes=changes)
+    assert not out.exists()
+    assert not changes.exists()
+    assert [item.target for item in caught.value.found.left] == ["straight", "MoveJ Offs(p,0,0,1)"]
+    assert correct(calibration, job).left == caught.value.found.left
+    found = correct(calibration, job, out=out, allow_partial=True)
+    assert out.read_bytes() == found.data
+    assert not found.complete
+    job.write_text(JOB.format(more="").replace("j1,v500", "straight,v500"))
+    with pytest.raises(NotWritten, match="no target could be corrected"):
+        correct(calibration, job, out=tmp_path / "none.mod", allow_partial=True)
+
+
+def test_frames_are_given_in_metres(calibration, job):
+    xyz, q = literal(
+        np.linalg.inv(WOBJ) @ irbcal.load(calibration).arm(False).forward([[0.1, 0, 0, 0, 0.5, 0]])[0] @ TOOL
+    )
+    job.write_text(JOB.format(more=rf"MoveL [[{xyz}],[{q}],[0,0,0,0],{FAR}],v1,z1,tGun\WObj:=wFix;"))
+    with pytest.raises(ProgramError, match="uses the tool tgun"):
+        correct(calibration, job)
+    found = correct(calibration, job, tool={"tGun": TOOL}, wobj={"WFIX": WOBJ.tolist()})
+    np.testing.assert_allclose(found.q_before[1], [0.1, 0, 0, 0, 0.5, 0], rtol=0, atol=1e-6)
+    for wrong in (np.eye(3), 2 * np.eye(4), np.full((4, 4), np.nan), "here", [[1, 2], [3]]):
+        with pytest.raises(OptionError, match="wobj: wFix: expected a rigid transform") as caught:
+            correct(calibration, job, tool={"tGun": TOOL}, wobj={"wFix": wrong})
+        assert caught.value.parameter == "wobj"
+
+
+def test_what_is_read_is_not_overwritten(calibration, job, tmp_path):
+    for name in ("out", "changes"):
+        with pytest.raises(CalibrationError, match="this is the file to read from"):
+            correct(calibration, job, **{name: job})
+    with pytest.raises(OptionError, match="changes: expected another file"):
+        correct(calibration, job, out=tmp_path / "a.csv", changes=tmp_path / "a.csv")
+
+
+def test_rapid_is_for_six_revolute_joints(job):
+    with pytest.raises(ProgramError, match=r"job\.mod: RAPID targets are of six revolute joints"):
+        rapid.read_for(seven_joints(), job, {}, {})
+
+
+def seven_joints():
+    """An arm that a RAPID target cannot hold."""
+
+    class Arm:
+        name, six_revolute = "seven", False
+
+    return Arm()
+
+
+@pytest.mark.parametrize("kind", ["rapid", "joints", "poses"])
+def test_the_fingerprint_is_found_in_what_was_filtered(calibration, job, tmp_path, kind):
+    record = irbcal.load(calibration)
+    if kind != "rapid":
+        job = tmp_path / "job.csv"
+        q = np.radians([[10, -14, 14, 0, 30, 0], [0, 0, 0, 0, 0, 0]])
+        poses = notation.numbers_from_poses(record.arm(calibrated=False).forward(q))
+        frame = pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)])
+        (frame if kind == "joints" else pd.DataFrame(poses, columns=table.POSE)).to_csv(job, index=False)
+    assert fingerprint_of(job) is None
+    new = tmp_path / f"new{job.suffix}"
+    correct(calibration, job, out=new, allow_partial=True)
+    assert fingerprint_of(new) == record.fingerprint
+    with pytest.raises(ProgramError, match=f"these are fake targets already for calibration {record.fingerprint}"):
+        correct(calibration, new)
+
+
+def test_fingerprints_of_other_marks_and_files(tmp_path):
+    (tmp_path / "old.mod").write_text("MODULE m\n! irbcal: fake targets\nENDMODULE\n")
+    assert fingerprint_of(tmp_path / "old.mod") == ""
+    with pytest.raises(ProgramError, match="there is no such file"):
+        fingerprint_of(tmp_path / "none.mod")
+
+
+def test_arms_without_a_closed_form_need_joints(robots, tmp_path):
+    nominal, robot = robots
+    skewed = nominal.with_table(robot.arm.table)
+    pd.DataFrame(notation.numbers_from_poses(skewed.forward(np.zeros((1, 6)))), columns=table.POSE).to_csv(
+        tmp_path / "p.csv", index=False
+    )
+    with pytest.raises(RobotError, match="has no closed-form inverse"):
+        filter_program(robot, skewed, table.read(tmp_path / "p.csv"), "f")

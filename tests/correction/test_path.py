@@ -1,12 +1,12 @@
-"""Lines and circles against closed forms, and joint reversals against known curves."""
+"""Lines and circles against closed forms."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import arm, random_robot, random_rotation
+from support import random_rotation
 
-from irbcal.correction.path import Circle, Line, distance_to_path, joint_history, reversals, subdivide
+from irbcal.correction.path import Circle, Line, distance_to_path
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 
@@ -51,86 +51,3 @@ def test_distances_from_paths():
     assert distance_to_path(half, [[0, 2, 0], [0, 1, 3], [0.5, -2, 0]]) == pytest.approx([1.0, 3.0, np.hypot(0.5, 2)])
     whole = Circle.full(pose([1, 0, 0]), [0, 0, 0], [0, 0, 1])
     assert distance_to_path(whole, [[0, -1.5, 0]]) == pytest.approx([0.5])
-
-
-def test_reversals_of_known_curves():
-    s = np.linspace(0, 1, 361)
-    q = np.zeros((361, 6))
-    q[:, 0] = 0.5 * np.sin(2 * np.pi * s)
-    q[:, 3] = -0.2 * np.cos(2 * np.pi * (s - 0.1))
-    q[:, 4] = s  # never turns back
-    q[:, 5] = 1e-6 * np.sin(9 * s)  # does not really move
-    found = [(r.joint, r.kind) for r in reversals(q, s)]
-    assert found == [(4, "min"), (1, "max"), (4, "max"), (1, "min")]
-    places = [r.s for r in reversals(q, s)]
-    assert np.abs(np.array(places) - [0.1, 0.25, 0.6, 0.75]).max() < 1e-5
-    assert np.abs(np.array([r.angle for r in reversals(q, s)]) - [-0.2, 0.5, 0.2, -0.5]).max() < 1e-6
-
-
-# --- subdivision -----------------------------------------------------------------------------------------
-
-
-def small_circle(nominal):
-    """The circle of annex VI, first test: radius 300 mm about a point in front of the robot, horizontal."""
-    seed = np.radians([-3.984, 5.733483, 4.519, -0.017, 79.885, -273.988])
-    T = nominal.forward(seed[None])[0]
-    start = T.copy()
-    start[0, 3] += 0.15
-    return Circle.full(start, T[:3, 3], [0, 0, 1]), seed
-
-
-def test_joint_history_follows_the_path_without_jumps():
-    nominal = arm()
-    circle, seed = small_circle(nominal)
-    s = np.linspace(0, 1, 721)
-    q = joint_history(circle, nominal, seed, s)
-    assert np.abs(np.diff(q, axis=0)).max() < 0.02
-    assert np.abs(nominal.forward(q) - circle.poses(s)).max() < 1e-12
-    assert np.abs(q[-1] - q[0]).max() < 1e-9
-    turned = reversals(q, s)
-    assert {r.joint for r in turned} >= {1, 2, 3, 5}
-    for r in turned:
-        # at a reversal the joint's speed along the path is zero (the speed elsewhere is of the order of one)
-        h = 1e-4
-        ends = joint_history(circle, nominal, seed, np.array([r.s - h, r.s + h]) % 1.0)[:, r.joint - 1]
-        assert abs(ends[1] - ends[0]) / (2 * h) < 2e-3
-
-
-@pytest.mark.parametrize("kind", ["line", "circle"])
-def test_more_moves_keep_the_true_path_closer(kind):
-    nominal = arm()
-    robot = random_robot(nominal, "34", np.random.default_rng(4), size=0.2)
-    path, seed = small_circle(nominal)
-    if kind == "line":
-        path = Line(path.poses([0.0])[0], path.poses([0.4])[0])
-    whole = subdivide(path, robot, nominal, seed, tolerance=1e-5)
-    assert whole.deviation <= 1e-5 < whole.uncut
-    moves = (len(whole.s) - 1) // (2 if kind == "circle" else 1)
-    fewer = subdivide(path, robot, nominal, seed, length=1.0001 * path.length / (moves - 1))
-    assert fewer.deviation > 1e-5, "the fewest moves that keep the tolerance were taken"
-    assert whole.corrected.ok.all()
-    by_length = subdivide(path, robot, nominal, seed, length=0.03)
-    assert len(by_length.s) - 1 == (2 if kind == "circle" else 1) * int(np.ceil(path.length / 0.03))
-
-
-def test_a_whole_circle_takes_two_moves_at_least():
-    nominal = arm()
-    robot = random_robot(nominal, "34", np.random.default_rng(4), size=0.2)
-    path, seed = small_circle(nominal)
-    coarse = subdivide(path, robot, nominal, seed, length=10.0)
-    assert len(coarse.s) == 5
-    # halves of the circle keep near it: an arc through a wrong point would leave by its diameter
-    assert coarse.deviation == coarse.uncut < 5e-4
-
-
-def test_impossible_wishes_are_refused():
-    nominal = arm()
-    robot = random_robot(nominal, "34", np.random.default_rng(4), size=0.2)
-    path, seed = small_circle(nominal)
-    with pytest.raises(RobotError, match="by a tolerance or by a length"):
-        subdivide(path, robot, nominal, seed)
-    with pytest.raises(RobotError, match="takes more than 8 moves"):
-        subdivide(path, robot, nominal, seed, tolerance=1e-12, most=8)
-    far = Line(path.T_start, frames.transform(path.T_start[:3, :3], [4.0, 0, 1]))
-    with pytest.raises(RobotError, match="does not reach point"):
-        subdivide(far, robot, nominal, seed, length=0.1)

@@ -120,21 +120,6 @@ def test_writing_changes_joint_origins_only():
         assert text in written
 
 
-def test_nominal_arm_is_written_back_byte_for_byte_for_shipped_files():
-    for name in robots.ROBOTS:
-        found = urdf.read(name)
-        original = robots.robot_file(name).read_bytes()
-        assert urdf.to_bytes(found, found.arm).split(b"\n", 1)[1].strip() == original.split(b"\n", 1)[1].strip()
-
-
-def test_numbers_carry_seventeen_digits():
-    found = urdf.read("irb1600")
-    robot = perturbed(found, 7)
-    text = urdf.to_bytes(found, robot)
-    xyz = etree.fromstring(text).find("joint[@name='joint_3']/origin").get("xyz").split()
-    assert max(len(v.lstrip("-0.").replace(".", "")) for v in xyz) >= 16
-
-
 def test_measuring_frame_and_targets_as_links():
     import pinocchio as pin
 
@@ -193,18 +178,13 @@ def test_refusals_say_what_was_found(data, expected):
 
 
 def test_unknown_robot_lists_the_shipped_ones(tmp_path):
-    with pytest.raises(RobotError, match="'irb9' does not exist; shipped robots are irb1600, irb120"):
+    with pytest.raises(RobotError, match="'irb9' does not exist; robots by name are irb1600, irb120"):
         urdf.read("irb9")
 
 
 def test_unknown_link_is_named():
     with pytest.raises(RobotError, match="there is no link 'tcp1'"):
         urdf.from_bytes(RICH, "rich", tip="tcp1")
-
-
-def test_a_huge_file_is_refused():
-    with pytest.raises(RobotError, match="too large for a URDF"):
-        urdf.from_bytes(b" " * 20_000_001 + b"x", "big")
 
 
 @settings(max_examples=300, deadline=None)

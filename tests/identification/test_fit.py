@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
-from irbcal.errors import IdentificationError, RobotError
+from irbcal.errors import IdentificationError, OptionError, RobotError
 from irbcal.identification.fit import identify
-from irbcal.identification.outliers import find_gross_errors
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.parameters import THESIS_LEVELS
@@ -48,28 +47,6 @@ def test_known_parameters_come_out_of_noisy_data():
             checked += 1
     # delta_theta6 and delta_d6 shift into the tool: the parameters that they are tied to absorb them
     assert checked >= 22
-
-
-def test_unobservable_combinations_are_named_and_never_run_away():
-    nominal = arm()
-    rng = np.random.default_rng(23)
-    truth = random_robot(nominal, "34", rng)
-    fit = identify(nominal, measured(truth, nominal.random_joints(150, 1), 3e-4, rng), "34")
-    rows = {row.name: row for row in fit.parameters()}
-    assert rows["delta_d2"].state == rows["delta_d3"].state == "tied"
-    assert abs(rows["delta_d2"].value) < 2
-    assert abs(rows["delta_d3"].value) < 2
-    for name in ("delta_theta6", "delta_d6"):
-        assert rows[name].state == "held"
-        assert abs(rows[name].value) < 1e-9
-        assert "targets" in rows[name].reason
-    for name in ("stiffness_L_G1", "stiffness_m"):
-        assert rows[name].state == "held"
-        assert "stiffness_A and stiffness_B" in rows[name].reason
-    assert any("delta_d3" in sentence and "delta_d2" in sentence for sentence in fit.held())
-    assert fit.parameter_count == 43
-    assert fit.rank == 38
-    assert all(row.std is None for row in rows.values() if row.state != "identified")
 
 
 def test_with_one_target_on_axis_6_more_is_held_not_guessed():
@@ -126,7 +103,7 @@ def test_too_few_equations_are_counted():
 
 
 def test_unknown_level_lists_the_levels():
-    with pytest.raises(IdentificationError, match="nominal, 11, 16, 26, 34"):
+    with pytest.raises(OptionError, match=r"level: expected nominal, 11, 16, 26, 34, .* found '35'"):
         identify(arm(), measured(random_robot(arm(), "11", np.random.default_rng(0)), np.ones((4, 6))), "35")
 
 
@@ -137,16 +114,3 @@ def test_stiffness_of_an_arm_that_gravity_loads_otherwise_is_refused():
     tilted = dataclasses.replace(nominal, T_base_0=frames.transform(frames.rot_x(0.3)))
     with pytest.raises(RobotError, match="axes 2 and 3 horizontal and pointing the same way"):
         identify(tilted, points, "34")
-
-
-def test_gross_errors_are_found_and_good_points_kept():
-    nominal = arm()
-    rng = np.random.default_rng(28)
-    truth = random_robot(nominal, "34", rng)
-    points = measured(truth, nominal.random_joints(60, 1), 3e-5, rng)
-    xyz = points.xyz.copy()
-    wrong = [3, 40, 41, 99, 150]
-    xyz[wrong] += rng.uniform(0.02, 0.5, (5, 3))
-    keep, distance = find_gross_errors(nominal, dataclasses.replace(points, xyz=xyz))
-    assert np.flatnonzero(~keep).tolist() == wrong
-    assert distance[wrong].min() > 0.015

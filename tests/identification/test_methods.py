@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
-from irbcal.errors import IdentificationError
+from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification.methods import identify_by
 from irbcal.measurement.points import distances
 
@@ -51,10 +51,10 @@ def test_objectives_reach_what_they_promise(data):
         assert course["check_max_mm"].iloc[-1] == pytest.approx(largest(fit, check) * 1e3, rel=1e-4)
 
 
-def test_axes_method_is_exact_without_noise_and_lists_its_parameters():
+def test_circles_method_is_exact_without_noise_and_lists_its_parameters():
     nominal, points, check = axis_moves_and_more(np.random.default_rng(2))
-    fit = identify_by(nominal, points, "26", method="axes")
-    assert fit.method == "axes"
+    fit = identify_by(nominal, points, "26", method="circles")
+    assert fit.method == "circles"
     assert largest(fit, check) < 1e-9
     rows = {row.name: row for row in fit.parameters()}
     assert "delta_alpha4" in rows
@@ -62,10 +62,10 @@ def test_axes_method_is_exact_without_noise_and_lists_its_parameters():
     assert fit.problem.points.poses == 42, "only the one-joint moves were used"
 
 
-def test_axes_method_says_what_it_needs(data):
+def test_circles_method_says_what_it_needs(data):
     nominal, _, check = data
     with pytest.raises(IdentificationError, match=r"one-joint moves in the groups axis1 \.\.\. axis6; found check"):
-        identify_by(nominal, check, "26", method="axes")
+        identify_by(nominal, check, "26", method="circles")
 
 
 def test_nelder_mead_starts_from_the_axes_and_stays_above_the_certified_minimum(data):
@@ -93,13 +93,24 @@ def test_robust_losses_shrug_off_gross_errors(data):
 @pytest.mark.parametrize(
     ("options", "expected"),
     [
-        ({"method": "magic"}, "unknown method 'magic': choose one of least-squares, axes, nelder-mead"),
-        ({"objective": "mean"}, "unknown objective 'mean'"),
-        ({"loss": "l2"}, "unknown loss 'l2'"),
+        ({"method": "magic"}, "method: expected least-squares, circles or nelder-mead, found 'magic'"),
+        ({"objective": "mean"}, "objective: expected rms, max or pnorm, found 'mean'"),
+        ({"loss": "l2"}, "loss: expected linear, soft_l1 or huber, found 'l2'"),
+        ({"level": "27"}, "level: expected nominal, 11, 16, 26, 34, 34b, offsets or placement, found '27'"),
         ({"objective": "max", "loss": "huber"}, "loss huber goes with objective rms, not with max"),
-        ({"method": "axes", "objective": "pnorm"}, "method axes has its own objective"),
+        ({"method": "circles", "objective": "pnorm"}, "method circles has its own objective"),
+        ({"method": "axes", "objective": "pnorm"}, "method circles has its own objective"),
+        ({"method": "circles", "parameters": ()}, "method circles takes all link geometry from the axes"),
     ],
 )
-def test_options_that_contradict_are_refused(data, options, expected):
-    with pytest.raises(IdentificationError, match=expected):
-        identify_by(*data[:2], "26", **options)
+def test_options_that_do_not_exist_or_contradict_are_refused(data, options, expected):
+    with pytest.raises(OptionError, match=expected) as caught:
+        identify_by(*data[:2], **{"level": "26", **options})
+    assert caught.value.parameter in options
+
+
+def test_the_first_name_of_the_circles_still_works(data):
+    nominal, points, _ = data
+    old, new = (identify_by(nominal, points, "26", method=name) for name in ("axes", "circles"))
+    assert old.method == new.method == "circles"
+    assert old.rms == new.rms

@@ -6,7 +6,6 @@ from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError
 from irbcal.identification.fit import identify
-from irbcal.identification.selection import choose_level
 from irbcal.modeling.parameters import selected_parameters
 
 
@@ -114,18 +113,3 @@ def test_level_34b_finds_the_tilt_between_parallel_axes():
     assert rows["delta_d2"].state == "identified"
     q = nominal.random_joints(200, 2)
     assert np.abs(fit.robot.points(q, "smr1") - truth.points(q, "smr1")).max() < 1e-9
-
-
-def test_the_level_is_chosen_by_what_the_data_support():
-    nominal = arm()
-    rng = np.random.default_rng(9)
-    for level in ("nominal", "11", "34"):
-        truth = random_robot(nominal, level, rng, size=0.3)
-        choice = choose_level(nominal, measured(truth, nominal.random_joints(60, 1), 5e-5, rng))
-        assert choice.level == level
-        assert [row.level for row in choice.table] == ["nominal", "11", "16", "26", "34", "34b", "placement"]
-        for row in choice.table[1:]:
-            assert row.chosen == (row.gain_mm > row.gain_std_mm)
-        assert choice.explanation.count(". ") == 1
-    short = choose_level(nominal, measured(truth, nominal.random_joints(10, 1), 5e-5, rng))
-    assert any("unknowns of level 34" in row.refused for row in short.table) or short.table[-1].mean_mm is not None

@@ -1,9 +1,14 @@
 """The reader: what it takes, and the one sentence for everything that it does not."""
 
+import pickle
+from dataclasses import FrozenInstanceError, replace
+
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support import arm
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
@@ -107,13 +112,6 @@ def test_not_a_file_and_not_text(tmp_path):
     assert "row 3: expected UTF-8 text" in refused(path)
 
 
-def test_joint_files(tmp_path):
-    path = write(tmp_path, "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg", "a,0,0,0,0,0,180")
-    assert np.abs(table.read_joints(path) - [[0, 0, 0, 0, 0, np.pi]]).max() < 1e-15
-    with pytest.raises(MeasurementError, match="missing column q6_deg"):
-        table.read_joints(write(tmp_path, "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg", "1,2,3,4,5", name="f.csv"))
-
-
 @settings(max_examples=300, deadline=None)
 @given(st.binary(max_size=300))
 def test_any_bytes_are_read_or_refused_in_one_sentence(tmp_path_factory, data):
@@ -169,3 +167,117 @@ def test_orientations_and_uncertainties(tmp_path):
         write(tmp_path, header, ROW + ",2,0,0,0,")
     )
     assert "found 1, nan, 0, 0" in refused(write(tmp_path, header, ROW + ",1,,0,0,"))
+
+
+# ---------------------------------------------------------------- from DataFrames
+
+
+LINES = [
+    HEADER + ",group,qw,qx,qy,qz,u95_mm,simulated",
+    ROW + ",iso,1,0,0,0,0.02,yes",
+    "1,10,20,30,40,50,60,ref1,,,,iso,,,,,,yes",
+    "P2,-11.125,20,30,40,50,60,smr1,0.1,-7.25e2,300,,0.6,0,0.8,0,,yes",
+]
+
+
+def test_a_data_frame_reads_as_its_file(tmp_path):
+    path = write(tmp_path, *LINES)
+    frame = pd.read_csv(path)
+    before = frame.copy()
+    from_file, seen = table.read(path), table.read(frame.sample(frac=1, random_state=0).sort_index())
+    assert seen.source == "<DataFrame>"
+    assert seen.table.drop(columns="row").equals(from_file.table.drop(columns="row"))
+    assert seen.table["row"].tolist() == [1, 2, 3], "positions plus one"
+    assert seen.simulated
+    assert frame.equals(before)
+    assert seen.sha256 == table.read(frame).sha256
+    frame.loc[0, "x_mm"] += 1e-9
+    assert table.read(frame).sha256 != seen.sha256
+
+
+def test_what_was_read_is_taken_as_it_is(tmp_path):
+    seen = table.read(write(tmp_path, *LINES))
+    assert table.read(seen) is seen
+    again = table.read(seen.to_frame())
+    assert again.to_frame().equals(seen.to_frame())
+    assert list(seen.to_frame().columns)[:11] == HEADER.split(",")
+    assert table.read(seen.table).to_frame().equals(seen.to_frame())
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "expected"),
+    [
+        ("q3_deg", "x", "<DataFrame>: row 3, column q3_deg: expected a joint angle in degrees, found 'x'"),
+        ("q3_deg", np.nan, "<DataFrame>: row 3, column q3_deg: expected a joint angle in degrees, found nothing"),
+        ("q3_deg", 1e5, "<DataFrame>: row 3, column q3_deg: expected a joint angle in degrees, found 100000"),
+        ("target", None, "<DataFrame>: row 3, column target: expected a name, found nothing"),
+        ("qw", 0.7, "<DataFrame>: row 3, columns qw, qx, qy, qz: expected a unit quaternion or nothing, found 0.7, 0, 0.8, 0"),
+        ("u95_mm", -1, "<DataFrame>: row 3, column u95_mm: expected an uncertainty above zero in mm or nothing, found -1"),
+        ("pose", 1, "<DataFrame>: row 3, column q1_deg: expected the joints of pose 1 as in row 1, found -11.125"),
+    ],
+)  # fmt: skip
+def test_refusals_of_a_data_frame_name_row_and_column(tmp_path, column, value, expected):
+    frame = pd.read_csv(write(tmp_path, *LINES)).astype(object)
+    frame.index = [5, 6, 7]
+    frame.loc[7, column] = value
+    with pytest.raises(MeasurementError) as caught:
+        table.read(frame)
+    assert str(caught.value) == expected
+    assert caught.value.row == 3
+
+
+def test_a_data_frame_without_a_column_and_what_is_no_table(tmp_path):
+    frame = pd.read_csv(write(tmp_path, *LINES))
+    with pytest.raises(MeasurementError) as caught:
+        table.read(frame.drop(columns="q3_deg"))
+    assert str(caught.value).startswith("<DataFrame>: missing column q3_deg; found pose, q1_deg")
+    with pytest.raises(TypeError):
+        table.read(np.zeros((3, 3)))
+
+
+def test_an_arm_with_other_joints_is_refused(tmp_path):
+    seen = table.read(write(tmp_path, HEADER.replace(",q6_deg", ""), "1,1,2,3,4,5,smr1,1,2,3"))
+    with pytest.raises(MeasurementError, match=r"row 1: missing column q6_deg: .* has 6 joints between") as caught:
+        seen.check_joints(arm())
+    assert (caught.value.file, caught.value.row) == (seen.source, 1)
+
+
+# ---------------------------------------------------------------- as a result
+
+
+def test_nobody_can_change_measurements(tmp_path):
+    frame = pd.read_csv(write(tmp_path, *LINES))
+    seen = table.read(frame)
+    before = seen.table
+    xyz, q = seen.positions().copy(), seen.joints().copy()
+    frame["x_mm"] = 7.0
+    for own in (seen.table, seen.to_frame()):
+        for column in own.columns:
+            own[column] = 0
+            own.loc[:, column] = 0
+    for array in (seen.positions(), seen.joints(), seen.rotations(), seen.uncertainties(), seen.is_reference()):
+        if array.flags.writeable:
+            array[:] = 0
+    with pytest.raises(FrozenInstanceError):
+        seen.table = frame
+    assert seen.table.equals(before)
+    assert np.array_equal(seen.positions(), xyz, equal_nan=True)
+    assert np.array_equal(seen.joints(), q)
+    other = replace(seen, table=before.assign(pose="x"))
+    assert set(other.table["pose"]) == {"x"}
+    assert seen.table.equals(before)
+
+
+def test_measurements_travel_and_speak(tmp_path):
+    seen = table.read(write(tmp_path, *LINES))
+    again = pickle.loads(pickle.dumps(seen))
+    assert again.table.equals(seen.table)
+    assert (again.source, again.sha256) == (seen.source, seen.sha256)
+    assert repr(seen) == f"<MeasurementSet: {seen.source}: 3 rows, 2 poses, 1 lost points, SIMULATED>"
+    targets, groups = seen.told()[1:]
+    assert targets.rows == (("ref1", "reference", 1, 1), ("smr1", "tool", 2, 0))
+    assert groups.rows == (("iso", 1), ("", 1))
+    assert "SIMULATED" in seen.summary()
+    assert "<table>" in seen._repr_html_()
+    with pytest.raises(AttributeError, match="no attribute 'tabel'"):
+        _ = seen.tabel

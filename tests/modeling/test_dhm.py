@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import arm, assert_same_poses
+from support import arm, assert_derivative, assert_same_poses
 
 from irbcal.modeling import dhm, frames
 
@@ -73,6 +73,43 @@ def test_step_of_a_row_is_the_chain_of_elementary_motions():
     assert_same_poses(dhm.forward(table, [[0.7]])[0], expected, 1e-15, 1e-15)
 
 
+def test_axes_of_the_chain_are_the_derivatives_of_the_tip():
+    """What each number of the table moves: along or about the axes and points that `chain_frames` gives."""
+    rng = np.random.default_rng(7)
+    n = 5
+    T_base_0 = frames.from_xyz_angles(rng.uniform(-1, 1, 6))
+    T_last_tip = frames.from_xyz_angles(rng.uniform(-1, 1, 6))
+    columns = rng.uniform(-1, 1, (6, n))
+    slides = np.array([False, True, False, False, True])
+
+    def tip(values):
+        table = dhm.DHMTable(*values.reshape(6, n), prismatic=slides)
+        return dhm.forward(table, np.zeros((1, n)), T_base_0, T_last_tip)[0, :3]
+
+    table = dhm.DHMTable(*columns, prismatic=slides)
+    chain = dhm.chain_frames(table, table.offsets[:, None], T_base_0, T_last_tip)
+    axes, o = np.moveaxis(chain.tip[:, :, 0], 0, -1), chain.tip[3, :, 0]
+
+    def turned(axis, point):
+        return np.column_stack([np.cross(axis, axes[:, :3], axisb=0, axisc=0), np.cross(axis, o - point)])
+
+    def shifted(axis):
+        return np.column_stack([np.zeros((3, 3)), axis])
+
+    derivative = np.empty((6, n, 3, 4))
+    for i in range(n):
+        x, o_x, z, o_z, y, o_y = (getattr(chain, name)[i, :, 0] for name in CHAIN)
+        moved = (turned(x, o_x), shifted(x), turned(z, o_z), shifted(z), turned(y, o_y), shifted(y))
+        for k in range(6):
+            derivative[k, i] = moved[k]
+    assert_derivative(tip, columns.ravel(), derivative.reshape(6 * n, 12).T, 1e-10)
+    with pytest.raises(ValueError, match="read-only"):
+        chain.z[0] = 0.0
+
+
+CHAIN = ("x_before", "o_before", "z", "o", "y_tilt", "o_tilt")
+
+
 def test_tables_are_locked_copies():
     column = np.zeros(6)
     table = dhm.DHMTable(column, column, column, column)
@@ -80,6 +117,8 @@ def test_tables_are_locked_copies():
     assert table.a[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         table.a[0] = 1.0
+    with pytest.raises(ValueError, match=r"DHM column d has shape \(5,\)"):
+        dhm.DHMTable(column, column, column, column[:5])
 
 
 # --- facts of the thesis -------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from support import assert_same_poses, random_rotation
@@ -11,6 +11,79 @@ from support import assert_same_poses, random_rotation
 from irbcal.modeling import frames
 
 ANGLE = st.floats(-np.pi, np.pi)
+METRES = st.floats(-50.0, 50.0)
+TRANSFORM = st.tuples(METRES, METRES, METRES, ANGLE, ANGLE, ANGLE).map(frames.from_xyz_angles)
+NUMBER = st.floats(-1.0, 1.0).map(lambda x: 0.0 if abs(x) < 1e-3 else x)  # zeros and signs, no underflow
+QUATERNION = st.tuples(NUMBER, NUMBER, NUMBER, NUMBER).filter(any)
+
+
+@given(TRANSFORM, TRANSFORM, TRANSFORM)
+def test_transforms_are_a_group(T_a_b, T_b_c, T_c_d):
+    one = np.eye(4)
+    assert_same_poses((T_a_b @ T_b_c) @ T_c_d, T_a_b @ (T_b_c @ T_c_d), 1e-13, 4e-15)
+    assert_same_poses(T_a_b @ one, T_a_b, 0.0, 0.0)
+    assert_same_poses(one @ T_a_b, T_a_b, 0.0, 0.0)
+    for product in (T_a_b @ frames.inverse(T_a_b), frames.inverse(T_a_b) @ T_a_b):
+        assert_same_poses(product, one, 1e-13, 4e-15)
+    assert_same_poses(frames.inverse(T_a_b @ T_b_c), frames.inverse(T_b_c) @ frames.inverse(T_a_b), 1e-13, 4e-15)
+    closed = T_a_b @ T_b_c  # a rigid transform again
+    assert np.abs(closed[:3, :3].T @ closed[:3, :3] - np.eye(3)).max() < 4e-15
+    assert np.linalg.det(closed[:3, :3]) > 0
+    assert closed[3].tolist() == [0.0, 0.0, 0.0, 1.0]
+
+
+@given(TRANSFORM, TRANSFORM, st.lists(st.tuples(METRES, METRES, METRES), min_size=1, max_size=5))
+def test_subscripts_cancel_for_points_too(T_a_b, T_b_c, points):
+    points = np.array(points)
+    one_by_one = frames.apply(T_a_b, frames.apply(T_b_c, points))
+    np.testing.assert_allclose(frames.apply(T_a_b @ T_b_c, points), one_by_one, rtol=0, atol=2e-13)
+
+
+@given(QUATERNION)
+@example((0.0, 0.0, 0.0, -1.0))
+@example((0.0, -1.0, 1.0, 0.0))
+@example((-1.0, 0.0, 0.0, 0.0))
+def test_quaternions_are_those_of_scipy_with_the_scalar_first(q):
+    w, x, y, z = q
+    expected = Rotation.from_quat([x, y, z, w])
+    R = frames.matrix_from_quaternion(q)
+    np.testing.assert_allclose(R, expected.as_matrix(), rtol=0, atol=1e-15)
+    back = frames.quaternion_from_matrix(R)
+    np.testing.assert_allclose(back, np.roll(expected.as_quat(canonical=True), 1), rtol=0, atol=4e-16)
+    assert abs(np.linalg.norm(back) - 1.0) < 4e-16
+    assert next(value for value in back if value) > 0
+    assert not np.signbit(back[back == 0.0]).any()
+
+
+@given(ANGLE, ANGLE, ANGLE)
+def test_a_rotation_comes_back_from_its_quaternion(alpha, beta, gamma):
+    R = frames.from_xyz_angles([0.0, 0.0, 0.0, alpha, beta, gamma])[:3, :3]
+    again = frames.matrix_from_quaternion(frames.quaternion_from_matrix(R))
+    assert frames.rotation_distance(again, R) < 4e-15
+
+
+def test_quaternions_come_in_batches_and_nan_stays_nan():
+    rng = np.random.default_rng(5)
+    R = np.array([[random_rotation(rng) for _ in range(3)] for _ in range(4)])
+    q = frames.quaternion_from_matrix(R)
+    assert q.shape == (4, 3, 4)
+    assert q[2, 1].tolist() == frames.quaternion_from_matrix(R[2, 1]).tolist()
+    assert frames.matrix_from_quaternion(q).shape == (4, 3, 3, 3)
+    holed_R, holed_q = R[0].copy(), q[0].copy()
+    holed_R[1, 2, 0], holed_q[1, 3] = np.nan, np.inf
+    for found, whole in (
+        (frames.quaternion_from_matrix(holed_R), q[0]),
+        (frames.matrix_from_quaternion(holed_q), frames.matrix_from_quaternion(q[0])),
+    ):
+        assert np.isnan(found[1]).all()
+        assert found[[0, 2]].tolist() == whole[[0, 2]].tolist()
+    assert frames.quaternion_from_matrix(np.empty((0, 3, 3))).shape == (0, 4)
+    assert frames.matrix_from_quaternion(np.empty((0, 4))).shape == (0, 3, 3)
+
+
+def test_a_quaternion_of_length_zero_is_refused():
+    with pytest.raises(ValueError, match="length zero"):
+        frames.matrix_from_quaternion([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]])
 
 
 @given(ANGLE, ANGLE, ANGLE)

@@ -1,12 +1,13 @@
 """The joint map against hand calculation, central differences and the printed stiffness equations."""
 
 import json
+import pickle
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import arm, central_differences
+from support import assert_derivative
 
 from irbcal.errors import RobotError
 from irbcal.modeling.joint_map import JointMap, Stiffness
@@ -76,8 +77,7 @@ def test_forearm_term_alone_has_no_physical_reading():
 
 def test_jacobian_agrees_with_central_differences():
     for q in np.random.default_rng(0).uniform(-6, 6, (20, 6)):
-        numeric = central_differences(lambda x: MAP.effective(x[None])[0], q, 1e-3)
-        assert np.abs(MAP.jacobian(q[None])[0] - numeric).max() < 1e-11
+        assert_derivative(lambda x: MAP.effective(x[None])[0], q, MAP.jacobian(q[None])[0], 1e-11)
 
 
 def test_jacobian_derivative_agrees_with_central_differences():
@@ -85,10 +85,9 @@ def test_jacobian_derivative_agrees_with_central_differences():
     for q, dq in zip(rng.uniform(-6, 6, (20, 6)), rng.uniform(-3, 3, (20, 6)), strict=True):
 
         def along(t, q=q, dq=dq):
-            return MAP.jacobian((q + t[0] * dq)[None])[0].ravel()
+            return MAP.jacobian((q + t[0] * dq)[None])[0]
 
-        numeric = central_differences(along, [0.0], 1e-3)[:, 0].reshape(6, 6)
-        assert np.abs(MAP.jacobian_derivative(q[None], dq[None])[0] - numeric).max() < 1e-11
+        assert_derivative(along, [0.0], MAP.jacobian_derivative(q[None], dq[None])[0], 1e-11)
     assert not JointMap().jacobian_derivative(np.ones((2, 7)), np.ones((2, 7))).any()
 
 
@@ -205,16 +204,25 @@ def test_a_map_that_folds_back_is_refused():
         JointMap(gain=[0, 0, 0, 0, 0, -1.0]).commanded(np.ones((2, 6)))
 
 
+def test_what_a_map_says_of_itself():
+    assert repr(JointMap()) == "<JointMap: no joint map (commanded joints are the effective ones)>"
+    assert repr(JointMap(stiffness=[2e-3, 1e-3])) == "<JointMap: joint map with stiffness A, B 2 1 mrad>"
+    assert "gains 1 -2 0.5 0 0.1 -0.3 per mille" in repr(MAP)
+    assert len(repr(JointMap(gain=np.full(500, 1e-3)))) < 300
+
+
+def test_a_map_cannot_be_changed_and_can_be_pickled():
+    gain = np.full(6, 1e-3)
+    joint_map = JointMap(gain=gain)
+    gain[0] = 1.0
+    assert joint_map.gain[0] == 1e-3
+    with pytest.raises(ValueError, match="read-only"):
+        joint_map.gain[0] = 1.0
+    q = np.random.default_rng(2).normal(size=(4, 6))
+    assert np.array_equal(pickle.loads(pickle.dumps(MAP)).effective(q), MAP.effective(q))
+
+
 def test_map_does_not_change_its_input():
     q = np.ones((3, 6))
     MAP.effective(q)
     assert json.dumps(q.tolist()) == json.dumps(np.ones((3, 6)).tolist())
-
-
-@pytest.mark.parametrize(("name", "lengths"), [("irb1600", (0.7, 0.6)), ("irb120", (0.27, np.hypot(0, 0.302)))])
-def test_arm_lengths_and_directions_of_the_shipped_robots(name, lengths):
-    phases, stiffness = arm(name).stiffness_geometry()
-    assert np.abs(phases - [0, np.pi / 2]).max() < 1e-12
-    assert abs(stiffness.L_1 - lengths[0]) < 1e-12
-    assert abs(stiffness.L_2 - lengths[1]) < 1e-12
-    assert stiffness.m == 1.0

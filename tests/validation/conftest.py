@@ -3,10 +3,10 @@
 import pytest
 
 import irbcal
-from irbcal.files import calibration_folder, robots
+from irbcal.files import robots
 
 
 @pytest.fixture(scope="session")
 def record():
     """The demonstration robot, level 34."""
-    return calibration_folder.build(irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", "34"))[0]
+    return irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", "34").record

@@ -4,7 +4,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from support import arm, measured, random_robot, random_rotation
+from support import arm, measured, outcome_of, random_robot, random_rotation
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement.points import distances
@@ -38,7 +38,9 @@ def test_distances_are_those_of_shifted_points():
     nominal = arm()
     robot = random_robot(nominal, "34", np.random.default_rng(0))
     points = measured(robot, nominal.random_joints(10, 0))
-    points.xyz[4] += [3e-3, 0, 4e-3]
+    xyz = points.xyz.copy()
+    xyz[4] += [3e-3, 0, 4e-3]
+    points = replace(points, xyz=xyz)
     distance = distances(robot, points)
     assert distance[4] == pytest.approx(5e-3, abs=1e-12)
     assert np.delete(distance, 4).max() < 1e-13
@@ -225,10 +227,8 @@ def test_flange_poses_of_a_real_robot_are_those_of_scipy(shared_data):
     """IRB 120, three reflectors: tips by scipy's align_vectors, pose by pose; the flange's errors are below the points'."""
     from scipy.spatial.transform import Rotation
 
-    import irbcal
-
-    outcome = irbcal.calibrate(
-        shared_data / "irb120_laser_tracker" / "measurements.csv", "irb120", "34", holdout=296, order="last"
+    outcome = outcome_of(
+        shared_data / "irb120_laser_tracker" / "measurements.csv", "irb120", "34", holdout=296, split="last"
     )
     robot, points = outcome.fit.robot, outcome.heldout_points
     found = accuracy.tip_errors(robot, points)

@@ -5,7 +5,8 @@ import pytest
 from circles import small
 from support import arm, random_robot
 
-from irbcal.correction.path import Circle, subdivide
+from irbcal.correction.path import Circle
+from irbcal.correction.subdivision import subdivide
 from irbcal.errors import RobotError
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from irbcal.correction.path import Reversal
+from irbcal.correction.joints_along import Reversal
 from irbcal.figures import colours
 from irbcal.files.drawn_figure import DrawnFigure
 from irbcal.validation import plots

@@ -4,8 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from support import arm, measured, random_robot, write_measurements
+from viewer_urdf import write_stl
 
 import irbcal
+from irbcal.viewer import shapes
 
 
 def with_column(path, name, values):
@@ -31,3 +33,10 @@ def cell(tmp_path_factory):
     with_column(folder / "poses.csv", "group", lambda t: np.where(t["pose"] < 15, "a", "b"))
     irbcal.save(irbcal.calibrate(folder / "fit.csv", "irb1600", "34", holdout=10), folder / "cal")
     return folder
+
+
+@pytest.fixture
+def packages(tmp_path):
+    write_stl(tmp_path / "ws" / "my_robot" / "meshes" / "part.stl", shapes.box([1, 1, 1]))
+    write_stl(tmp_path / "secret.stl", shapes.box([1, 1, 1]))
+    return tmp_path / "ws"

@@ -1,22 +1,15 @@
 """The map of a foreign file: which of its columns mean what, in which units.
 
-A map is a small YAML file. The presets that ship beside this module are maps too: copy one and change it. Units are
-declared in the map or the import is refused; nothing about them is guessed.
+Units are declared in the map or the import is refused; nothing about them is guessed.
 """
 
-import difflib
+from __future__ import annotations
+
 import re
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
-import yaml
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, model_validator
 
-from irbcal.errors import MeasurementError
-
-PRESETS = Path(__file__).parent / "presets"
-LARGEST_MAP = 64 * 1024
-"""Bytes of a map file."""
 RESERVED = (
     *("pose", "pose_index", "row", "target", "group", "cycle", "x_mm", "y_mm", "z_mm"),
     *("qw", "qx", "qy", "qz", "u95_mm", "time_s", "payload_kg"),
@@ -26,7 +19,7 @@ FIELDS = ("pose", "target", "group", "cycle", "ignore")
 """What a name pattern such as ``{pose}_{target}`` may hold."""
 
 
-def _column(value):
+def _column(value: Any) -> str | int:
     if isinstance(value, bool) or not isinstance(value, str | int):
         raise ValueError("expected a column's name (in quotes if it reads as yes, no, on or off) or its number")
     if value == 0:
@@ -34,18 +27,18 @@ def _column(value):
     return value
 
 
-Column = Annotated[str | int, BeforeValidator(_column)]
-Name = Annotated[
+Column: TypeAlias = Annotated[str | int, BeforeValidator(_column)]
+Name: TypeAlias = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")
 ]
-Three = Annotated[list[Column], Field(min_length=3, max_length=3)]
-JointUnit = Literal["deg", "rad", "mm", "m", "inch"]
-AngleUnit = Literal["deg", "rad"]
-LengthUnit = Literal["mm", "m", "inch"]
+Three: TypeAlias = Annotated[list[Column], Field(min_length=3, max_length=3)]
+JointUnit: TypeAlias = Literal["deg", "rad", "mm", "m", "inch"]
+AngleUnit: TypeAlias = Literal["deg", "rad"]
+LengthUnit: TypeAlias = Literal["mm", "m", "inch"]
 
 
 class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
 class Dialect(_Model):
@@ -110,7 +103,7 @@ class Orientation(_Model):
     maps: Literal["target-to-tracker", "tracker-to-target"] = "target-to-tracker"
 
     @model_validator(mode="after")
-    def _axes_turn(self):
+    def _axes_turn(self) -> Orientation:
         if self.axes and (self.axes[0] == self.axes[1] or self.axes[1] == self.axes[2]):
             raise ValueError(f"expected two different axes after one another, found {self.axes!r}")
         return self
@@ -147,7 +140,7 @@ class GroupRule(_Model):
     last: Annotated[int, Field(ge=1)] | None = None
 
     @model_validator(mode="after")
-    def _chooses(self):
+    def _chooses(self) -> GroupRule:
         if (self.poses is None) == (self.first is None and self.last is None):
             raise ValueError("expected either poses (a name such as 'ISO_*'), or first and last")
         return self
@@ -232,14 +225,25 @@ class ImportMap(_Model):
     joints_file: JointsFile | None = None
     trust_units: bool = False
 
+    @property
+    def names_poses(self) -> bool:
+        """Whether the source gives its poses names."""
+        patterns = [*self.names, self.file_name or ""]
+        return self.columns.pose is not None or any("{pose}" in text for text in patterns)
+
+    @property
+    def lost_texts(self) -> list[str]:
+        """Spellings of the marks of lost points, in lower case."""
+        return [str(marker).strip().lower() for marker in self.lost.markers]
+
     @model_validator(mode="after")
-    def _one_orientation_for_one_target(self):
+    def _one_orientation_for_one_target(self) -> ImportMap:
         if isinstance(self.columns.position, dict) and self.columns.orientation:
             raise ValueError("columns.orientation: expected one target in a row, found positions of several")
         return self
 
     @model_validator(mode="after")
-    def _kept_columns_are_new(self):
+    def _kept_columns_are_new(self) -> ImportMap:
         taken = [name for name in self.columns.keep if name in RESERVED or re.fullmatch(r"q\d+_(deg|mm)", name)]
         if taken:
             raise ValueError(
@@ -248,7 +252,7 @@ class ImportMap(_Model):
         return self
 
     @model_validator(mode="after")
-    def _patterns_are_known(self):
+    def _patterns_are_known(self) -> ImportMap:
         for pattern in [*self.names, *([self.file_name] if self.file_name else [])]:
             pattern_regex(pattern)
         if bool(self.columns.name) != bool(self.names):
@@ -256,7 +260,7 @@ class ImportMap(_Model):
         return self
 
 
-def pattern_regex(pattern):
+def pattern_regex(pattern: str) -> str:
     """Regular expression of a name pattern: fields in braces, all else as it stands; no field holds ``::``.
 
     Raises
@@ -280,176 +284,3 @@ def pattern_regex(pattern):
         else:
             text += ("(" if part == "ignore" else f"(?P<{part}>") + "(?:(?!::).)+)"
     return text
-
-
-class _Loader(yaml.SafeLoader):
-    """Plain YAML only: no anchors (which can blow up), no key twice (of which one would be lost)."""
-
-    def compose_node(self, parent, index):
-        event = self.peek_event()
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
-            mark = event.start_mark
-            raise yaml.MarkedYAMLError(problem="anchors and aliases are not taken", problem_mark=mark)
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node, deep=False):
-        keys = [key.value for key, _ in node.value]
-        double = [key for key, _ in node.value if keys.count(key.value) > 1]
-        if double:
-            raise yaml.MarkedYAMLError(
-                problem=f"{double[1].value!r} stands there twice", problem_mark=double[1].start_mark
-            )
-        return super().construct_mapping(node, deep)
-
-
-def presets():
-    """Names of the shipped presets."""
-    return sorted(path.stem for path in PRESETS.glob("*.yaml"))
-
-
-def preset_text(name):
-    """The YAML text of a preset.
-
-    Raises
-    ------
-    MeasurementError
-        If there is none of this name; the sentence lists those that are there.
-    """
-    if name not in presets():
-        near = difflib.get_close_matches(name, presets(), n=1)
-        hint = f"; did you mean {near[0]}?" if near else ""
-        raise MeasurementError(f"{name}: expected a preset ({', '.join(presets())}) or a map file (.yaml){hint}")
-    return (PRESETS / f"{name}.yaml").read_text(encoding="utf-8")
-
-
-def read_map(name, changes=()):
-    """Read a preset or a map file.
-
-    Parameters
-    ----------
-    name : str or Path
-        Name of a preset, or path of a YAML file.
-    changes : sequence of str
-        ``key=value`` with the key's place written with dots and the value in YAML, such as ``units.lengths=mm``.
-
-    Returns
-    -------
-    ImportMap
-
-    Raises
-    ------
-    MeasurementError
-        If there is no such map or it is not one; the sentence names the file and the key.
-    """
-    source = str(name)
-    if source in presets() or (Path(source).suffix.lower() not in (".yaml", ".yml") and not Path(source).is_file()):
-        text, source = preset_text(source), f"preset {source}"
-    else:
-        text = _read_text(source)
-    values = _yaml(text, source)
-    if not isinstance(values, dict):
-        raise MeasurementError(f"{source}: expected keys and values such as 'columns:', found {_short(values)}")
-    for change in changes:
-        _change(values, change)
-    try:
-        return ImportMap.model_validate(values)
-    except ValidationError as error:
-        raise MeasurementError(f"{source}: {_sentence(error)}") from None
-
-
-def _read_text(source):
-    try:
-        with open(source, "rb") as stream:
-            data = stream.read(LARGEST_MAP + 1)
-    except FileNotFoundError:
-        raise MeasurementError(f"{source}: there is no such file") from None
-    except OSError as error:
-        raise MeasurementError(f"{source}: cannot read this map: {error.strerror}") from None
-    if len(data) > LARGEST_MAP:
-        raise MeasurementError(f"{source}: expected a map of at most {LARGEST_MAP // 1024} KiB, found more")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        raise MeasurementError(f"{source}: row {line}: expected UTF-8 text, found other bytes") from None
-
-
-def _yaml(text, source):
-    try:
-        return yaml.load(text, Loader=_Loader)  # a child of SafeLoader
-    except yaml.MarkedYAMLError as error:
-        row = f"row {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        raise MeasurementError(f"{source}: {row}not a map in YAML: {error.problem}") from None
-    except (yaml.YAMLError, ValueError, TypeError) as error:
-        raise MeasurementError(f"{source}: not a map in YAML: {' '.join(str(error).split())}") from None
-    except RecursionError:
-        raise MeasurementError(f"{source}: not a map in YAML: nested too deeply") from None
-
-
-def _change(values, change):
-    key, found, text = change.partition("=")
-    steps = key.strip().split(".")
-    if not found or not all(steps):
-        raise MeasurementError(f"--set {change}: expected key=value such as units.lengths=mm")
-    if len(text) > LARGEST_MAP:
-        raise MeasurementError(f"--set {key}: expected at most {LARGEST_MAP // 1024} KiB, found more")
-    # a lone , ; or | is no YAML, but it is what one wants to say here
-    value = text if text in (",", ";", "|", "\t") else _yaml(text, f"--set {key}")
-    for step in steps[:-1]:
-        inner = values.get(step)
-        if inner is None:
-            inner = values[step] = {}
-        if not isinstance(inner, dict):
-            raise MeasurementError(f"--set {change}: {step} is no group of keys")
-        values = inner
-    values[steps[-1]] = value
-
-
-def _sentence(error):
-    """The first fault in a map, with its place."""
-    fault = min(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
-    place = [str(step) for step in fault["loc"] if not re.search(r"[\[(]|^(str|int|list|dict|literal)$", str(step))]
-    key = ".".join(map(_plain, place)) or "the map"
-    if fault["type"] == "extra_forbidden":
-        key, place = str(fault["loc"][-1]), [str(step) for step in fault["loc"][:-1]]
-        known = _keys(place)
-        near = difflib.get_close_matches(key, known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}" if known else "it is unknown"
-        return f"{'.'.join([*place, _plain(key)])}: there is no such key; {hint}"
-    if fault["type"] == "missing":
-        return f"{key}: expected this key, found nothing"
-    text = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    text = re.sub(r"a valid dictionary( or instance of \w+)?", "a group of keys", text)
-    text = re.sub(r"^(?:List|Dictionary|String) should (?:have )?|after validation, not \d+", "", text).strip()
-    if fault["type"] == "value_error":
-        return text if key == "the map" else f"{key}: {text}" + ("" if "found" in text else f", found {_value(fault)}")
-    return f"{key}: expected {text[:1].lower() + text[1:]}, found {_value(fault)}"
-
-
-def _plain(text):
-    """Text from a map for a sentence: short, and on one line."""
-    return _short(text) if len(text) > 40 or not text.isprintable() else text
-
-
-def _keys(place):
-    """Keys that a part of the map may have."""
-    model = ImportMap
-    for step in place:
-        inner = model.model_fields.get(step)
-        kinds = [] if inner is None else [inner.annotation, *getattr(inner.annotation, "__args__", ())]
-        models = [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
-        if not models:
-            return []
-        model = models[0]
-    return list(model.model_fields)
-
-
-def _value(fault):
-    return _short(fault["input"])
-
-
-def _short(value):
-    if value is None:
-        return "nothing"
-    text = repr(value)
-    return text if len(text) <= 60 else text[:60] + "…"

@@ -1,17 +1,24 @@
 """Foreign text files: bytes to cells, with the line in the file kept for every row."""
 
+from __future__ import annotations
+
 import csv
 import re
 import warnings
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from io import StringIO
+from os import PathLike
 from pathlib import Path
+from typing import Literal, overload
 
 import numpy as np
 import pandas as pd
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
+from irbcal.measurement.imports.column_map import Dialect
 
 LARGEST_FILE = 200 * 10**6
 """Bytes of a file."""
@@ -32,7 +39,7 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Cells of a text file.
+    """Cells of a text file; not locked, as it keeps the numbers that it has read once.
 
     Attributes
     ----------
@@ -40,7 +47,7 @@ class TextTable:
         File name for messages.
     cells : DataFrame
         Stripped text, columns 0 … width-1; the index is the line in the file, from 1.
-    names : list of str or None
+    names : tuple of str or None
         Header, where there is one.
     header_line : int
         Line of the header.
@@ -50,36 +57,42 @@ class TextTable:
 
     source: str
     cells: pd.DataFrame
-    names: list | None
+    names: tuple[str, ...] | None
     header_line: int
     decimal: str
-    _numbers: dict = field(default_factory=dict, init=False)
+    _numbers: dict[int, FloatArray] = field(default_factory=dict, init=False)
 
     @property
-    def lines(self):
+    def lines(self) -> IntArray:
         """Line in the file of each row."""
         return self.cells.index.to_numpy()
 
     @property
-    def width(self):
+    def width(self) -> int:
         """Number of columns."""
         return self.cells.shape[1]
 
-    def label(self, k):
+    def label(self, k: int) -> str:
         """Name of column k for messages: from the header, or its number from 1."""
         return self.names[k] if self.names and self.names[k] else str(k + 1)
 
     @cached_property
-    def _places(self):
+    def _places(self) -> tuple[dict[str, list[int]], ...]:
         """Places of the header's names in three spellings, from the strictest to the loosest."""
-        spellings = ({}, {}, {})
+        spellings: tuple[dict[str, list[int]], ...] = ({}, {}, {})
         for k, name in enumerate(self.names or ()):
             bare = _without_unit(name)[0]
             for found, text in zip(spellings, (name, _folded(name), _folded(bare)), strict=True):
                 found.setdefault(text, []).append(k)
         return spellings
 
-    def find(self, column, what, optional=False):
+    @overload
+    def find(self, column: str | int, what: str, optional: Literal[False] = False) -> int: ...
+
+    @overload
+    def find(self, column: str | int, what: str, optional: bool) -> int | None: ...
+
+    def find(self, column: str | int, what: str, optional: bool = False) -> int | None:
         """Index of a column.
 
         Names are compared as they are, then without regard to case and blanks, then without a unit in brackets.
@@ -105,43 +118,50 @@ class TextTable:
             if optional:
                 return None
             raise MeasurementError(
-                f"{self.source}: row {self.lines[0]}: expected a column {column} for {what}, found {self.width} columns"
+                f"expected a column {column} for {what}, found {self.width} columns",
+                file=self.source,
+                row=int(self.lines[0]),
             )
         if self.names is None:
             raise MeasurementError(
-                f"{self.source}: expected the number of the column for {what}, as the file has no header "
-                f"(file.header: false), found the name {column!r}"
+                f"expected the number of the column for {what}, as the file has no header (file.header: false), found "
+                f"the name {column!r}",
+                file=self.source,
             )
         for found, text in zip(self._places, (column.strip(), _folded(column), _folded(column)), strict=True):
             places = found.get(text, [])
             if len(places) > 1:
                 raise MeasurementError(
-                    f"{self.source}: row {self.header_line}: expected one column {column!r} for {what}, found "
-                    f"{len(places)}; give its number"
+                    f"expected one column {column!r} for {what}, found {len(places)}; give its number",
+                    file=self.source,
+                    row=self.header_line,
                 )
             if places:
                 return places[0]
         if optional:
             return None
-        found = ", ".join(short(name) for name in self.names[:40])
+        listed = ", ".join(short(name) for name in self.names[:40])
         raise MeasurementError(
-            f"{self.source}: row {self.header_line}: there is no column {column!r} for {what}; found {found}"
+            f"there is no column {column!r} for {what}; found {listed}", file=self.source, row=self.header_line
         )
 
-    def check_unit(self, k, declared, key):
+    def check_unit(self, k: int, declared: str | None, key: str) -> None:
         """Refuse a unit in the header's brackets that is not the declared one."""
-        unit = _without_unit(self.names[k])[1] if self.names else None
+        name = self.names[k] if self.names else ""
+        unit = _without_unit(name)[1]
         if unit and unit != declared:
             raise MeasurementError(
-                f"{self.source}: row {self.header_line}, column {self.names[k]}: expected {key} {declared} as declared "
-                f"in the map, found {unit}"
+                f"expected {key} {declared} as declared in the map, found {unit}",
+                file=self.source,
+                row=self.header_line,
+                column=name,
             )
 
-    def text(self, k):
+    def text(self, k: int) -> pd.Series:
         """Cells of a column, Series of str."""
         return self.cells[k]
 
-    def with_decimal(self, columns):
+    def with_decimal(self, columns: Iterable[int]) -> TextTable:
         """The same with the decimal mark settled from the cells of some columns that hold numbers.
 
         Raises
@@ -159,12 +179,14 @@ class TextTable:
         dots = cells.str.contains(".", regex=False).any()
         if dots or commas.str.fullmatch(r"[+-]?\d{1,3}(,\d{3})+").all():
             raise MeasurementError(
-                f"{self.source}: row {line}: expected to see which mark is the decimal one, found {short(found)!r}"
-                f"{' and dots in other cells' if dots else ''}; declare file.decimal"
+                f"expected to see which mark is the decimal one, found {short(found)!r}"
+                f"{' and dots in other cells' if dots else ''}; declare file.decimal",
+                file=self.source,
+                row=int(line),
             )
         return replace(self, decimal=",")
 
-    def parsed(self, k):
+    def parsed(self, k: int) -> FloatArray:
         """A column as numbers, NaN where there is none, shape (rows,)."""
         if k not in self._numbers:
             text = self.cells[k]
@@ -176,7 +198,7 @@ class TextTable:
             self._numbers[k] = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float)
         return self._numbers[k]
 
-    def is_one_of(self, k, texts, numbers=()):
+    def is_one_of(self, k: int, texts: Collection[str], numbers: Collection[float] = ()) -> BoolArray:
         """Rows of a column that hold one of some texts (in lower case) or one of some numbers, shape (rows,)."""
         values = self.parsed(k)
         found = np.isin(values, list(numbers)) if numbers else np.zeros(len(values), dtype=bool)
@@ -184,7 +206,7 @@ class TextTable:
         found[rows] |= self.cells[k].iloc[rows].str.lower().isin(texts).to_numpy(dtype=bool)
         return found
 
-    def numbers(self, k, expected, absent=None):
+    def numbers(self, k: int, expected: str, absent: BoolArray | None = None) -> FloatArray:
         """A column as numbers.
 
         Parameters
@@ -213,18 +235,20 @@ class TextTable:
             if re.fullmatch(rf"[+-]?\d+[{other}]\d+([eE][+-]?\d+)?", found):
                 hint = f"; the map says file.decimal: '{self.decimal}'"
             raise MeasurementError(
-                f"{self.source}: row {self.lines[row]}, column {self.label(k)}: expected {expected}, found "
-                f"{repr(short(found)) if found else 'nothing'}{hint}"
+                f"expected {expected}, found {repr(short(found)) if found else 'nothing'}{hint}",
+                file=self.source,
+                row=int(self.lines[row]),
+                column=self.label(k),
             )
         return values
 
 
-def short(text, most=40):
+def short(text: str, most: int = 40) -> str:
     """A cell for messages."""
     return text if len(text) <= most else text[:most] + "…"
 
 
-def read(path, dialect, allowed_short=()):
+def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[str] = ()) -> TextTable:
     """Read a text file.
 
     Parameters
@@ -251,7 +275,7 @@ def read(path, dialect, allowed_short=()):
     if len(rows) < 1 + dialect.header:
         what = "a header and rows" if dialect.header else "rows"
         raise MeasurementError(
-            f"{source}: expected {what} after {dialect.skip_rows} skipped rows, found {len(rows)} rows"
+            f"expected {what} after {dialect.skip_rows} skipped rows, found {len(rows)} rows", file=source
         )
     separator = _separator(dialect, [line for _, line in rows[:50]])
     names = None
@@ -261,36 +285,35 @@ def read(path, dialect, allowed_short=()):
         rows = rows[1:]
     width = max(len(names or ()), len(_fields(rows[0][1], separator)))
     if width > MOST_COLUMNS:
-        raise MeasurementError(f"{source}: row {rows[0][0]}: expected at most {MOST_COLUMNS} columns, found {width}")
+        raise MeasurementError(f"expected at most {MOST_COLUMNS} columns, found {width}", file=source, row=rows[0][0])
     lines = [line for _, line in rows]
     cells = _cells(lines, np.array([k for k, _ in rows]), separator, width, source)
     if names is not None:
         names += [""] * (width - len(names))
     _refuse_short_rows(cells, lines, separator, source, allowed_short)
     cells = _named_columns(cells, names, source)
-    if names is not None:
-        names = names[: cells.shape[1]]
-    return TextTable(source, cells, names, header_line, "." if separator == "," else dialect.decimal)
+    header = None if names is None else tuple(names[: cells.shape[1]])
+    return TextTable(source, cells, header, header_line, "." if separator == "," else dialect.decimal)
 
 
-def _bytes(path, source):
+def _bytes(path: Path, source: str) -> bytes:
     try:
         if path.is_dir():
-            raise MeasurementError(f"{source}: expected a file, found a folder")
+            raise MeasurementError("expected a file, found a folder", file=source)
         with open(path, "rb") as stream:
             data = stream.read(LARGEST_FILE + 1)
     except FileNotFoundError:
-        raise MeasurementError(f"{source}: there is no such file") from None
+        raise MeasurementError("there is no such file", file=source) from None
     except (OSError, ValueError) as error:
-        raise MeasurementError(f"{source}: cannot read this file: {getattr(error, 'strerror', error)}") from None
+        raise MeasurementError(f"cannot read this file: {getattr(error, 'strerror', error)}", file=source) from None
     if len(data) > LARGEST_FILE:
-        raise MeasurementError(f"{source}: expected a file of at most {LARGEST_FILE // 10**6} MB, found more")
+        raise MeasurementError(f"expected a file of at most {LARGEST_FILE // 10**6} MB, found more", file=source)
     if not data.strip():
-        raise MeasurementError(f"{source}: the file is empty, expected rows")
+        raise MeasurementError("the file is empty, expected rows", file=source)
     return data
 
 
-def _decode(data, encoding, source):
+def _decode(data: bytes, encoding: str, source: str) -> list[str]:
     """Lines of a file."""
     codec = next((codec for mark, codec in MARKS if data.startswith(mark)), CODECS[encoding])
     try:
@@ -300,16 +323,16 @@ def _decode(data, encoding, source):
         name = codec.removesuffix("-sig")
         hint = "; older Windows programs write latin-1 or cp1252" if codec == "utf-8" else ""
         raise MeasurementError(
-            f"{source}: row {line}: expected text in {name} (file.encoding), found other bytes{hint}"
+            f"expected text in {name} (file.encoding), found other bytes{hint}", file=source, row=line
         ) from None
     strange = re.search(r"[\x00-\x08\x0e-\x1f]", text)
     if strange:
         line = text.count("\n", 0, strange.start()) + 1
-        raise MeasurementError(f"{source}: row {line}: expected a text file, found binary data")
+        raise MeasurementError("expected a text file, found binary data", file=source, row=line)
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
-def _separator(dialect, lines):
+def _separator(dialect: Dialect, lines: Sequence[str]) -> str:
     if dialect.delimiter != "auto":
         return {"tab": "\t", "space": BLANKS}.get(dialect.delimiter, dialect.delimiter)
     for mark in CANDIDATES:  # half of the lines will do: a lost point may be one word alone
@@ -318,13 +341,13 @@ def _separator(dialect, lines):
     return BLANKS if 2 * sum(len(line.split()) > 1 for line in lines) > len(lines) else ","
 
 
-def _fields(line, separator):
+def _fields(line: str, separator: str) -> list[str]:
     if separator == BLANKS:
         line, separator = " ".join(line.split()), " "
     return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
 
 
-def _cells(lines, numbers, separator, width, source):
+def _cells(lines: Sequence[str], numbers: IntArray, separator: str, width: int, source: str) -> pd.DataFrame:
     """Cells of lines as a table whose index is the lines' numbers."""
     first = (" " if separator == BLANKS else separator).join(map(str, range(width)))  # sets the width
     text = "\n".join([first, *lines])
@@ -345,11 +368,13 @@ def _cells(lines, numbers, separator, width, source):
         found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
         if found:
             row = numbers[int(found[2]) - 2]
-            raise MeasurementError(f"{source}: row {row}: expected {found[1]} values, found {found[3]}") from None
+            raise MeasurementError(f"expected {found[1]} values, found {found[3]}", file=source, row=int(row)) from None
         reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
-        raise MeasurementError(f"{source}: not a table: {reason}") from None
+        raise MeasurementError(f"not a table: {reason}", file=source) from None
     if len(cells) != len(numbers):
-        raise MeasurementError(f"{source}: expected quotes to end in the row where they begin, found some that do not")
+        raise MeasurementError(
+            "expected quotes to end in the row where they begin, found some that do not", file=source
+        )
     cells.index = numbers
     cells = cells.fillna("")
     if re.search(r"[^\S\n]", text):
@@ -358,31 +383,35 @@ def _cells(lines, numbers, separator, width, source):
     return cells
 
 
-def _refuse_short_rows(cells, lines, separator, source, excuses):
+def _refuse_short_rows(
+    cells: pd.DataFrame, lines: Sequence[str], separator: str, source: str, excuses: Collection[str]
+) -> None:
     """Refuse rows with fewer values than the others, but for lost points: a shift of columns must not pass for one."""
     width = cells.shape[1]
-    for row in np.flatnonzero((cells.iloc[:, -1] == "").to_numpy()):
+    for row in np.flatnonzero((cells.iloc[:, -1] == "").to_numpy()).tolist():
         found = len(_fields(lines[row], separator))
         if found < width and not any(cell.lower() in excuses for cell in cells.iloc[row]):
-            raise MeasurementError(f"{source}: row {cells.index[row]}: expected {width} values, found {found}")
+            raise MeasurementError(f"expected {width} values, found {found}", file=source, row=int(cells.index[row]))
 
 
-def _named_columns(cells, names, source):
+def _named_columns(cells: pd.DataFrame, names: Sequence[str] | None, source: str) -> pd.DataFrame:
     """Cells without empty columns at the end that have no name, as separators at the lines' ends make them."""
     width = cells.shape[1]
     while width > 1 and not (names and names[width - 1]) and (cells[width - 1] == "").all():
         width -= 1
     if names is not None and not names[width - 1]:
         line = cells.index[(cells[width - 1] != "").to_numpy()][0]
-        raise MeasurementError(f"{source}: row {line}: expected {width - 1} values as the header has names, found more")
+        raise MeasurementError(
+            f"expected {width - 1} values as the header has names, found more", file=source, row=int(line)
+        )
     return cells.iloc[:, :width]
 
 
-def _folded(name):
+def _folded(name: str) -> str:
     return " ".join(name.casefold().split())
 
 
-def _without_unit(name):
+def _without_unit(name: str) -> tuple[str, str | None]:
     """A header's name without a unit in brackets at its end, and the unit if it is a known one."""
     found = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\[\]()]*?)\s*[\])]", name[:200])
     if not found:

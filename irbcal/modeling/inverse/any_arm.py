@@ -4,12 +4,18 @@ From the seed first; poses that this does not solve are tried again from random 
 the limits the one nearest to the seed is taken. Arms with more joints than a pose needs stay near the start.
 """
 
-import numpy as np
+from __future__ import annotations
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
-from irbcal.modeling.inverse.calibrated_arm import InverseResult, Method, Reason
 from irbcal.modeling.inverse.orthoparallel import check_poses, is_rotation
+from irbcal.modeling.inverse.result import InverseResult, Method, Reason
+from irbcal.modeling.robot import Robot
 
 STARTS = 40
 """Random starts for each pose that the seed does not solve."""
@@ -18,7 +24,15 @@ MANY = 16_384
 """Starts that are worked on at a time."""
 
 
-def solve(robot, nominal, T_base_tip, seed=None, position=1e-10, rotation=1e-10, thorough=True):
+def solve(
+    robot: Robot,
+    nominal: Arm,
+    T_base_tip: ArrayLike,
+    seed: ArrayLike | None = None,
+    position: float = 1e-10,
+    rotation: float = 1e-10,
+    thorough: bool = True,
+) -> InverseResult:
     """Commanded joints that bring the tip to given poses.
 
     Parameters
@@ -45,7 +59,7 @@ def solve(robot, nominal, T_base_tip, seed=None, position=1e-10, rotation=1e-10,
     Raises
     ------
     RobotError
-        If shapes do not fit.
+        If shapes do not fit, or the seed looks like degrees.
     """
     T = check_poses(T_base_tip)
     n, joints = len(T), len(nominal.joint_names)
@@ -84,7 +98,7 @@ def solve(robot, nominal, T_base_tip, seed=None, position=1e-10, rotation=1e-10,
     )
 
 
-def _reach(arm):
+def _reach(arm: Arm) -> float:
     """Largest distance of the tip from the middle of its places at random joints, metres."""
     tip = arm.forward(arm.random_joints(200, 0))[:, :3, 3]
     return float(np.linalg.norm(tip - tip.mean(axis=0), axis=1).max())
@@ -93,7 +107,15 @@ def _reach(arm):
 class _Search:
     """Best joints found so far for all poses: within the limits and near the seed, else any, else the least error."""
 
-    def __init__(self, chain, nominal, H, seed, position, rotation):
+    def __init__(
+        self,
+        chain: newton.CalibratedChain,
+        nominal: Arm,
+        H: FloatArray,
+        seed: FloatArray,
+        position: float,
+        rotation: float,
+    ) -> None:
         self.chain, self.nominal, self.H, self.seed = chain, nominal, H, seed
         self.tolerance = position, rotation
         n, joints = seed.shape
@@ -103,13 +125,15 @@ class _Search:
         self.cost = np.full(n, np.inf)
         self.converged, self.solved = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
 
-    def good(self, position, rotation):
+    def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
         """Whether both errors (n,) are within the tolerances."""
         return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
 
-    def run(self, rows, starts):
+    def run(self, rows: IntArray, starts: FloatArray) -> None:
         """Newton's steps for poses ``rows`` from starts (k, len(rows), joints)."""
         k, n = starts.shape[:2]
+        if not n:
+            return
         many = np.tile(rows, k)
         q, evaluations = self._steps(many, starts.reshape(k * n, -1))
         turned, inside = closed_form.into_limits(self.nominal, q, self.seed[many])
@@ -132,12 +156,12 @@ class _Search:
         self.q[rows], self.errors[:, rows] = q[best], errors[:, best]
         self.converged[rows], self.solved[rows] = converged[best], inside[best]
 
-    def _steps(self, rows, starts):
+    def _steps(self, rows: IntArray, starts: FloatArray) -> tuple[FloatArray, IntArray]:
         q, _, _, evaluations = newton.solve(self.chain, self.H[:, :, rows], starts.T.copy(), self.good)
         return q.T.copy(), evaluations
 
 
-def _inside(arm, q):
+def _inside(arm: Arm, q: FloatArray) -> BoolArray:
     """Whether joints (n, joints) are within the limits as they are."""
     slack = closed_form.LIMIT_TOLERANCE
-    return ((q >= arm.lower - slack) & (q <= arm.upper + slack)).all(axis=1)
+    return np.logical_and.reduce((q >= arm.lower - slack) & (q <= arm.upper + slack), axis=1)

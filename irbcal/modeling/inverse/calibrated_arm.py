@@ -1,6 +1,7 @@
 r"""Inverse kinematics of a calibrated robot (Nubiola 2011, section 6.2), for batches.
 
-The fixed point of the thesis, with T_n the nominal and T_R the calibrated forward kinematics and H the target::
+The fixed point of the thesis (Figures 6.2 and 6.3), with T_n the nominal (eq. 6.39) and T_R the calibrated forward
+kinematics (eq. 6.40) and H the target::
 
     H_fake,i = H_fake,i-1 H_aprox,i-1^-1 H,    q_i = inverse of T_n at H_fake,i,    H_aprox,i = T_R(q_i)
 
@@ -10,16 +11,26 @@ which it stalls change over to damped Newton steps (Levenberg-Marquardt) on the 
 calibrated arm times that of its joint map, from several starts. What neither solves is flagged with the reason.
 """
 
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.newton import CalibratedChain
 from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel, check_poses, is_rotation
+from irbcal.modeling.inverse.result import InverseResult, Method, Reason
+from irbcal.modeling.robot import Robot
+
+__all__ = ["InverseResult", "Method", "Reason", "fixed_point_history", "solve"]
 
 BLOCK = 8192
 """Poses per block: the working set of a block stays in the processor's cache."""
@@ -28,6 +39,7 @@ NEAR_NOMINAL = 0.02
 """Entries of the nominal table may be this far (m or rad) from ortho-parallel: the iteration makes it good."""
 
 FIXED_POINT_ITERATIONS = 12
+"""Nubiola 2011, Table 6.1, needs three."""
 
 STALLED = 0.5
 """An iteration that leaves more than this share of the error is given up for Newton's steps."""
@@ -48,89 +60,20 @@ SLACK = 0.05
 PULL = 5e-4
 """Share of the reach by which a start is moved inside the nominal reach: off the elbow singularity."""
 
-
-class Method(IntEnum):
-    """How the joints of a pose were found."""
-
-    NONE = 0
-    FIXED_POINT = 1
-    NEWTON = 2
+_Work: TypeAlias = Sequence[NDArray[Any]]
+"""Of some poses: places in the state, branches, last errors, targets, fake targets and last joints."""
 
 
-class Reason(IntEnum):
-    """Why a pose has no joints."""
-
-    CONVERGED = 0
-    NOT_A_POSE = 1
-    BAD_SEED = 2
-    OUT_OF_REACH = 3
-    NOT_FOUND = 4
-
-    @property
-    def words(self):
-        """The reason in words."""
-        return _WORDS[self]
-
-
-_WORDS = {
-    Reason.CONVERGED: "converged",
-    Reason.NOT_A_POSE: "the target holds NaN or is not a rigid transform",
-    Reason.BAD_SEED: "the seed joints are not finite",
-    Reason.OUT_OF_REACH: "the target is out of the robot's reach in this configuration",
-    Reason.NOT_FOUND: "no joints were found to the tolerance, although the target seems to be within reach",
-}
-
-
-@dataclass(frozen=True, eq=False)
-class InverseResult:
-    """Joints of a calibrated robot for a batch of n poses.
-
-    Attributes
-    ----------
-    joints : ndarray, shape (n, 6)
-        Commanded joint angles, radians; NaN where the pose has not converged.
-    converged : ndarray of bool, shape (n,)
-        Whether position and orientation are both within the tolerance.
-    inside : ndarray of bool, shape (n,)
-        Whether the joints are within the limits; False where the pose has not converged.
-    configuration : ndarray of int, shape (n,)
-        Nominal branch of the joints (see `irbcal.modeling.inverse.closed_form`), -1 where the pose has not converged.
-    branch_kept : ndarray of bool, shape (n,)
-        Whether that is the branch asked for. Only next to a singularity can it be another one.
-    iterations : ndarray of int, shape (n,)
-        Evaluations of the calibrated forward kinematics, all methods and starts.
-    method : ndarray of int, shape (n,)
-        `Method` that gave the joints.
-    position_residual, rotation_residual : ndarray, shape (n,)
-        Distance of the origins (m) and angle of the relative rotation (rad) of target and forward kinematics;
-        of the best joints found where the pose has not converged.
-    reason : ndarray of int, shape (n,)
-        `Reason`; its ``words`` say what it means.
-    """
-
-    joints: np.ndarray
-    converged: np.ndarray
-    inside: np.ndarray
-    configuration: np.ndarray
-    branch_kept: np.ndarray
-    iterations: np.ndarray
-    method: np.ndarray
-    position_residual: np.ndarray
-    rotation_residual: np.ndarray
-    reason: np.ndarray
-
-    def __len__(self):
-        return len(self.joints)
-
-    def summary(self):
-        """Number of poses for each method and each reason, as text."""
-        names = {Method.FIXED_POINT: "the fixed point", Method.NEWTON: "Newton's steps"}
-        parts = [f"{len(self)} poses", *(f"{(self.method == m).sum()} by {name}" for m, name in names.items())]
-        parts += [f"{(self.reason == r).sum()} where {r.words}" for r in Reason if r and (self.reason == r).any()]
-        return ", ".join(parts)
-
-
-def solve(robot, nominal, T_base_tip, seed=None, configuration=None, position=1e-10, rotation=1e-10, thorough=True):
+def solve(
+    robot: Robot,
+    nominal: Arm,
+    T_base_tip: ArrayLike,
+    seed: ArrayLike | None = None,
+    configuration: ArrayLike | None = None,
+    position: float = 1e-10,
+    rotation: float = 1e-10,
+    thorough: bool = True,
+) -> InverseResult:
     """Commanded joints that bring the tip of a calibrated robot to given poses.
 
     Parameters
@@ -158,15 +101,17 @@ def solve(robot, nominal, T_base_tip, seed=None, configuration=None, position=1e
     Raises
     ------
     RobotError
-        If shapes do not fit, or the nominal arm has no closed-form inverse.
+        If shapes do not fit, the seed looks like degrees, or the nominal arm has no closed-form inverse.
     """
     stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
 
 
-def fixed_point_history(robot, nominal, T_base_tip, configuration, iterations):
-    """Errors of the fixed point alone, iteration by iteration (Nubiola 2011, Table 6.1).
+def fixed_point_history(
+    robot: Robot, nominal: Arm, T_base_tip: FloatArray, configuration: ArrayLike, iterations: int
+) -> tuple[FloatArray, FloatArray]:
+    """Errors of the fixed point alone (Nubiola 2011, eq. 6.41), iteration by iteration (Table 6.1).
 
     Parameters
     ----------
@@ -184,10 +129,10 @@ def fixed_point_history(robot, nominal, T_base_tip, configuration, iterations):
     solver = _Solver(robot, nominal, 0.0, 0.0)
     H = newton.columns(check_poses(T_base_tip))
     branch = closed_form.check_configuration(configuration, len(T_base_tip))
-    fake, q, errors = H, None, []
-    for _ in range(iterations):
+    fake, q, errors = H, np.zeros((6, 1)), []
+    for iteration in range(iterations):
         q_new, _ = solver.closed.branch(fake.reshape(12, -1), branch)
-        q = solver.start_turns(q_new, np.zeros((6, 1))) if q is None else _same_turn(q_new, q)
+        q = _same_turn(q_new, q) if iteration else solver.start_turns(q_new, q)
         tip = solver.chain.tip(q)
         errors.append(newton.errors(tip, H))
         fake = _next_fake(fake, tip, H)
@@ -198,7 +143,7 @@ def fixed_point_history(robot, nominal, T_base_tip, configuration, iterations):
 class _State:
     """Best known joints and their errors for all poses."""
 
-    def __init__(self, n):
+    def __init__(self, n: int) -> None:
         self.q = np.full((6, n), np.nan)
         self.position, self.rotation = np.full(n, np.nan), np.full(n, np.nan)
         self.iterations = np.zeros(n, dtype=int)
@@ -208,7 +153,14 @@ class _State:
 
 
 class _Solver:
-    def __init__(self, robot, nominal, position, rotation, stages=NEWTON_STARTS):
+    def __init__(
+        self,
+        robot: Robot,
+        nominal: Arm,
+        position: float,
+        rotation: float,
+        stages: Sequence[tuple[int, int, int]] = NEWTON_STARTS,
+    ) -> None:
         self.stages = stages
         self.robot, self.nominal = robot, nominal
         self.closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
@@ -218,50 +170,57 @@ class _Solver:
         self.wider = replace(nominal, lower=nominal.lower - SLACK, upper=nominal.upper + SLACK)
 
     @cached_property
-    def difference(self):
+    def difference(self) -> float:
         """About the largest distance (m) between tips of the two arms, from random joints."""
         q = self.nominal.random_joints(500, 0)
         difference = self.robot.poses(q) - self.nominal.forward(q)
-        return 1e-6 + np.linalg.norm(difference[:, :3, 3], axis=1).max()
+        return 1e-6 + float(np.linalg.norm(difference[:, :3, 3], axis=1).max())
 
-    def start_turns(self, q, near):
+    def start_turns(self, q: FloatArray, near: FloatArray) -> FloatArray:
         """Joints (6, n) shifted near the limits at the turns nearest to ``near`` (6, n)."""
         return np.ascontiguousarray(closed_form.into_limits(self.wider, q.T, near.T)[0].T)
 
-    def good(self, position, rotation):
+    def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
         """Whether both errors (n,) are within the tolerances."""
         return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
 
-    def inside(self, joints):
+    def inside(self, joints: FloatArray) -> BoolArray:
         """Whether joints (n, 6) are within the limits as they are."""
         lower = self.nominal.lower - closed_form.LIMIT_TOLERANCE
         upper = self.nominal.upper + closed_form.LIMIT_TOLERANCE
-        return ((joints >= lower) & (joints <= upper)).all(axis=1)
+        return np.logical_and.reduce((joints >= lower) & (joints <= upper), axis=1)
 
-    def out_of_reach(self, state, rows):
+    def out_of_reach(self, state: _State, rows: IntArray | slice) -> BoolArray:
         """Whether the nominal arm does not reach poses, nor the calibrated one nearly so."""
         return (state.margin[rows] < 0) & ~(state.position[rows] <= CLOSE * self.difference)
 
     # -------------------------------------------------------------- all poses
 
-    def solve(self, T_base_tip, seed, configuration):
+    def asked_for(
+        self, n: int, seed: ArrayLike | None, configuration: ArrayLike | None
+    ) -> tuple[FloatArray, BoolArray, IntArray]:
+        """Joints to stay near (6, n), which seeds are not finite (n,), and branches (n,)."""
+        near, bad_seed = np.zeros((6, n)), np.zeros(n, dtype=bool)
+        branch = np.zeros(n, dtype=int)
+        if seed is not None:
+            joints = self.nominal.check_joints(seed)
+            if len(joints) not in (1, n):
+                raise RobotError(f"seed joints need shape (6,) or ({n}, 6), found {joints.shape}", parameter="seed")
+            bad_seed = np.broadcast_to(~np.isfinite(joints).all(axis=1), (n,))
+            near = np.broadcast_to(np.where(np.isfinite(joints), joints, 0.0), (n, 6)).T
+        if configuration is not None:
+            branch = closed_form.check_configuration(configuration, n)
+        elif seed is not None:
+            branch = self.closed.configuration(near.T)
+        return near, bad_seed, branch
+
+    def solve(self, T_base_tip: ArrayLike, seed: ArrayLike | None, configuration: ArrayLike | None) -> InverseResult:
         T = check_poses(T_base_tip)
         n = len(T)
-        near = np.zeros((6, 1))
-        bad_seed = np.zeros(n, dtype=bool)
-        if seed is not None:
-            seed = self.nominal.check_joints(seed)
-            if len(seed) not in (1, n):
-                raise RobotError(f"seed joints need shape (6,) or ({n}, 6), found {seed.shape}")
-            bad_seed = np.broadcast_to(~np.isfinite(seed).all(axis=1), (n,))
-            near = np.broadcast_to(np.where(np.isfinite(seed), seed, 0.0), (n, 6)).T
-        if configuration is None:
-            branch = np.zeros(n, dtype=int) if seed is None else self.closed.configuration(near.T)
-        else:
-            branch = closed_form.check_configuration(configuration, n)
-        near = np.broadcast_to(near, (6, n))
+        near, bad_seed, branch = self.asked_for(n, seed, configuration)
         state = _State(n)
-        bad_pose, later = np.zeros(n, dtype=bool), []
+        bad_pose = np.zeros(n, dtype=bool)
+        later: list[_Work] = []
         for start in range(0, n, BLOCK):
             block = slice(start, min(start + BLOCK, n))
             H = newton.columns(T[block])
@@ -269,26 +228,24 @@ class _Solver:
             bad_pose[block] = ~usable
             todo = start + np.flatnonzero(usable & ~bad_seed[block])
             H = np.take(H, todo - start, axis=-1)
-            later.append(
-                self._fixed_point((todo, branch[todo], np.full(len(todo), np.inf), H, H, near[:, todo]), state, True)
-            )
+            work = (todo, branch[todo], np.full(len(todo), np.inf), H, H, near[:, todo])
+            left = self._fixed_point(work, state, first=True)
+            later += [] if left is None else [left]
         # the few that take longer, of all blocks together
-        later = [work for work in later if work is not None]
         if later:
-            later = [np.concatenate(parts, axis=-1) for parts in zip(*later, strict=True)]
-            for start in range(0, len(later[0]), BLOCK):
-                part = (np.ascontiguousarray(v[..., start : start + BLOCK]) for v in later)
-                self._fixed_point(part, state)
+            together = [np.concatenate(parts, axis=-1) for parts in zip(*later, strict=True)]
+            for start in range(0, len(together[0]), BLOCK):
+                self._fixed_point([np.ascontiguousarray(v[..., start : start + BLOCK]) for v in together], state)
         done = self.good(state.position, state.rotation)
         state.method[done] = Method.FIXED_POINT
-        left = np.flatnonzero(~done & ~bad_pose & ~bad_seed)
-        for start in range(0, len(left), BLOCK):
-            rows = left[start : start + BLOCK]
+        hard = np.flatnonzero(~done & ~bad_pose & ~bad_seed)
+        for start in range(0, len(hard), BLOCK):
+            rows = hard[start : start + BLOCK]
             self._newton_starts(newton.columns(T[rows]), branch[rows], near[:, rows], seed is not None, rows, state)
         self._turns(T, near, state)
         return self._result(state, branch, bad_pose, bad_seed)
 
-    def _turns(self, T, near, state):
+    def _turns(self, T: FloatArray, near: FloatArray, state: _State) -> None:
         """Bring solutions that ended beyond a limit back by whole turns, where that is possible."""
         beyond = self.good(state.position, state.rotation) & ~self.inside(state.q.T)
         for start in range(0, len(rows := np.flatnonzero(beyond)), BLOCK):
@@ -302,7 +259,7 @@ class _Solver:
             block = block[take]
             state.q[:, block], state.position[block], state.rotation[block] = q[:, take], position[take], rotation[take]
 
-    def _result(self, state, branch, bad_pose, bad_seed):
+    def _result(self, state: _State, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray) -> InverseResult:
         converged = self.good(state.position, state.rotation)
         joints = np.where(converged, state.q, np.nan).T.copy()
         found = np.where(converged, self.closed.configuration(np.where(converged, state.q, 0.0).T), -1)
@@ -325,8 +282,8 @@ class _Solver:
 
     # -------------------------------------------------------------- the fixed point
 
-    def _fixed_point(self, work, state, first=False):
-        """The thesis's iteration for a block, until few poses are left: those, to go on with, or None.
+    def _fixed_point(self, work: _Work, state: _State, first: bool = False) -> _Work | None:
+        """The iteration of Nubiola 2011, Figure 6.2, for a block, until few poses are left: those, or None.
 
         ``work`` holds the poses' place in the state (n,), branch (n,), error (n,), target and fake target
         (4, 3, n) and last joints (6, n); at first the fake target is the target, and the joints say which turns.
@@ -355,9 +312,9 @@ class _Solver:
                 return None
             last = merit
             if left < len(go):
-                go = np.flatnonzero(go)
+                on = np.flatnonzero(go)
                 index, branch, last, H, fake, tip, q = (
-                    np.take(v, go, axis=-1) for v in (index, branch, last, H, fake, tip, q)
+                    np.take(v, on, axis=-1) for v in (index, branch, last, H, fake, tip, q)
                 )
             fake = _next_fake(fake, tip, H)
             if left <= few:
@@ -366,7 +323,9 @@ class _Solver:
 
     # -------------------------------------------------------------- damped Newton
 
-    def _newton_starts(self, H, branch, near, seeded, rows, state):
+    def _newton_starts(
+        self, H: FloatArray, branch: IntArray, near: FloatArray, seeded: bool, rows: IntArray, state: _State
+    ) -> None:
         """Newton's steps for poses that the fixed point left: from where it came to, then from many starts at once."""
         pulled, state.margin[rows] = self.closed.branch(H.reshape(12, -1), branch, self.pull)
         pulled = self.start_turns(pulled, near)
@@ -397,10 +356,19 @@ class _Solver:
                     other = newton.moved(goal, turn, shift)
                     q, _ = self.closed.branch(other.reshape(12, -1), branch[todo], self.pull)
                     tried.append(self.start_turns(q, near[:, todo]))
-                tried = np.stack(tried, axis=1)
-                lacking[todo] = self._newton_choice(goal, tried, branch[todo], rows[todo], state, straighten, patience)
+                these = branch[todo], rows[todo]
+                lacking[todo] = self._newton_choice(goal, np.stack(tried, axis=1), *these, state, straighten, patience)
 
-    def _newton_choice(self, H, starts, branch, rows, state, straighten, patience):
+    def _newton_choice(
+        self,
+        H: FloatArray,
+        starts: FloatArray,
+        branch: IntArray,
+        rows: IntArray,
+        state: _State,
+        straighten: int,
+        patience: int,
+    ) -> BoolArray:
         """Run from all starts (6, k, n) and keep the best: which poses lack one in branch and limits, a mask (n,)."""
         _, k, n = starts.shape
         many = np.ascontiguousarray(np.broadcast_to(H[:, :, None], (4, 3, k, n))).reshape(4, 3, -1)
@@ -423,8 +391,8 @@ class _Solver:
         return state.rank[rows] > -4.0
 
 
-def _next_fake(fake, tip, H):
-    """The product fake tip^-1 H of columns (4, 3, n); overwrites the tip."""
+def _next_fake(fake: FloatArray, tip: FloatArray, H: FloatArray) -> FloatArray:
+    """The product fake tip^-1 H of columns (4, 3, n), step 1 of Nubiola 2011, section 6.2; overwrites the tip."""
     product = []
     for k in range(4):
         u = H[k] if k < 3 else H[3] - tip[3]
@@ -442,7 +410,7 @@ def _next_fake(fake, tip, H):
     return tip
 
 
-def _same_turn(q, before):
+def _same_turn(q: FloatArray, before: FloatArray) -> FloatArray:
     """Joints q at the turns nearest to the joints before, in place."""
     turns = before - q
     turns *= 1.0 / TAU

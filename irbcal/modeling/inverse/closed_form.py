@@ -1,15 +1,21 @@
 """Inverse kinematics of ortho-parallel arms with a spherical wrist: all branches, limits and choices.
 
-`branches` gives the up to eight branches of each pose (Nubiola 2011, section 6.1; the arms that qualify and the
-numbers of the branches are described in `irbcal.modeling.inverse.orthoparallel`). Joints are then brought into the
-limits by whole turns (`into_limits`), and one branch is chosen: the `nearest` to given joints, or one
+`branches` gives the up to eight branches of each pose (Nubiola 2011, section 6.1; the arms that qualify are described
+in `irbcal.modeling.inverse.orthoparallel`, the branches in `irbcal.modeling.inverse.branches`). Joints are then brought
+into the limits by whole turns (`into_limits`), and one branch is chosen: the `nearest` to given joints, or one
 `with_configuration`. The inverse of a calibrated robot is in `irbcal.modeling.inverse.calibrated_arm`.
 """
 
-import numpy as np
+from __future__ import annotations
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
-from irbcal.modeling.inverse.orthoparallel import TAU, Branches, OrthoParallel, branch_number
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse.branches import Branches, branch_number
+from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
 
 __all__ = [
     "BRANCH_NAMES",
@@ -31,8 +37,8 @@ BRANCH_NAMES = tuple(f"{s} {e} {w}" for s in ("front", "back") for e in ("up", "
 """Names of the branches 0 to 7."""
 
 
-def branches(arm, T_base_tip):
-    """All branches of the inverse kinematics of an ortho-parallel arm.
+def branches(arm: Arm, T_base_tip: ArrayLike) -> Branches:
+    """All branches of the inverse kinematics of an ortho-parallel arm (Nubiola 2011, section 6.1).
 
     Parameters
     ----------
@@ -51,7 +57,7 @@ def branches(arm, T_base_tip):
     return OrthoParallel.of(arm).branches(T_base_tip)
 
 
-def into_limits(arm, joints, near=None):
+def into_limits(arm: Arm, joints: ArrayLike, near: ArrayLike | None = None) -> tuple[FloatArray, BoolArray]:
     """Shift revolute joints by whole turns into the limits.
 
     Parameters
@@ -85,8 +91,8 @@ def into_limits(arm, joints, near=None):
     return joints + TAU * turns, fits.all(axis=-1)
 
 
-def has_closed_form(arm):
-    """Whether `closed_form` takes this arm."""
+def has_closed_form(arm: Arm) -> bool:
+    """Whether `branches` takes this arm."""
     try:
         OrthoParallel.of(arm)
     except RobotError:
@@ -94,11 +100,11 @@ def has_closed_form(arm):
     return True
 
 
-def nearest(arm, branches, near, limits=True):
+def nearest(arm: Arm, branches: Branches, near: ArrayLike, limits: bool = True) -> tuple[FloatArray, IntArray]:
     """The branch nearest to given joints, and the turns nearest to them.
 
     At the wrist singularity, where only the sum (or difference) of joints 4 and 6 is determined, joint 4 stays
-    where it is near.
+    where it is near (Nubiola 2011, section 6.1.5, sets it to zero).
 
     Parameters
     ----------
@@ -117,29 +123,31 @@ def nearest(arm, branches, near, limits=True):
     branch : ndarray of int, shape (n,)
         -1 where no branch is left.
     """
-    near = np.broadcast_to(np.asarray(near, dtype=float), (len(branches.joints), 6))[:, None, :]
+    around = np.broadcast_to(np.asarray(near, dtype=float), (len(branches.joints), 6))[:, None, :]
     joints = branches.joints
     singular = branches.valid & (branches.wrist <= 1e-10)
     if singular.any():
         joints = joints.copy()
         closed = branches.arm
         rows = joints[singular]
-        turn = np.broadcast_to(near, joints.shape)[singular][:, 3] - rows[:, 3]
+        turn = np.broadcast_to(around, joints.shape)[singular][:, 3] - rows[:, 3]
         # axes 4 and 6 along one another at q5 = 0, against one another at 180 degrees
         along = np.where(np.cos(closed.angles(rows)[:, 4]) > 0, 1.0, -1.0) * closed.signs[3] * closed.signs[5]
         rows[:, 3] += turn
         rows[:, 5] -= along * turn
         joints[singular] = rows
-    joints, inside = into_limits(arm, joints, near)
+    joints, inside = into_limits(arm, joints, around)
     usable = branches.valid & inside if limits else branches.valid
-    distance = np.where(usable, ((joints - near) ** 2).sum(axis=-1), np.inf)
+    distance = np.where(usable, ((joints - around) ** 2).sum(axis=-1), np.inf)
     best = np.argmin(distance, axis=1)
     found = np.isfinite(distance[np.arange(len(best)), best])
     chosen = joints[np.arange(len(best)), best]
     return np.where(found[:, None], chosen, np.nan), np.where(found, best, -1)
 
 
-def with_configuration(arm, branches, configuration, near=None):
+def with_configuration(
+    arm: Arm, branches: Branches, configuration: ArrayLike, near: ArrayLike | None = None
+) -> tuple[FloatArray, BoolArray]:
     """The branch of a given configuration, shifted by whole turns into the limits.
 
     Parameters
@@ -159,20 +167,25 @@ def with_configuration(arm, branches, configuration, near=None):
     inside : ndarray of bool, shape (n,)
         Whether there is a solution within the joint limits.
     """
-    configuration = check_configuration(configuration, len(branches.joints))
-    return into_limits(arm, branches.joints[np.arange(len(configuration)), configuration], near)
+    branch = check_configuration(configuration, len(branches.joints))
+    return into_limits(arm, branches.joints[np.arange(len(branch)), branch], near)
 
 
-def check_configuration(configuration, n):
+def check_configuration(configuration: ArrayLike, n: int) -> IntArray:
     """Branch numbers for n poses from one or n of them; refuse anything else."""
-    configuration = np.asarray(configuration)
-    if configuration.shape not in ((), (n,)) or configuration.dtype.kind not in "iu":
-        raise RobotError(f"configurations need to be branch numbers, one or {n}, found shape {configuration.shape}")
-    if configuration.size and not (configuration.min() >= 0 and configuration.max() <= 7):
-        raise RobotError(f"branch numbers go from 0 to 7, found {configuration.min()} to {configuration.max()}")
-    return np.broadcast_to(configuration, (n,))
+    branch = np.asarray(configuration)
+    if branch.shape not in ((), (n,)) or branch.dtype.kind not in "iu":
+        raise RobotError(
+            f"configurations need to be branch numbers, one or {n}, found shape {branch.shape}",
+            parameter="configuration",
+        )
+    if branch.size and not (branch.min() >= 0 and branch.max() <= 7):
+        raise RobotError(
+            f"branch numbers go from 0 to 7, found {branch.min()} to {branch.max()}", parameter="configuration"
+        )
+    return np.broadcast_to(branch, (n,))
 
 
-def configuration(arm, joints):
+def configuration(arm: Arm, joints: ArrayLike) -> IntArray:
     """Branch that joint angles lie in, 0 to 7: `OrthoParallel.configuration` of an arm, joints (..., 6) radians."""
     return OrthoParallel.of(arm).configuration(joints)

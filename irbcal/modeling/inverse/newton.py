@@ -4,9 +4,17 @@ The Jacobian is the geometric one of the calibrated arm times that of the joint 
 and origin in arrays of shape (4, 3, n), joints as (joints, n).
 """
 
-import numpy as np
+from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.modeling import dhm
+from irbcal.modeling.robot import Robot
 
 PIECE = 2048
 """Poses whose joint map is taken at once: too few for threads of the BLAS, which wait where other work goes on."""
@@ -25,13 +33,13 @@ class CalibratedChain:
         Metres: the length by which position errors are divided to weigh them against radians.
     """
 
-    def __init__(self, robot, reach):
+    def __init__(self, robot: Robot, reach: float) -> None:
         self.robot, self.reach = robot, reach
         arm = robot.arm
         self.after = None if np.array_equal(arm.T_last_tip, np.eye(4)) else arm.T_last_tip
         self.offsets = arm.table.offsets[:, None]
 
-    def angles(self, q):
+    def angles(self, q: FloatArray) -> FloatArray:
         """Joints of the DHM table for commanded joints, both (joints, n)."""
         if self.robot.joint_map.is_identity:
             return q + self.offsets
@@ -41,15 +49,15 @@ class CalibratedChain:
             np.add(self.robot.joint_map.effective(q[:, piece].T).T, self.offsets, out=out[:, piece])
         return out
 
-    def tip(self, q):
+    def tip(self, q: FloatArray) -> FloatArray:
         """Columns (4, 3, n) of ``T_base_tip`` for commanded joints (joints, n)."""
         return dhm.tip_columns(self.robot.arm.table, self.angles(q), self.robot.arm.T_base_0, self.after)
 
-    def merit(self, position, rotation):
-        """Position error (m) and rotation error (rad) as one number."""
+    def merit(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Position error (m) and rotation error (rad) as one number: Nubiola 2011, eq. 6.41, with k = `reach`."""
         return position / self.reach + rotation
 
-    def linearised(self, H, q):
+    def linearised(self, H: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """What a step needs.
 
         Parameters
@@ -88,7 +96,14 @@ class CalibratedChain:
         return J, e, (e * e).sum(axis=1), np.array(errors(tip, H))
 
 
-def solve(chain, H, q, good, straighten=0, patience=10):
+def solve(
+    chain: CalibratedChain,
+    H: FloatArray,
+    q: FloatArray,
+    good: Callable[[FloatArray, FloatArray], BoolArray],
+    straighten: int = 0,
+    patience: int = 10,
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     """Levenberg-Marquardt from given joints.
 
     Next to the shoulder singularity the joints that leave the pose nearly unchanged lie on a curve along which
@@ -129,9 +144,8 @@ def solve(chain, H, q, good, straighten=0, patience=10):
             break
         if not go.all():
             J, e = J[go], e[go]
-            index, q, H, cost, left, damping, bound, waited = (
-                v[..., go] for v in (index, q, H, cost, left, damping, bound, waited)
-            )
+            kept: list[NDArray[Any]] = [v[..., go] for v in (index, q, H, cost, left, damping, bound, waited)]
+            index, q, H, cost, left, damping, bound, waited = kept
         trial = q + _step(J, e, damping * np.minimum(np.sqrt(cost), 1.0) + 1e-15)
         J_new, e_new, cost_new, left_new = chain.linearised(H, trial)
         for _ in range(straighten):
@@ -144,10 +158,10 @@ def solve(chain, H, q, good, straighten=0, patience=10):
         cost = np.where(better, cost_new, cost)
         J, e = np.where(better[:, None, None], J_new, J), np.where(better[:, None], e_new, e)
         out_q[:, index], out_errors[:, index] = q, left
-    return out_q, *out_errors, evaluations
+    return out_q, out_errors[0], out_errors[1], evaluations
 
 
-def _step(J, e, damping):
+def _step(J: FloatArray, e: FloatArray, damping: FloatArray | float) -> FloatArray:
     """Damped least-squares step (k, n) for J (n, 6, k) and e (n, 6), at most `LONGEST_STEP` for a joint."""
     J_t = J.swapaxes(1, 2)
     A = J_t @ J
@@ -160,13 +174,18 @@ def _step(J, e, damping):
 # ------------------------------------------------------------------ poses as columns (4, 3, n)
 
 
-def columns(T):
+def columns(T: FloatArray) -> FloatArray:
     """Columns x, y, z and origin (4, 3, n) of poses (n, 4, 4)."""
     return np.ascontiguousarray(T[:, :3].transpose(2, 1, 0))
 
 
-def errors(tip, H):
-    """Distance of the origins and angle of the relative rotation of columns (4, 3, n), metres and radians."""
+def errors(tip: FloatArray, H: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distance of the origins and angle of the relative rotation of columns (4, 3, n), metres and radians.
+
+    The two parts of Nubiola 2011, eq. 6.41. The distance is taken between the origins, not from the transformation
+    error of eq. 6.42, whose translation depends on where the base is; and the angle from the chord between the axes,
+    since an inverse cosine would lose half the digits of small angles.
+    """
     difference = tip - H
     np.multiply(difference, difference, out=difference)
     squares = difference.sum(axis=1)
@@ -174,16 +193,16 @@ def errors(tip, H):
     return np.sqrt(squares[3]), 2.0 * np.arcsin(np.minimum(chord, 1.0))
 
 
-def rotation_vector(tip, H):
+def rotation_vector(tip: FloatArray, H: FloatArray) -> FloatArray:
     """Rotation vector (3, n) in the base frame that turns the tip's axes into those of H, radians."""
     # the cross products of the axes add up to 2 sin(angle) times the axis
-    v = 0.5 * sum(np.cross(tip[k], H[k], axis=0) for k in range(3))
+    v = 0.5 * np.add.reduce([np.cross(tip[k], H[k], axis=0) for k in range(3)])
     sine = np.sqrt((v * v).sum(axis=0))
     cosine = 0.5 * ((tip[:3] * H[:3]).sum(axis=(0, 1)) - 1.0)
     return v * np.where(sine > 1e-12, np.arctan2(sine, cosine) / np.maximum(sine, 1e-300), 1.0)
 
 
-def moved(H, turn, shift):
+def moved(H: FloatArray, turn: FloatArray, shift: FloatArray) -> FloatArray:
     """Columns (4, 3, n) turned by rotation vectors (3, n) about their origin and shifted by metres (3, n)."""
     angle = np.sqrt((turn * turn).sum(axis=0))
     axis = turn / np.maximum(angle, 1e-300)

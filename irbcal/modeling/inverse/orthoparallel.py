@@ -5,31 +5,28 @@ plane from axis 1 (``d2 + d3 = 0``), and axes 4, 5 and 6 meet in one point at ri
 ``a2, a3, a4, d1, d4, d6`` and offsets ``theta`` are free, so the models ``nominal``, ``11`` and ``16`` are
 inverted exactly, with ``a4 = 0`` (C = 0 in eq. 6.14) or not. Any signs of the right angles ``alpha`` will do.
 
-Every pose has up to eight branches, numbered ``4 back + 2 down + flip``:
-
-====== ================================================================== ===========================
-bit    0                                                                  1
-====== ================================================================== ===========================
-back   wrist centre in front of axis 1 (eq. 6.6)                          behind it (eq. 6.7)
-down   forearm bent towards positive q3 from the upper arm's line         bent to the other side
-flip   sine of q5 positive (eq. 6.31)                                     negative (eq. 6.32)
-====== ================================================================== ===========================
-
-``q`` are here the angles of the thesis, in which the stretched arm of figure 5.3 stands upright at zero. The
-numbers are those of ABB's ``cfx`` for such arms as its manuals describe it.
+Every pose has up to eight branches (`irbcal.modeling.inverse.branches`). ``q`` are here the angles of the thesis, in
+which the stretched arm of Figure 5.3 stands upright at zero.
 
 Elbow and upper arm are found from the triangle of upper arm ``a3``, forearm ``L = hypot(a4, d4)`` and reach
-``rho``, with ``delta`` the angle from upper arm to forearm: the same lines and circle as eqs. 6.10 to 6.28,
-free of divisions by C. All work is on arrays of one quantity for a block of poses.
+``rho``, with ``delta`` the angle from upper arm to forearm: the same line and circle as in Figure 6.1, free of
+divisions by C, so that sections 6.1.2 and 6.1.3 are one. All work is on arrays of one quantity for a block of poses.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse.branches import Branches, branch_number
 
 BLOCK = 8192
 """Poses per block: the working set of a block stays in the processor's cache."""
@@ -48,71 +45,11 @@ _CANONICAL = np.array([0.0, -1.0, 0.0, -1.0, 1.0, -1.0]) * (np.pi / 2)
 _ON_SINGULARITY = 1e-12  # sine of q5 below which q4 is not defined by the pose
 
 
-def branch_number(back=False, down=False, flip=False):
-    """Number of a branch (0 to 7) from its configuration; takes arrays too."""
-    return 4 * np.asarray(back, dtype=int) + 2 * np.asarray(down, dtype=int) + np.asarray(flip, dtype=int)
+Triangle: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
+"""Square of the reach, cosine and sine of the angle from upper arm to forearm."""
 
 
-@dataclass(frozen=True, eq=False)
-class Branches:
-    """The inverse kinematics of a batch of poses.
-
-    Attributes
-    ----------
-    joints : ndarray, shape (n, 8, 6)
-        Joint angles of each branch, radians, each within a half turn of zero; NaN where there is no solution.
-    valid : ndarray of bool, shape (n, 8)
-        Whether the branch reaches the pose. Joint limits are not regarded: see
-        `irbcal.modeling.inverse.closed_form.into_limits`.
-    shoulder : ndarray, shape (n,)
-        Distance of the wrist centre from axis 1, metres: zero at the shoulder (alignment) singularity, where
-        the angle of axis 1 is arbitrary (it is set to the zero of eq. 6.6).
-    reach_margin : ndarray, shape (n, 2)
-        How far the wrist centre is inside the reach of upper arm and forearm from axis 2, for the front and
-        back branches, metres: zero at the elbow singularity (stretched or folded arm), negative out of reach.
-    arm : OrthoParallel
-    """
-
-    joints: np.ndarray
-    valid: np.ndarray
-    shoulder: np.ndarray
-    reach_margin: np.ndarray
-    arm: "OrthoParallel"
-
-    @cached_property
-    def wrist(self):
-        """Angle between axes 4 and 6 as lines, (n, 8) radians: zero at the wrist singularity (section 6.1.5)."""
-        return self.arm.wrist_angle(self.joints)
-
-    @cached_property
-    def elbow(self):
-        """Distance from the elbow singularity of each branch, (n, 8) metres (see ``reach_margin``)."""
-        return np.repeat(self.reach_margin, 4, axis=1)
-
-    def singular(self, wrist=1e-6, shoulder=1e-6, elbow=1e-6):
-        """Which branches are at a singularity.
-
-        Parameters
-        ----------
-        wrist : float
-            Radians.
-        shoulder, elbow : float
-            Metres.
-
-        Returns
-        -------
-        dict of str to ndarray of bool, shape (n, 8)
-            ``wrist``, ``shoulder``, ``elbow``; False where the branch is not valid.
-        """
-        near = {
-            "wrist": self.wrist <= wrist,
-            "shoulder": np.broadcast_to((self.shoulder <= shoulder)[:, None], self.valid.shape),
-            "elbow": self.elbow <= elbow,
-        }
-        return {name: mask & self.valid for name, mask in near.items()}
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OrthoParallel:
     """What the closed form needs to know of an arm.
 
@@ -122,11 +59,11 @@ class OrthoParallel:
     a2, a3, d4, a4 : float
         Lengths, metres, with the signs they have when all ``alpha`` are those of Table 5.1 and ``a3 > 0``.
     signs, shifts : ndarray, shape (6,)
-        ``joint = signs * q + shifts`` with q the angles of eqs. 6.1 to 6.38, radians.
+        ``joint = signs * q + shifts`` with q the angles of Nubiola 2011, section 6.1, radians.
     linear : ndarray, shape (12, 12)
     constant : ndarray, shape (12,)
-        The columns n, o, a of eq. 6.1 and the wrist centre less ``d1`` (eq. 6.3), all in frame 0, from the
-        columns x, y, z and origin of ``T_base_tip``.
+        The columns n, o, a of eq. 6.1 and the wrist centre (the origin of frame 4, eqs. 6.2 and 6.3) less ``d1``,
+        all in frame 0, from the columns x, y, z and origin of ``T_base_tip``.
     """
 
     name: str
@@ -134,13 +71,19 @@ class OrthoParallel:
     a3: float
     d4: float
     a4: float
-    signs: np.ndarray
-    shifts: np.ndarray
-    linear: np.ndarray
-    constant: np.ndarray
+    signs: FloatArray
+    shifts: FloatArray
+    linear: FloatArray
+    constant: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __repr__(self) -> str:
+        return f"<OrthoParallel of {self.name}>"
 
     @staticmethod
-    def of(arm, tolerance=EXACT):
+    def of(arm: Arm, tolerance: float = EXACT) -> OrthoParallel:
         """The closed form of an arm.
 
         Parameters
@@ -188,21 +131,22 @@ class OrthoParallel:
         left = frames.transform(None, [0.0, 0.0, -d[0]]) @ frames.inverse(before)
         right = frames.inverse(after) @ frames.transform(None, [0.0, 0.0, -d[5]])
         linear = np.kron(right.T, left[:3, :3])
-        return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, linear, np.r_[np.zeros(9), left[:3, 3]])
+        constant = np.concatenate([np.zeros(9), left[:3, 3]])
+        return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, np.asarray(linear, dtype=float), constant)
 
     @property
-    def forearm(self):
+    def forearm(self) -> float:
         """Distance of axis 3 from the wrist centre, metres."""
-        return np.hypot(self.a4, self.d4)
+        return float(np.hypot(self.a4, self.d4))
 
     @property
-    def reach(self):
+    def reach(self) -> float:
         """Distance of axis 2 from the wrist centre of the stretched arm, metres."""
         return self.a3 + self.forearm
 
     # ------------------------------------------------------------------ the eight branches
 
-    def branches(self, T_base_tip):
+    def branches(self, T_base_tip: ArrayLike) -> Branches:
         """All branches of a batch of poses.
 
         Parameters
@@ -220,9 +164,9 @@ class OrthoParallel:
         joints, valid = np.empty((n, 8, 6)), np.empty((n, 8), dtype=bool)
         shoulder, margins = np.empty(n), np.empty((n, 2))
         # columns of the linear map in the order of the elements of T, whose last row is constant
-        linear = np.zeros((12, 4, 4))
-        linear[:, :3] = self.linear.reshape(12, 4, 3).swapaxes(1, 2)
-        linear = linear.reshape(12, 16)
+        blocks = np.zeros((12, 4, 4))
+        blocks[:, :3] = self.linear.reshape(12, 4, 3).swapaxes(1, 2)
+        linear = blocks.reshape(12, 16)
         out = np.empty((8, 6, min(n, BLOCK)))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for start in range(0, n, BLOCK):
@@ -231,20 +175,22 @@ class OrthoParallel:
                 here = out[:, :, : X.shape[1]]
                 shoulder[block], margins[block], valid[block] = self._eight(X, here)
                 joints[block] = here.transpose(2, 0, 1)
+        for array in (joints, valid, shoulder, margins):  # nobody else has them: locked without a copy
+            array.setflags(write=False)
         return Branches(joints, valid, shoulder, margins, self)
 
-    def _eight(self, X, out):
+    def _eight(self, X: FloatArray, out: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
         """All branches of a block into ``out`` (8, 6, n); X (12, n) from the linear map without the constant."""
         X[9:] += self.constant[9:, None]
         X[9, ~is_rotation(X)] = np.nan
         r, _, _, front = _shoulder(X)
         q1 = self._joint(0, np.arctan2(X[10], X[9]))
         q1_back = _half_turn(q1)
-        margins = []
+        each = []
         for back, sign in enumerate((1.0, -1.0)):
             k1 = sign * r - self.a2
             margin, triangle = self._triangle(k1, X[11])
-            margins.append(margin)
+            each.append(margin)
             plane = front if back == 0 else [-v for v in front]
             inside = margin >= -REACH_TOLERANCE
             for down, side in enumerate((1.0, -1.0)):
@@ -259,12 +205,12 @@ class OrthoParallel:
                 rows[1][5] = _half_turn(rows[0][5])
             if not inside.all():
                 out[4 * back : 4 * back + 4, :, ~inside] = np.nan
-        margins = np.array(margins).T
+        margins = np.array(each).T
         return r, margins, np.repeat(margins >= -REACH_TOLERANCE, 4, axis=1)
 
     # ------------------------------------------------------------------ one branch for each pose
 
-    def branch(self, columns, branch, pull=None):
+    def branch(self, columns: FloatArray, branch: IntArray, pull: float | None = None) -> tuple[FloatArray, FloatArray]:
         """Joints of one branch for each pose, for iterations.
 
         Parameters
@@ -285,7 +231,7 @@ class OrthoParallel:
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             X = _map(self.linear, columns)
             X[9:] += self.constant[9:, None]
-            shoulder, elbow, wrist = (1.0 - 2.0 * ((branch >> bit) & 1) for bit in (2, 1, 0))
+            shoulder, elbow, wrist = (np.where((branch >> bit) & 1, -1.0, 1.0) for bit in (2, 1, 0))
             r, c1, s1, plane = _shoulder(X)
             k1, k2 = shoulder * r - self.a2, X[11]
             plane = [shoulder * v for v in plane]
@@ -309,7 +255,7 @@ class OrthoParallel:
 
     # ------------------------------------------------------------------ the steps
 
-    def _joint(self, joint, q):
+    def _joint(self, joint: int, q: FloatArray) -> FloatArray:
         """Joint angle from the thesis's angle, within a half turn of zero."""
         if self.signs[joint] < 0:
             q = -q
@@ -318,8 +264,13 @@ class OrthoParallel:
             q -= TAU * np.rint(q * (1.0 / TAU))
         return q
 
-    def _triangle(self, k1, k2):
-        """Margin of reach, and cosine and sine of the angle from upper arm to forearm (eqs. 6.10 to 6.20)."""
+    def _triangle(self, k1: FloatArray, k2: FloatArray) -> tuple[FloatArray, Triangle]:
+        """Margin of reach, and cosine and sine of the angle from upper arm to forearm.
+
+        The law of cosines is Nubiola 2011, eq. 6.10, from eqs. 6.8 and 6.9: with A, B and C of eqs. 6.12, 6.13 and 6.14
+        the line of eq. 6.11 meets the unit circle (Figure 6.1, eqs. 6.18, 6.19 and 6.20; with C = 0 eqs. 6.15, 6.16
+        and 6.17), and the two points are the two signs of the sine found here.
+        """
         a3, L = self.a3, self.forearm
         rho2 = k1 * k1 + k2 * k2
         rho = np.sqrt(rho2)
@@ -334,8 +285,14 @@ class OrthoParallel:
         product[(product < 0) & (margin >= -REACH_TOLERANCE)] = 0.0
         return margin, (rho2, cosine, np.sqrt(product) * (0.5 / (a3 * L)))
 
-    def _upper(self, k1, k2, triangle, side):
-        """Angles q2 and q3, and cosine and sine of q2 + q3 (eqs. 6.21 to 6.28); side +1 up, -1 down."""
+    def _upper(
+        self, k1: FloatArray, k2: FloatArray, triangle: Triangle, side: FloatArray | float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Angles q2 and q3, and cosine and sine of q2 + q3; side +1 up, -1 down.
+
+        q3 is that of Nubiola 2011, eqs. 6.21 and 6.22. With k1 and k2 of eqs. 6.25 and 6.26, two linear
+        equations (eqs. 6.23 and 6.24, together eq. 6.27) give q2 by eq. 6.28.
+        """
         rho2, cosine, sine = triangle
         sine = side * sine
         L, cos_b, sin_b = self.forearm, self.d4 / self.forearm, self.a4 / self.forearm
@@ -350,11 +307,14 @@ class OrthoParallel:
         return q2, np.arctan2(-cos_b * cosine, cos_b * sine), cos_b * u, cos_b * v
 
     @staticmethod
-    def _wrist(X, plane, c23, s23):
-        """Angles q4, q5, q6 with sin q5 >= 0 (eqs. 6.30 to 6.38).
+    def _wrist(
+        X: FloatArray, plane: Sequence[FloatArray], c23: FloatArray, s23: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Angles q4, q5, q6 with sin q5 >= 0, from the rotation of the wrist (Nubiola 2011, section 6.1.4, eq. 6.29).
 
-        q6 comes from the rotation with the angle q4 found undone, which is eqs. 6.36 and 6.37 at any q5: errors
-        of q4 next to the singularity are made good by q6.
+        q5 and q4 are those of eqs. 6.30, 6.31 and 6.33; the other branch (eq. 6.32) turns all three. q6 comes from the
+        rotation with the angle q4 found undone, which is eqs. 6.36, 6.37 and 6.38 at any q5 and not at the singularity
+        (section 6.1.5, eq. 6.35) alone, in place of eq. 6.34: errors of q4 next to it are made good by q6.
         """
         n_r, o_r, a_r, n_t, o_t, a_t = plane
         x = -s23 * a_r - c23 * X[8]  # cos q4 sin q5
@@ -369,11 +329,11 @@ class OrthoParallel:
 
     # ------------------------------------------------------------------ about joints
 
-    def angles(self, joints):
+    def angles(self, joints: ArrayLike) -> FloatArray:
         """The thesis's angles q (n, ..., 6) of joint angles, radians; not reduced to a turn."""
         return (np.asarray(joints, dtype=float) - self.shifts) * self.signs
 
-    def configuration(self, joints):
+    def configuration(self, joints: ArrayLike) -> IntArray:
         """Branch that joint angles lie in.
 
         Parameters
@@ -391,21 +351,27 @@ class OrthoParallel:
         elbow = self.d4 * np.cos(q3) + self.a4 * np.sin(q3)  # forearm times sine of its angle from the upper arm
         return branch_number(self.radius(joints) < 0, elbow < 0, np.sin(q[..., 4]) < 0)
 
-    def radius(self, joints):
-        """Distance of the wrist centre from axis 1, metres, negative behind it, for joints (..., 6)."""
+    def radius(self, joints: ArrayLike) -> FloatArray:
+        """Distance of the wrist centre from axis 1, metres, negative behind it, for joints (..., 6).
+
+        The bracket of Nubiola 2011, eq. 6.4.
+        """
         q = self.angles(joints)
         q2, q23 = q[..., 1], q[..., 1] + q[..., 2]
         return self.a2 + self.a3 * np.sin(q2) + self.d4 * np.cos(q23) + self.a4 * np.sin(q23)
 
-    def wrist_angle(self, joints):
+    def wrist_angle(self, joints: ArrayLike) -> FloatArray:
         """Angle between axes 4 and 6 as lines, radians, for joints (..., 6)."""
         q5 = self.angles(joints)[..., 4]
         return np.abs(q5 - np.pi * np.rint(q5 / np.pi))
 
 
-def _refuse(arm, column, deviation, values, rows, tolerance):
+def _refuse(
+    arm: Arm, column: str, deviation: FloatArray, values: FloatArray, rows: Iterable[int], tolerance: float
+) -> None:
     """Refuse the first entry of a column (counted from 0) whose deviation is beyond the tolerance or NaN."""
-    wanted = {"alpha": dict.fromkeys((1, 3, 4, 5), "+-90 degrees") | {2: "0 or 180 degrees"}}.get(column, {})
+    right = dict.fromkeys((1, 3, 4, 5), "+-90 degrees") | {2: "0 or 180 degrees"}
+    wanted = right if column == "alpha" else {}
     for i in rows:
         if not abs(deviation[i]) <= tolerance:
             angle = column in ("alpha", "beta")
@@ -415,15 +381,15 @@ def _refuse(arm, column, deviation, values, rows, tolerance):
             )
 
 
-def check_poses(T):
+def check_poses(T: ArrayLike) -> FloatArray:
     """Refuse pose arrays that are not (n, 4, 4)."""
     T = np.asarray(T, dtype=float)
     if T.ndim != 3 or T.shape[1:] != (4, 4):
-        raise RobotError(f"poses need shape (n, 4, 4), found {T.shape}")
+        raise RobotError(f"poses need shape (n, 4, 4), found {T.shape}", parameter="T_base_tip")
     return T
 
 
-def is_rotation(X):
+def is_rotation(X: FloatArray) -> BoolArray:
     """Whether the columns n, o, a in the rows 0 to 8 of X (12, n) form a rotation: a mask (n,).
 
     A matrix whose squares add up to 3 and whose determinant is 1 is one.
@@ -436,7 +402,7 @@ def is_rotation(X):
     return (np.abs(squares - 3.0) <= ROTATION_TOLERANCE) & (np.abs(determinant - 1.0) <= ROTATION_TOLERANCE)
 
 
-def _map(linear, columns):
+def _map(linear: FloatArray, columns: FloatArray) -> FloatArray:
     """The product of a small matrix and columns (k, n), in pieces too small for threads that would wait on others."""
     out = np.empty((len(linear), columns.shape[1]))
     for start in range(0, columns.shape[1], 1024):
@@ -444,8 +410,11 @@ def _map(linear, columns):
     return out
 
 
-def _shoulder(X):
-    """Radius of the wrist centre, cosine and sine of q1, and n, o, a along the radius and across it, for the front."""
+def _shoulder(X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, list[FloatArray]]:
+    """Radius of the wrist centre, cosine and sine of q1, and n, o, a along the radius and across it, for the front.
+
+    q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind (eq. 6.7) all signs are the other ones.
+    """
     px, py = X[9], X[10]
     r = np.sqrt(px * px + py * py)
     scale = 1.0 / r
@@ -458,6 +427,6 @@ def _shoulder(X):
     return r, c1, s1, radial + across
 
 
-def _half_turn(angle):
+def _half_turn(angle: FloatArray) -> FloatArray:
     """Angle turned by 180 degrees towards zero."""
     return angle - np.copysign(np.pi, angle)

@@ -1,5 +1,9 @@
 """ABB RAPID."""
 
-from irbcal.correction.languages.rapid.reader import mark, parse, read
+from irbcal.correction.languages.rapid.marking import fingerprint, mark
+from irbcal.correction.languages.rapid.reader import parse, read, read_for
 
-__all__ = ["mark", "parse", "read"]
+NAME = "RAPID"
+ENDINGS = (".mod", ".prg", ".sys", ".modx", ".sysx")
+
+__all__ = ["ENDINGS", "NAME", "fingerprint", "mark", "parse", "read", "read_for"]

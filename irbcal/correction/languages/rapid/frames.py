@@ -1,16 +1,18 @@
 """Frames of RAPID tools and work objects."""
 
-import math
+from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
-from irbcal.correction.program import QUATERNION_TOLERANCE, poses_from_numbers
+from irbcal.arrays import FloatArray
+from irbcal.correction.languages.rapid.parts import ABSENT, Data
+from irbcal.correction.languages.rapid.syntax import Reader
+from irbcal.correction.notation import poses_from_numbers, quaternion_problem
 
-ABSENT = 0.9e9
-"""From here on a number stands for an axis that is not there (9E9, 1E9), or for no place at all."""
 
-
-def given_frames(identity, frames):
+def given_frames(identity: str, frames: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Frames that the caller gives, by names in lower case, and the one that is always there.
 
     Parameters
@@ -31,15 +33,7 @@ def given_frames(identity, frames):
     return out
 
 
-def quaternion_problem(quaternion):
-    """What is wrong with the length of a quaternion, None if nothing is."""
-    length = math.hypot(*quaternion)
-    if abs(length - 1.0) <= QUATERNION_TOLERANCE:
-        return None
-    return f"expected a unit quaternion, found one of length {length:.4g}"
-
-
-def read_frame(reader, data, line):
+def read_frame(reader: Reader, data: Data, line: int) -> FloatArray:
     """Frame of a tool on the flange or of a work object in the base.
 
     Parameters
@@ -62,9 +56,10 @@ def read_frame(reader, data, line):
     """
     tool = data.type == "tooldata"
     what = f"{'tool' if tool else 'work object'} {data.spelling}"
-    if data.node is None or len(data.node.items) != (3 if tool else 5):
+    items = data.node.items if data.node is not None else None
+    if items is None or len(items) != (3 if tool else 5):
         raise reader.error(data.start, f"{what} has no frame in numbers, but line {line} uses it: give its frame")
-    words = [reader.text[item.start : item.end].lower() for item in data.node.items]
+    words = [reader.text[item.start : item.end].lower() for item in items]
     if words[0] != ("true" if tool else "false"):
         held = "is not held by the robot" if tool else "is held by the robot"
         raise reader.error(data.start, f"{what} {held} (robhold {words[0].upper()}): this is not supported")
@@ -72,10 +67,10 @@ def read_frame(reader, data, line):
         moved = f"is moved by a mechanical unit (ufprog {words[1].upper()})"
         raise reader.error(data.start, f"{what} {moved}: this is not supported")
     T = np.eye(4)
-    for node in data.node.items[1:2] if tool else data.node.items[3:5]:
+    for node in items[1:2] if tool else items[3:5]:
         parts = [part.items or [] for part in node.items or []]
-        leaves = [leaf.number for part in parts for leaf in part]
-        if [len(part) for part in parts] != [3, 4] or None in leaves:
+        leaves = [leaf.number for part in parts for leaf in part if leaf.number is not None]
+        if [len(part) for part in parts] != [3, 4] or len(leaves) < 7:
             expected = "a frame [[x, y, z], [q1, q2, q3, q4]] in numbers"
             found = reader.quote(node.start, node.end)
             raise reader.error(node.start, f"{what}: expected {expected}, found {found}")

@@ -1,12 +1,16 @@
 """The syntax of RAPID modules, as far as targets, tools, work objects and moves need it.
 
 The reader goes once through the tokens of a module and notes declarations, assignments, moves and every other mention
-of a name; what they mean for targets is decided afterwards, in ``rapid``.
+of a name; what they mean for targets is decided afterwards, see ``literals`` and ``uses``.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
 
-from irbcal.correction.languages.rapid.tokens import CLOSING, STRUCTURE, Node, Scanner
+from collections.abc import Callable
+
+from irbcal.correction.languages.rapid.expressions import CLOSING, Walker
+from irbcal.correction.languages.rapid.parts import Arg, Assignment, Data, Index, Move, Node, Scope
+from irbcal.correction.languages.rapid.tokens import STRUCTURE
 from irbcal.errors import ProgramError
 
 PATTERNS = {  # positional arguments of moves; s: anything, w: a point that the instruction writes, t: the tool
@@ -24,48 +28,7 @@ MOVES = {name.lower(): (name, tuple(pattern.split())) for name, pattern in PATTE
 EXACT = frozenset(["MoveJ", "MoveL", "MoveAbsJ", "MoveC"])  # the others may have more arguments after the tool
 
 
-class Arg(NamedTuple):
-    """An argument of a move: a literal (node), a name with an index, or neither: computed."""
-
-    node: Node | None
-    name: str | None
-    index: tuple
-    start: int
-    text: str
-
-
-class Move(NamedTuple):
-    """A move instruction: its points with their roles, tool and work object (None: wobj0)."""
-
-    name: str
-    start: int
-    scope: dict | None
-    points: list
-    tool: Arg
-    work_object: Arg | None
-
-
-class Assignment(NamedTuple):
-    """``name{index} := node``; without node: a computed value, or a component only."""
-
-    scope: dict | None
-    name: str
-    index: tuple
-    node: Node | None
-    start: int
-
-
-class Data:
-    """What one name stands for: its type, and its value where the declaration gives a list."""
-
-    def __init__(self, spelling, type_name, start, sizes=(), node=None, computed=None):
-        self.spelling, self.type, self.start = spelling, type_name, start
-        self.sizes, self.node, self.computed = sizes, node, computed
-        self.entries = []  # (index, literal), filled by `rapid`
-        self.changes = []  # (index, position of a computed value), filled by `rapid`
-
-
-class Reader(Scanner):
+class Reader(Walker):
     """One pass through the text of a module.
 
     Attributes
@@ -79,30 +42,33 @@ class Reader(Scanner):
         Lists of values in any other place.
     """
 
-    def __init__(self, text, source):
+    def __init__(self, text: str, source: str) -> None:
         super().__init__(text, source)
-        self.data, self.scopes = {}, []
-        self.moves, self.assignments, self.loose = [], [], []
+        self.data: Scope = {}
+        self.scopes: list[Scope] = []
+        self.moves: list[Move] = []
+        self.assignments: list[Assignment] = []
+        self.loose: list[Node] = []
 
-    def lookup(self, scope, name):
+    def lookup(self, scope: Scope | None, name: str) -> Data | None:
         """What a name stands for in a routine or in the module; None if it is not declared here."""
         found = scope.get(name) if scope is not None else None
         return found if found is not None else self.data.get(name)
 
-    def _declare(self, scope, data, name):
+    def _declare(self, scope: Scope, data: Data, name: str) -> None:
         if name in scope:
             first = self.line(scope[name].start)
             raise self.error(data.start, f"{data.spelling!r} is declared a second time, first in line {first}")
         scope[name] = data
 
-    def header(self):
+    def header(self) -> int:
         """Number of the token behind the header of the module, which may follow the header of older files."""
         tokens = self.tokens
         i = 0
         while tokens[i].kind != "end" and tokens[i].word != "module":
             i += 1
         if tokens[i].kind == "end":
-            raise ProgramError(f"{self.source}: expected a RAPID module, found no MODULE")
+            raise ProgramError("expected a RAPID module, found no MODULE", file=self.source)
         self._name(i + 1, "the name of the module")
         i += 2
         if tokens[i].word == "(":
@@ -113,16 +79,16 @@ class Reader(Scanner):
             i += 1
         return i
 
-    def read(self):
+    def read(self) -> None:
         """Go through the module."""
         tokens, i = self.tokens, self.header()
-        handlers = {
+        handlers: dict[str, Callable[[int], int]] = {
             **dict.fromkeys(["const", "pers", "var"], self._declaration),
             **dict.fromkeys(["proc", "func", "trap"], self._routine),
             **dict.fromkeys(["endproc", "endfunc", "endtrap"], self._routine_end),
             "record": self._record,
         }
-        stack = []
+        stack: list[str] = []
         while True:
             token = tokens[i]
             kind, word = token.kind, token.word
@@ -156,10 +122,12 @@ class Reader(Scanner):
             found = self._found(i + 1)
             raise self.error(tokens[i + 1].start, f"expected the end of the file after ENDMODULE, found {found}")
 
-    def _declaration(self, i):
+    def _declaration(self, i: int) -> int:
         type_token = self._name(i + 1, "a data type")
         name = self._name(i + 2, "a name")
-        i, sizes, node, computed = i + 3, (), None, None
+        sizes: Index = ()
+        node, computed = None, None
+        i += 3
         if self.tokens[i].word == "{":
             sizes, i = self._index(i)
         if self.tokens[i].word == ":=":
@@ -173,7 +141,7 @@ class Reader(Scanner):
         self._declare(self.data if self.scope is None else self.scope, data, name.word)
         return i
 
-    def _is_assignment(self, i):
+    def _is_assignment(self, i: int) -> bool:
         """Whether a name with indices and components stands before ``:=``."""
         if self._is_member(i):
             return False
@@ -185,8 +153,9 @@ class Reader(Scanner):
                 i = i + 2 if self.tokens[i + 1].kind == "name" else 0
         return bool(i) and self.tokens[i].word == ":="
 
-    def _assignment(self, i):
-        name, index, whole = self.tokens[i], (), True
+    def _assignment(self, i: int) -> int:
+        name, whole = self.tokens[i], True
+        index: Index = ()
         i += 1
         if self.tokens[i].word == "{":
             index, i = self._index(i)
@@ -202,7 +171,7 @@ class Reader(Scanner):
         self.assignments.append(Assignment(self.scope, name.word, index, node if whole else None, name.start))
         return i
 
-    def _routine(self, i):
+    def _routine(self, i: int) -> int:
         start, word = self.tokens[i].start, self.tokens[i].word
         if self.scope is not None:
             raise self.error(start, f"{word.upper()} stands in a routine: the end of that one is missing")
@@ -214,9 +183,9 @@ class Reader(Scanner):
             raise self.error(start, f"the module makes its own {MOVES[name.word][0]}: this is not supported")
         self.scope = {}
         self.scopes.append(self.scope)
-        return self._parameters(i + 2) if self.tokens[i + 2].word == "(" else i + 2
+        return self._parameters(i + 2, self.scope) if self.tokens[i + 2].word == "(" else i + 2
 
-    def _parameters(self, i):
+    def _parameters(self, i: int, scope: Scope) -> int:
         name = None
         while self.tokens[i].word != ")":
             i += 1
@@ -227,17 +196,17 @@ class Reader(Scanner):
                 name = self.tokens[i]
             elif word in (",", "\\", "|", ")") and name is not None:
                 data = Data(self.text[name.start : name.end], "parameter", name.start)
-                self._declare(self.scope, data, name.word)
+                self._declare(scope, data, name.word)
                 name = None
         return i + 1
 
-    def _routine_end(self, i):
+    def _routine_end(self, i: int) -> int:
         if self.scope is None:
             raise self.error(self.tokens[i].start, f"{self.tokens[i].word.upper()} ends no routine")
         self.scope = None
         return i + 1
 
-    def _record(self, i):
+    def _record(self, i: int) -> int:
         start = self.tokens[i].start
         while self.tokens[i].word != "endrecord":
             if self.tokens[i].kind == "end":
@@ -245,10 +214,11 @@ class Reader(Scanner):
             i += 1
         return i + 1
 
-    def _move(self, i):
+    def _move(self, i: int) -> int:
         name, pattern = MOVES[self.tokens[i].word]
         start, stops = self.tokens[i].start, (",", "\\", ";")
-        args, options = [], {}
+        args: list[Arg] = []
+        options: dict[str, Arg] = {}
         i += 1
         while self.tokens[i].word != ";":
             if self.tokens[i].word == "\\":
@@ -276,9 +246,10 @@ class Reader(Scanner):
         self.moves.append(Move(name, start, self.scope, points, tool, options.get("wobj")))
         return i + 1
 
-    def _arg(self, i, stops, plain):
+    def _arg(self, i: int, stops: tuple[str, ...], plain: bool) -> tuple[Arg, int]:
         """An argument that begins at token i; names count as mentioned unless this is what the move is about."""
-        node, name, index, start = None, None, (), self.tokens[i].start
+        node, name, start = None, None, self.tokens[i].start
+        index: Index = ()
         if self.tokens[i].word == "[":
             node, j = self._list(i)
         elif self.tokens[i].word == "*" and self.tokens[i + 1].word in stops:

@@ -1,0 +1,444 @@
+"""A calibration: what comes out of the main job, can be saved, and comes back from its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from irbcal import calibrating
+from irbcal.arrays import FloatArray
+from irbcal.calibrating import Options, Progress
+from irbcal.errors import CalibrationError
+from irbcal.files import calibration_folder
+from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, Saved
+from irbcal.files.outcome import Outcome
+from irbcal.files.schema import Errors, Parameter, Record
+from irbcal.measurement.table import MeasurementsLike
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
+from irbcal.options import renamed
+from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.validation.evaluation import exclusions, orientation_line, statistics_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from irbcal.reports.plots import Plots
+
+DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Speaks):
+    """A calibrated robot with its proof: just identified, or loaded from its folder.
+
+    All that stands in ``calibration.json`` can be read from it by the same names: ``model``, ``parameters``,
+    ``heldout``, ``placement``, ``joint_map`` and others, see `irbcal.files.schema.Record`.
+
+    Attributes
+    ----------
+    outcome : Outcome or None
+        Of one just identified: the fits with their problems, points and measurements. None of a loaded one.
+    saved : Saved or None
+        Of a loaded one: its folder, record and URDF.
+    """
+
+    outcome: Outcome | None = None
+    saved: Saved | None = None
+
+    @cached_property
+    def _built(self) -> tuple[Record, bytes]:
+        if self.saved is not None:
+            return self.saved.record, self.saved.urdf
+        return self._document()
+
+    def _document(self, **options: bool) -> tuple[Record, bytes]:
+        from irbcal.files import document
+
+        assert self.outcome is not None
+        return document.build(self.outcome, **options)
+
+    @property
+    def record(self) -> Record:
+        """Content of ``calibration.json``; checked against Pinocchio and yourdfpy when it is first asked for."""
+        return self._built[0]
+
+    @property
+    def urdf(self) -> bytes:
+        """The corrected URDF."""
+        return self._built[1]
+
+    @property
+    def folder(self) -> Path | None:
+        """Where it was loaded from."""
+        return None if self.saved is None else self.saved.folder
+
+    def __getattr__(self, name: str) -> Any:
+        # pickle and copy ask for names before there is anything to ask
+        if name not in Record.model_fields and name not in ("used_points", "tool_shape", "reference_places"):
+            raise AttributeError(f"a calibration has no attribute {name!r}")
+        return getattr(self.record, name)
+
+    def robot_calibrated(self) -> Robot:
+        """The calibrated robot: predicts points and poses from commanded joints."""
+        return self.record.robot_calibrated()
+
+    def robot_nominal(self) -> Robot:
+        """The nominal robot with base and tool identified from the same poses."""
+        return self.record.robot_nominal()
+
+    def arm(self, calibrated: bool = True) -> Arm:
+        """The calibrated (or nominal) arm."""
+        return self.record.arm(calibrated)
+
+    def save(self, folder: str | Path, *, world_link: bool = False, target_links: bool = False) -> Record:
+        """See `save`."""
+        return save(self, folder, world_link=world_link, target_links=target_links)
+
+    @property
+    def plot(self) -> Plots:
+        """The report's figures: ``calibration.plot.errors_by_pose()`` and others."""
+        from irbcal.reports.plots import Plots
+
+        return Plots(self.record)
+
+    def to_frame(self, what: Literal["parameters", "points"] = "parameters") -> pd.DataFrame:
+        """The parameters, or the used points with their errors, as a table.
+
+        Parameters
+        ----------
+        what : {"parameters", "points"}
+            Parameters: name, value, unit, std, low, high, state, reason. Points: pose, group, target, heldout,
+            nominal_mm, calibrated_mm, and the measured places where they were saved.
+
+        Returns
+        -------
+        DataFrame
+        """
+        import pandas as pd
+
+        from irbcal.options import checked
+
+        checked("what", what, ("parameters", "points"))
+        if what == "parameters":
+            return pd.DataFrame([vars(item) for item in self.record.parameters])
+        columns = {name: values for name, values in self.record.points if values}
+        return pd.DataFrame(columns)
+
+    def headline(self) -> str:
+        """What it is worth, in one line."""
+        r = self.record
+        kind = "SIMULATED, " if r.simulated else ""
+        if r.heldout is None or r.heldout_nominal is None:
+            return f"{r.robot.name}, {kind}model {r.model}: nothing was held out, so its accuracy is unknown"
+        return (
+            f"{r.robot.name}, {kind}model {r.model}: held-out mean {r.heldout_nominal.all.mean_mm:.3f} -> "
+            f"{r.heldout.all.mean_mm:.3f} mm (largest {r.heldout.all.max_mm:.3f} mm) on {r.poses_heldout} poses"
+        )
+
+    def told(self) -> Sequence[Told]:
+        """What ``irbcal calibrate`` prints, and the parameters."""
+        return [*self.verdict(), self.parameter_table()]
+
+    def verdict(self) -> list[Told]:
+        """Errors before and after, what was identified, what was held or left out, and what to doubt."""
+        r = self.record
+        proven = r.heldout is not None
+        nominal, calibrated = (r.heldout_nominal, r.heldout) if proven else (r.fit_nominal, r.fit)
+        assert nominal is not None
+        assert calibrated is not None
+        told: list[Told] = [self._error_table(nominal, calibrated, proven)]
+        if calibrated.orientation and nominal.orientation:
+            told.append(orientation_line("nominal", nominal.orientation.model_dump()))
+            told.append(orientation_line(f"model {r.model}", calibrated.orientation.model_dump()))
+        told.append(
+            f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
+            f"identified from {r.poses_fit} poses ({self._reached()})"
+        )
+        if r.choice:
+            told.append(r.choice.explanation)
+        told += [f"  held: {sentence}" for sentence in r.held]
+        if r.excluded:
+            told.append(f"Left out: {len(r.excluded)} points, of which {r.poses_excluded} whole poses")
+            told += exclusions(r.excluded)
+        told += [f"Note: {note}" for note in r.notes]
+        check = r.pinocchio_check
+        second = f" and yourdfpy ({check.yourdfpy_poses})" if check.yourdfpy_poses else ""
+        told.append(
+            f"Pinocchio{second} on the written URDF, {check.poses} random poses: differs by {check.position_m:.1e} m, "
+            f"{check.rotation_rad:.1e} rad"
+        )
+        told.append(f"Link frames moved by at most {r.largest_link_shift_mm:.3f} mm at zero joints")
+        return told
+
+    def _error_table(self, nominal: Errors, calibrated: Errors, proven: bool) -> Table:
+        r = self.record
+        both, model = r.model != "nominal", f"model {r.model}"
+        entries: list[tuple[str, str, Mapping[str, Any]]] = []
+        if both:
+            entries.append(("all targets", "nominal", nominal.all.model_dump()))
+        headline = len(entries)
+        entries.append(("all targets", model, calibrated.all.model_dump()))
+        if proven and r.heldout_least_squares:
+            entries.append(("all targets", "… by rms", r.heldout_least_squares.all.model_dump()))
+        for name in calibrated.per_target if len(calibrated.per_target) > 1 else ():
+            if both:
+                entries.append((name, "nominal", nominal.per_target[name].model_dump()))
+            entries.append((name, model, calibrated.per_target[name].model_dump()))
+        kind = "SIMULATED data: " if r.simulated else ""
+        what = (
+            f"position errors on {r.poses_heldout} poses that the fit never saw"
+            if proven
+            else "position errors on the fitted poses: NOTHING WAS HELD OUT, this is not the robot's accuracy"
+        )
+        return statistics_table(f"{kind}{what}, mm", entries, {headline})
+
+    def _reached(self) -> str:
+        """What the method reached, in words."""
+        r = self.record
+        names = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
+        text = f"{names[r.objective.name]} {r.objective.value_mm:.3f} mm"
+        if r.objective.lower_bound_mm is not None:
+            text += f", certified: not below {r.objective.lower_bound_mm:.3f} mm with this model"
+        return text if r.method == "least-squares" else f"method {r.method}, {text}"
+
+    def parameter_table(self) -> Table:
+        """Parameters with their standard deviation, unit and state."""
+        rows: list[tuple[Cell, ...]] = [_parameter_row(item) for item in self.record.parameters]
+        return Table("Parameters", ("name", "value", "±", "unit", "state"), tuple(rows))
+
+    def to_dict(self, out: str | Path | None = None) -> dict[str, Any]:
+        """What ``irbcal calibrate --json`` prints."""
+        r = self.record
+
+        def overall(errors: Errors | None) -> dict[str, Any] | None:
+            return errors.all.model_dump() if errors else None
+
+        return {
+            "out": None if out is None else str(out),
+            "robot": r.robot.name,
+            "model": r.model,
+            "method": r.method,
+            "simulated": r.simulated,
+            "objective": r.objective.model_dump(),
+            "poses": {"fit": r.poses_fit, "heldout": r.poses_heldout, "excluded": r.poses_excluded},
+            "fit": overall(r.fit),
+            "heldout": overall(r.heldout),
+            "nominal_heldout": overall(r.heldout_nominal),
+            "per_target": r.heldout.model_dump()["per_target"] if r.heldout else None,
+            "rank": r.rank,
+            "parameters": r.parameter_count,
+            "held": list(r.held),
+            "choice": r.choice.model_dump() if r.choice else None,
+            "excluded": [item.model_dump() for item in r.excluded],
+            "notes": list(r.notes),
+            "largest_link_shift_mm": r.largest_link_shift_mm,
+            "pinocchio_check": r.pinocchio_check.model_dump(),
+            "seconds": r.seconds,
+        }
+
+
+def _parameter_row(item: Parameter) -> tuple[Cell, ...]:
+    digits = DIGITS.get(item.unit, 6)
+    std = "–" if item.std is None else f"{item.std:.{digits}f}"
+    return item.name, f"{item.value:+.{digits}f}", std, item.unit, item.state
+
+
+@renamed(order="split", known_targets="targets", poses="as_poses", base="base_link", tip="tip_link")
+def calibrate(
+    measurements: MeasurementsLike,
+    robot: str | Path,
+    model: str | None = None,
+    *,
+    holdout: float = 0.25,
+    split: Literal["random", "last"] = "random",
+    seed: int = 0,
+    verify: MeasurementsLike | None = None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    method: str = "least-squares",
+    objective: str = "rms",
+    power: float = 8.0,
+    loss: str = "linear",
+    free: Sequence[str] = (),
+    hold: Sequence[str] = (),
+    targets: str | Path | Mapping[str, FloatArray] | None = None,
+    frame: Sequence[str] | None = None,
+    as_poses: bool = False,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Identify a robot from measurements and keep poses aside to prove it.
+
+    Parameters
+    ----------
+    measurements : str, Path, DataFrame or MeasurementSet
+    robot : str or Path
+        URDF file or a robot's name, see `irbcal.robots`.
+    model : str, optional
+        Level: ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement``
+        (any serial arm); or ``auto``: chosen by cross-validation over the poses of the fit. By default ``34``, and
+        ``placement`` for arms that have not six revolute joints.
+    holdout : float or int
+        Fraction or number of poses that the fit does not see (not used with ``verify``).
+    split, seed
+        Which poses, see `irbcal.calibrating.split`.
+    verify : str, Path, DataFrame or MeasurementSet, optional
+        A file of its own for the held-out poses, measured with the same tool; it is registered to the
+        reference points of the first.
+    base_link, tip_link : str, optional
+        Link names, see `irbcal.read_urdf`.
+    method, objective, power, loss
+        See `irbcal.identification.methods.identify_by`. With method ``circles`` the fit sees the one-joint moves
+        (groups ``axis1`` ... ``axis6``) only, and all other poses are held out.
+    free, hold : sequence of str
+        Error parameters added to the level and taken from it, by name or pattern.
+    targets : str, Path or dict, optional
+        Targets measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm, or places in metres.
+    frame : sequence of three str, optional
+        Reference points that define the measuring frame, see `irbcal.measurement.poses.in_frame_of`.
+    as_poses : bool
+        Turn the points of each pose into one full pose first, see `irbcal.measurement.poses.as_poses`.
+    progress : callable, optional
+        Called with a short text at each step.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    IrbcalError
+        If an input or an option is refused.
+    """
+    options = Options(
+        model,
+        holdout,
+        split,
+        seed,
+        verify,
+        base_link,
+        tip_link,
+        method,
+        objective,
+        power,
+        loss,
+        free,
+        hold,
+        targets,
+        frame,
+        as_poses,
+    )
+    return Calibration(calibrating.run(measurements, robot, options, progress))
+
+
+def load(folder: str | Path) -> Calibration:
+    """Read a calibration folder.
+
+    Raises
+    ------
+    CalibrationError
+        If a file is missing, damaged, or the URDF is not the one the calibration was written with.
+    """
+    return Calibration(saved=calibration_folder.read(folder))
+
+
+def save(
+    calibration: Calibration | Outcome,
+    folder: str | Path,
+    *,
+    world_link: bool = False,
+    target_links: bool = False,
+) -> Record:
+    """Write a calibration folder: all its files, or none.
+
+    Parameters
+    ----------
+    calibration : Calibration or Outcome
+    folder : str or Path
+        Made if absent; other files in it are left alone.
+    world_link, target_links : bool
+        Add the measuring frame and the reflectors to the URDF; of a loaded calibration the URDF stays as it is.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    CalibrationError
+        If the folder cannot be written, or Pinocchio or yourdfpy disagrees with the URDF.
+    """
+    from irbcal.files.atomic import check_writable
+    from irbcal.reports import report_page
+
+    check_writable(folder, NAMES)
+    held = calibration if isinstance(calibration, Calibration) else Calibration(calibration)
+    if world_link or target_links:
+        if held.outcome is None:
+            raise CalibrationError(
+                "links are added to the URDF of a calibration just made, not to a loaded one", file=JSON_NAME
+            )
+        record, urdf = held._document(world_link=world_link, target_links=target_links)
+    else:
+        record, urdf = held.record, held.urdf
+    calibration_folder.write(folder, record, urdf, report_page.render(record))
+    return record
+
+
+def report(
+    calibration: str | Path,
+    *,
+    figures: str | Path | None = None,
+    format: Literal["png", "svg"] = "png",
+    data: str | Path | None = None,
+    progress: Progress | None = None,
+) -> dict[Path, tuple[str, ...]]:
+    """Write ``report.html`` of a calibration folder again, with its figures and data as files on request.
+
+    Parameters
+    ----------
+    calibration : str or Path
+        Its folder.
+    figures, data : str or Path, optional
+        Folders for the figures and for the data behind figures and tables (CSV).
+    format : {"png", "svg"}
+        Of the figures.
+    progress : callable, optional
+        Called with a short text at each step.
+
+    Returns
+    -------
+    dict of Path to tuple of str
+        Folder -> names of the files written there.
+
+    Raises
+    ------
+    IrbcalError
+        If the folder is no calibration or cannot be written.
+    """
+    from irbcal.files.atomic import made_folders, write_together
+    from irbcal.options import checked
+    from irbcal.reports import report_data, report_page
+
+    checked("format", format, ("png", "svg"))
+    say = progress or (lambda text: None)
+    say("reading the calibration")
+    record = calibration_folder.load(calibration)
+    folders: dict[Path, dict[str, bytes]] = {
+        Path(folder): {} for folder in (calibration, figures, data) if folder is not None
+    }
+    with made_folders(*folders):
+        say("computing errors")
+        evidence = report_page.gather(record)
+        say("drawing")
+        if figures is not None:
+            folders[Path(figures)] |= report_page.figure_files(record, evidence, format)
+        if data is not None:
+            folders[Path(data)] |= report_data.data_files(record, evidence)
+        folders[Path(calibration)][REPORT_NAME] = report_page.render(record, evidence).encode("utf-8")
+        for folder, files in folders.items():
+            write_together(folder, files)
+    return {folder: tuple(files) for folder, files in folders.items()}

@@ -1,0 +1,22 @@
+"""``irbcal robots``: the robots that can be named in place of a URDF file."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from irbcal.cli import show
+
+
+def robots(
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+) -> None:
+    """List the robots that --robot takes by name."""
+    from irbcal.files.robots import robots as known
+
+    found = known()
+    if json:
+        show.print_json(found.to_frame().astype(object).where(found.to_frame().notna(), None).to_dict("records"))
+    else:
+        show.tell(found.told())

@@ -1,0 +1,132 @@
+"""What the filter makes of a program: its new bytes, what changed, what was left and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray, NameArray, lock
+from irbcal.correction.fake_targets import corrected_in_words
+from irbcal.correction.program import Left, Note
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SHOWN = 10
+"""Changes that are shown; all are in the frame."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Filtered(Speaks):
+    """A corrected program of n corrected targets.
+
+    Attributes
+    ----------
+    source : str
+        File name of the program.
+    data : bytes
+        Content of the new file; what could not be corrected is as it was.
+    targets : ndarray of str, shape (n,)
+        Names of the corrected targets.
+    lines : ndarray of int, shape (n,)
+        Where they stand in the file, from 1.
+    q_before, q : ndarray, shape (n, joints)
+        Joints that the controller would have commanded, and those that it commands now; radians (metres for prismatic
+        joints).
+    shift, turn : ndarray, shape (n,)
+        Distance (metres) and angle (radians) from the wanted to the fake pose.
+    residual : ndarray, shape (n,)
+        Distance that the calibrated model still misses by, metres.
+    left : tuple of Left
+        Targets and moves that were left as they were, in the order of the file.
+    notes : tuple of Note
+        What the corrections do not know about.
+    joint_columns : tuple of str
+        Names of the arm's joints in tables, with their units.
+    fingerprint : str
+        Of the calibration, as in the mark.
+    expected_error : float or None
+        Mean error of the calibration's held-out poses, metres; None where it has none.
+    written : Path or None
+        File of the program with fake targets, if it was asked for.
+    """
+
+    source: str
+    data: bytes
+    targets: NameArray
+    lines: IntArray
+    q_before: FloatArray
+    q: FloatArray
+    shift: FloatArray
+    turn: FloatArray
+    residual: FloatArray
+    left: tuple[Left, ...]
+    notes: tuple[Note, ...]
+    joint_columns: tuple[str, ...]
+    fingerprint: str
+    expected_error: float | None = None
+    written: Path | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing was left as it was."""
+        return not self.left
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each corrected target, in the units of files.
+
+        Columns ``target``, ``line``, joints before (``q1_deg_before`` …) and after (``q1_deg`` …), ``shift_mm``,
+        ``turn_deg`` (from the wanted to the fake pose) and ``residual_mm`` (what the calibrated model still misses by).
+        """
+        import pandas as pd
+
+        before, after = self._in_units(self.q_before).T, self._in_units(self.q).T
+        return pd.DataFrame(
+            {
+                "target": self.targets,
+                "line": self.lines,
+                **{f"{name}_before": values for name, values in zip(self.joint_columns, before, strict=True)},
+                **dict(zip(self.joint_columns, after, strict=True)),
+                "shift_mm": self.shift / MM,
+                "turn_deg": self.turn / DEG,
+                "residual_mm": self.residual / MM,
+            }
+        )
+
+    def _in_units(self, q: FloatArray) -> FloatArray:
+        return q / np.array([MM if name.endswith("_mm") else DEG for name in self.joint_columns])
+
+    def told(self) -> list[Told]:
+        """How many targets changed by how much, the first of them, and what was left and why."""
+        told: list[Told] = [corrected_in_words(self.shift)]
+        if len(self.targets):
+            told.append(self._first_changes())
+        if len(self.targets) > SHOWN:
+            told.append(f"… and {len(self.targets) - SHOWN} more")
+        if self.expected_error is not None:
+            mean = self.expected_error / MM
+            told.append(f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses")
+        told += [f"  left as it was: {item.target} (line {item.line}): {item.reason}" for item in self.left]
+        told += [f"Note: line {note.line}: {note.text}" for note in self.notes]
+        if self.written is not None:
+            told.append(f"Written to {self.written}")
+        return told
+
+    def _first_changes(self) -> Table:
+        slides = any(name.endswith("_mm") for name in self.joint_columns)
+        largest = np.abs(self._in_units(self.q[:SHOWN] - self.q_before[:SHOWN])).max(axis=1)
+        rows = zip(self.targets, self.lines, self.shift / MM, self.turn / DEG, largest, strict=False)
+        return Table(
+            "Changes",
+            ("target", "line", "shift mm", "turn deg", f"largest joint change deg{' (mm)' if slides else ''}"),
+            tuple((str(name), int(line), float(s), float(t), float(q)) for name, line, s, t, q in rows),
+            digits=4,
+        )

@@ -1,0 +1,135 @@
+"""What a RAPID module is made of, as far as targets, tools, work objects and moves need it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from irbcal.correction.notation import quaternion_problem
+from irbcal.correction.program import Kind
+from irbcal.correction.text_program import Use
+
+ABSENT = 0.9e9
+"""From here on a number stands for an axis that is not there (9E9, 1E9), or for no place at all."""
+
+Index: TypeAlias = tuple[int | None, ...]
+"""Index of an element, each from 1; None where it is computed."""
+
+Scope: TypeAlias = "dict[str, Data]"
+"""Data of a routine by their names in lower case."""
+
+
+class Node(NamedTuple):
+    """A value: a list of values, a plain number, or (both None) any other expression."""
+
+    items: list[Node] | None
+    number: float | None
+    start: int
+    end: int
+
+
+class Mention(NamedTuple):
+    """A name in any other place."""
+
+    scope: Scope | None
+    name: str
+    indices: Index
+    start: int
+
+
+class Literal:
+    """A target in numbers while its uses are gathered.
+
+    Attributes
+    ----------
+    kind : str
+        ``joint`` or ``pose``.
+    name : str
+    start : int
+        Where it stands.
+    numbers, configuration : tuple of Node
+        The numbers to correct, and the configuration data: empty where they are not four numbers.
+    values : tuple of float
+        Of the numbers.
+    external : Node
+        The external axes.
+    uses : list of Use
+    reasons : list of str
+        What speaks against changing it.
+    mentioned : list of int
+        Where its variable is used in another way than as the target of a move.
+    problem : str or None
+        What is wrong with its numbers.
+    """
+
+    def __init__(
+        self, kind: Kind, name: str, start: int, numbers: list[Node], configuration: list[Node], external: Node
+    ) -> None:
+        self.kind, self.name, self.start, self.external = kind, name, start, external
+        self.numbers, self.configuration = tuple(numbers), tuple(configuration)
+        self.values = tuple(leaf.number for leaf in numbers if leaf.number is not None)
+        self.uses: list[Use] = []
+        self.reasons: list[str] = []
+        self.mentioned: list[int] = []
+        self.problem = self._problem()
+
+    def _problem(self) -> str | None:
+        values = np.array(self.values)
+        if not np.isfinite(values).all() or (self.kind == "pose" and np.abs(values).max() >= ABSENT):
+            return "found a number that is too large"
+        if self.kind == "pose":
+            return quaternion_problem(self.values[3:])
+        absent = np.flatnonzero(np.abs(values) >= ABSENT)
+        if len(absent):
+            self.reasons.append(f"joint {absent[0] + 1} has no value (9E9)")
+        return None
+
+
+class Arg(NamedTuple):
+    """An argument of a move: a literal (node), a name with an index, or neither: computed."""
+
+    node: Node | None
+    name: str | None
+    indices: Index
+    start: int
+    text: str
+
+
+class Move(NamedTuple):
+    """A move instruction: its points with their roles, tool and work object (None: wobj0)."""
+
+    name: str
+    start: int
+    scope: Scope | None
+    points: list[tuple[str, Arg]]
+    tool: Arg
+    work_object: Arg | None
+
+
+class Assignment(NamedTuple):
+    """``name{index} := node``; without node: a computed value, or a component only."""
+
+    scope: Scope | None
+    name: str
+    indices: Index
+    node: Node | None
+    start: int
+
+
+class Data:
+    """What one name stands for: its type, and its value where the declaration gives a list."""
+
+    def __init__(
+        self,
+        spelling: str,
+        type_name: str,
+        start: int,
+        sizes: Index = (),
+        node: Node | None = None,
+        computed: int | None = None,
+    ) -> None:
+        self.spelling, self.type, self.start = spelling, type_name, start
+        self.sizes, self.node, self.computed = sizes, node, computed
+        self.entries: list[tuple[Index, Literal]] = []  # filled by `literals`
+        self.changes: list[tuple[Index, int]] = []  # and the positions of computed values, too

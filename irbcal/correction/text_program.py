@@ -1,0 +1,326 @@
+r"""Programs of text in which targets stand as numbers: replacing these and nothing else.
+
+A target is either a set of joints or a pose of the tool centre point in a work object. Writing fake targets
+(Nubiola 2011, section 6.2) means to replace the numbers of targets and to leave every other byte::
+
+    T_base_tip = T_base_wobj @ T_wobj_tcp @ inverse(T_tip_tcp)
+
+where ``tip`` is the flange frame that carries the tool (``tool0``) and ``base`` the frame that carries the work
+objects (``wobj0``).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.correction.configurations import ConfData, configuration_of
+from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
+from irbcal.correction.program import Goals, Kind, Left, Note
+from irbcal.errors import ProgramError
+from irbcal.modeling import frames
+from irbcal.units import DEG
+
+Span: TypeAlias = tuple[int, int]
+"""First character of a piece of text and the one behind it."""
+
+Edit: TypeAlias = tuple[int, int, str]
+"""A span and the text that takes its place."""
+
+Role: TypeAlias = Literal["to", "via"]
+
+
+@dataclass(frozen=True)
+class Use:
+    """One direct use of a target in a move.
+
+    Attributes
+    ----------
+    line, column : int
+        Of the instruction; both start at 1.
+    instruction : str
+        As usually spelled: MoveJ, MoveL, MoveC, MoveAbsJ, TriggL, …
+    role : str
+        ``to``, or ``via`` for the point on the circle.
+    tool, work_object : str or None
+        Names in lower case; None where the program computes them.
+    """
+
+    line: int
+    column: int
+    instruction: str
+    role: Role
+    tool: str | None
+    work_object: str | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Target:
+    """A target whose numbers stand in the file.
+
+    Attributes
+    ----------
+    name : str
+        As in the program, with the index for the element of an array; the place for a literal inside a move.
+    kind : str
+        ``joint`` or ``pose``.
+    value : ndarray, shape (6,) or (4, 4)
+        Joints in radians, or ``T_wobj_tcp`` in metres; locked. NaN where ``conflicts`` says that it has none.
+    configuration : ConfData or None
+        Of a pose; None where it is not a literal.
+    external : str
+        External axes as they stand in the file.
+    line, column : int
+        Where the literal begins; both start at 1.
+    uses : tuple of Use
+        Direct uses in moves.
+    conflicts : tuple of str
+        Why changing this literal would do more, or something else, than correct its direct uses.
+    written : tuple of float
+        The numbers as they stand in the file: degrees, or mm and quaternion (scalar first).
+    spans, configuration_spans : tuple of (int, int)
+        Where these numbers stand in the text.
+
+    There is one for each literal of a module, so the array is locked where it is made.
+    """
+
+    name: str
+    kind: Kind
+    value: FloatArray
+    configuration: ConfData | None
+    external: str
+    line: int
+    column: int
+    uses: tuple[Use, ...]
+    conflicts: tuple[str, ...]
+    written: tuple[float, ...]
+    spans: tuple[Span, ...]
+    configuration_spans: tuple[Span, ...] = ()
+
+    @property
+    def correctable(self) -> bool:
+        """Whether a move uses this target and nothing speaks against changing it."""
+        return bool(self.uses) and not self.conflicts
+
+    @property
+    def reason(self) -> str:
+        """Why the target is not correctable, one sentence part; empty if it is."""
+        return "; ".join(self.conflicts) or ("" if self.uses else "no move of this module uses it")
+
+
+@dataclass(frozen=True)
+class Uncorrected:
+    """A move that goes, at least in part, to a target that cannot be corrected."""
+
+    line: int
+    column: int
+    instruction: str
+    target: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TextProgram(ABC):
+    """A program as read: its text and what was understood of it; a language says how it is marked.
+
+    Attributes
+    ----------
+    source : str
+        File name for messages.
+    text, encoding : str
+        ``text.encode(encoding)`` are the bytes of the file.
+    targets : tuple of Target
+        In the order of the file.
+    tools, work_objects : dict of str to ndarray, shape (4, 4)
+        ``T_tip_tcp`` and ``T_base_wobj`` of the names (lower case) that direct uses of poses need; metres.
+    uncorrected : tuple of Uncorrected
+        Moves that are left as they are.
+    notes : tuple of Note
+        What the user should look at.
+    fingerprint : str or None
+        Of the calibration that this program was already corrected with; empty where the mark does not say.
+    """
+
+    source: str
+    text: str
+    encoding: str
+    targets: tuple[Target, ...]
+    tools: Mapping[str, FloatArray]
+    work_objects: Mapping[str, FloatArray]
+    uncorrected: tuple[Uncorrected, ...]
+    notes: tuple[Note, ...]
+    fingerprint: str | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @abstractmethod
+    def marked(self, data: bytes, fingerprint: str) -> bytes:
+        """Bytes of such a program with the language's mark of a correction."""
+
+    @property
+    def data(self) -> bytes:
+        """The bytes of the file."""
+        return self.text.encode(self.encoding)
+
+    def correctable(self, kind: Kind | None = None) -> list[int]:
+        """Numbers of the targets that may be changed, of one kind or of both: list of int."""
+        return [k for k, t in enumerate(self.targets) if t.correctable and kind in (None, t.kind)]
+
+    def skipped(self) -> list[tuple[Target, str]]:
+        """Targets that are left as they are, with the reason: list of (Target, str)."""
+        return [(t, t.reason) for t in self.targets if not t.correctable]
+
+    def goals(self) -> list[Goals]:
+        """The targets that may be corrected: joints first, then poses."""
+        out = []
+        joints, poses = self.correctable("joint"), self.correctable("pose")
+        if joints:
+            out.append(self._goals("joint", joints, np.array([self.targets[k].value for k in joints])))
+        if poses:
+            out.append(self._goals("pose", poses, tip_poses(self, poses)))
+        return out
+
+    def _goals(self, kind: Kind, numbers: list[int], values: FloatArray) -> Goals:
+        targets = [self.targets[k] for k in numbers]
+        return Goals(
+            kind,
+            np.array(numbers),
+            tuple(target.name for target in targets),
+            np.array([target.line for target in targets]),
+            values,
+            tuple(target.configuration for target in targets) if kind == "pose" else None,
+        )
+
+    def left(self) -> list[Left]:
+        """Targets that are not correctable, and moves whose target is not."""
+        targets = [Left(t.name, t.line, reason) for t, reason in self.skipped() if t.uses or t.conflicts]
+        moves = [Left(f"{move.instruction} {move.target}", move.line, move.reason) for move in self.uncorrected]
+        return targets + moves
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:
+        """Bytes of the program with fake targets, their configuration data and the language's mark."""
+        values: dict[int, FloatArray] = {}
+        configurations: dict[int, ConfData] = {}
+        for goals, fake in found:
+            rows = np.flatnonzero(fake.ok)
+            chosen = goals.numbers[rows].tolist()
+            if goals.kind == "joint":
+                values |= dict(zip(chosen, fake.q[rows], strict=True))
+                continue
+            values |= values_for_tip_poses(self, chosen, fake.T_fake[rows])
+            for row, k in zip(rows, chosen, strict=True):
+                written = self.targets[k].configuration
+                if written is not None:
+                    configurations[k] = configuration_of(fake.q[row], written.cfx)
+        return self.marked(with_targets(self, values, configurations), fingerprint) if values else self.data
+
+
+def tip_poses(program: TextProgram, indices: Sequence[int]) -> FloatArray:
+    """Poses of the flange that pose targets ask for.
+
+    Parameters
+    ----------
+    program : TextProgram
+    indices : sequence of int
+        Numbers of correctable pose targets.
+
+    Returns
+    -------
+    ndarray, shape (n, 4, 4)
+        ``T_base_tip``, metres.
+    """
+    T_base_wobj, T_tip_tcp = _frames_of(program, indices)
+    values = np.array([program.targets[k].value for k in indices]).reshape(-1, 4, 4)
+    return T_base_wobj @ values @ frames.inverse(T_tip_tcp)
+
+
+def values_for_tip_poses(program: TextProgram, indices: Sequence[int], T_base_tip: ArrayLike) -> dict[int, FloatArray]:
+    """Values of pose targets that make the flange reach given poses; the inverse of `tip_poses`.
+
+    Returns
+    -------
+    dict of int to ndarray, shape (4, 4)
+        ``T_wobj_tcp`` by the number of the target, as `with_targets` takes it.
+    """
+    T_base_wobj, T_tip_tcp = _frames_of(program, indices)
+    values = frames.inverse(T_base_wobj) @ np.asarray(T_base_tip, dtype=float).reshape(-1, 4, 4) @ T_tip_tcp
+    return dict(zip(indices, values, strict=True))
+
+
+def _frames_of(program: TextProgram, indices: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    uses = [program.targets[k].uses[0] for k in indices]  # a correctable target is used with one tool and work object
+    work_objects = [program.work_objects[use.work_object or ""] for use in uses]
+    tools = [program.tools[use.tool or ""] for use in uses]
+    return np.array(work_objects).reshape(-1, 4, 4), np.array(tools).reshape(-1, 4, 4)
+
+
+def with_targets(
+    program: TextProgram,
+    new_values: Mapping[int, FloatArray],
+    configurations: Mapping[int, ConfData] | None = None,
+) -> bytes:
+    """Bytes of the program with new values for some targets and all else untouched.
+
+    A number that the new value does not change, within the decimals written, keeps its text.
+
+    Parameters
+    ----------
+    program : TextProgram
+    new_values : dict of int to ndarray, shape (6,) or (4, 4)
+        By the number of the target: joints in radians or ``T_wobj_tcp`` in metres.
+    configurations : dict of int to ConfData, optional
+        New configurations of pose targets.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    ProgramError
+        If a configuration is to be written where the program has no literal one.
+    ValueError
+        If a value is not finite, not rigid or of the wrong shape.
+    """
+    edits: list[Edit] = []
+    poses = [k for k in new_values if program.targets[k].kind == "pose"]
+    joints = [k for k in new_values if program.targets[k].kind == "joint"]
+    for chosen, shape in ((poses, (4, 4)), (joints, (6,))):
+        wrong = [k for k in chosen if np.shape(new_values[k]) != shape or not np.isfinite(new_values[k]).all()]
+        if wrong:
+            raise ValueError(f"target {program.targets[wrong[0]].name}: expected finite numbers of shape {shape}")
+    if poses:
+        near = np.array([program.targets[k].written[3:] for k in poses])
+        numbers = numbers_from_poses(np.array([new_values[k] for k in poses]), near)
+        for k, row in zip(poses, numbers, strict=True):
+            _edit(edits, program.targets[k], row, [DECIMALS] * 3 + [QUATERNION_DECIMALS] * 4)
+    for k in joints:
+        _edit(edits, program.targets[k], np.asarray(new_values[k]) / DEG, [DECIMALS] * 6)
+    for k, conf in (configurations or {}).items():
+        target = program.targets[k]
+        if target.configuration is None:
+            message = f"target {target.name} has no configuration in numbers to rewrite"
+            raise ProgramError(message, file=program.source, line=target.line)
+        pairs = zip(conf, target.configuration, strict=True)
+        spans = target.configuration_spans
+        edits.extend((*s, str(int(new))) for s, (new, old) in zip(spans, pairs, strict=True) if new != old)
+    pieces: list[str] = []
+    end = 0
+    for start, stop, text in sorted(edits):
+        pieces += [program.text[end:start], text]
+        end = stop
+    return "".join([*pieces, program.text[end:]]).encode(program.encoding)
+
+
+def _edit(edits: list[Edit], target: Target, numbers: FloatArray, decimals: Sequence[int]) -> None:
+    for span, new, old, places in zip(target.spans, numbers, target.written, decimals, strict=True):
+        if not abs(new - old) <= 0.5 * 10.0**-places:
+            edits.append((*span, number_text(new, places)))

@@ -1,0 +1,402 @@
+"""Figures of position and orientation errors of poses (after Nubiola 2011, Figures 7.2, 7.4, 7.5, 7.6 and 7.7).
+
+A model has one colour in all of them. Names from the data stand in texts and titles of marks, where they are escaped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.figures.charts import Drawing, Figure, LegendEntry, Lines, Panel, Sign, Text, fixed, up_to
+from irbcal.units import DEG, MM
+
+MOST_TITLED = 1500
+"""Marks of one drawing that say what they are; of more only the largest errors do."""
+
+MOST_ARROWS = 300
+ARROW = 0.1
+"""Length of a large error's arrow as a share of the drawn space."""
+
+BINS = 40
+CLASSES = 5
+
+QUANTILES = 200
+"""Ordered errors that a normal quantile plot shows at most, the largest `TAIL` always."""
+
+TAIL = 20
+
+
+class DistanceStatistics(Protocol):
+    """What figures say of distances, mm."""
+
+    mean_mm: float
+    sigma_mm: float
+    max_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class ModelErrors:
+    """Errors of one model on one set of poses.
+
+    Attributes
+    ----------
+    statistics : DistanceStatistics
+        Of all points.
+    distance : ndarray, shape (m,)
+        Of each point, metres.
+    per_pose : ndarray, shape (n,)
+        Mean distance of each pose's points, metres.
+    intervals : dict or None
+        95 % intervals of the statistics by their names, mm.
+    vector : ndarray, shape (m, 3), or None
+        Measured minus predicted place of each point along the axes of the base link, metres.
+    rotation : ndarray, shape (m,), or None
+        Angle between measured and predicted target frame, radians, NaN where there is none.
+    """
+
+    statistics: DistanceStatistics
+    distance: FloatArray
+    per_pose: FloatArray
+    intervals: Mapping[str, Sequence[float]] | None
+    vector: FloatArray | None
+    rotation: FloatArray | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def mean_vector(self, pose: IntArray) -> FloatArray:
+        """Mean error vector of each pose, shape (n, 3), metres."""
+        assert self.vector is not None
+        return _mean_by(pose, self.vector)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseErrors:
+    """One set of poses, held out, fitted or measured later, as the models see it.
+
+    Attributes
+    ----------
+    name : str
+        ``held-out``, ``fitted`` or another name.
+    pose : ndarray of int, shape (m,)
+        Which pose each point belongs to.
+    pose_names, groups : tuple of str, one for each pose
+    target : tuple of str, one for each point
+    models : dict of str to ModelErrors
+        ``nominal`` and, but for the level of that name, ``calibrated``.
+    place : ndarray, shape (m, 3), or None
+        Measured place of each point in the base link, metres.
+    """
+
+    name: str
+    pose: IntArray
+    pose_names: tuple[str, ...]
+    groups: tuple[str, ...]
+    target: tuple[str, ...]
+    models: Mapping[str, ModelErrors]
+    place: FloatArray | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def proves(self) -> bool:
+        """Whether the fit never saw these poses."""
+        return self.name != "fitted"
+
+    def mean_place(self) -> FloatArray:
+        """Mean measured place of each pose's points in the base link, shape (n, 3), metres."""
+        assert self.place is not None
+        return _mean_by(self.pose, self.place)
+
+
+def _mean_by(pose: IntArray, values: FloatArray) -> FloatArray:
+    count = np.bincount(pose)
+    return np.column_stack([np.bincount(pose, column) / count for column in values.T])
+
+
+def normal_quantiles(distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Ordered values against the quantiles of the normal distribution (Blom's places), thinned but for the ends.
+
+    Parameters
+    ----------
+    distance : ndarray, shape (m,)
+
+    Returns
+    -------
+    quantile, value : ndarray, shape (k,)
+    """
+    from scipy.special import ndtri
+
+    value = np.sort(distance)
+    n = len(value)
+    rank = np.arange(n)
+    step = max(1, -(-n // QUANTILES))
+    shown = (rank % step == 0) | (rank >= n - TAIL)
+    return ndtri((rank[shown] + 0.625) / (n + 0.25)), value[shown]
+
+
+def _models_legend(poses: PoseErrors, mark: Sign = "o") -> list[LegendEntry]:
+    return [
+        (name, mark, f"{name} (mean {fixed(model.statistics.mean_mm, 3)} mm)") for name, model in poses.models.items()
+    ]
+
+
+def _file(poses: PoseErrors) -> str:
+    return poses.name.replace("-", "")
+
+
+def before_and_after(poses: PoseErrors) -> Figure:
+    """Mean, its interval and the largest error of both models, one above the other."""
+    largest = up_to(max(model.statistics.max_mm for model in poses.models.values()))
+    caption = f"Position errors on the {poses.name} poses: bar to the mean, line to the largest"
+    bounded = any(model.intervals for model in poses.models.values())
+    if bounded:
+        caption += ", bracket: 95 % interval of the mean"
+    drawing = Drawing(caption, 50.0 + 52.0 * len(poses.models))
+    panel = Panel(drawing, (0, largest), (0, len(poses.models)), "position error (mm)", "", plain=True)
+    for k, (name, model) in enumerate(reversed(list(poses.models.items()))):
+        s, y = model.statistics, k + 0.36
+        said = f"{name}: mean {fixed(s.mean_mm, 3)} mm, largest {fixed(s.max_mm, 3)} mm"
+        place = panel.at(0, k + 0.83)[0]
+        drawing.add(Text(place[0] + 4, place[1], said, bold=True))
+        panel.line([s.mean_mm, s.max_mm], [y, y], name, 2.0)
+        panel.line([s.max_mm, s.max_mm], [y - 0.14, y + 0.14], name, 2.0)
+        panel.boxes([0], [y - 0.19], [s.mean_mm], [y + 0.19], name, titles=[said])
+        if model.intervals:
+            low, high = model.intervals["mean_mm"]
+            panel.line([low, low, high, high], [y + 0.1, y, y, y + 0.1], "ink", 1.2)
+            panel.line([low, low, high, high], [y - 0.1, y, y, y - 0.1], "ink", 1.2)
+    return Figure("before_and_after", caption, [drawing], columns=1)
+
+
+def _titled(values: FloatArray, most: int = MOST_TITLED) -> BoolArray:
+    """Which marks say what they are: all, or where there are too many those with the largest values."""
+    if len(values) <= most:
+        return np.ones(len(values), dtype=bool)
+    return values >= np.sort(values)[-most // 10]
+
+
+def _dots(
+    panel: Panel, x: FloatArray, y: FloatArray, colour: str, texts: Sequence[str], titled: BoolArray, **style: Any
+) -> None:
+    """Marks, some of them with titles."""
+    if not titled.all():
+        panel.dots(x[~titled], y[~titled], colour, **style)
+    if titled.any():
+        panel.dots(x[titled], y[titled], colour, titles=[texts[k] for k in np.flatnonzero(titled).tolist()], **style)
+
+
+def _mark_size(n: int) -> float:
+    return min(6.0, max(2.6, 90 / n**0.5))
+
+
+def errors_by_pose(poses: PoseErrors) -> Figure:
+    """A panel for each model, one above the other, so that neither hides the other."""
+    caption = f"Position error of each {poses.name} pose (mean of its points) in order of measurement"
+    return Figure(f"errors_by_pose_{_file(poses)}", caption, [_by_pose(poses, caption)], _models_legend(poses))
+
+
+def _by_pose(poses: PoseErrors, caption: str) -> Drawing:
+    n = len(poses.pose_names)
+    drawing = Drawing(caption, 150.0 + 100.0 * (len(poses.models) - 1))
+    top = up_to(max(model.per_pose.max() for model in poses.models.values()) / MM, 4)
+    x = np.arange(1.0, n + 1)
+    ends = (1 - 0.02 * n - 0.5, n + 0.02 * n + 0.5)
+    for k, (name, model) in enumerate(poses.models.items()):
+        last = k == len(poses.models) - 1
+        place: dict[str, Any] = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
+        label = "pose, in order of measurement" if last else ""
+        panel = Panel(drawing, ends, (0, top), label, "error (mm)", whole_x=True, **place)
+        y = model.per_pose / MM
+        texts = [f"pose {pose}: {name} {error:.3f} mm" for pose, error in zip(poses.pose_names, y, strict=True)]
+        _dots(panel, x, y, name, texts, _titled(y), size=_mark_size(n), opacity=0.75)
+    return drawing
+
+
+def turns_by_pose(poses: PoseErrors) -> Figure:
+    """Orientation errors in order of measurement."""
+    caption = f"Orientation error of each {poses.name} target frame in order of measurement"
+    drawing = Drawing(caption, 150.0 + 100.0 * (len(poses.models) - 1))
+    turned = {name: model.rotation for name, model in poses.models.items() if model.rotation is not None}
+    top = up_to(max(np.nanmax(rotation) for rotation in turned.values()) / DEG, 4)
+    legend: list[LegendEntry] = []
+    for k, (name, rotation) in enumerate(turned.items()):
+        have = np.flatnonzero(np.isfinite(rotation))
+        n, y = len(have), rotation[have] / DEG
+        last = k == len(poses.models) - 1
+        place: dict[str, Any] = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
+        label = "measured frame, in order of measurement" if last else ""
+        panel = Panel(
+            drawing, (0.5 - 0.02 * n, n + 0.5 + 0.02 * n), (0, top), label, "error (deg)", whole_x=True, **place
+        )
+        texts = [
+            f"pose {poses.pose_names[int(poses.pose[m])]}, {poses.target[int(m)]}: {name} {error:.4f} degrees"
+            for m, error in zip(have, y, strict=True)
+        ]
+        _dots(panel, np.arange(1.0, n + 1), y, name, texts, _titled(y), size=_mark_size(n), opacity=0.75)
+        legend.append((name, "o", name))
+    return Figure(f"orientation_{_file(poses)}", caption, [drawing], legend)
+
+
+def distribution(poses: PoseErrors) -> Figure:
+    """Histogram, and ordered errors against normal quantiles."""
+    caption = (
+        f"Distribution of the position errors of the {poses.name} points: histogram (dashed: mean), and ordered errors "
+        "against quantiles of the normal distribution (line: normal with the same mean and sigma)"
+    )
+    drawings = [_histogram(poses), _quantiles(poses)]
+    return Figure(f"distribution_{_file(poses)}", caption, drawings, _models_legend(poses))
+
+
+def _histogram(poses: PoseErrors) -> Drawing:
+    largest = up_to(max(model.distance.max() for model in poses.models.values()) / MM)
+    edges = np.linspace(0.0, largest, BINS + 1)
+    counts = {name: np.histogram(model.distance / MM, edges)[0] for name, model in poses.models.items()}
+    drawing = Drawing(f"Histogram of the position errors of the {poses.name} points")
+    top = up_to(max(count.max() for count in counts.values()))
+    panel = Panel(drawing, (0, largest), (0, top), "position error (mm)", "points", whole_y=True)
+    for name, count in counts.items():
+        some = count > 0
+        low = np.zeros(some.sum())
+        panel.boxes(edges[:-1][some], low, edges[1:][some], count[some], name, opacity=0.3)
+        outline = np.repeat(np.concatenate([[0], count, [0]]), 2)[1:-1]
+        panel.line(np.repeat(edges, 2), outline, name, 1.2)
+        mean = poses.models[name].statistics.mean_mm
+        panel.line([mean, mean], [0, top], name, dash="5 3")
+    texts = [
+        f"{a:.3g} to {b:.3g} mm: " + ", ".join(f"{name} {count[k]}" for name, count in counts.items()) + " points"
+        for k, (a, b) in enumerate(pairwise(edges))
+    ]
+    panel.boxes(edges[:-1], np.zeros(BINS), edges[1:], np.full(BINS, top), "none", titles=texts)
+    return drawing
+
+
+def _quantiles(poses: PoseErrors) -> Drawing:
+    found = {name: normal_quantiles(model.distance) for name, model in poses.models.items()}
+    top = up_to(max(value.max() for _, value in found.values()) / MM)
+    reach = max(1.0, 1.08 * max(np.abs(quantile).max() for quantile, _ in found.values()))
+    drawing = Drawing(f"Ordered position errors of the {poses.name} points against normal quantiles")
+    panel = Panel(drawing, (-reach, reach), (0, top), "normal quantile (σ)", "position error (mm)")
+    for name, (quantile, value) in found.items():
+        s = poses.models[name].statistics
+        z = np.array([-reach, reach])
+        if s.sigma_mm > 0:
+            z = np.clip(z, -s.mean_mm / s.sigma_mm, (top - s.mean_mm) / s.sigma_mm)
+        panel.line(z, s.mean_mm + s.sigma_mm * z, name, 1.0, dash="5 3")
+        texts = [f"{name}: {v:.3f} mm at {q:+.2f} σ" for q, v in zip(quantile, value / MM, strict=True)]
+        panel.dots(quantile, value / MM, name, 3.6, titles=texts)
+    return drawing
+
+
+VIEWS = (("from above", 0, 1, "x (mm)", "y (mm)"), ("from the side", 0, 2, "x (mm)", "z (mm)"))
+
+
+def _space(poses: PoseErrors) -> tuple[FloatArray, FloatArray]:
+    """Ends of each view around the measured places and the base."""
+    place = np.vstack([poses.mean_place() / MM, np.zeros(3)])
+    low, high = place.min(axis=0), place.max(axis=0)
+    margin = 0.06 * max((high - low).max(), 1.0)
+    return low - margin, high + margin
+
+
+def _view(label: str, model: str, view: tuple[str, int, int, str, str], ends: tuple[FloatArray, FloatArray]) -> Panel:
+    what, i, j, x_label, y_label = view
+    low, high = ends
+    wide, tall = high[i] - low[i], high[j] - low[j]
+    drawing = Drawing(f"{label}, {model}, {what}", float(np.clip(330.0 * tall / wide, 190.0, 420.0)) + 70.0)
+    panel = Panel(drawing, (low[i], high[i]), (low[j], high[j]), x_label, y_label, title=f"{model}, {what}", equal=True)
+    panel.line([-0.02 * wide, 0.02 * wide], [0, 0], "soft", 1.4)
+    panel.line([0, 0], [-0.02 * wide, 0.02 * wide], "soft", 1.4)
+    return panel
+
+
+def workspace(poses: PoseErrors) -> Figure:
+    """Mean error of each pose where it was measured."""
+    label = f"Position errors of the {poses.name} poses over the workspace"
+    edges, words = _classes(np.concatenate([model.per_pose for model in poses.models.values()]) / MM)
+    place, ends = poses.mean_place() / MM, _space(poses)
+    drawings = []
+    for view in VIEWS:
+        for name, model in poses.models.items():
+            panel = _view(label, name, view, ends)
+            error = model.per_pose / MM
+            which = np.digitize(error, edges)
+            texts = [f"pose {pose}: {name} {e:.3f} mm" for pose, e in zip(poses.pose_names, error, strict=True)]
+            titled = _titled(error, MOST_TITLED // 3)
+            for k in range(CLASSES):
+                mine = which == k
+                x, y = place[mine, view[1]], place[mine, view[2]]
+                said = [texts[m] for m in np.flatnonzero(mine)]
+                _dots(panel, x, y, f"error{k}", said, titled[mine], size=_mark_size(len(error)) * (0.9 + 0.12 * k))
+            drawings.append(panel.drawing)
+    legend: list[LegendEntry] = [(f"error{k}", "o", text) for k, text in enumerate(words)]
+    caption = (
+        f"{label}, seen along z and along y of the base link (cross: its origin); each colour has the same share of "
+        "all errors shown"
+    )
+    return Figure("workspace", caption, drawings, legend, len(poses.models))
+
+
+def _classes(errors: FloatArray) -> tuple[FloatArray, list[str]]:
+    """Inner edges of `CLASSES` classes with about as many errors each, to two digits, and the classes in words."""
+    edges = np.quantile(errors, np.arange(1, CLASSES) / CLASSES)
+    text = [f"{edge:.2g}" for edge in edges]
+    edges = np.array([float(edge) for edge in text])
+    between = [f"{a} to {b} mm" for a, b in pairwise(text)]
+    return edges, [f"below {text[0]} mm", *between, f"{text[-1]} mm and more"]
+
+
+def vectors(poses: PoseErrors) -> Figure:
+    """Error vectors, much enlarged, from the measured places."""
+    n = len(poses.pose_names)
+    shown = np.unique(np.linspace(0, n - 1, min(n, MOST_ARROWS)).astype(int))
+    error = {name: model.mean_vector(poses.pose) / MM for name, model in poses.models.items()}
+    low, high = ends = _space(poses)
+    size = max(np.quantile(np.linalg.norm(e, axis=1), 0.95) for e in error.values())
+    factor = _round(ARROW * float((high - low)[:2].max()) / max(size, 1e-9))
+    label = f"Error vectors of the {poses.name} poses, {factor:g} times enlarged"
+    place = poses.mean_place() / MM
+    drawings = []
+    for view in VIEWS:
+        _, i, j, *_ = view
+        for name, e in error.items():
+            panel = _view(label, name, view, ends)
+            start, way = place[shown][:, [i, j]], factor * e[shown][:, [i, j]]
+            tip = panel.at(*(start + way).T)
+            foot = panel.at(*start.T)
+            paths = [path for a, b in zip(foot, tip, strict=True) for path in _arrow(a, b)]
+            panel.drawing.add(Lines(paths, name, 1.1, opacity=0.85))
+            texts = [
+                f"pose {poses.pose_names[m]}: {name} ({e[m, 0]:+.3f}, {e[m, 1]:+.3f}, {e[m, 2]:+.3f}) mm" for m in shown
+            ]
+            panel.dots(start[:, 0], start[:, 1], name, 2.6, titles=texts)
+            drawings.append(panel.drawing)
+    caption = f"{label}: mean of measured minus predicted places of a pose's points, along the axes of the base link"
+    if len(shown) < n:
+        caption += f"; {len(shown)} of {n} poses, evenly chosen"
+    legend: list[LegendEntry] = [(name, "-", name) for name in error]
+    return Figure("residual_vectors", caption, drawings, legend, len(poses.models))
+
+
+def _arrow(foot: FloatArray, tip: FloatArray) -> list[FloatArray]:
+    """Shaft and head of an arrow."""
+    way = tip - foot
+    length = float(np.hypot(*way))
+    if length < 1.0:
+        return [np.array([foot, tip])]
+    back = way / length * min(4.0, 0.5 * length)
+    side = 0.5 * np.array([-back[1], back[0]])
+    return [np.array([foot, tip]), np.array([tip - back + side, tip, tip - back - side])]
+
+
+def _round(value: float) -> float:
+    """Largest of 1, 2, 5 times a power of ten that is not above a value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(k for k in (1.0, 2.0, 5.0) if k * power <= value * (1 + 1e-12)) * power)

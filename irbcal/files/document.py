@@ -1,0 +1,390 @@
+"""From the outcome of an identification to what stands in ``calibration.json`` and ``calibrated.urdf``."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from irbcal import __version__
+from irbcal.arrays import FloatArray
+from irbcal.files import urdf, urdf_check
+from irbcal.files.outcome import Outcome
+from irbcal.files.schema import (
+    Choice,
+    Correlation,
+    DataFile,
+    Errors,
+    JointMapSection,
+    JointOrigin,
+    Objective,
+    Observability,
+    Origin,
+    Parameter,
+    Placement,
+    PointTable,
+    Pose,
+    PoseTable,
+    Record,
+    RobotSection,
+    Row,
+    TestVector,
+)
+from irbcal.files.urdf import UrdfArm
+from irbcal.identification.history import History
+from irbcal.identification.result import Fit
+from irbcal.identification.selection import Choice as LevelChoice
+from irbcal.measurement.last_moves import last_moves
+from irbcal.measurement.points import PointSet, distances, rotation_distances
+from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
+from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.dhm import DHMTable
+from irbcal.modeling.joint_map import FORMULA, JointMap
+from irbcal.modeling.robot import Robot
+from irbcal.units import DEG, MM
+
+SCHEMA = "irbcal-calibration-1"
+TEST_VECTORS = 5
+NORMAL_95 = 1.959964
+PLACE_DIGITS, JOINT_DIGITS, QUATERNION_DIGITS = 6, 9, 12
+"""Decimals of measured places (mm), joints (degrees, mm) and quaternions: far below what is measured."""
+
+
+def _rows(table: DHMTable) -> list[Row]:
+    return [
+        Row(
+            alpha_deg=table.alpha[i] / DEG,
+            a_mm=table.a[i] / MM,
+            theta_deg=table.theta[i] / DEG,
+            d_mm=table.d[i] / MM,
+            beta_deg=table.beta[i] / DEG,
+            b_mm=table.b[i] / MM,
+        )
+        for i in range(len(table.a))
+    ]
+
+
+def _pose(T: FloatArray) -> Pose:
+    w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
+    return Pose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
+
+
+def _placement(robot: Robot) -> Placement:
+    targets = {name: (xyz / MM).tolist() for name, xyz in robot.targets.items()}
+    frames_of = {name: _pose(frames.transform(R)) for name, R in robot.target_rotations.items()}
+    quaternions = {name: [q.qw, q.qx, q.qy, q.qz] for name, q in frames_of.items()}
+    return Placement(base=_pose(robot.T_world_base), targets=targets, target_quaternions=quaternions)
+
+
+def _objective(fit: Fit) -> Objective:
+    bound = fit.lower_bound
+    return Objective(
+        name=fit.objective,
+        value_mm=(fit.rms if fit.value is None else fit.value) / MM,
+        lower_bound_mm=None if bound is None else bound / MM,
+    )
+
+
+def _parameters(fit: Fit) -> list[Parameter]:
+    return [
+        Parameter(
+            **vars(row),
+            low=None if row.std is None else row.value - NORMAL_95 * row.std,
+            high=None if row.std is None else row.value + NORMAL_95 * row.std,
+        )
+        for row in fit.parameters()
+    ]
+
+
+def _observability(fit: Fit) -> Observability:
+    information = fit.solution.information
+    names = [p.name for p in fit.problem.parameters]
+    return Observability(
+        singular_values_mm=(information.singular_values / MM).tolist(),
+        seen=int(information.seen.sum()),
+        indices=information.indices(fit.problem.points.poses),
+        correlations=[
+            Correlation(first=names[i], second=names[j], coefficient=c) for i, j, c in information.correlations()
+        ],
+    )
+
+
+def _choice(choice: LevelChoice | None) -> Choice | None:
+    if choice is None:
+        return None
+    return Choice(level=choice.level, table=[vars(row) for row in choice.table], explanation=choice.explanation)
+
+
+def _history(history: History | None) -> dict[str, list[float]]:
+    if history is None:
+        return {}
+    columns = history.to_frame()
+    return {str(name): [float(value) for value in columns[name]] for name in columns.columns}
+
+
+def _joint_map_section(joint_map: JointMap, arm: Arm) -> JointMapSection:
+    q = arm.random_joints(TEST_VECTORS, seed=1)
+    vectors = [
+        TestVector(commanded=row.tolist(), effective=effective.tolist())
+        for row, effective in zip(q, joint_map.effective(q), strict=True)
+    ]
+    a1, b1, a2, b2 = joint_map.fourier
+    equations = [f"theta_i = q_i + gain_i q_i for i = 1 ... {len(arm.joint_names)} (radians, metres)"]
+    if arm.six_revolute:
+        equations += [
+            "theta_2 += A sin(q_2 + phi2) + B sin(q_2 + q_3 + phi3)",
+            "theta_3 += B sin(q_2 + q_3 + phi3)",
+            "theta_6 += a1 cos(q_6) + b1 sin(q_6) + a2 cos(2 q_6) + b2 sin(2 q_6)",
+        ]
+    return JointMapSection(
+        formula=FORMULA,
+        equations=equations,
+        gain=joint_map.gain.tolist(),
+        stiffness_A_rad=joint_map.stiffness[0],
+        stiffness_B_rad=joint_map.stiffness[1],
+        phi2_rad=joint_map.phases[0],
+        phi3_rad=joint_map.phases[1],
+        fourier_a1_rad=a1,
+        fourier_b1_rad=b1,
+        fourier_a2_rad=a2,
+        fourier_b2_rad=b2,
+        test_vectors=vectors,
+    )
+
+
+def _limits(values: FloatArray, units: FloatArray) -> list[float | None]:
+    return [float(value / unit) if np.isfinite(value) else None for value, unit in zip(values, units, strict=True)]
+
+
+def _robot_section(outcome: Outcome) -> RobotSection:
+    arm = outcome.urdf.arm
+    return RobotSection(
+        name=arm.name,
+        urdf=outcome.robot_file.name,
+        urdf_sha256=hashlib.sha256(outcome.robot_file.read_bytes()).hexdigest(),
+        base_link=arm.base_link,
+        tip_link=arm.tip_link,
+        joint_names=list(arm.joint_names),
+        joint_types=["prismatic" if slides else "revolute" for slides in arm.table.prismatic],
+        lower=_limits(arm.lower, arm.joint_units),
+        upper=_limits(arm.upper, arm.joint_units),
+        base_to_frame0=arm.T_base_0.tolist(),
+        last_frame_to_tip=arm.T_last_tip.tolist(),
+        dhm_nominal=_rows(arm.table),
+        dhm_calibrated=_rows(outcome.fit.robot.table),
+    )
+
+
+def _joint_origins(urdf_arm: UrdfArm, corrected: Arm) -> list[JointOrigin]:
+    nominal, calibrated = (urdf.joint_origins(urdf_arm, arm) for arm in (urdf_arm.arm, corrected))
+    return [
+        JointOrigin(joint=name, link=link, nominal=Origin.of(nominal[name]), calibrated=Origin.of(calibrated[name]))
+        for name, link in zip(urdf_arm.arm.joint_names, urdf_arm.child_links, strict=True)
+    ]
+
+
+def _fingerprint(joint_origins: list[JointOrigin], joint_map: JointMap, files: Sequence[MeasurementSet]) -> str:
+    """Of all that makes a calibration: geometry, joint map and data."""
+    content = [
+        [[item.joint, item.calibrated.xyz_m, item.calibrated.rpy_rad] for item in joint_origins],
+        [getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")],
+        [item.sha256 for item in files],
+    ]
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]
+
+
+def _errors(robot: Robot, points: PointSet) -> Errors | None:
+    if not len(points):
+        return None
+    distance = distances(robot, points)
+    groups = points.groups[points.pose]
+    return Errors(
+        all=statistics(distance),
+        orientation=rotation_statistics(rotation_distances(robot, points)),
+        per_target=statistics_by(distance, points.names()),
+        per_group={name: value for name, value in statistics_by(distance, groups).items() if name},
+    )
+
+
+def _point_table(outcome: Outcome) -> PointTable:
+    columns: dict[str, list[Any]] = {key: [] for key in PointTable.model_fields}
+    sets = ((outcome.fit_points, False), (outcome.heldout_points, True))
+    with_u95 = any(points.u95 is not None and np.isfinite(points.u95).any() for points, _ in sets)
+    turned = any(points.oriented().any() for points, _ in sets)
+    before = 0
+    for points, heldout in sets:
+        columns["pose"] += [str(value) for value in points.pose_ids[points.pose]]
+        columns["group"] += [str(value) for value in points.groups[points.pose]]
+        columns["target"] += [str(value) for value in points.names()]
+        columns["heldout"] += [heldout] * len(points)
+        columns["row"] += (points.pose + before).tolist()
+        before += points.poses
+        if not len(points):
+            continue
+        columns["nominal_mm"] += (distances(outcome.nominal.robot, points) / MM).tolist()
+        columns["calibrated_mm"] += (distances(outcome.fit.robot, points) / MM).tolist()
+        for name, values in zip("xyz", points.xyz.T, strict=True):
+            columns[f"{name}_mm"] += np.round(values / MM, PLACE_DIGITS).tolist()
+        if with_u95:
+            u95 = np.full(len(points), np.nan) if points.u95 is None else points.u95 / MM
+            columns["u95_mm"] += _known(np.round(u95, PLACE_DIGITS))
+        if turned:
+            R = np.full((len(points), 3, 3), np.nan) if points.rotation is None else points.rotation
+            quaternions = frames.quaternion_from_matrix(R)
+            for name, values in zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True):
+                columns[name] += _known(np.round(values, QUATERNION_DIGITS))
+    return PointTable(**columns)
+
+
+def _known(values: FloatArray) -> list[float | None]:
+    return [value if np.isfinite(value) else None for value in values.tolist()]
+
+
+def _pose_table(outcome: Outcome) -> PoseTable:
+    arm = outcome.urdf.arm
+    columns: dict[str, list[Any]] = {"pose": [], "group": [], "heldout": []}
+    joints, sides = [], []
+    for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
+        seen = outcome.verification if heldout and outcome.verification is not None else outcome.measurements
+        columns["pose"] += [str(value) for value in points.pose_ids]
+        columns["group"] += [str(value) for value in points.groups]
+        columns["heldout"] += [heldout] * points.poses
+        joints.append(np.round(points.q / arm.joint_units, JOINT_DIGITS))
+        sides.append(_came_from(seen, points))
+    came_from = ["".join("-0+"[int(sign) + 1] for sign in column) for column in np.concatenate(sides).T]
+    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from)
+
+
+def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
+    """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints)."""
+    first = measurements.table.groupby("pose_index", sort=True).first()
+    groups = first["group"].to_numpy(dtype=object) if "group" in first else None
+    q = measurements.joints()
+    sign = np.sign(np.nan_to_num(last_moves(q, groups)))
+    found: dict[tuple[str, bytes], FloatArray] = {}
+    for name, joints, row in zip(first["pose"].astype(str), q, sign, strict=True):
+        key = (name, joints.tobytes())
+        # of poses with the same name and joints it is not known which one this is
+        found[key] = np.where(found.get(key, row) == row, row, 0.0)
+    unknown = np.zeros(q.shape[1])
+    keys = [(str(name), joints.tobytes()) for name, joints in zip(points.pose_ids, points.q, strict=True)]
+    return np.array([found.get(key, unknown) for key in keys]).reshape(points.poses, q.shape[1])
+
+
+def software() -> dict[str, str]:
+    """Versions of what a result depends on."""
+    packages = {name: version(name) for name in ("numpy", "scipy", "pandas", "pin", "yourdfpy")}
+    return {"python": platform.python_version(), "irbcal": __version__, **packages}
+
+
+def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = False) -> tuple[Record, bytes]:
+    """Content of a calibration folder, checked against Pinocchio.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    world_link, target_links : bool
+        Add the measuring frame and the reflectors to the URDF.
+
+    Returns
+    -------
+    calibration : Record
+    urdf_bytes : bytes
+
+    Raises
+    ------
+    CalibrationError
+        If Pinocchio disagrees with the URDF by more than 1e-9.
+    """
+    fit, robot = outcome.fit, outcome.fit.robot
+    files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
+    joint_origins = _joint_origins(outcome.urdf, robot.arm)
+    fingerprint = _fingerprint(joint_origins, robot.joint_map, files)
+    data = [DataFile(file=Path(item.source).name, sha256=item.sha256) for item in files]
+    created = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    simulated = any(item.simulated for item in files)
+    urdf_bytes = urdf.to_bytes(
+        outcome.urdf,
+        robot.arm,
+        robot.T_world_base if world_link else None,
+        robot.targets if target_links else None,
+        fingerprint,
+        _words(outcome, created, data, simulated),
+    )
+    check = urdf_check.check(urdf_bytes, robot.arm)
+    record = Record(
+        schema_name=SCHEMA,
+        created=created,
+        simulated=simulated,
+        fingerprint=fingerprint,
+        calibrated_urdf_sha256=hashlib.sha256(urdf_bytes).hexdigest(),
+        robot=_robot_section(outcome),
+        joint_origins=joint_origins,
+        model=fit.level,
+        method=fit.method,
+        objective=_objective(fit),
+        choice=_choice(outcome.choice),
+        rank=fit.rank,
+        parameter_count=fit.parameter_count,
+        parameters=_parameters(fit),
+        covariance=fit.solution.information.covariance().tolist(),
+        held=fit.held(),
+        observability=_observability(fit),
+        history=_history(fit.history),
+        joint_map=_joint_map_section(robot.joint_map, robot.arm),
+        placement=_placement(robot),
+        placement_nominal=_placement(outcome.nominal.robot),
+        tool_shape_mm=_in_mm(outcome.tool_shape),
+        references_mm=_in_mm(outcome.references),
+        **_accuracy(outcome),
+        points=_point_table(outcome),
+        poses=_pose_table(outcome),
+        excluded=[vars(item) for item in outcome.excluded],
+        notes=outcome.notes,
+        data=data,
+        pinocchio_check=check,
+        largest_link_shift_mm=urdf.largest_link_shift(outcome.urdf, robot.arm) / MM,
+        software=software(),
+        seconds=outcome.seconds,
+    )
+    return record, urdf_bytes
+
+
+def _accuracy(outcome: Outcome) -> dict[str, Any]:
+    """Errors and numbers of the fitted and the held-out poses."""
+    fit, nominal = outcome.fit, outcome.nominal.robot
+    fitted, heldout = outcome.fit_points, outcome.heldout_points
+    return {
+        "fit": _errors(fit.robot, fitted),
+        "fit_nominal": _errors(nominal, fitted),
+        "heldout": _errors(fit.robot, heldout),
+        "heldout_nominal": _errors(nominal, heldout),
+        "heldout_least_squares": _errors(fit.least_squares.robot, heldout) if fit.least_squares else None,
+        "poses_fit": fitted.poses,
+        "poses_heldout": heldout.poses,
+        "poses_excluded": outcome.poses_asked - fitted.poses - heldout.poses,
+    }
+
+
+def _in_mm(places: Mapping[str, FloatArray]) -> dict[str, list[float]]:
+    return {name: (place / MM).tolist() for name, place in places.items()}
+
+
+def _words(outcome: Outcome, created: str, data: Sequence[DataFile], simulated: bool) -> str:
+    """What the corrected URDF says of itself at its top."""
+    names = " and ".join(f"{item.file} (SHA-256 {item.sha256[:12]}...)" for item in data)
+    kind = "SIMULATED measurements" if simulated else "measurements"
+    return (
+        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {outcome.robot_file.name} were "
+        f"corrected, model {outcome.fit.level}, from {kind} {names}. Comments below that call this robot nominal are "
+        "those of that file. The joint map is in calibration.json."
+    )

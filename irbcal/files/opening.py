@@ -1,0 +1,152 @@
+"""Opening a robot by whatever names it: calibration folder, loaded calibration, URDF or shipped robot."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TypeAlias, Union
+
+from irbcal.arrays import lock
+from irbcal.errors import RobotError
+from irbcal.files import calibration_folder, robots, urdf
+from irbcal.files.calibration_folder import HoldsRecord
+from irbcal.files.schema import Record
+from irbcal.files.urdf import UrdfArm
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
+
+RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
+"""Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot, `Opened`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Opened:
+    """A robot, and what it was opened from.
+
+    Attributes
+    ----------
+    name : str
+        The path or the shipped robot's file; of a loaded calibration its robot's name.
+    robot : Robot
+        The calibrated behaviour of a calibration (the nominal one if that was asked for); the nominal robot of a URDF.
+    nominal : Arm
+        The nominal arm that belongs to it.
+    record : Record or None
+        The calibration; None for a URDF.
+    folder : Path or None
+        The calibration's folder, or the one in which the URDF lies.
+    urdf : UrdfArm or None
+        The URDF with the geometry of `robot`.
+    urdf_bytes : bytes or None
+        The same as a document.
+
+    A loaded calibration knows neither its folder nor its URDF: they are None unless the robot is a shipped one, of
+    which the URDF can be made again.
+    """
+
+    name: str
+    robot: Robot
+    nominal: Arm
+    record: Record | None
+    folder: Path | None
+    urdf: UrdfArm | None
+    urdf_bytes: bytes | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __repr__(self) -> str:
+        return f"<Opened {self.name}: {'URDF' if self.record is None else 'calibration'}, {self.robot!r}>"
+
+    @cached_property
+    def nominal_urdf(self) -> UrdfArm | None:
+        """The URDF with the geometry of `nominal`, None where there is no URDF."""
+        if self.record is None or self.urdf_bytes is None:
+            return self.urdf
+        return _read(_with_nominal_origins(self.urdf_bytes, self.record), self.record)
+
+
+def open_robot(
+    robot: RobotLike, *, nominal: bool = False, base_link: str | None = None, tip_link: str | None = None
+) -> Opened:
+    """The robot of a calibration, of a URDF or shipped with the package.
+
+    Parameters
+    ----------
+    robot : str, Path, Record, a result that holds one, or Opened
+        Calibration folder, loaded calibration, path of a URDF, or name of a shipped robot (``irb1600``, ``irb120``);
+        one that is opened already is returned as it is.
+    nominal : bool
+        The nominal behaviour of a calibration (its base and tool identified with the nominal model).
+    base_link, tip_link : str, optional
+        Links of a URDF; by default as `irbcal.files.urdf.read` chooses them.
+
+    Returns
+    -------
+    Opened
+
+    Raises
+    ------
+    CalibrationError
+        If a calibration folder is not a whole calibration.
+    RobotError
+        If there is no such file or robot, the URDF cannot be used, or links are chosen for a calibration.
+    """
+    if isinstance(robot, Opened):
+        if nominal or base_link or tip_link:
+            raise RobotError(f"{robot.name}: this robot is open: choose its behaviour and links when it is opened")
+        return robot
+    path = Path(robot) if isinstance(robot, (str, Path)) else None
+    if path is not None and not path.is_dir():
+        read = urdf.read(path, base_link, tip_link)
+        file = robots.robot_file(path)
+        return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, file.read_bytes())
+    folder: Path | None
+    text: bytes | None
+    if path is not None:
+        saved = calibration_folder.read(path)
+        name, record, folder, text = str(path), saved.record, saved.folder, saved.urdf
+    else:
+        record = calibration_folder.opened(robot)
+        name, folder = record.robot.name, getattr(robot, "folder", None)
+        text = getattr(robot, "urdf", None)
+        if text is None:
+            folder, text = _shipped(record)
+    if base_link or tip_link:
+        raise RobotError(
+            f"{name}: a calibration has its own base and tip link: choose links for a URDF only",
+            parameter="base_link" if base_link else "tip_link",
+        )
+    if nominal and text is not None:
+        text = _with_nominal_origins(text, record)
+    return Opened(
+        name=name,
+        robot=record.robot_nominal() if nominal else record.robot_calibrated(),
+        nominal=record.arm(calibrated=False),
+        record=record,
+        folder=folder,
+        urdf=None if text is None else _read(text, record),
+        urdf_bytes=text,
+    )
+
+
+def _with_nominal_origins(data: bytes, record: Record) -> bytes:
+    return urdf.with_joint_origins(data, {item.joint: item.nominal.transform() for item in record.joint_origins})
+
+
+def _read(data: bytes, record: Record) -> UrdfArm:
+    """The arm of a calibration's URDF."""
+    section = record.robot
+    return urdf.from_bytes(data, f"URDF of {section.name}", section.base_link, section.tip_link)
+
+
+def _shipped(record: Record) -> tuple[Path | None, bytes | None]:
+    """Folder and calibrated URDF of a loaded calibration, of a shipped robot."""
+    for name in robots.ROBOTS:
+        path = robots.robot_file(name)
+        data = path.read_bytes()
+        if hashlib.sha256(data).hexdigest() == record.robot.urdf_sha256:
+            return path.parent, urdf.to_bytes(_read(data, record), record.arm())
+    return None, None

@@ -1,0 +1,62 @@
+"""What came out of an identification, with all that it was made from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.files.urdf import UrdfArm
+from irbcal.identification.result import Fit
+from irbcal.identification.selection import Choice
+from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.points import PointSet
+from irbcal.measurement.table import MeasurementSet
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Everything that came out of a calibration, ready to be saved.
+
+    Attributes
+    ----------
+    urdf : UrdfArm
+        The nominal robot as read.
+    robot_file : Path
+    fit, nominal : Fit
+        The level asked for, and base and tool alone, both on the poses of the fit.
+    fit_points, heldout_points : PointSet
+        ``heldout_points`` may be empty.
+    measurements : MeasurementSet
+    verification : MeasurementSet or None
+        Where the held-out poses come from a file of their own.
+    poses_asked : int
+    excluded : tuple of Exclusion
+    references : dict of str to ndarray
+        Places of the reference points, metres; empty without references.
+    tool_shape : dict of str to ndarray
+        Places of the reflectors on the tool where they were turned into poses, metres; else empty.
+    choice : Choice or None
+        The comparison of levels, where the level was chosen by it.
+    notes : tuple of str
+    seconds : float
+    """
+
+    urdf: UrdfArm
+    robot_file: Path
+    fit: Fit
+    nominal: Fit
+    fit_points: PointSet
+    heldout_points: PointSet
+    measurements: MeasurementSet
+    verification: MeasurementSet | None
+    poses_asked: int
+    excluded: tuple[Exclusion, ...]
+    references: dict[str, FloatArray]
+    tool_shape: dict[str, FloatArray]
+    choice: Choice | None
+    notes: tuple[str, ...]
+    seconds: float
+
+    def __post_init__(self) -> None:
+        lock(self)

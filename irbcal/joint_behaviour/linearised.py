@@ -1,0 +1,264 @@
+"""A robot's residuals linearised about it, and the test of a few columns beside all that is refitted.
+
+The covariance of the estimates is the jackknife's: every pose is left out once. Residuals of one pose may depend on one
+another, and errors that no term describes count as scatter. "Left out" errors are those of each pose by the fit to all
+other poses; both follow from the hat matrix without fitting again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.identification.residuals import Problem, State
+from irbcal.joint_behaviour.terms import Kind, Term, quantile
+from irbcal.measurement.points import PointSet
+from irbcal.modeling import parameters
+from irbcal.modeling.robot import Robot
+
+UNSEEN = 1e-6
+"""Share of a column that must be left beside all others for its coefficient to be seen."""
+
+ROUNDING = 1e-8
+"""Share of the largest singular value of the normalised columns below which there is only rounding."""
+
+
+class Linearised:
+    """A robot's residuals and their derivatives by geometry, joint map and joint angles, all at one place.
+
+    Rows are those of `irbcal.identification.residuals.Problem`, three numbers each; columns are flat, (3 rows, ...).
+
+    Attributes
+    ----------
+    turn : ndarray, shape (3 rows, joints)
+        Derivatives by the effective joints.
+    maps : dict of str to ndarray, shape (3 rows,)
+        Derivatives by the joint map's parameters.
+    value : dict of str to float
+        Those parameters as the robot has them.
+    active : list of str
+        Joint map parameters that the robot has: refitted with the geometry.
+    beside : ndarray, shape (3 rows, k)
+        Columns of what else is refitted.
+    """
+
+    def __init__(self, robot: Robot, points: PointSet, step: FloatArray) -> None:
+        arm, joints = robot.arm, len(robot.arm.joint_names)
+        geometry = [*parameters.THESIS_LEVELS["26"], "delta_beta3"]
+        if not arm.six_revolute:
+            geometry = [item.name for item in parameters.level_parameters("placement", arm)]
+        turns = [f"delta_{'d' if slides else 'theta'}{j}" for j, slides in enumerate(arm.table.prismatic, start=1)]
+        maps = [name for name in parameters.all_names(arm) if not name.startswith("delta_")]
+        names = list(dict.fromkeys([*geometry, *turns, *maps]))
+        chosen = tuple(parameters.parameter(name) for name in names)
+        held = [getattr(robot.joint_map, p.kind)[p.index] if p.name in maps else 0.0 for p in chosen]
+        problem = Problem(arm, points, chosen, robot.joint_map.phases)
+        targets = np.array([robot.targets[name] for name in points.target_names])
+        rotations = np.array([robot.target_rotations.get(name, np.eye(3)) for name in points.target_names])
+        state = State(robot.T_world_base, targets, np.array(held), rotations)
+        self.weight = np.repeat(problem.weights, 3)
+        J = problem.jacobian(state) * self.weight[:, None]
+        self.r = problem.residuals(state).reshape(-1) * self.weight
+        self.robot, self.q, self.step = robot, points.q, step
+        self.poses, self.joints = points.poses, joints
+        self.pose = np.concatenate([points.pose, points.pose[points.oriented()]])
+        self.flat_pose = np.repeat(self.pose, 3)
+        self.positions = 3 * len(points)
+        column = {name: J[:, problem.outer + k] for k, name in enumerate(names)}
+        self.turn = np.stack([column[name] for name in turns], axis=1)
+        self.maps = {name: column[name] for name in maps}
+        self.value = {p.name: value for p, value in zip(chosen, held, strict=True) if p.name in maps}
+        self.geometry = np.column_stack([J[:, : problem.outer], *(column[name] for name in geometry)])
+        active = {p.kind for p in chosen if p.name in maps and getattr(robot.joint_map, p.kind).any()}
+        self.active = [p.name for p in chosen if p.name in maps and p.kind in active]
+        self.beside = np.zeros((len(self.r), 0))
+        self._bases: dict[tuple[tuple[str, ...], bool] | None, FloatArray] = {}
+        self._last: tuple[FloatArray, FloatArray, float] | None = None
+        # where the rows of each pose stand, -1 for none
+        order = np.argsort(self.flat_pose, kind="stable")
+        count = np.bincount(self.flat_pose, minlength=self.poses)
+        place = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
+        self.rows = np.full((self.poses, count.max()), -1)
+        self.rows[self.flat_pose[order], place] = order
+
+    def basis(self, without: Sequence[str] = (), beside: bool = True) -> FloatArray:
+        """Orthonormal basis of what is refitted: geometry, the robot's joint map without some terms, `beside`."""
+        key = (tuple(name for name in without if name in self.active), beside)
+        if key not in self._bases:
+            if None not in self._bases:
+                self._bases[None] = _basis(self.geometry)
+            names = [name for name in self.active if name not in without]
+            columns = np.array([self.maps[name] for name in names]).reshape(len(names), len(self.r)).T
+            if beside:
+                columns = np.hstack([columns, self.beside])
+            self._bases[key] = extended(self._bases[None], columns)
+        return self._bases[key]
+
+    def refit_beside(self, columns: FloatArray) -> None:
+        """Refit more columns, (3 rows, k), in all tests to come."""
+        self.beside = np.hstack([self.beside, columns])
+        self._bases = {None: self._bases[None]}
+
+    def explained(self, without: Sequence[str] = ()) -> FloatArray:
+        """Residuals of the robot without some of its joint map's terms, (3 rows,)."""
+        return self.r + sum((self.maps[name] * self.value[name] for name in without), np.zeros(len(self.r)))
+
+    def size(self, r: FloatArray) -> float:
+        """Root mean square distance of rows (3 rows,), metres; orientations do not count."""
+        off = (r / self.weight)[: self.positions].reshape(-1, 3)
+        return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+
+    def rms(self) -> float:
+        """Root mean square distance of the points after the linearised refit, metres."""
+        Q = self.basis()
+        return self.size(self.r - Q @ (Q.T @ self.r))
+
+    def per_joint(self, size: ArrayLike) -> FloatArray:
+        """Derivatives by one coefficient per joint of its own angle times a number of each pose, (3 rows, joints)."""
+        return self.turn * np.nan_to_num(np.asarray(size, dtype=float))[self.flat_pose]
+
+    def left_out(self, left: FloatArray, Q: FloatArray) -> FloatArray:
+        """What is left of each pose by the fit to all others: (I - H_pp)^-1 r_p, with the hat matrix H = Q Q^T."""
+        there = self.rows >= 0
+        padded = np.where(there, self.rows, 0)
+        q = Q[padded] * there[..., None]
+        r = left[padded] * there
+        value, vector = np.linalg.eigh(np.eye(self.rows.shape[1]) - q @ q.transpose(0, 2, 1))
+        # what one pose alone decides leaves no residual and cannot be left out
+        inverse = np.where(value > 1e-8, 1.0 / np.maximum(value, 1e-8), 0.0)
+        r = np.einsum("nij,nj->ni", vector, inverse * np.einsum("nji,nj->ni", vector, r))
+        out = np.empty_like(left)
+        out[self.rows[there]] = r[there]
+        return out
+
+    def test(self, X: FloatArray, without: Sequence[str] = (), Q: FloatArray | None = None) -> Found | None:
+        """Terms beside what is refitted.
+
+        Parameters
+        ----------
+        X : ndarray, shape (3 rows, k)
+            Derivatives by the terms' coefficients.
+        without : sequence of str
+            Joint map parameters that the terms take the place of.
+        Q : ndarray, optional
+            Basis of what is refitted, `basis` unless given.
+
+        Returns
+        -------
+        Found or None
+            None where no coefficient can be seen.
+        """
+        from scipy.stats import f as fisher
+
+        Q = self.basis(without) if Q is None else Q
+        y = self.explained(without)
+        y = y - Q @ (Q.T @ y)
+        own = X - Q @ (Q.T @ X)
+        kept, U = _independent(X, own)
+        if not len(kept) or len(y) - Q.shape[1] - 2 * len(kept) < 1:
+            return None
+        own = own[:, kept]
+        P = np.linalg.solve(U.T @ own, U.T)
+        beta = P @ y
+        left = y - own @ beta
+        after = self.left_out(left, np.hstack([Q, U]))
+        change = np.stack([np.bincount(self.flat_pose, row * after, minlength=self.poses) for row in P])
+        C = (self.poses - 1) / self.poses * change @ change.T
+        p = float(fisher.sf(beta @ np.linalg.pinv(C) @ beta / len(kept), len(kept), self.poses - 1))
+        return Found(kept, beta, C, p, left, self._before(y, Q), self.size(after), self.size(own @ beta))
+
+    def _before(self, y: FloatArray, Q: FloatArray) -> float:
+        """Root mean square of poses left out without a term, metres; many terms share one basis."""
+        if self._last is None or self._last[0] is not Q or not np.array_equal(self._last[1], y):
+            self._last = (Q, y, self.size(self.left_out(y, Q)))
+        return self._last[2]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Outcome of `Linearised.test`; made by the hundred inside searches and kept by nobody, so its arrays stay open.
+
+    Attributes
+    ----------
+    kept : ndarray of int, shape (k,)
+        Columns whose coefficients were seen.
+    beta : ndarray, shape (k,)
+    C : ndarray, shape (k, k)
+        Their covariance.
+    p : float
+    left : ndarray, shape (3 rows,)
+        Residuals with the terms.
+    before, after : float
+        Root mean square distance of poses left out, without and with the terms, metres.
+    at_tool : float
+        See `irbcal.joint_behaviour.terms.Term`.
+    """
+
+    kept: IntArray
+    beta: FloatArray
+    C: FloatArray
+    p: float
+    left: FloatArray
+    before: float
+    after: float
+    at_tool: float
+
+
+def term_of(
+    model: Linearised,
+    found: Found,
+    kind: Kind,
+    joint: int | None,
+    names: Sequence[str],
+    frequency: float | None = None,
+    tried: int = 1,
+) -> Term:
+    """A test's outcome as a term without a verdict; its p counts as often as ``tried`` says."""
+    half = quantile(model.poses - 1) * np.sqrt(np.diag(found.C))
+    return Term(
+        kind,
+        joint,
+        tuple(names[k] for k in found.kept),
+        tuple(map(float, found.beta)),
+        tuple(map(float, found.beta - half)),
+        tuple(map(float, found.beta + half)),
+        min(1.0, found.p * tried),
+        found.before,
+        found.after,
+        found.at_tool,
+        frequency=None if frequency is None else (frequency,),
+    )
+
+
+def _independent(X: FloatArray, own: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Columns of which something is left beside the others, and an orthonormal basis of what is left (Gram-Schmidt)."""
+    kept: list[int] = []
+    Q = np.empty(X.shape, order="F")
+    for k in range(X.shape[1]):
+        before = Q[:, : len(kept)]
+        rest = own[:, k] - before @ (before.T @ own[:, k])
+        rest -= before @ (before.T @ rest)
+        size, whole = np.linalg.norm(rest), np.linalg.norm(X[:, k])
+        if size > UNSEEN * whole:
+            Q[:, len(kept)] = rest / size
+            kept.append(k)
+    return np.array(kept, dtype=int), Q[:, : len(kept)]
+
+
+def _basis(N: FloatArray) -> FloatArray:
+    """Orthonormal basis of the columns' space; columns that others can make do not count."""
+    size = np.linalg.norm(N, axis=0)
+    Q, R = np.linalg.qr(N[:, size > 0] / size[size > 0])
+    U, value, _ = np.linalg.svd(R)
+    return Q @ U[:, value > ROUNDING * value[0]]
+
+
+def extended(Q: FloatArray, X: FloatArray) -> FloatArray:
+    """A basis with more columns."""
+    own = X - Q @ (Q.T @ X)
+    own = own - Q @ (Q.T @ own)
+    return np.hstack([Q, _independent(X, own)[1]])

@@ -1,0 +1,445 @@
+"""Columns of tables: read from CSV, Parquet or a DataFrame as text, then checked one by one.
+
+All tables that irbcal reads go through here, so that a refusal always names file, row and column::
+
+    cells, source, _ = columns.read("joints.csv", ["q1_deg", "q2_deg"])
+    q_1 = columns.numbers(cells, "q1_deg", source, columns.expected_joint("q1_deg"))
+
+``cells`` is a DataFrame of text. Its index holds the rows for messages: the line of a CSV file, the header being
+line 1; the position plus one in a Parquet file or a DataFrame, whose first row is row 1.
+"""
+
+import csv
+import hashlib
+import re
+import unicodedata
+import warnings
+from collections.abc import Iterable, Sequence
+from io import BytesIO, StringIO
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import BoolArray, FloatArray
+from irbcal.errors import MeasurementError
+from irbcal.units import DEG, MM
+
+JOINTS = [f"q{i}_deg" for i in range(1, 7)]
+"""Joint columns of arms with six revolute joints."""
+ALL_JOINTS = "q1 …"
+"""Stands for the joint columns of any arm among required columns: from joint 1 to the last one in the header."""
+POSITION = ["x_mm", "y_mm", "z_mm"]
+QUATERNION = ["qw", "qx", "qy", "qz"]
+LARGEST_ANGLE_DEG, LARGEST_POSITION_MM = 1e4, 1e6
+"""Numbers beyond are no joints, positions or uncertainties of a robot cell."""
+FRAME = "<DataFrame>"
+"""What messages call a table that is no file."""
+
+_JOINT = re.compile(r"q([1-9]\d?)_(?:deg|mm)")
+_ABSENT = ["", "nan", "<na>", "none"]
+_LONGEST_NAME, _MOST_NAMES = 40, 40
+
+TableLike: TypeAlias = str | PathLike[str] | pd.DataFrame
+"""A CSV or Parquet file, or a DataFrame with the same columns."""
+
+
+class Cells(NamedTuple):
+    """A table as text.
+
+    Attributes
+    ----------
+    cells : DataFrame
+        Text; the index holds the rows for messages.
+    source : str
+        File name for messages, `FRAME` for a DataFrame.
+    sha256 : str
+        Of the file's content; of a DataFrame's, as ``frame.to_csv(index=False)`` writes it.
+    """
+
+    cells: pd.DataFrame
+    source: str
+    sha256: str
+
+
+def read(table: TableLike, required: Sequence[str]) -> Cells:
+    """Read a table as text.
+
+    Parameters
+    ----------
+    table : str, Path or DataFrame
+        CSV, or Parquet where pyarrow is installed, or a DataFrame with the same columns; its index does not matter.
+    required : sequence of str
+        Columns that must be there; `ALL_JOINTS` stands for those of the joints, however many.
+
+    Returns
+    -------
+    Cells
+
+    Raises
+    ------
+    MeasurementError
+        If it cannot be read, lacks a column, names one twice or has no rows.
+    """
+    if isinstance(table, pd.DataFrame):
+        cells = _from_frame(table, required, FRAME)
+        return Cells(_with_rows(cells, FRAME), FRAME, _digest(_canonical(cells)))
+    path = Path(table)
+    source = str(path)
+    data = _bytes(path, source)
+    if path.suffix != ".parquet":
+        return parse(data, source, required)
+    return Cells(_with_rows(_parse_parquet(data, source, required), source), source, _digest(data))
+
+
+def parse(data: bytes, source: str, required: Sequence[str]) -> Cells:
+    """As `read`, from the content of a CSV file."""
+    return Cells(_with_rows(parse_csv(data, source, required), source), source, _digest(data))
+
+
+def parse_csv(data: bytes, source: str, required: Sequence[str] = ()) -> pd.DataFrame:
+    """Cells of a CSV file: text as it stands, blank lines left out; there may be no rows.
+
+    Parameters
+    ----------
+    data : bytes
+    source : str
+        File name for messages.
+    required : sequence of str
+        As for `read`.
+
+    Returns
+    -------
+    DataFrame
+        The index holds the lines of the file.
+
+    Raises
+    ------
+    MeasurementError
+        If it is no such table.
+    """
+    text = _decoded(data, source)
+    header = next(line for line in text.splitlines() if line.strip())
+    if "," not in header and (";" in header or "\t" in header):
+        found = "semicolons" if ";" in header else "tabs"
+        raise MeasurementError(f"expected commas between the columns, found {found}", file=source, row=1)
+    names = [name.strip() for name in next(csv.reader([header]), [])]
+    check_header(names, required, source)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            cells = pd.read_csv(
+                StringIO(text), dtype=str, header=None, keep_default_na=False, skip_blank_lines=False, index_col=False
+            )
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning) as error:
+        reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
+        raise MeasurementError(f"not a table with as many values in each row as names: {reason}", file=source) from None
+    cells = cells.fillna("")
+    cells.index = cells.index + 1  # lines of the file
+    cells = cells[(cells != "").any(axis=1)]
+    cells = cells.iloc[1:]
+    cells.columns = names
+    return cells
+
+
+def check_header(names: Sequence[str], required: Sequence[str], source: str) -> None:
+    """Refuse a header that lacks a required column or names one twice.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The columns that are there.
+    required : sequence of str
+        As for `read`.
+    source : str
+        File name for messages.
+
+    Raises
+    ------
+    MeasurementError
+        The sentence lists the columns that are there and says whether they seem to have other units.
+    """
+    row = header_row(source)
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise MeasurementError(f"column {double[0]!r} stands there more than once", file=source, row=row)
+    if ALL_JOINTS in required:
+        numbered = sorted(int(match[1]) for name in names if (match := _JOINT.fullmatch(name)))
+        twice = [k for k in set(numbered) if numbered.count(k) > 1]
+        if twice:
+            raise MeasurementError(f"joint {twice[0]} stands there in degrees and in mm", file=source, row=row)
+        last = numbered[-1] if numbered else len(JOINTS)
+        joints = [f"q{k}_deg" for k in range(1, last + 1) if f"q{k}_mm" not in names]
+        place = required.index(ALL_JOINTS)
+        required = [*required[:place], *joints, *required[place + 1 :]]
+    missing = [name for name in required if name not in names]
+    if missing:
+        hint = ""
+        if any(name.removesuffix("_deg") + "_rad" in names for name in missing):
+            hint = "; joints are expected in degrees (q1_deg … q6_deg), found radians"
+        elif any(name.removesuffix("_mm") + "_m" in names for name in missing):
+            hint = "; positions are expected in millimetres (x_mm, y_mm, z_mm), found metres"
+        raise MeasurementError(
+            f"missing column {', '.join(missing)}; found {listed(names)}{hint}", file=source, row=row
+        )
+
+
+def header_row(source: str) -> int | None:
+    """Row of the header for messages: 1 in a file, none in a DataFrame."""
+    return None if source == FRAME else 1
+
+
+def listed(names: Sequence[str]) -> str:
+    """Column names for messages: the first ones, long ones cut."""
+    return ", ".join(name if len(name) < _LONGEST_NAME else name[:_LONGEST_NAME] + "…" for name in names[:_MOST_NAMES])
+
+
+def joint_columns(names: Iterable[str]) -> list[str]:
+    """Joint columns among column names, ordered by the joints' numbers; only whole series from joint 1."""
+    numbered = {int(match[1]): name for name in names if (match := _JOINT.fullmatch(name))}
+    columns: list[str] = []
+    while len(columns) + 1 in numbered:
+        columns.append(numbered[len(columns) + 1])
+    return columns
+
+
+def joint_units(columns: Iterable[str]) -> FloatArray:
+    """What one unit of each joint column is in radians or metres, shape (columns,)."""
+    return np.array([MM if name.endswith("_mm") else DEG for name in columns])
+
+
+def expected_joint(name: str) -> str:
+    """What a joint column should hold, for messages."""
+    return "a joint's travel in mm" if name.endswith("_mm") else "a joint angle in degrees"
+
+
+def numbers(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bool = False) -> FloatArray:
+    """A column as finite numbers.
+
+    Parameters
+    ----------
+    cells : DataFrame
+        Text, as `read` returns it.
+    name : str
+    source : str
+        File name for messages.
+    expected : str
+        What should stand there, for messages.
+    lost : bool
+        Take empty cells as NaN.
+
+    Returns
+    -------
+    ndarray, shape (rows,)
+
+    Raises
+    ------
+    MeasurementError
+        For the first cell that is no number.
+    """
+    text = cells[name].str.strip()
+    values = pd.to_numeric(text, errors="coerce")
+    absent = text.str.lower().isin(_ABSENT)
+    bad = ~absent & values.isna() | np.isinf(values)
+    if not lost:
+        bad |= absent
+    if bad.any():
+        row = bad.index[bad][0]
+        found = repr(text[row]) if text[row] else "nothing"
+        raise MeasurementError(f"expected {expected}, found {found}", file=source, row=int(row), column=name)
+    return values.to_numpy(dtype=float)
+
+
+def names(cells: pd.DataFrame, name: str, source: str) -> Any:
+    """A column of names, an array of str of shape (rows,); every row must have one that can be shown.
+
+    Raises
+    ------
+    MeasurementError
+        For the first cell that is none.
+    """
+    values = cells[name].astype(str).str.strip()
+    if (values == "").any():
+        row = values.index[values == ""][0]
+        raise MeasurementError("expected a name, found nothing", file=source, row=int(row), column=name)
+    refuse_control_characters(values, name, source)
+    return values.to_numpy()
+
+
+def refuse_control_characters(values: pd.Series, name: str, source: str) -> None:
+    """Names go to terminals, tables and pages: what would act there instead of being shown is refused.
+
+    Parameters
+    ----------
+    values : Series of str
+        The index holds the rows for messages.
+    name : str
+        The column.
+    source : str
+        File name for messages.
+
+    Raises
+    ------
+    MeasurementError
+        For the first such name.
+    """
+    for value in values.unique():
+        if any(unicodedata.category(character) == "Cc" for character in value):
+            row = values.index[values == value][0]
+            raise MeasurementError(f"expected a name, found {value!r}", file=source, row=int(row), column=name)
+
+
+def lost_points(xyz: FloatArray) -> BoolArray:
+    """Which positions, shape (rows, 3), stand for a lost point: those with a gap, and exactly 0,0,0."""
+    return np.isnan(xyz).any(axis=1) | (xyz == 0.0).all(axis=1)
+
+
+def check_sizes(table: pd.DataFrame, source: str) -> None:
+    """Refuse numbers that no robot cell holds and uncertainties that are none.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Numbers, with the rows for messages in a column ``row``.
+    source : str
+        File name for messages.
+
+    Raises
+    ------
+    MeasurementError
+        For the first such number.
+    """
+    bounds = [
+        (name, -largest, largest, expected_joint(name))
+        for name in joint_columns(table.columns)
+        for largest in [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG]
+    ]
+    bounds += [(name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION]
+    if "u95_mm" in table.columns:
+        bounds.append(("u95_mm", 1e-6, LARGEST_POSITION_MM, "an uncertainty above zero in mm or nothing"))
+    for name, low, high, expected in bounds:
+        values = table[name].to_numpy()
+        bad = (values < low) | (values > high)
+        if bad.any():
+            k = int(np.flatnonzero(bad)[0])
+            row = int(table["row"].iloc[k])
+            raise MeasurementError(f"expected {expected}, found {values[k]:g}", file=source, row=row, column=name)
+
+
+def check_quaternions(table: pd.DataFrame, source: str) -> None:
+    """Refuse orientations that are neither whole unit quaternions nor absent; the table's are made exactly unit.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Numbers, with the rows for messages in a column ``row``; changed in place.
+    source : str
+        File name for messages.
+
+    Raises
+    ------
+    MeasurementError
+        For the first such row, or if there are some of the four columns only.
+    """
+    present = [name for name in QUATERNION if name in table.columns]
+    if not present:
+        return
+    if len(present) < 4:
+        missing = ", ".join(name for name in QUATERNION if name not in present)
+        raise MeasurementError(
+            f"missing column {missing}; an orientation needs qw, qx, qy, qz", file=source, row=header_row(source)
+        )
+    q = table[QUATERNION].to_numpy()
+    given = np.isfinite(q)
+    norm = np.linalg.norm(np.where(given, q, 0.0), axis=1)
+    bad = (given.any(axis=1) & ~given.all(axis=1)) | (given.all(axis=1) & (np.abs(norm - 1) > 1e-3))
+    if bad.any():
+        k = int(np.flatnonzero(bad)[0])
+        found = ", ".join(f"{value:g}" for value in q[k])
+        raise MeasurementError(
+            f"expected a unit quaternion or nothing, found {found}",
+            file=source,
+            row=int(table["row"].iloc[k]),
+            column=QUATERNION,
+        )
+    table[QUATERNION] = q / np.where(norm > 0, norm, 1.0)[:, None]
+
+
+def rotations(table: pd.DataFrame) -> FloatArray | None:
+    """Orientations of a table's rows, shape (rows, 3, 3), NaN where there is none; None without quaternion columns."""
+    from scipy.spatial.transform import Rotation
+
+    if QUATERNION[0] not in table.columns:
+        return None
+    w, x, y, z = table[QUATERNION].to_numpy().T
+    have = np.isfinite(w)
+    out = np.full((len(w), 3, 3), np.nan)
+    if have.any():
+        out[have] = Rotation.from_quat(np.column_stack([x, y, z, w])[have]).as_matrix()
+    return out
+
+
+# --- where the cells come from ------------------------------------------------------------------------------
+
+
+def _bytes(path: Path, source: str) -> bytes:
+    try:
+        data = path.read_bytes()
+    except IsADirectoryError:
+        raise MeasurementError("expected a file, found a folder", file=source) from None
+    except FileNotFoundError:
+        raise MeasurementError("there is no such file", file=source) from None
+    except PermissionError:
+        raise MeasurementError("no permission to read this file", file=source) from None
+    if not data.strip():
+        raise MeasurementError("the file is empty, expected a header and rows", file=source)
+    return data
+
+
+def _decoded(data: bytes, source: str) -> str:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = data[: error.start].count(b"\n") + 1
+        raise MeasurementError("expected UTF-8 text, found other bytes", file=source, row=row) from None
+    if not text.strip():
+        raise MeasurementError("the file is empty, expected a header and rows", file=source)
+    if "\x00" in text:
+        raise MeasurementError("expected a text file with commas, found binary data", file=source)
+    return text
+
+
+def _parse_parquet(data: bytes, source: str, required: Sequence[str]) -> pd.DataFrame:
+    try:
+        table = pd.read_parquet(BytesIO(data))
+    except ImportError:
+        raise MeasurementError("reading Parquet needs the package pyarrow, which is absent", file=source) from None
+    except Exception as error:  # whatever pyarrow raises on a damaged file
+        raise MeasurementError(f"not a Parquet file: {error}", file=source) from None
+    return _from_frame(table, required, source)
+
+
+def _from_frame(table: pd.DataFrame, required: Sequence[str], source: str) -> pd.DataFrame:
+    """Cells of a DataFrame: numbers as text that reads back to the same, nothing for what is missing."""
+    header = [str(name).strip() for name in table.columns]
+    check_header(header, required, source)
+    columns = [table.iloc[:, k] for k in range(len(header))]
+    text = [column.astype(str).where(column.notna(), "").to_numpy(dtype=object) for column in columns]
+    return pd.DataFrame(dict(zip(header, text, strict=True)), index=range(1, len(table) + 1), dtype=object)
+
+
+def _canonical(cells: pd.DataFrame) -> bytes:
+    return str(cells.to_csv(index=False, lineterminator="\n")).encode()
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _with_rows(cells: pd.DataFrame, source: str) -> pd.DataFrame:
+    if cells.empty:
+        what = "table" if source == FRAME else "file"
+        raise MeasurementError(f"the {what} has a header but no rows", file=source)
+    return cells

@@ -1,0 +1,218 @@
+"""What an import understood: the table, where each row comes from, and the measurement file."""
+
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import BoolArray
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.measurement import table
+from irbcal.measurement.columns import POSITION, QUATERNION
+from irbcal.measurement.imports.column_map import ImportMap
+from irbcal.measurement.imports.poses import pose_keys
+from irbcal.measurement.own_tables import OwnTables
+from irbcal.measurement.table import MeasurementSet
+from irbcal.summary import Cell, Speaks, Table, Told
+
+SHOWN = 5
+"""Rows that are shown of a table: as many as fit beside one another."""
+LONGEST_CELL = 24
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Imported(OwnTables, Speaks):
+    """What was understood.
+
+    Attributes
+    ----------
+    table : DataFrame
+        Columns of a measurement file: degrees and millimetres, NaN where a point was lost. Each access hands out a
+        copy.
+    origin : DataFrame
+        ``source`` (file) and ``row`` (line in it) of each row of ``table``. Each access hands out a copy.
+    map : ImportMap
+    warnings : tuple of str
+    out : Path or None
+        The file it was written to.
+    """
+
+    table: pd.DataFrame
+    origin: pd.DataFrame
+    map: ImportMap
+    warnings: tuple[str, ...]
+    out: Path | None = None
+
+    @property
+    def lost(self) -> BoolArray:
+        """Mask of the rows without a position."""
+        return self.table["x_mm"].isna().to_numpy()
+
+    @property
+    def poses(self) -> int:
+        """Number of poses."""
+        return len(pose_keys(self.table).unique())
+
+    @property
+    def targets(self) -> dict[str, tuple[int, int]]:
+        """Number of measured and of lost points of each target, dict of str to (int, int)."""
+        lost = pd.Series(self.lost).groupby(self.table["target"].to_numpy(), sort=True).agg(["size", "sum"])
+        return {str(name): (int(row["size"] - row["sum"]), int(row["sum"])) for name, row in lost.iterrows()}
+
+    @property
+    def groups(self) -> dict[str, int]:
+        """Number of poses of each group, sorted by name."""
+        if "group" not in self.table.columns:
+            return {}
+        counts = self.table.groupby("group")["pose"].nunique()
+        return {str(name): int(count) for name, count in counts.items()}
+
+    def csv(self) -> bytes:
+        """The measurement file as bytes; it is read back and compared before it is handed out.
+
+        Raises
+        ------
+        MeasurementError
+            If irbcal itself would refuse it or read other numbers.
+        """
+        return self._written()[0]
+
+    def measurements(self) -> MeasurementSet:
+        """The measurements as irbcal reads them from the measurement file.
+
+        Raises
+        ------
+        MeasurementError
+            As `csv`.
+        """
+        return self._written()[1]
+
+    def _written(self) -> tuple[bytes, MeasurementSet]:
+        own, origin = self.table, self.origin
+        data = _rounded(own).to_csv(index=False, lineterminator="\n").encode("utf-8")
+        source = str(origin["source"].iloc[0])
+        try:
+            seen = table.parse(data, source)
+        except MeasurementError as error:
+            k = -1 if error.row is None else error.row - 2
+            if not 0 <= k < len(origin):
+                raise
+            first, row = origin.iloc[k]
+            place = MeasurementError("", file=source, row=error.row, column=error.column)
+            reason = str(error).removeprefix(f"{place}: ")
+            raise MeasurementError(reason, file=first, row=int(row), column=error.column) from None
+        names = [*seen.joint_columns, *POSITION, *(name for name in QUATERNION if name in own.columns)]
+        same = np.isclose(seen.table[names], own[names], rtol=0, atol=1e-6, equal_nan=True)
+        if len(seen) != len(own) or not same.all():
+            raise MeasurementError("the measurement file would not hold the numbers that were understood", file=source)
+        return data, seen
+
+    def written_to(self, out: str | PathLike[str]) -> "Imported":
+        """Write the measurement file, whole or not at all.
+
+        Parameters
+        ----------
+        out : str or Path
+
+        Returns
+        -------
+        Imported
+            The same with ``out`` set.
+
+        Raises
+        ------
+        MeasurementError
+            As `csv`, or if the file cannot be written.
+        OptionError
+            If it is one of the files that were read.
+        """
+        out = Path(out)
+        refuse_sources(out, self.origin["source"].unique())
+        data = self.csv()
+        if out.is_dir():
+            raise MeasurementError("expected a file to write, found a folder", file=out)
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(prefix=".irbcal-", dir=out.parent) as folder:
+                new = Path(folder, "new")
+                with open(new, "wb") as stream:
+                    stream.write(data)
+                    stream.flush()
+                    os.fsync(stream.fileno())
+                os.replace(new, out)
+        except OSError as error:
+            raise MeasurementError(f"cannot write to this folder: {error.strerror}", file=out.parent) from None
+        return replace(self, out=out)
+
+    def first_rows(self, count: int) -> list[dict[str, Any]]:
+        """The first rows as they are understood, None for what is lost, with ``source`` and ``row``."""
+        rows = self.table.head(count)
+        values = rows.astype(object).where(rows.notna(), None).to_dict(orient="records")
+        places = self.origin.head(count).to_dict(orient="records")
+        return [place | row for place, row in zip(places, values, strict=True)]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table as a measurement file has it: degrees and millimetres."""
+        return self.table
+
+    def told(self) -> Sequence[Told]:
+        """Counts and warnings; what was not written yet is shown: its first rows and the map in use."""
+        targets = ", ".join(
+            f"{name} {seen}" + (f" (and {lost} lost)" if lost else "") for name, (seen, lost) in self.targets.items()
+        )
+        told: list[Told] = [
+            f"{len(self.table)} rows, {self.poses} poses, {int(self.lost.sum())} lost points; points: {targets}",
+            *(f"Note: {text}." for text in self.warnings),
+        ]
+        if self.out is not None:
+            return [*told, f"Written to {self.out}"]
+        return [*told, self._shown(), "The map in use:", self._map_in_use()]
+
+    def _shown(self) -> Table:
+        """The first rows, a column each, as a row has too many values for a page."""
+        first = self.first_rows(SHOWN)
+        rows: list[tuple[Cell, ...]] = [
+            (str(name), *(_cell(row[name]) for row in first)) for name in self.table.columns
+        ]
+        title = f"The first rows of {first[0]['source']} as they would be understood:"
+        return Table(title, ("row of file", *(str(row["row"]) for row in first)), tuple(rows), digits=4)
+
+    def _map_in_use(self) -> str:
+        import yaml
+
+        values = self.map.model_dump(exclude_defaults=True, exclude={"about"})
+        return str(yaml.safe_dump(values, sort_keys=False, default_flow_style=None)).rstrip()
+
+
+def refuse_sources(out: Path, sources: Sequence[str | PathLike[str]]) -> None:
+    """Refuse a file to write that is one of those to read.
+
+    Raises
+    ------
+    OptionError
+        If it is.
+    """
+    if any(out.resolve() == Path(source).resolve() for source in sources):
+        raise OptionError(f"{out} is one of the files to read", parameter="out")
+
+
+def _cell(value: Any) -> Cell:
+    if value is None or isinstance(value, float):
+        return "" if value is None else float(value)
+    text = str(value)
+    return text if len(text) <= LONGEST_CELL else text[: LONGEST_CELL - 1] + "…"
+
+
+def _rounded(frame: pd.DataFrame) -> pd.DataFrame:
+    """The same with 1e-9 mm, degree or second as last place, and no minus zeros."""
+    out = frame.copy()
+    for name in out.columns:
+        if pd.api.types.is_float_dtype(out[name]):
+            out[name] = out[name].round(12 if name in QUATERNION else 9) + 0.0
+    return out

@@ -1,0 +1,111 @@
+"""Poses of foreign files: which rows make one, its joints by the map's rules, its group."""
+
+import fnmatch
+
+import numpy as np
+import pandas as pd
+
+from irbcal.errors import MeasurementError
+from irbcal.measurement.columns import joint_columns
+from irbcal.measurement.imports.column_map import ImportMap
+from irbcal.measurement.imports.dialect import short
+from irbcal.measurement.imports.part import ROW, SOURCE
+
+SAME_JOINTS = 1e-6
+"""Joints that differ by no more are the same, degrees or mm."""
+
+
+def pose_keys(frame: pd.DataFrame) -> pd.Series:
+    """What tells the poses of all cycles apart, a text for each row."""
+    return frame["pose"] + "\n" + frame["cycle"].astype(str) if "cycle" in frame.columns else frame["pose"]
+
+
+def runs(frame: pd.DataFrame) -> pd.Series:
+    """Number poses from 1: neighbouring rows with the same joints, until a target comes again."""
+    columns = joint_columns(frame.columns)
+    q = frame[columns].to_numpy()
+    new = np.r_[True, np.abs(np.diff(q, axis=0)).max(axis=1) > SAME_JOINTS]
+    new |= (frame[SOURCE] != frame[SOURCE].shift()).to_numpy()
+    run = np.cumsum(new)
+    again = frame.groupby([pd.Series(run), frame["target"]]).cumcount()
+    return pd.Series(pd.factorize(pd.MultiIndex.from_arrays([run, again]))[0] + 1, index=frame.index)
+
+
+def together(frame: pd.DataFrame) -> pd.DataFrame:
+    """Rows of a pose (and cycle) beside one another, poses in the order in which they first appear."""
+    order = np.argsort(pd.factorize(pose_keys(frame))[0], kind="stable")
+    return frame.iloc[order].reset_index(drop=True)
+
+
+def apply_joint_rules(frame: pd.DataFrame, import_map: ImportMap) -> None:
+    """Readings to irbcal's joints, in place."""
+    rules, columns = import_map.joints, joint_columns(frame.columns)
+    n = len(columns)
+    for key, given in (("signs", rules.signs), ("offsets_deg", rules.offsets_deg)):
+        if given is not None and len(given) != n:
+            raise MeasurementError(
+                f"the map: joints.{key}: expected {n} numbers, one for each joint, found {len(given)}"
+            )
+    if rules.signs is None and rules.offsets_deg is None and not rules.add:
+        return
+    matrix = np.eye(n)
+    for to, of in rules.add.items():
+        if not (1 <= to <= n and 1 <= of <= n and to != of):
+            raise MeasurementError(f"the map: joints.add: expected two different joints of 1 to {n}, found {to}: {of}")
+        matrix[to - 1, of - 1] = 1.0
+    offsets = np.array(rules.offsets_deg if rules.offsets_deg is not None else np.zeros(n))
+    sliding = [k for k, name in enumerate(columns) if name.endswith("_mm") and offsets[k]]
+    if sliding:
+        raise MeasurementError(f"the map: joints.offsets_deg: expected 0 for joint {sliding[0] + 1}, which slides")
+    signs = np.array(rules.signs if rules.signs is not None else np.ones(n))
+    frame[columns] = (frame[columns].to_numpy() @ matrix.T) * signs + offsets
+
+
+def check_one_pose_one_joints(frame: pd.DataFrame) -> None:
+    """Refuse a pose (of a cycle) whose rows have different joints."""
+    index = pd.factorize(pose_keys(frame))[0]
+    first = np.unique(index, return_index=True)[1][index]
+    q = frame[joint_columns(frame.columns)].to_numpy()
+    off = np.abs(q - q[first])
+    if (off > SAME_JOINTS).any():
+        k = int(np.flatnonzero((off > SAME_JOINTS).any(axis=1))[0])
+        joint = int(off[k].argmax())
+        row, other = frame.iloc[k], frame.iloc[first[k]]
+        raise MeasurementError(
+            f"expected the joints of pose {short(row['pose'])} as in row {other[ROW]} of {other[SOURCE]} "
+            f"(joint {joint + 1}: {q[first[k], joint]:.6g}), found {q[k, joint]:.6g}",
+            file=row[SOURCE],
+            row=int(row[ROW]),
+        )
+
+
+def name_groups(frame: pd.DataFrame, import_map: ImportMap) -> list[str]:
+    """Name the groups of poses by the map's rules, in place; poses that no rule fits keep what they have.
+
+    Returns
+    -------
+    list of str
+        What the user should look at, in sentences.
+    """
+    warnings: list[str] = []
+    if not import_map.groups:
+        return warnings
+    number, names = pd.factorize(frame["pose"])
+    names = pd.Series(names, dtype=object)
+    own = np.full(len(names), "", dtype=object)
+    open_ = np.ones(len(names), dtype=bool)
+    for rule in import_map.groups:
+        if rule.poses is not None:
+            fits = names.str.fullmatch(fnmatch.translate(rule.poses)).to_numpy(dtype=bool)
+        else:
+            place = np.arange(1, len(names) + 1)
+            fits = (place >= (rule.first or 1)) & (place <= (rule.last or len(names)))
+        if not fits.any():
+            warnings.append(f"The rule for group {rule.group} fits no pose")
+        own[fits & open_] = rule.group
+        open_ &= ~fits
+    before = (
+        frame["group"].to_numpy(dtype=object) if "group" in frame.columns else np.full(len(frame), "", dtype=object)
+    )
+    frame["group"] = np.where(open_[number], before, own[number])
+    return warnings

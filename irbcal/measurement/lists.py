@@ -1,0 +1,95 @@
+"""Lists: files of joints, of poses and of known targets."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import FloatArray
+from irbcal.errors import MeasurementError
+from irbcal.measurement import columns
+from irbcal.measurement.columns import JOINTS, POSITION, QUATERNION, TableLike
+from irbcal.units import MM
+
+
+def read_joints(table: TableLike, joints: Sequence[str] = JOINTS) -> FloatArray:
+    """Read a list of joints.
+
+    Parameters
+    ----------
+    table : str, Path or DataFrame
+    joints : sequence of str
+        The columns, ``arm.joint_columns``; ``q1_deg`` to ``q6_deg`` unless given.
+
+    Returns
+    -------
+    q : ndarray, shape (n, joints)
+        Radians (metres from columns in mm).
+
+    Raises
+    ------
+    MeasurementError
+        If the table cannot be read or does not keep the format.
+    """
+    cells, source, _ = columns.read(table, joints)
+    values = [columns.numbers(cells, name, source, columns.expected_joint(name)) for name in joints]
+    return np.column_stack(values) * columns.joint_units(joints)
+
+
+def read_poses(table: TableLike) -> FloatArray:
+    """Read a list of poses with columns ``x_mm, y_mm, z_mm, qw, qx, qy, qz``.
+
+    Parameters
+    ----------
+    table : str, Path or DataFrame
+
+    Returns
+    -------
+    ndarray, shape (n, 4, 4)
+        ``T_base_tip``, metres.
+
+    Raises
+    ------
+    MeasurementError
+        If the table cannot be read or does not keep the format.
+    """
+    cells, source, _ = columns.read(table, [*POSITION, *QUATERNION])
+    values = pd.DataFrame({"row": cells.index})
+    for name in POSITION:
+        values[name] = columns.numbers(cells, name, source, "a position in mm")
+    for name in QUATERNION:
+        values[name] = columns.numbers(cells, name, source, "a quaternion's number")
+    columns.check_quaternions(values, source)
+    T = np.zeros((len(values), 4, 4))
+    T[:, 3, 3] = 1.0
+    T[:, :3, :3] = columns.rotations(values)
+    T[:, :3, 3] = values[POSITION].to_numpy() * MM
+    return T
+
+
+def read_targets(table: TableLike) -> dict[str, FloatArray]:
+    """Read a list of known reflector positions with columns ``target``, ``x_mm``, ``y_mm``, ``z_mm``.
+
+    Parameters
+    ----------
+    table : str, Path or DataFrame
+
+    Returns
+    -------
+    dict of str to ndarray, shape (3,)
+        Positions in the tip link, metres.
+
+    Raises
+    ------
+    MeasurementError
+        If the table cannot be read or does not keep the format.
+    """
+    cells, source, _ = columns.read(table, ["target", *POSITION])
+    values = [columns.numbers(cells, name, source, "a position in mm") for name in POSITION]
+    names = cells["target"].str.strip()
+    if names.duplicated().any():
+        row = names.index[names.duplicated()][0]
+        raise MeasurementError(
+            f"{names[row]!r} stands there more than once", file=source, row=int(row), column="target"
+        )
+    return dict(zip(names, np.column_stack(values) * MM, strict=True))

@@ -1,0 +1,29 @@
+"""Results with DataFrames that nobody can change from outside."""
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+
+class OwnTables:
+    """Base of frozen dataclasses that keep DataFrames of their own: every access to such a field hands out a copy.
+
+    ``dataclasses.replace``, ``pickle`` and ``copy`` work as with any other dataclass. Fields of tables have no default.
+    """
+
+    def __post_init__(self) -> None:
+        own: dict[str, Any] = {}
+        for field in fields(self):  # type: ignore[arg-type]  # those who inherit are dataclasses
+            if isinstance(self.__dict__[field.name], pd.DataFrame):
+                own[field.name] = self.__dict__.pop(field.name).copy()
+        self.__dict__["_own"] = own
+
+    if not TYPE_CHECKING:  # the fields are declared by those who inherit
+
+        def __getattr__(self, name):
+            """Tables are kept under another name, so each access to one ends here."""
+            own = self.__dict__.get("_own", {})
+            if name in own:
+                return own[name].copy()
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")

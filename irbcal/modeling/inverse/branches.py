@@ -1,0 +1,105 @@
+"""The branches of an inverse with a closed form: their numbers, and the joints of all of them.
+
+Every pose has up to eight (Nubiola 2011, section 6.1.4), numbered ``4 back + 2 down + flip``:
+
+====== ================================================================== ===========================
+bit    0                                                                  1
+====== ================================================================== ===========================
+back   wrist centre in front of axis 1 (eq. 6.6)                          behind it (eq. 6.7)
+down   forearm bent towards positive q3 from the upper arm's line         bent to the other side
+flip   sine of q5 positive (eq. 6.31)                                     negative (eq. 6.32)
+====== ================================================================== ===========================
+
+The numbers are those of ABB's ``cfx`` for such arms as its manuals describe it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.summary import Speaks, Told
+
+if TYPE_CHECKING:
+    from irbcal.modeling.inverse.orthoparallel import OrthoParallel
+
+
+def branch_number(back: ArrayLike = False, down: ArrayLike = False, flip: ArrayLike = False) -> IntArray:
+    """Number of a branch (0 to 7) from its configuration; takes arrays too."""
+    return 4 * np.asarray(back, dtype=int) + 2 * np.asarray(down, dtype=int) + np.asarray(flip, dtype=int)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Branches(Speaks):
+    """The inverse kinematics of a batch of poses.
+
+    Attributes
+    ----------
+    joints : ndarray, shape (n, 8, 6)
+        Joint angles of each branch, radians, each within a half turn of zero; NaN where there is no solution.
+    valid : ndarray of bool, shape (n, 8)
+        Whether the branch reaches the pose. Joint limits are not regarded: see
+        `irbcal.modeling.inverse.closed_form.into_limits`.
+    shoulder : ndarray, shape (n,)
+        Distance of the wrist centre from axis 1, metres: zero at the shoulder (alignment) singularity of eq. 6.5,
+        where the angle of axis 1 is arbitrary (it is set to the zero of eq. 6.6).
+    reach_margin : ndarray, shape (n, 2)
+        How far the wrist centre is inside the reach of upper arm and forearm from axis 2, for the front and
+        back branches, metres: zero at the elbow singularity (stretched or folded arm), negative out of reach.
+    arm : OrthoParallel
+    """
+
+    joints: FloatArray
+    valid: BoolArray
+    shoulder: FloatArray
+    reach_margin: FloatArray
+    arm: OrthoParallel
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def told(self) -> Sequence[Told]:
+        """How many branches reach their poses, joint limits not regarded."""
+        reached = int(self.valid.any(axis=1).sum())
+        return [f"{len(self)} poses of {self.arm.name}, {reached} of them reached, by {int(self.valid.sum())} branches"]
+
+    @cached_property
+    def wrist(self) -> FloatArray:
+        """Angle between axes 4 and 6 as lines, (n, 8) radians: zero at the wrist singularity (section 6.1.5)."""
+        return self.arm.wrist_angle(self.joints)
+
+    @cached_property
+    def elbow(self) -> FloatArray:
+        """Distance from the elbow singularity of each branch, (n, 8) metres (see ``reach_margin``)."""
+        return np.repeat(self.reach_margin, 4, axis=1)
+
+    def singular(self, wrist: float = 1e-6, shoulder: float = 1e-6, elbow: float = 1e-6) -> dict[str, BoolArray]:
+        """Which branches are at a singularity.
+
+        Parameters
+        ----------
+        wrist : float
+            Radians.
+        shoulder, elbow : float
+            Metres.
+
+        Returns
+        -------
+        dict of str to ndarray of bool, shape (n, 8)
+            ``wrist``, ``shoulder``, ``elbow``; False where the branch is not valid.
+        """
+        near = {
+            "wrist": self.wrist <= wrist,
+            "shoulder": np.broadcast_to((self.shoulder <= shoulder)[:, None], self.valid.shape),
+            "elbow": self.elbow <= elbow,
+        }
+        return {name: mask & self.valid for name, mask in near.items()}

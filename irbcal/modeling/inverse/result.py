@@ -1,0 +1,125 @@
+"""What the inverse kinematics of a robot found: joints, how, and why not where there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.summary import Speaks, Told
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Method(IntEnum):
+    """How the joints of a pose were found."""
+
+    NONE = 0
+    FIXED_POINT = 1
+    NEWTON = 2
+
+
+class Reason(IntEnum):
+    """Why a pose has no joints."""
+
+    CONVERGED = 0
+    NOT_A_POSE = 1
+    BAD_SEED = 2
+    OUT_OF_REACH = 3
+    NOT_FOUND = 4
+
+    @property
+    def words(self) -> str:
+        """The reason in words."""
+        return _WORDS[self]
+
+
+_WORDS = {
+    Reason.CONVERGED: "converged",
+    Reason.NOT_A_POSE: "the target holds NaN or is not a rigid transform",
+    Reason.BAD_SEED: "the seed joints are not finite",
+    Reason.OUT_OF_REACH: "the target is out of the robot's reach in this configuration",
+    Reason.NOT_FOUND: "no joints were found to the tolerance, although the target seems to be within reach",
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class InverseResult(Speaks):
+    """Joints of a calibrated robot for a batch of n poses.
+
+    Attributes
+    ----------
+    joints : ndarray, shape (n, joints)
+        Commanded joints, radians (metres for prismatic joints); NaN where the pose has not converged.
+    converged : ndarray of bool, shape (n,)
+        Whether position and orientation are both within the tolerance.
+    inside : ndarray of bool, shape (n,)
+        Whether the joints are within the limits; False where the pose has not converged.
+    configuration : ndarray of int, shape (n,)
+        Nominal branch of the joints (see `irbcal.modeling.inverse.closed_form`), -1 where the pose has not converged.
+    branch_kept : ndarray of bool, shape (n,)
+        Whether that is the branch asked for. Only next to a singularity can it be another one.
+    iterations : ndarray of int, shape (n,)
+        Evaluations of the calibrated forward kinematics, all methods and starts.
+    method : ndarray of int, shape (n,)
+        `Method` that gave the joints.
+    position_residual, rotation_residual : ndarray, shape (n,)
+        Distance of the origins (m) and angle of the relative rotation (rad) of target and forward kinematics;
+        of the best joints found where the pose has not converged.
+    reason : ndarray of int, shape (n,)
+        `Reason`; its ``words`` say what it means.
+    """
+
+    joints: FloatArray
+    converged: BoolArray
+    inside: BoolArray
+    configuration: IntArray
+    branch_kept: BoolArray
+    iterations: IntArray
+    method: IntArray
+    position_residual: FloatArray
+    rotation_residual: FloatArray
+    reason: IntArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def told(self) -> Sequence[Told]:
+        """Number of poses for each method and each reason."""
+        names = {Method.FIXED_POINT: "the fixed point", Method.NEWTON: "Newton's steps"}
+        parts = [f"{len(self)} poses", *(f"{(self.method == m).sum()} by {name}" for m, name in names.items())]
+        parts += [f"{(self.reason == r).sum()} where {r.words}" for r in Reason if r and (self.reason == r).any()]
+        return [", ".join(parts)]
+
+    def notes(self) -> NameArray:
+        """A remark on each pose, shape (n,): why it has no joints, that they are beyond the limits, or nothing."""
+        notes = np.array([Reason(code).words if code else "" for code in self.reason], dtype=object)
+        notes[self.converged & ~self.inside] = "outside the joint limits"
+        return notes
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each pose: joints ``q1`` and so on (radians, metres for prismatic joints), and how they were found.
+
+        Returns
+        -------
+        DataFrame
+            Also ``converged``, ``inside``, ``configuration``, ``branch_kept``, ``iterations``, ``method``,
+            ``position_residual`` (m), ``rotation_residual`` (rad) and ``note``.
+        """
+        import pandas as pd
+
+        table = pd.DataFrame(self.joints, columns=[f"q{k}" for k in range(1, self.joints.shape[1] + 1)])
+        for name in ("converged", "inside", "configuration", "branch_kept", "iterations"):
+            table[name] = getattr(self, name)
+        table["method"] = [Method(code).name.lower() for code in self.method]
+        table["position_residual"] = self.position_residual
+        table["rotation_residual"] = self.rotation_residual
+        return table.assign(note=self.notes())

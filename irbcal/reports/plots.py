@@ -1,0 +1,75 @@
+"""The figures of a report for notebooks and files, one by one: ``calibration.plot``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from irbcal.errors import OptionError
+from irbcal.figures import pose_errors
+from irbcal.figures.charts import Figure
+from irbcal.files.picture import SIMULATED, Picture
+from irbcal.files.schema import Record
+from irbcal.reports import evidence, report_figures
+from irbcal.reports.evidence import PoseSet
+
+
+@dataclass(frozen=True, eq=False)
+class Plots:
+    """The figures of a calibration; each shows itself in a notebook and has ``save(path)`` for PNG and SVG.
+
+    Figures of poses take the held-out poses where there are any, else the fitted ones; ``fitted=True`` those.
+    """
+
+    record: Record
+
+    @cached_property
+    def _evidence(self) -> evidence.Evidence:
+        return evidence.gather(self.record)
+
+    def _of(self, draw: Callable[[PoseSet], Figure], fitted: bool, needs_places: bool = False) -> Picture:
+        poses = self._evidence.sets[-1 if fitted else 0]
+        if needs_places and poses.place is None:
+            raise OptionError("this calibration was saved without the measured places")
+        return self._picture(draw(poses))
+
+    def _picture(self, figure: Figure) -> Picture:
+        return Picture(figure, SIMULATED if self.record.simulated else "")
+
+    def before_and_after(self) -> Picture:
+        """Mean error, its interval and the largest error of both models."""
+        return self._of(pose_errors.before_and_after, False)
+
+    def errors_by_pose(self, fitted: bool = False) -> Picture:
+        """Mean error of each pose in order of measurement."""
+        return self._of(pose_errors.errors_by_pose, fitted)
+
+    def distribution(self, fitted: bool = False) -> Picture:
+        """Histogram of the errors, and errors against normal quantiles."""
+        return self._of(pose_errors.distribution, fitted)
+
+    def workspace(self, fitted: bool = False) -> Picture:
+        """Mean error of each pose where it was measured."""
+        return self._of(pose_errors.workspace, fitted, True)
+
+    def vectors(self, fitted: bool = False) -> Picture:
+        """Error vectors, enlarged, where they were measured."""
+        return self._of(pose_errors.vectors, fitted, True)
+
+    def orientation(self, fitted: bool = False) -> Picture:
+        """Orientation error of each pose, where orientations were measured."""
+        poses = self._evidence.sets[-1 if fitted else 0]
+        if any(model.rotation is None for model in poses.models.values()):
+            raise OptionError("no orientations were measured")
+        return self._of(pose_errors.turns_by_pose, fitted)
+
+    def residuals_by_joint(self) -> Picture:
+        """Residual of each joint against its angle, by the direction from which it came."""
+        if self._evidence.approach is None:
+            raise OptionError(self._evidence.approach_note)
+        return self._picture(report_figures.residuals_by_joint(self._evidence))
+
+    def singular_values(self) -> Picture:
+        """What the poses can show of the error parameters."""
+        return self._picture(report_figures.singular_values(self.record.observability))

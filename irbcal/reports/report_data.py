@@ -1,0 +1,181 @@
+"""The numbers of a report: its tables, and the data behind its figures as CSV files."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from io import StringIO
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from irbcal.files.schema import Record
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    from irbcal.joint_behaviour.approach import Approach
+    from irbcal.reports.evidence import Evidence
+
+T = TypeVar("T")
+
+
+def _models(c: Record, nominal: T, calibrated: T) -> dict[str, T]:
+    """The models to show; the level ``nominal`` has but one."""
+    return {"nominal": nominal} if c.model == "nominal" else {"nominal": nominal, "calibrated": calibrated}
+
+
+def error_tables(c: Record) -> list[dict[str, Any]]:
+    """Per set of poses: title, number of poses, whether it proves anything, and rows by part."""
+    out: list[dict[str, Any]] = []
+    for title, proves, poses, nominal, calibrated in (
+        ("Held-out poses", True, c.poses_heldout, c.heldout_nominal, c.heldout),
+        ("Fitted poses", False, c.poses_fit, c.fit_nominal, c.fit),
+    ):
+        if calibrated is None or nominal is None:
+            continue
+        overall = _models(c, nominal.all, calibrated.all)
+        if proves and c.heldout_least_squares:
+            overall["calibrated by rms"] = c.heldout_least_squares.all
+        parts: dict[str, dict[str, Any]] = {"": {"": overall}}
+        for name, before, after, least in (
+            ("target", nominal.per_target, calibrated.per_target, 2),
+            ("group", nominal.per_group, calibrated.per_group, 1),
+        ):
+            if len(after) >= least:
+                parts[name] = {label: _models(c, before[label], after[label]) for label in after}
+        turned = _models(c, nominal.orientation, calibrated.orientation) if calibrated.orientation else {}
+        out.append({"title": title, "proves": proves, "poses": poses, "parts": parts, "orientation": turned})
+    return out
+
+
+def backlash(approach: Approach | None) -> list[dict[str, Any]]:
+    """Joint, value and interval in its unit, p and what to think of it, for each joint."""
+    if approach is None:
+        return []
+    slides = approach.robot.arm.table.prismatic
+    rows: list[dict[str, Any]] = []
+    for term in approach.terms:
+        unit, size = ("mm", MM) if slides[(term.joint or 1) - 1] else ("deg", DEG)
+        amount = [value[0] / size for value in (term.values, term.low, term.high)] if term.tested else None
+        rows.append({"joint": term.joint, "unit": unit, "amount": amount, "term": term})
+    return rows
+
+
+def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
+    """The data behind the figures and tables of the page as CSV files.
+
+    Parameters
+    ----------
+    calibration : Record
+    evidence : Evidence
+
+    Returns
+    -------
+    dict of str to bytes
+        Contents by file name. Lengths in mm, angles in degrees; places and vectors along the axes of the base link.
+    """
+    tables = {
+        "points.csv": _points_rows(evidence),
+        "poses.csv": _poses_rows(calibration, evidence),
+        "errors.csv": _errors_rows(calibration, evidence),
+        "parameters.csv": [vars(parameter) for parameter in calibration.parameters],
+        "singular_values.csv": [
+            {"direction": k, "singular_value_mm": value, "seen": k <= calibration.observability.seen}
+            for k, value in enumerate(calibration.observability.singular_values_mm, 1)
+        ],
+        "left_out.csv": [vars(item) for item in calibration.excluded],
+        "joints.csv": _joints_rows(evidence),
+        "backlash.csv": [
+            {
+                "joint": row["joint"],
+                "unit": row["unit"],
+                **dict(zip(("backlash", "low", "high"), row["amount"] or (None,) * 3, strict=True)),
+                "p": row["term"].p if row["amount"] else None,
+                "verdict": row["term"].verdict,
+                "note": row["term"].note,
+            }
+            for row in backlash(evidence.approach)
+        ],
+    }
+    return {name: _csv(rows, calibration.simulated) for name, rows in tables.items() if rows}
+
+
+def _csv(rows: Sequence[Mapping[str, Any]], simulated: bool) -> bytes:
+    stream = StringIO()
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    writer = csv.DictWriter(stream, [*columns, "simulated"], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({**row, "simulated": int(simulated)} for row in rows)
+    return stream.getvalue().encode("utf-8", "replace")
+
+
+def _points_rows(evidence: Evidence) -> list[dict[str, Any]]:
+    rows = []
+    for poses in evidence.sets:
+        for m, pose in enumerate(poses.pose):
+            row = {"set": poses.name, "pose": poses.pose_names[pose], "group": poses.groups[pose]}
+            row["target"] = poses.target[m]
+            if poses.place is not None:
+                row |= {f"{axis}_mm": round(v / MM, 6) for axis, v in zip("xyz", poses.place[m], strict=True)}
+            for name, model in poses.models.items():
+                if model.vector is not None:
+                    for axis, v in zip("xyz", model.vector[m], strict=True):
+                        row[f"{name}_d{axis}_mm"] = round(v / MM, 6)
+                row[f"{name}_mm"] = round(model.distance[m] / MM, 6)
+                if model.rotation is not None:
+                    row[f"{name}_deg"] = round(model.rotation[m] / DEG, 6)
+            rows.append(row)
+    return rows
+
+
+def _poses_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
+    kinds = [("mm", MM) if kind == "prismatic" else ("deg", DEG) for kind in c.robot.joint_types]
+    rows = []
+    for poses in evidence.sets:
+        for n, name in enumerate(poses.pose_names):
+            row = {"set": poses.name, "pose": name, "group": poses.groups[n]}
+            if poses.points is not None:
+                for j, (unit, size) in enumerate(kinds):
+                    row[f"q{j + 1}_{unit}"] = round(poses.points.q[n, j] / size, 9)
+            row |= {f"{model}_mm": round(m.per_pose[n] / MM, 6) for model, m in poses.models.items()}
+            rows.append(row)
+    return rows
+
+
+def _errors_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
+    models = {poses.proves: poses.models for poses in evidence.sets}
+    rows = []
+    for table in error_tables(c):
+        name_of_set = "held-out" if table["proves"] else "fitted"
+        for part, labels in table["parts"].items():
+            for label, statistics in labels.items():
+                for name, values in statistics.items():
+                    row = {"set": name_of_set, "by": part, "label": label, "model": name} | vars(values)
+                    model = models.get(table["proves"], {}).get(name)
+                    intervals = model.intervals if model and not part else None
+                    for key, (low, high) in (intervals or {}).items():
+                        row |= {f"{key}_low": low, f"{key}_high": high}
+                    rows.append(row)
+    return rows
+
+
+def _joints_rows(evidence: Evidence) -> list[dict[str, Any]]:
+    found = evidence.approach
+    if found is None:
+        return []
+    slides = found.robot.arm.table.prismatic
+    rows = []
+    for n, pose in enumerate(found.points.pose_ids):
+        for j in range(found.angle.shape[1]):
+            if found.angle[n, j] == found.angle[n, j]:
+                unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
+                rows.append(
+                    {
+                        "set": evidence.approach_name,
+                        "pose": pose,
+                        "joint": j + 1,
+                        "unit": unit,
+                        "q": round(found.points.q[n, j] / size, 9),
+                        "came_from": "below" if found.direction[n, j] > 0 else "above",
+                        "residual": round(found.angle[n, j] / size, 9),
+                    }
+                )
+    return rows

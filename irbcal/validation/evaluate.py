@@ -1,0 +1,330 @@
+"""Evaluate a calibration and its nominal robot on other measurements (Nubiola 2011, section 7.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray, NameArray
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.figures.pose_errors import ModelErrors, PoseErrors
+from irbcal.files.calibration_folder import CalibrationLike, opened
+from irbcal.files.schema import Record
+from irbcal.identification import outliers
+from irbcal.measurement import table
+from irbcal.measurement.points import PointSet, distances, rotation_distances
+from irbcal.measurement.registration import base_on
+from irbcal.measurement.statistics import rotation_statistics, statistics
+from irbcal.modeling import frames
+from irbcal.modeling.robot import Robot
+from irbcal.options import checked
+from irbcal.units import MM
+from irbcal.validation import accuracy, bootstrap, comparison
+from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
+from irbcal.validation.prepared import Prepared, prepare
+
+if TYPE_CHECKING:
+    pass
+
+RELATIVE = ("virtual", "three-points")
+
+T = TypeVar("T")
+
+
+def evaluate(
+    calibration: CalibrationLike,
+    measurements: table.MeasurementsLike,
+    *,
+    refit_base: bool = False,
+    intervals: bool = False,
+    relative: Literal["virtual", "three-points"] | None = None,
+    frame_points: Sequence[tuple[str, str]] | None = None,
+    sphere: Sequence[float] | None = None,
+    flange: bool = False,
+    compare: CalibrationLike | None = None,
+    verified: table.MeasurementsLike | None = None,
+    seed: int = 0,
+) -> Evaluation:
+    """Errors of a calibration and of its nominal robot on other measurements.
+
+    Parameters
+    ----------
+    calibration : str, Path or a loaded calibration
+    measurements : str, Path, DataFrame or MeasurementSet
+        Registered to the calibration's reference points where both have them.
+    refit_base : bool
+        Place the base anew for each model (for measurements from another tracker station without references).
+    intervals : bool
+        Add bootstrap intervals, see `irbcal.validation.bootstrap`.
+    relative : {"virtual", "three-points"}, optional
+        Add relative errors, see `irbcal.validation.accuracy`.
+    frame_points : sequence of three (pose, target), optional
+        The points of the frame for ``three-points``.
+    sphere : sequence of four float, optional
+        Centre in the base link and diameter, metres: regard only points measured inside.
+    flange : bool
+        Add position and orientation errors of the tip from three targets or measured orientations.
+    compare : str, Path or a loaded calibration, optional
+        Another one, to compare with pose by pose on the same data.
+    verified : str, Path, DataFrame or MeasurementSet, optional
+        Measurements of the same poses (by name) run with this calibration's fake targets.
+    seed : int
+        Of the bootstrap.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    IrbcalError
+        If an input is refused.
+    """
+    record = opened(calibration)
+    if relative is not None:
+        checked("relative", relative, RELATIVE)
+    if frame_points is not None and relative != "three-points":
+        raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
+    ready, robots = in_frame_of_calibration(record, measurements, refit_base)
+    ready = _inside(ready, robots["calibrated"], sphere)
+    seen, points = ready.measurements, ready.points
+    errors = {name: distances(robot, points) for name, robot in robots.items()}
+    turns = {name: rotation_statistics(rotation_distances(robot, points)) for name, robot in robots.items()}
+    parts = _parts(ready)
+
+    def of(mask: BoolArray) -> ByModel:
+        return {name: _known(statistics(error[mask])) for name, error in errors.items()}
+
+    of_parts = {part: _by_label(labels, of) for part, labels in parts.items()}
+    return Evaluation(
+        nominal=_known(statistics(errors["nominal"])),
+        calibrated=_known(statistics(errors["calibrated"])),
+        per_target=of_parts["per_target"],
+        per_group=of_parts["per_group"],
+        per_payload=of_parts["per_payload"],
+        per_group_payload=of_parts["per_group_payload"],
+        percentiles={name: _known(accuracy.percentiles(error)) for name, error in errors.items()},
+        largest_covers=accuracy.largest_covers(points.poses),
+        orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
+        intervals=_intervals(errors, points, parts, seed) if intervals else None,
+        relative=_relative(robots, points, relative, frame_points, seen.source) if relative else None,
+        flange=_flange(robots, points, seen.source) if flange else None,
+        comparison=None
+        if compare is None
+        else _comparison(opened(compare), ready, refit_base, robots["calibrated"], seed),
+        verified=None if verified is None else _verified(record, robots["calibrated"], points, verified),
+        excluded=tuple(ready.excluded),
+        notes=_notes(ready, record),
+        simulated=seen.simulated or record.simulated,
+        model=record.model,
+        refit_base=refit_base,
+        errors=_pose_errors(robots, points, errors),
+    )
+
+
+def in_frame_of_calibration(
+    calibration: CalibrationLike, measurements: table.MeasurementsLike, refit_base: bool = False
+) -> tuple[Prepared, dict[str, Robot]]:
+    """Clean measurements in the frame of a calibration, and its robots.
+
+    Parameters
+    ----------
+    calibration : str, Path or a loaded calibration
+    measurements : str, Path, DataFrame or MeasurementSet
+    refit_base : bool
+        As `evaluate`.
+
+    Returns
+    -------
+    ready : Prepared
+    robots : dict of str to Robot
+        ``nominal`` and ``calibrated``.
+
+    Raises
+    ------
+    IrbcalError
+        If the measurements are refused, or are nowhere near what the calibrated robot predicts.
+    """
+    record = opened(calibration)
+    seen = table.read(measurements)
+    seen.check_joints(record.arm())
+    ready = prepare(seen, record)
+    robots = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
+    if refit_base:
+        robots = {name: base_on(robot, ready.points) for name, robot in robots.items()}
+    error = distances(robots["calibrated"], ready.points)
+    _refuse_far_points(robots["calibrated"], ready.points, error, seen.source, refit_base)
+    return ready, robots
+
+
+def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Prepared:
+    if sphere is None:
+        return ready
+    inside = accuracy.within_sphere(robot, ready.points, sphere[:3], sphere[3])
+    if not inside.any():
+        raise MeasurementError("no point was measured inside the sphere", file=ready.measurements.source)
+    return ready.keep(inside)
+
+
+def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
+    notes = tuple(ready.notes)
+    if ready.measurements.sha256 in {item.sha256 for item in record.data}:
+        notes += ("This file was used for the calibration: fitted poses among these are no proof of accuracy.",)
+    return notes
+
+
+def _known(values: Statistics | None) -> Statistics:
+    """Statistics of points that are there."""
+    assert values is not None
+    return values
+
+
+def _pose_errors(robots: Mapping[str, Robot], points: PointSet, errors: Mapping[str, FloatArray]) -> PoseErrors:
+    T_base_world = frames.inverse(robots["nominal"].T_world_base)
+    count = np.bincount(points.pose, minlength=points.poses)
+    models = {
+        name: ModelErrors(
+            SimpleNamespace(**_known(statistics(errors[name]))),
+            errors[name],
+            np.bincount(points.pose, errors[name], points.poses) / count,
+            None,
+            accuracy.error_vectors(robot, points) @ T_base_world[:3, :3].T,
+            accuracy.turns(robot, points),
+        )
+        for name, robot in robots.items()
+    }
+    return PoseErrors(
+        "measured",
+        points.pose,
+        tuple(str(name) for name in points.pose_ids),
+        tuple(str(name) for name in points.groups),
+        tuple(str(name) for name in points.names()),
+        models,
+        frames.apply(T_base_world, points.xyz),
+    )
+
+
+def _parts(ready: Prepared) -> dict[str, NameArray]:
+    """Label of each point in each way of dividing the points; an empty label belongs to no part."""
+    points = ready.points
+    loads = ready.labels("payload_kg")
+    payload = np.array([f"{load} kg" if load else "" for load in loads], dtype=object)
+    both = np.array([f"{g}, {p}" if g and p else "" for g, p in zip(points.groups, payload, strict=True)], dtype=object)
+    return {
+        "per_target": points.names(),
+        "per_group": points.groups[points.pose],
+        "per_payload": payload[points.pose],
+        "per_group_payload": both[points.pose],
+    }
+
+
+def _by_label(labels: NameArray, of: Callable[[BoolArray], T]) -> dict[str, T]:
+    """``of(mask)`` for each label but the empty one."""
+    return {str(label): of(labels == label) for label in sorted(set(labels)) if label}
+
+
+def _intervals(
+    errors: Mapping[str, FloatArray], points: PointSet, parts: Mapping[str, NameArray], seed: int
+) -> dict[str, Any]:
+    def of(mask: BoolArray) -> dict[str, Any]:
+        return {name: bootstrap.intervals(e[mask], points.pose[mask], seed=seed) for name, e in errors.items()}
+
+    return {
+        "level": bootstrap.LEVEL,
+        "resamples": bootstrap.RESAMPLES,
+        "seed": seed,
+        **of(np.ones(len(points), dtype=bool)),
+        **{part: _by_label(labels, of) for part, labels in parts.items()},
+    }
+
+
+def _relative(
+    robots: Mapping[str, Robot],
+    points: PointSet,
+    kind: str,
+    frame_points: Sequence[tuple[str, str]] | None,
+    source: str,
+) -> dict[str, Any]:
+    if kind == "virtual":
+        shifted = {name: accuracy.relative_to_virtual_frame(robot, points) for name, robot in robots.items()}
+        shift = {name: (shift / MM).tolist() for name, (_, shift) in shifted.items()}
+        return {"kind": kind, "shift_mm": shift, **{name: statistics(d) for name, (d, _) in shifted.items()}}
+    names = [(str(points.pose_ids[k]), str(t)) for k, t in zip(points.pose, points.names(), strict=True)]
+    rows = None
+    if frame_points is not None:
+        missing = [(pose, target) for pose, target in frame_points if (pose, target) not in names]
+        if missing:
+            raise MeasurementError(f"pose {missing[0][0]} has no usable point of target {missing[0][1]}", file=source)
+        rows = [names.index((pose, target)) for pose, target in frame_points]
+    found = {name: accuracy.relative_to_three_points(robot, points, rows) for name, robot in robots.items()}
+    return {
+        "kind": kind,
+        "points": ["/".join(names[k]) for k in found["nominal"][1]],
+        **{name: statistics(d) for name, (d, _) in found.items()},
+    }
+
+
+def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[str, Any]:
+    out = {}
+    for name, robot in robots.items():
+        found = accuracy.tip_errors(robot, points, source)
+        turned = dict(_known(rotation_statistics(found.rotation)))
+        turned["mean_plus_3sigma_deg"] = turned["mean_deg"] + 3 * turned["sigma_deg"]
+        out[name] = {"position": statistics(found.position), "orientation": turned}
+    return out
+
+
+def _comparison(other: Record, ready: Prepared, refit_base: bool, robot: Robot, seed: int) -> dict[str, Any]:
+    """Two calibrations, pose by pose on the points that both know."""
+    theirs, robots = in_frame_of_calibration(other, ready.measurements, refit_base)
+    mine = [replace(item.points, pose_ids=item.number) for item in (ready, theirs)]
+    rows = comparison.common_points(*mine)
+    first = distances(robot, ready.points)[rows[0]]
+    second = distances(robots["calibrated"], theirs.points)[rows[1]]
+    found = comparison.compare(first, second, ready.points.pose[rows[0]], ready.points.pose_ids, seed)
+    return {
+        "other_model": other.model,
+        "this": statistics(first),
+        "other": statistics(second),
+        "poses": len(found.pose),
+        "other_minus_this_mm": found.difference / MM,
+        "interval_mm": None if found.interval is None else [value / MM for value in found.interval],
+        "other_better_share": found.second_is_better,
+        "verdict": found.verdict("this calibration", "the other"),
+        "per_pose": {
+            "pose": [str(name) for name in found.pose],
+            "this_mm": (found.first / MM).tolist(),
+            "other_mm": (found.second / MM).tolist(),
+        },
+    }
+
+
+def _verified(
+    calibration: Record, robot: Robot, points: PointSet, verified: table.MeasurementsLike
+) -> Mapping[str, Any]:
+    seen = table.read(verified)
+    seen.check_joints(calibration.arm())
+    other = prepare(seen, calibration).points
+    _refuse_far_points(robot, other, distances(robot, other), seen.source, False)
+    return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, other)
+
+
+def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source: str, refit_base: bool) -> None:
+    """Points that are nowhere near their predictions: another unit, another place, another robot."""
+    spread = outliers.spread(robot.arm, points)
+    median = np.median(error)
+    if points.poses < 3 or median <= outliers.TOO_FAR * max(spread, 0.1):
+        return
+    for reading, factors in outliers.READINGS.items():
+        if np.median(distances(robot, outliers.scaled(points, *factors))) < 0.1 * median:
+            raise MeasurementError(f"these look like {reading}", file=source)
+    hint = "" if refit_base else "; if the tracker or the base was moved, evaluate with --refit-base"
+    raise MeasurementError(
+        f"the calibrated robot misses these points by {median / MM:.4g} mm (median): not measured in its frame, with "
+        f"its tool or on this robot{hint}",
+        file=source,
+    )

@@ -1,0 +1,300 @@
+"""What an evaluation found: errors of a calibration and of its nominal robot, as words, tables and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from irbcal.arrays import lock
+from irbcal.figures import pose_errors
+from irbcal.figures.pose_errors import PoseErrors
+from irbcal.files.picture import SIMULATED, Picture
+from irbcal.measurement.cleaning import Exclusion
+from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.units import MM
+from irbcal.validation import accuracy
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PARTS = ("per_target", "per_group", "per_payload", "per_group_payload")
+MODELS = ("nominal", "calibrated")
+KEYS = ("n", "mean_mm", "sigma_mm", "max_mm", "mean_plus_3sigma_mm", "rms_mm")
+FOUR = ("mean_mm", "sigma_mm", "max_mm", "mean_plus_3sigma_mm")
+
+Statistics: TypeAlias = Mapping[str, Any]
+"""STATS: n, mean_mm, sigma_mm, max_mm, mean_plus_3sigma_mm, rms_mm."""
+ByModel: TypeAlias = Mapping[str, Statistics]
+"""Statistics of the models ``nominal`` and ``calibrated``."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(Speaks):
+    """Errors of a calibration and of its nominal robot on measurements.
+
+    Attributes
+    ----------
+    nominal, calibrated : dict
+        Statistics of all points, mm.
+    per_target, per_group, per_payload, per_group_payload : dict
+        The same of parts of the points: label, then model.
+    percentiles : dict of str to dict
+        By model.
+    largest_covers : float
+        Share of all such poses below the largest error seen, with 95 % confidence.
+    orientation : dict or None
+        Statistics of the angles by model, degrees; None where no orientation was measured.
+    intervals, relative, flange, comparison, verified : dict or None
+        Where asked for.
+    excluded : tuple of Exclusion
+    notes : tuple of str
+    simulated : bool
+    model : str
+        Level of the calibration.
+    refit_base : bool
+    errors : PoseErrors
+        Of each point and pose.
+    """
+
+    nominal: Statistics
+    calibrated: Statistics
+    per_target: Mapping[str, ByModel]
+    per_group: Mapping[str, ByModel]
+    per_payload: Mapping[str, ByModel]
+    per_group_payload: Mapping[str, ByModel]
+    percentiles: ByModel
+    largest_covers: float
+    orientation: ByModel | None
+    intervals: Mapping[str, Any] | None
+    relative: Mapping[str, Any] | None
+    flange: Mapping[str, Any] | None
+    comparison: Mapping[str, Any] | None
+    verified: Mapping[str, Any] | None
+    excluded: tuple[Exclusion, ...]
+    notes: tuple[str, ...]
+    simulated: bool
+    model: str
+    refit_base: bool
+    errors: PoseErrors
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``irbcal evaluate --json`` prints."""
+        names = (*MODELS, *PARTS, "percentiles", "largest_covers", "orientation", "intervals", "relative", "flange")
+        return {
+            **{name: getattr(self, name) for name in (*names, "comparison", "verified")},
+            "excluded": [vars(item) for item in self.excluded],
+            "notes": list(self.notes),
+            "simulated": self.simulated,
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a point: pose, group, target, nominal_mm, calibrated_mm; degrees where orientations were measured."""
+        import pandas as pd
+
+        e = self.errors
+        columns: dict[str, Any] = {
+            "pose": [e.pose_names[k] for k in e.pose],
+            "group": [e.groups[k] for k in e.pose],
+            "target": e.target,
+        }
+        for name, model in e.models.items():
+            columns[f"{name}_mm"] = model.distance / MM
+            if model.rotation is not None:
+                columns[f"{name}_deg"] = np.degrees(model.rotation)
+        return pd.DataFrame(columns)
+
+    @property
+    def plot(self) -> EvaluationPlots:
+        """Figures of the errors: ``evaluation.plot.errors_by_pose()`` and others."""
+        return EvaluationPlots(self)
+
+    def headline(self) -> str:
+        """Mean errors before and after."""
+        kind = "SIMULATED data, " if self.simulated else ""
+        return (
+            f"{kind}{self.calibrated['n']} points, mean position error nominal {self.nominal['mean_mm']:.3f} mm, "
+            f"model {self.model} {self.calibrated['mean_mm']:.3f} mm (largest {self.calibrated['max_mm']:.3f} mm)"
+        )
+
+    def told(self) -> Sequence[Told]:
+        """What ``irbcal evaluate`` prints."""
+        shown = {"nominal": "nominal", "calibrated": f"model {self.model}"}
+        told: list[Told] = [self._error_table(shown)]
+        if self.refit_base:
+            told.append("The base was placed anew on these points for each model: these are relative errors.")
+        if self.excluded:
+            told += [f"Left out: {len(self.excluded)} points", *exclusions(self.excluded)]
+        for name, words in shown.items() if self.orientation else ():
+            assert self.orientation is not None
+            told.append(orientation_line(words, self.orientation[name]))
+        for part in (self._intervals, self._flange, self._relative, self._comparison, self._verified):
+            told += part(shown)
+        return [*told, *(f"Note: {note}" for note in self.notes)]
+
+    def _error_table(self, shown: Mapping[str, str]) -> Table:
+        entries = [("all", words, getattr(self, name)) for name, words in shown.items()]
+        for part in PARTS:
+            found = getattr(self, part)
+            if len(found) > 1:
+                entries += [(label, words, of[name]) for label, of in found.items() for name, words in shown.items()]
+        kind = "SIMULATED data: " if self.simulated else ""
+        return statistics_table(f"{kind}position errors of model {self.model}, mm", entries, bold={1})
+
+    def _intervals(self, shown: Mapping[str, str]) -> list[Told]:
+        if self.intervals is None:
+            return []
+        rows: list[tuple[Cell, ...]] = []
+        for name, words in shown.items():
+            ends, values = self.intervals[name] or {}, {**getattr(self, name), **self.percentiles[name]}
+            for label, key in (
+                ("mean", "mean_mm"),
+                ("sigma", "sigma_mm"),
+                ("mean + 3σ", "mean_plus_3sigma_mm"),
+                *((f"{p} % of the points below", f"p{p}_mm") for p in accuracy.PERCENTILES),
+            ):
+                end = ends.get(key)
+                rows.append((label, words, values[key], "–" if end is None else f"{end[0]:.3f} … {end[1]:.3f}"))
+        level, resamples = self.intervals["level"], self.intervals["resamples"]
+        title = f"Bootstrap intervals ({level:.0%}, {resamples} resamples of the poses), mm"
+        return [
+            Table(title, ("", "model", "value", "interval"), tuple(rows)),
+            f"With 95 % confidence {self.largest_covers:.1%} of all such poses stay below the largest error seen.",
+        ]
+
+    def _flange(self, shown: Mapping[str, str]) -> list[Told]:
+        told: list[Told] = []
+        for what, unit, digits in (("position", "mm", 3), ("orientation", "deg", 4)) if self.flange else ():
+            assert self.flange is not None
+            keys = [f"{key}_{unit}" for key in ("mean", "sigma", "max", "mean_plus_3sigma")]
+            rows = tuple((words, *(self.flange[name][what][key] for key in keys)) for name, words in shown.items())
+            n = self.flange["nominal"][what]["n"]
+            title = f"{what.capitalize()} errors of the flange ({n} poses), {unit}"
+            told.append(Table(title, ("model", "mean", "sigma", "max", "mean+3σ"), rows, digits))
+        return told
+
+    def _relative(self, shown: Mapping[str, str]) -> list[Told]:
+        found = self.relative
+        if found is None:
+            return []
+        rows = tuple((words, *(found[name][key] for key in FOUR)) for name, words in shown.items())
+        virtual = found["kind"] == "virtual"
+        how = "from a virtual frame" if virtual else f"in the frame of {', '.join(found['points'])}"
+        told: list[Told] = [
+            Table(f"Relative position errors {how}, mm", ("model", "mean", "sigma", "max", "mean+3σ"), rows)
+        ]
+        if virtual:
+            x, y, z = found["shift_mm"]["calibrated"]
+            told.append(f"Shift taken off for {shown['calibrated']}: {x:+.3f}, {y:+.3f}, {z:+.3f} mm in the base link")
+        return told
+
+    def _comparison(self, shown: Mapping[str, str]) -> list[Told]:
+        found = self.comparison
+        if found is None:
+            return []
+        rows = (
+            (shown["calibrated"], *(found["this"][key] for key in FOUR)),
+            (f"other, model {found['other_model']}", *(found["other"][key] for key in FOUR)),
+        )
+        title = f"Two calibrations on the same {found['poses']} poses, mm"
+        share = f"{found['other_better_share']:.0%}"
+        return [
+            Table(title, ("", "mean", "sigma", "max", "mean+3σ"), rows),
+            f"{found['verdict']} The other has the smaller error in {share} of the poses.",
+        ]
+
+    def _verified(self, shown: Mapping[str, str]) -> list[Told]:
+        found = self.verified
+        if found is None:
+            return []
+        names = ("uncorrected", "expected", "verified")
+        rows: list[tuple[Cell, ...]] = [(name, found[name]["n"], *(found[name][k] for k in FOUR)) for name in names]
+        for group, values in found["per_group"].items():
+            rows += [
+                (f"{group}: {name}", values[name]["n"], *(values[name][k] for k in FOUR))
+                for name in names
+                if values[name]
+            ]
+        columns = ("", "points", "mean", "sigma", "max", "mean+3σ")
+        told: list[Told] = [Table("Expected against verified errors, mm", columns, tuple(rows))]
+        aside = found["poses"]["set_aside"]
+        if aside:
+            more = f" … and {len(aside) - 8} more" if len(aside) > 8 else ""
+            told.append(
+                "Note: verified poses left out, because their commands are no fake targets of this calibration: "
+                f"{', '.join(aside[:8])}{more}"
+            )
+        if found["command_mm"] > 0.1:
+            told.append(
+                f"Note: the verified commands miss this calibration's own fake targets by up to "
+                f"{found['command_mm']:.3f} mm: they are not its fake targets for poses of these names (not filtered, "
+                "filtered with another calibration, or poses named otherwise)"
+            )
+        return told
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluationPlots:
+    """Figures of an evaluation; each shows itself in a notebook and has ``save(path)`` for PNG and SVG."""
+
+    evaluation: Evaluation
+
+    def _picture(self, draw: Callable[[PoseErrors], Any]) -> Picture:
+        return Picture(draw(self.evaluation.errors), SIMULATED if self.evaluation.simulated else "")
+
+    def before_and_after(self) -> Picture:
+        """Mean error and the largest error of both models."""
+        return self._picture(pose_errors.before_and_after)
+
+    def errors_by_pose(self) -> Picture:
+        """Mean error of each pose in order of measurement."""
+        return self._picture(pose_errors.errors_by_pose)
+
+    def distribution(self) -> Picture:
+        """Histogram of the errors, and errors against normal quantiles."""
+        return self._picture(pose_errors.distribution)
+
+    def workspace(self) -> Picture:
+        """Mean error of each pose where it was measured."""
+        return self._picture(pose_errors.workspace)
+
+    def vectors(self) -> Picture:
+        """Error vectors, enlarged, where they were measured."""
+        return self._picture(pose_errors.vectors)
+
+
+def statistics_table(title: str, entries: Sequence[tuple[str, str, Statistics]], bold: set[int]) -> Table:
+    """Statistics in mm as a table: (label, model, statistics), equal labels once."""
+    rows: list[tuple[Cell, ...]] = []
+    previous = None
+    for label, model, values in entries:
+        rows.append(("" if label == previous else label, model, *(values[key] for key in KEYS)))
+        previous = label
+    columns = ("", "model", "points", "mean", "sigma", "max", "mean+3σ", "rms")
+    return Table(title, columns, tuple(rows), bold=frozenset(bold))
+
+
+def orientation_line(model: str, values: Mapping[str, Any]) -> str:
+    """One line on orientation errors."""
+    return (
+        f"Orientation errors, {model}: mean {values['mean_deg']:.4f}, sigma {values['sigma_deg']:.4f}, "
+        f"max {values['max_deg']:.4f} degrees ({values['n']} poses)"
+    )
+
+
+def exclusions(excluded: Sequence[Any], most: int = 8) -> list[str]:
+    """Lines that count the left-out points by reason and name the first of each."""
+    by_reason: dict[str, list[Any]] = {}
+    for item in excluded:
+        by_reason.setdefault(item.reason.split(":")[0], []).append(item)
+    lines = []
+    for reason, items in by_reason.items():
+        where = ", ".join(f"{item.pose}/{item.target}" for item in items[:most])
+        more = f" … and {len(items) - most} more" if len(items) > most else ""
+        lines.append(f"  {len(items)} × {reason} (pose/target {where}{more})")
+    return lines

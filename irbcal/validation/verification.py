@@ -1,0 +1,212 @@
+"""Whether a URDF or a program found somewhere is the one of a calibration."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from irbcal.correction.filter import fingerprint_of
+from irbcal.errors import OptionError, RobotError
+from irbcal.files import urdf as urdf_file
+from irbcal.files.calibration_folder import CalibrationLike, opened
+from irbcal.files.schema import Record
+from irbcal.modeling.arm import relative_difference
+from irbcal.summary import Speaks, Told
+from irbcal.units import DEG, MM
+
+SAME, ROUNDED = 1e-9, 5e-6
+"""Metres and radians that the tip's poses of two URDFs of the same geometry may differ by: as they are, and where
+numbers were rounded on the way."""
+POSES = 1000
+
+
+@dataclass(frozen=True, repr=False)
+class Verification(Speaks):
+    """Whether a URDF is the one of a calibration.
+
+    Attributes
+    ----------
+    is_calibration : bool
+        Whether its geometry is the calibrated one and no other calibration's fingerprint stands in it.
+    geometry : str
+        ``calibrated``, ``rounded`` (the same to 5 micrometres and microradians), ``nominal`` or ``other``.
+    fingerprint : str
+        ``same``, ``other`` or ``absent``.
+    same_file : bool
+        Whether it is the calibration's own file, byte for byte.
+    position_m, rotation_rad : float
+        Largest differences of the tip's poses from the calibrated geometry at random joints.
+    nominal_position_m : float
+        The same from the nominal geometry.
+    explanation : str
+        One sentence.
+    """
+
+    is_calibration: bool
+    geometry: Literal["calibrated", "rounded", "nominal", "other"]
+    fingerprint: Literal["same", "other", "absent"]
+    same_file: bool
+    position_m: float
+    rotation_rad: float
+    nominal_position_m: float
+    explanation: str
+
+    def told(self) -> Sequence[Told]:
+        """One sentence."""
+        return [self.explanation]
+
+
+@dataclass(frozen=True, repr=False)
+class ProgramVerification(Speaks):
+    """Whether a program was corrected with a calibration.
+
+    Attributes
+    ----------
+    is_calibration : bool
+    fingerprint : str
+        ``same``, ``other`` or ``absent``.
+    explanation : str
+        One sentence.
+    """
+
+    is_calibration: bool
+    fingerprint: Literal["same", "other", "absent"]
+    explanation: str
+
+    def told(self) -> Sequence[Told]:
+        """One sentence."""
+        return [self.explanation]
+
+
+def verify(
+    calibration: CalibrationLike,
+    urdf: str | Path | None = None,
+    *,
+    program: str | Path | None = None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+) -> Verification | ProgramVerification:
+    """Tell whether a URDF, or a corrected program, found somewhere is the one of this calibration.
+
+    Parameters
+    ----------
+    calibration : str, Path or a loaded calibration
+    urdf : str or Path, optional
+        A URDF: compared by forward kinematics at random joints, and by its fingerprint.
+    program : str or Path, optional
+        In place of it: a program with fake targets, compared by the fingerprint that it bears.
+    base_link, tip_link : str, optional
+        Base and tip link in the URDF, where a cell's URDF has given them other names; joints may have a prefix then.
+
+    Returns
+    -------
+    Verification or ProgramVerification
+
+    Raises
+    ------
+    RobotError
+        If it is not a URDF with the calibration's joints between its base and tip link.
+    ProgramError
+        If the program cannot be read.
+    OptionError
+        If not exactly one of ``urdf`` and ``program`` is given.
+    """
+    if (urdf is None) == (program is None):
+        raise OptionError("expected a URDF or a program to compare with the calibration: one of them", parameter="urdf")
+    record = opened(calibration)
+    if program is not None:
+        return _verify_program(record, program)
+    assert urdf is not None
+    try:
+        data = Path(urdf).read_bytes()
+    except OSError as error:
+        raise RobotError(f"cannot read this file: {error.strerror}", file=urdf) from None
+    return verify_bytes(record, data, str(urdf), base_link, tip_link)
+
+
+def _verify_program(record: Record, program: str | Path) -> ProgramVerification:
+    mark = fingerprint_of(program)
+    found: Literal["same", "other", "absent"] = (
+        "absent" if mark is None else "same" if mark == record.fingerprint else "other"
+    )
+    words = {
+        "same": "this program holds fake targets of this calibration",
+        "other": "this program holds fake targets of ANOTHER calibration: correct the original program anew",
+        "absent": "this program bears no mark of irbcal: its targets were not corrected, or the mark was taken out",
+    }[found]
+    return ProgramVerification(found == "same", found, words)
+
+
+def verify_bytes(
+    calibration: Record, data: bytes, source: str, base: str | None = None, tip: str | None = None
+) -> Verification:
+    """As `verify`, from the URDF's content; ``source`` names it in errors."""
+    arms = {"calibrated": calibration.arm(), "nominal": calibration.arm(calibrated=False)}
+    own = arms["calibrated"]
+    found = urdf_file.from_bytes(data, source, base or own.base_link, tip or own.tip_link).arm
+    same_joints = len(found.joint_names) == len(own.joint_names) and all(
+        name == mine or ((base or tip) and name.endswith(mine))
+        for name, mine in zip(found.joint_names, own.joint_names, strict=True)
+    )
+    if not same_joints or (found.table.prismatic != own.table.prismatic).any():
+        raise RobotError(
+            f"expected the joints {', '.join(own.joint_names)} between {found.base_link} and "
+            f"{found.tip_link}, found {', '.join(found.joint_names)}",
+            file=source,
+        )
+    q = own.random_joints(POSES, 0)
+    T = found.forward(q)
+    differences = {name: relative_difference(T, arm.forward(q)) for name, arm in arms.items()}
+    geometry: Literal["calibrated", "rounded", "nominal", "other"] = "other"
+    if max(differences["calibrated"]) <= SAME:
+        geometry = "calibrated"
+    elif max(differences["nominal"]) <= SAME:
+        geometry = "nominal"
+    if geometry == "other" and max(differences["calibrated"]) <= ROUNDED:
+        geometry = "rounded"
+    same_file = hashlib.sha256(data).hexdigest() == calibration.calibrated_urdf_sha256
+    mark = urdf_file.fingerprint(data, source)
+    fingerprint: Literal["same", "other", "absent"] = (
+        "absent" if mark is None else "same" if mark == calibration.fingerprint else "other"
+    )
+    position, rotation = differences["calibrated"]
+    return Verification(
+        geometry in ("calibrated", "rounded") and fingerprint != "other",
+        geometry,
+        fingerprint,
+        same_file,
+        float(position),
+        float(rotation),
+        float(differences["nominal"][0]),
+        _explanation(geometry, fingerprint, same_file, position, rotation),
+    )
+
+
+def _explanation(geometry: str, fingerprint: str, same_file: bool, position: float, rotation: float) -> str:
+    if geometry == "rounded" and fingerprint != "other":
+        return (
+            f"this URDF is this calibration with rounded numbers: the tip is up to {position / MM:.2g} mm and "
+            f"{rotation / DEG:.2g} degrees elsewhere"
+        )
+    if geometry == "calibrated":
+        return {
+            "same": "this URDF is this calibration"
+            + ("" if same_file else ": same geometry and fingerprint, other parts of the file differ"),
+            "absent": "this URDF has the geometry of this calibration; the fingerprint was taken out of it",
+            "other": "this URDF has the geometry of this calibration, but the fingerprint of another one: "
+            "the joint map or the data are not the same",
+        }[fingerprint]
+    if geometry == "nominal":
+        return "this URDF has the nominal geometry: it is not calibrated"
+    marked = {
+        "same": ", although it bears its fingerprint: it was changed afterwards",
+        "absent": "",
+        "other": "; it bears the fingerprint of another calibration",
+    }[fingerprint]
+    return (
+        f"this URDF is not this calibration: the tip is up to {position / MM:.4g} mm and {rotation / DEG:.4g} degrees "
+        f"elsewhere{marked}"
+    )

@@ -1,0 +1,219 @@
+"""A scene from what a view is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray, NameArray
+from irbcal.errors import CalibrationError, MeasurementError, OptionError, RobotError
+from irbcal.files import robots
+from irbcal.files.opening import Opened, RobotLike, open_robot
+from irbcal.files.urdf import UrdfArm
+from irbcal.measurement.table import MeasurementsLike
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
+from irbcal.thesis_setup import IRB1600_CUBE, IRB1600_P1
+from irbcal.units import MM
+from irbcal.viewer import points as point_sets
+from irbcal.viewer import robot as looks
+from irbcal.viewer.links import Link, links, reach
+from irbcal.viewer.points import PlanLike
+from irbcal.viewer.scales import default_magnification, scale_top
+from irbcal.viewer.scene import Drawn, Mode, Points, Scene
+
+NEAR_TRACKER = 0.2
+"""No tracker stands closer than this to what it measures, metres: the frame's origin is then something else."""
+
+LARGEST_MAGNIFICATION = 1e6
+
+CubeLike: TypeAlias = tuple[ArrayLike, float]
+"""Centre (3,) and edge of a cube, metres."""
+
+
+def build(
+    source: RobotLike,
+    measurements: MeasurementsLike | None = None,
+    *,
+    plan: PlanLike | None = None,
+    magnify: float | None = None,
+    package_dir: str | Path | Sequence[str | Path] = (),
+    cube: CubeLike | None = None,
+    refit_base: bool = False,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+) -> Scene:
+    """Gather a scene; arguments and errors as `irbcal.viewer.view.view`.
+
+    Returns
+    -------
+    Scene
+    """
+    if magnify is not None and not 0 < magnify <= LARGEST_MAGNIFICATION:
+        raise OptionError(f"the magnification must be above 0 and at most 1e6, found {magnify:g}", parameter="magnify")
+    opened = open_robot(source, base_link=base_link, tip_link=tip_link)
+    if plan is None and isinstance(measurements, (str, Path, pd.DataFrame)) and point_sets.is_plan(measurements):
+        measurements, plan = None, measurements
+    _check_request(opened, measurements is not None, plan is not None)
+    urdf, shadow = _documents(opened)
+    shown = _shown(opened, measurements, plan, refit_base)
+    points, T_scene_world = shown.points, frames.inverse(shown.robot.T_world_base)
+    tree = links(urdf)
+    ghost = None
+    if shown.ghost is not None:
+        ghost = _drawn(shadow, links(shadow), T_scene_world @ shown.ghost.T_world_base)
+    folders = [package_dir] if isinstance(package_dir, (str, Path)) else list(package_dir)
+    meshes, problems = looks.meshes(urdf, tree, opened.folder, robots.package_dirs(*folders))
+    places = {} if opened.record is None else opened.record.reference_places()
+    references = {name: frames.apply(T_scene_world, place[None])[0] for name, place in places.items()}
+    both = [] if points is None else [points.distance("nominal"), points.distance("calibrated")]
+    errors = [error for error in both if error is not None] or None
+    size = reach(tree)
+    return Scene(
+        title=urdf.arm.name if opened.record is None else f"{urdf.arm.name}, model {opened.record.model}",
+        simulated=shown.simulated,
+        mode=shown.mode,
+        robot=shown.robot,
+        drawn=_drawn(urdf, tree, np.eye(4)),
+        ghost=ghost,
+        meshes=meshes,
+        q=shown.q,
+        effective=shown.robot.joint_map.effective(shown.q) if len(shown.q) else shown.q,
+        pose_ids=np.asarray(shown.ids, dtype=object),
+        groups=np.asarray(shown.groups, dtype=object),
+        targets=shown.targets,
+        points=points,
+        prismatic=np.array([_slides(tree, k) for k in range(len(shown.robot.arm.joint_names))]),
+        T_scene_world=T_scene_world,
+        tracker=opened.record is not None and tracker_at_origin(T_scene_world, references, points),
+        references=references,
+        cube=_cube(cube, opened.nominal),
+        path=shown.path,
+        magnification=float(magnify or default_magnification(errors, size)),
+        scale_top=scale_top(errors),
+        notes=(*shown.notes, *problems),
+    )
+
+
+def _check_request(opened: Opened, measured: bool, planned: bool) -> None:
+    if planned and measured:
+        raise MeasurementError("a view shows measurements or a plan, not both: leave one out", parameter="plan")
+    if measured and opened.record is None:
+        raise MeasurementError(
+            "measured points can be shown for a calibration folder only; for a robot as such give a file of joints "
+            "(columns q1_deg …)",
+            file=opened.name,
+        )
+
+
+def _documents(opened: Opened) -> tuple[UrdfArm, UrdfArm]:
+    """The URDFs that the robot and the nominal robot are drawn from."""
+    if opened.urdf is None or opened.nominal_urdf is None:
+        raise CalibrationError(
+            f"this calibration of {opened.name} does not hold the robot's looks: give its folder in its place"
+        )
+    return opened.urdf, opened.nominal_urdf
+
+
+@dataclass(eq=False)
+class _Shown:
+    """What is shown of a robot; filled by one of the modes."""
+
+    mode: Mode
+    robot: Robot
+    ghost: Robot | None
+    targets: Mapping[str, FloatArray]
+    q: FloatArray
+    simulated: bool
+    ids: Sequence[str] | NameArray = ()
+    groups: Sequence[str] | NameArray = ()
+    points: Points | None = None
+    path: FloatArray | None = None
+    notes: list[str] = field(default_factory=list)
+
+
+def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike | None, refit_base: bool) -> _Shown:
+    """Poses and points: measured ones, those of a plan, or none (the joints have sliders)."""
+    model = opened.robot
+    ghost = None if opened.record is None else opened.record.robot_nominal()
+    simulated = opened.record is not None and opened.record.simulated
+    if measurements is not None and opened.record is not None:
+        seen, found, model, ghost, notes = point_sets.registered(opened.record, measurements, refit_base)
+        points = point_sets.measured_points(model, ghost, found, frames.inverse(model.T_world_base))
+        return _Shown(
+            mode="measured",
+            robot=model,
+            ghost=ghost,
+            targets=model.targets,
+            q=found.q,
+            simulated=simulated or seen.simulated,
+            ids=found.pose_ids.astype(str),
+            groups=found.groups.astype(str),
+            points=points,
+            notes=notes,
+        )
+    targets = model.targets or {model.arm.tip_link: np.zeros(3)}
+    if plan is None:
+        none = np.zeros((0, len(model.arm.joint_names)))
+        return _Shown("sliders", model, ghost, targets, none, simulated)
+    q = point_sets.plan_joints(plan, model.arm)
+    with_targets, T_scene_world = model.replace(targets=targets), frames.inverse(model.T_world_base)
+    ids = np.arange(1, len(q) + 1).astype(str)
+    return _Shown(
+        mode="plan",
+        robot=model,
+        ghost=ghost,
+        targets=targets,
+        q=q,
+        simulated=simulated,
+        ids=ids,
+        groups=np.full(len(q), ""),
+        points=point_sets.planned_points(with_targets, ghost, q, T_scene_world),
+        path=point_sets.path_of(with_targets, q, T_scene_world),
+        notes=point_sets.outside_limits(model.arm, q, ids),
+    )
+
+
+def _slides(tree: Sequence[Link], joint: int) -> bool:
+    own = (link.kind for link in tree if link.joint == joint and link.factor == 1.0)
+    return next(own, "revolute") == "prismatic"
+
+
+def _drawn(urdf: UrdfArm, tree: tuple[Link, ...], T_scene_base: FloatArray) -> Drawn:
+    names = [link.name for link in tree]
+    return Drawn(tree, T_scene_base @ frames.inverse(urdf.T_root_base), names.index(urdf.arm.tip_link))
+
+
+def tracker_at_origin(T_scene_world: FloatArray, references: Mapping[str, FloatArray], points: Points | None) -> bool:
+    """Whether the tracker stands in the origin of the measuring frame.
+
+    Not where the frame was made of reference points, nor where something is measured in its origin.
+    """
+    origin = T_scene_world[:3, 3]
+    near = list(references.values())
+    if points is not None:
+        near.append(points.calibrated)
+    places = np.concatenate([np.atleast_2d(place) for place in near]) if near else np.zeros((0, 3))
+    return bool((np.linalg.norm(places - origin, axis=1) > NEAR_TRACKER).all())
+
+
+def _cube(cube: CubeLike | None, nominal: Arm) -> tuple[FloatArray, float] | None:
+    if cube is not None:
+        centre, edge = np.array(cube[0], dtype=float), float(cube[1])
+        if centre.shape != (3,) or not np.isfinite(centre).all() or not 0 < edge < 100:
+            raise RobotError(
+                f"a cube needs its centre (three numbers) and an edge above zero, found {cube}", parameter="cube"
+            )
+        centre.setflags(write=False)
+        return centre, edge
+    if len(nominal.joint_names) != 6:
+        return None
+    flange = nominal.forward(IRB1600_P1)[0, :3, 3]
+    return IRB1600_CUBE if np.linalg.norm(flange - IRB1600_CUBE[0]) < 0.02 * MM else None

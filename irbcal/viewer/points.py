@@ -1,0 +1,153 @@
+"""The points of a view: measured ones in the calibration's frame, planned ones, and what the models say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.errors import RobotError
+from irbcal.files.schema import Record
+from irbcal.measurement import columns, lists
+from irbcal.measurement.points import PointSet, rotation_distances
+from irbcal.measurement.table import MeasurementSet, MeasurementsLike
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
+from irbcal.validation.evaluate import in_frame_of_calibration
+from irbcal.viewer.scene import Points
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PlanLike: TypeAlias = "str | Path | pd.DataFrame | ArrayLike"
+"""Joints to walk through: a table in degrees (and mm), or an array in radians (and metres)."""
+
+
+def registered(
+    calibration: Record, measurements: MeasurementsLike, refit_base: bool = False
+) -> tuple[MeasurementSet, PointSet, Robot, Robot, list[str]]:
+    """Measurements in the calibration's frame, cleaned as `irbcal.evaluate` does.
+
+    Parameters
+    ----------
+    calibration : Record
+    measurements : str, Path, DataFrame or MeasurementSet
+    refit_base : bool
+        Place the base anew, see `irbcal.evaluate`.
+
+    Returns
+    -------
+    seen : MeasurementSet
+    points : PointSet
+    calibrated, nominal : Robot
+    notes : list of str
+    """
+    ready, robots = in_frame_of_calibration(calibration, measurements, refit_base)
+    seen, notes = ready.measurements, list(ready.notes)
+    if ready.excluded:
+        count = len(ready.excluded)
+        notes.insert(0, f"{count} points are left out (lost, or wrong); irbcal evaluate lists them.")
+    if seen.sha256 in {item.sha256 for item in calibration.data}:
+        notes.append("This file was used for the calibration: fitted poses among these are no proof of accuracy.")
+    return seen, ready.points, robots["calibrated"], robots["nominal"], notes
+
+
+def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_world: FloatArray) -> Points:
+    """Measured points in the scene, and what both models say of them."""
+    modelled = [frames.apply(T_scene_world, points.predicted(robot)) for robot in (model, nominal)]
+    turns = [_turns(robot, points) for robot in (model, nominal)]
+    return Points(
+        points.pose,
+        _target_index(model, points),
+        modelled[0],
+        frames.apply(T_scene_world, points.xyz),
+        modelled[1],
+        *turns,
+    )
+
+
+def _target_index(model: Robot, points: PointSet) -> IntArray:
+    names = list(model.targets)
+    return np.array([names.index(name) for name in points.target_names])[points.target]
+
+
+def _turns(robot: Robot, points: PointSet) -> FloatArray | None:
+    """Orientation error of each point, radians; None where no orientation was measured."""
+    found = rotation_distances(robot, points)
+    if not len(found):
+        return None
+    out = np.full(len(points), np.nan)
+    out[points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))] = found
+    return out
+
+
+def is_plan(table: object) -> bool:
+    """Whether a file or a DataFrame has joint columns and no measured points."""
+    import pandas as pd
+
+    try:
+        if isinstance(table, pd.DataFrame) or Path(str(table)).suffix == ".parquet":
+            frame = table if isinstance(table, pd.DataFrame) else pd.read_parquet(str(table))
+            names = [str(name).strip() for name in frame.columns]
+        else:
+            with open(str(table), encoding="utf-8-sig") as stream:
+                header = next((line for line in (stream.readline(100_000) for _ in range(100)) if line.strip()), "")
+            names = [name.strip().strip('"') for name in header.split(",")]
+    except Exception:  # whatever is wrong with the file, its reader says it better
+        return False
+    return bool(columns.joint_columns(names)) and not {"target", *columns.POSITION} & set(names)
+
+
+def plan_joints(plan: PlanLike, arm: Arm) -> FloatArray:
+    """Joints of a plan, (n, joints), radians or metres: from a table, or as given."""
+    import pandas as pd
+
+    if isinstance(plan, (str, Path, pd.DataFrame)):
+        return lists.read_joints(plan, arm.joint_columns)
+    q = np.asarray(plan, dtype=float)
+    if q.ndim != 2 or not len(q) or not np.isfinite(q).all():
+        raise RobotError(
+            f"a plan for {arm.name} needs finite joints of shape (n, {len(arm.joint_names)}), n at least 1",
+            parameter="plan",
+        )
+    return arm.check_joints(q)
+
+
+def outside_limits(arm: Arm, q: FloatArray, ids: Sequence[str] | NameArray) -> list[str]:
+    """A note on poses of a plan beyond the joint limits."""
+    wrong = ((q < arm.lower - 1e-9) | (q > arm.upper + 1e-9)).any(axis=1)
+    if not wrong.any():
+        return []
+    more = f" and {wrong.sum() - 1} more" if wrong.sum() > 1 else ""
+    return [f"The plan leaves the joint limits of {arm.name}: pose {ids[int(np.argmax(wrong))]}{more}."]
+
+
+def planned_points(model: Robot, ghost: Robot | None, q: FloatArray, T_scene_world: FloatArray) -> Points:
+    """Where the models put the targets in the poses of a plan."""
+    count = len(model.targets)
+    rows, names = np.repeat(np.arange(len(q)), count), list(model.targets) * len(q)
+    nominal = None
+    if ghost is not None:
+        nominal = frames.apply(T_scene_world, ghost.replace(targets=model.targets).points(q[rows], names))
+    return Points(
+        rows,
+        np.tile(np.arange(count), len(q)),
+        frames.apply(T_scene_world, model.points(q[rows], names)),
+        nominal=nominal,
+    )
+
+
+def path_of(model: Robot, q: FloatArray, T_scene_world: FloatArray, most: int = 20_000) -> FloatArray | None:
+    """Way of the first target when the robot goes from pose to pose linearly in its joints."""
+    if len(q) < 2:
+        return None
+    steps = int(np.clip(most // len(q), 2, 24))
+    part = np.arange(steps) / steps
+    between = q[:-1, None] + part[:, None] * (q[1:] - q[:-1])[:, None]
+    way = np.concatenate([between.reshape(-1, q.shape[1]), q[-1:]])
+    return frames.apply(T_scene_world, model.points(way, next(iter(model.targets))))

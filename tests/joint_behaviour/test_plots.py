@@ -1,0 +1,44 @@
+"""Figures: those that the measurements allow, by name and as files."""
+
+import numpy as np
+import pytest
+from moving import moves, refusal, simulated, there_and_back
+
+from irbcal.joint_behaviour import plots
+from irbcal.joint_behaviour.behaviour import JointBehaviour
+from irbcal.joint_behaviour.moves import analyse_moves
+
+
+@pytest.fixture(scope="module")
+def found():
+    q = np.vstack([moves(2, there_and_back(-40, 40, 10)), moves(2, there_and_back(-40, 40, 10), (0, 0, -60, 0, 30, 0))])
+    groups = np.full(len(q), "axis2", object)
+    points, step, _ = simulated(q, groups, noise=1e-5, rng=np.random.default_rng(0), stiffness=(8e-4, 4e-4))
+    return JointBehaviour("points.csv", True, tuple(analyse_moves(points, step)), None)
+
+
+def test_figures_by_name_are_those_of_the_files(found):
+    assert found.figures == (
+        "errors_axis2_1",
+        "errors_axis2_2",
+        "fourier_joint_2",
+        "angular_errors",
+        "stiffness_joint_2",
+    )
+    files = plots.draw(found)
+    assert list(files) == [f"{name}.png" for name in found.figures]
+    assert all(content.startswith(b"\x89PNG") for content in files.values())
+
+
+def test_a_figure_shows_the_errors_of_each_home_pose(found):
+    figure = found.plot("stiffness_joint_2")
+    (axes,) = figure.axes
+    drawn = [line for line in axes.get_lines() if line.get_marker() == "."]
+    for line, series in zip(drawn, found.moves[0].series, strict=True):
+        assert line.get_xdata() == pytest.approx(np.degrees(series.turn), abs=1e-9)
+        assert line.get_ydata() == pytest.approx(np.degrees(series.angle), abs=1e-12)
+    assert figure.get_suptitle() == "SIMULATED data: equivalent error of joint 2"
+
+
+def test_other_figures_are_refused(found):
+    assert refusal(found.plot, "backlash").startswith("figure: expected errors_axis2_1, errors_axis2_2,")

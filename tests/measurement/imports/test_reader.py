@@ -1,0 +1,245 @@
+"""Foreign files: each preset on an example written by hand, maps of one's own, and bad rows."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from import_support import FOUR_JOINTS, JOINTS, QUATERNION, ROW, XYZ, make_map, refused, understood, write
+from scipy.spatial.transform import Rotation
+
+from irbcal.measurement import table
+from irbcal.measurement.imports import map_file, reader
+
+WIDE = """
+columns:
+  joints: [{joints}]
+  position: {{smr1: [x1, y1, z1], ref1: [x2, y2, z2]}}
+  time: when
+  u95: u
+  keep: {{operator: who}}
+units: {{joints: [mm, deg, rad], lengths: m, time: iso}}
+joints: {{signs: [1, -1, 1], offsets_deg: [0, 10, 0]}}
+fixed: {{payload_kg: 5.5}}
+groups:
+  - {{group: axis1, last: 1}}
+  - {{group: rest, poses: "*"}}
+"""
+
+
+def test_robodk_with_tcp(tmp_path):
+    path = write(
+        tmp_path / "robodk.csv",
+        "whatever stands here",
+        "10,-20,30,0,45,90,1200.5,-35.25,640.75,1",
+        "10,-20,30,0,45,90,1210.5,-25.25,640.75,2",
+        "15,-20,30,0,45,90,0,0,0,1",
+        "15,-20,30,0,45,90,1310.5,-25.25,640.75,2",
+    )
+    found = understood(path, "robodk", "rename={'1': smr1, '2': ref1}")
+    assert found.table["pose"].tolist() == ["1", "1", "2", "2"]
+    assert found.table["target"].tolist() == ["smr1", "ref1", "smr1", "ref1"]
+    assert found.table[JOINTS].iloc[2].tolist() == [15, -20, 30, 0, 45, 90]
+    assert found.table[XYZ].iloc[1].tolist() == [1210.5, -25.25, 640.75]
+    assert found.lost.tolist() == [False, False, True, False]
+    assert found.targets == {"ref1": (2, 0), "smr1": (1, 1)}
+    assert found.poses == 2
+
+
+def test_robodk_with_and_without_its_optional_columns(tmp_path):
+    row = "10,-20,30,0,45,90,1200.5,-35.25,640.75"
+    plain = write(tmp_path / "plain.csv", "header", row)
+    assert understood(plain, "robodk").table["target"].tolist() == ["tcp"]
+    turned = write(tmp_path / "turned.csv", "header", row + ",0,0,90,7")
+    assert "expected what the 3 orientation columns mean to be declared" in refused(turned, "robodk")
+    assert "qw" not in understood(turned, "robodk", "columns.orientation=null").table.columns
+    euler = ["orientation.kind=euler", "orientation.axes=xyz", "orientation.about=fixed", "units.angles=deg"]
+    found = understood(turned, "robodk", *euler)
+    assert found.table["target"].tolist() == ["7"]
+    half = np.sqrt(0.5)  # 90 degrees about z
+    assert np.allclose(found.table[QUATERNION], [[half, 0, 0, half]], rtol=0, atol=1e-12)
+    untold = write(tmp_path / "untold.csv", "header", row + ",0,0,90")
+    assert understood(untold, "robodk", *euler).table["target"].tolist() == ["tcp"]
+
+
+@pytest.mark.parametrize("separator", [", ", " ", "\t"])
+def test_spatial_analyzer_points_by_name(tmp_path, separator):
+    path = write(
+        tmp_path / "points.txt",
+        "// SpatialAnalyzer, frame World",
+        "// x y z",
+        separator.join(["P1_smr1", "1975.568420", "-310.198889", "-257.870805"]),
+        separator.join(["P2_smr1", "2508.005925", "-556.994450", "-244.542473"]),
+        "",
+        separator.join(["P1_ref1", "100.5", "200.5", "300.5"]),
+    )
+    joints = write(tmp_path / "joints.csv", FOUR_JOINTS.rstrip())
+    assert "expected the unit of the positions to be declared" in refused(path, "spatial-analyzer", joints=joints)
+    found = understood(path, "spatial-analyzer", "units.lengths=mm", joints=joints)
+    assert found.table["pose"].tolist() == ["P1", "P1", "P2"]
+    assert found.table["target"].tolist() == ["smr1", "ref1", "smr1"]
+    assert found.table[JOINTS].iloc[2].tolist() == [11, 21, 31, 41, 51, 61]
+    assert found.table[XYZ].iloc[2].tolist() == [2508.005925, -556.99445, -244.542473]
+    assert found.origin["row"].tolist() == [3, 6, 4]
+    inch = understood(path, "spatial-analyzer", "units.lengths=inch", joints=joints).table
+    assert inch["x_mm"].iloc[1] == pytest.approx(100.5 * 25.4, abs=1e-9)
+
+
+def test_spatial_analyzer_names_of_three_parts(tmp_path):
+    joints = write(tmp_path / "joints.csv", FOUR_JOINTS.rstrip())
+    one = write(tmp_path / "one.txt", "A::Main::P1_smr1 1975.5 -310.1 -257.8", "A::Main::P2_smr1 2508 -556.9 -244.5")
+    found = understood(one, "spatial-analyzer", "units.lengths=mm", joints=joints)
+    assert found.table["pose"].tolist() == ["P1", "P2"]
+    assert found.table["target"].tolist() == ["smr1", "smr1"]
+    three = write(tmp_path / "three.txt", "A,P2,smr1,1975.5,-310.1,-257.8", "A,P1,smr1,2508,-556.9,-244.5")
+    found = understood(
+        three,
+        "spatial-analyzer",
+        "units.lengths=mm",
+        "columns.name=[1, 2, 3]",
+        "names=['{ignore}::{pose}::{target}']",
+        joints=joints,
+    )
+    assert found.table["pose"].tolist() == ["P1", "P2"], "in the order of the joints file"
+    assert found.table["x_mm"].tolist() == [2508, 1975.5]
+    bad = write(tmp_path / "bad.txt", "P1_smr1 1 2 300", "P2 1 2 300")
+    assert "row 2: expected a name such as" in refused(bad, "spatial-analyzer", "units.lengths=mm", joints=joints)
+    endless = write(tmp_path / "endless.txt", "P" * 150 + "_smr1 1 2 300")
+    text = refused(endless, "spatial-analyzer", "units.lengths=mm", joints=joints)
+    assert "row 1: expected a name of at most 100 characters" in text
+    other = write(tmp_path / "other.txt", "P1_smr1 1 2 300", "P9_smr1 1 2 300")
+    text = refused(other, "spatial-analyzer", "units.lengths=mm", joints=joints)
+    assert "row 2: expected a pose of" in text
+    assert "'P9'" in text
+
+
+@pytest.mark.parametrize(("separator", "mark"), [(";", ","), (";", "."), (",", ".")])
+def test_leica_tmac(tmp_path, separator, mark):
+    # (0.5, 0.5, 0.5, 0.5) turns x to y, y to z, z to x
+    rows = [["2361.9831", "-1368.5474", "119.3971", "0.5", "0.5", "0.5", "0.5"], ["", "", "", "", "", "", ""]]
+    lines = [separator.join(cell.replace(".", mark) for cell in row) for row in rows]
+    path = write(
+        tmp_path / "t.csv", separator.join(["X", "Y", "Z", "Q0", "Q1", "Q2", "Q3", "Größe"]),
+        *[line + separator + "°" for line in lines], encoding="latin-1",
+    )  # fmt: skip
+    joints = write(tmp_path / "joints.csv", FOUR_JOINTS.rstrip())
+    found = understood(path, "leica-tmac", joints=joints)
+    assert found.table["target"].tolist() == ["tmac", "tmac"]
+    assert found.table[XYZ].iloc[0].tolist() == [2361.9831, -1368.5474, 119.3971]
+    assert found.lost.tolist() == [False, True]
+    assert found.table[QUATERNION].isna().all(axis=1).tolist() == [False, True]
+    (tmp_path / "back.csv").write_bytes(found.csv())
+    R = table.read(tmp_path / "back.csv").rotations()[0]
+    assert np.allclose(R, [[0, 0, 1], [1, 0, 0], [0, 1, 0]], rtol=0, atol=1e-12)
+
+
+def test_per_target_logs(tmp_path):
+    joints = write(tmp_path / "joints.csv", FOUR_JOINTS.rstrip())
+    one = write(tmp_path / "smr1.csv", "x;y;z", "1975,568;-310,199;-257,871", "INVALID")
+    two = write(tmp_path / "ref1.csv", "x;y;z", "-9999;-9999;-9999", "5,5;6,5;70,5")
+    found = understood([one, two], "per-target", "units.lengths=mm", joints=joints)
+    assert found.table["pose"].tolist() == ["P1", "P1", "P2", "P2"], "as the joints file calls them"
+    assert found.table["target"].tolist() == ["smr1", "ref1", "smr1", "ref1"]
+    assert found.lost.tolist() == [False, True, True, False]
+    assert found.table[XYZ].iloc[3].tolist() == [5.5, 6.5, 70.5]
+    assert found.table["q1_deg"].tolist() == [10, 10, 11, 11]
+    short = write(tmp_path / "smr2.csv", "x;y;z", "1975,568;-310,199;-257,871")
+    text = refused([one, short], "per-target", "units.lengths=mm", joints=joints)
+    assert str(short) in text
+    assert "expected 2 rows" in text
+    named = write(tmp_path / "a_smr9.csv", "Pose;x;y;z", "P2;1975,568;-310,199;-257,871")
+    changes = ["units.lengths=mm", "columns.pose=Pose", "file_name='{ignore}_{target}'"]
+    found = understood(named, "per-target", *changes, joints=joints)
+    assert found.table[["pose", "q1_deg", "target"]].iloc[0].tolist() == ["P2", 11, "smr9"]
+    assert any("1 poses of" in text for text in found.warnings)
+
+
+def test_lab_export_by_hand(tmp_path):
+    header = (
+        "shoulder_pan_joint;shoulder_lift_joint;elbow_joint;wrist_1_joint;wrist_2_joint;wrist_3_joint;"
+        "measurement_temperature;measurement_x;measurement_y;measurement_z;measurement_rx;measurement_ry;measurement_rz"
+    )
+    pi = "3,14159265358979"
+    path = write(tmp_path / "lab.csv", header, f"{pi};-{pi};0;0;0;1,5E-1;21,5;1,5;-2,5;1E+03;90;0;90")
+    found = understood(path, "ur10-lab")
+    assert np.allclose(found.table[JOINTS], [[180, -180, 0, 0, 0, np.degrees(0.15)]], rtol=0, atol=1e-9)
+    assert found.table[XYZ].iloc[0].tolist() == [1.5, -2.5, 1000]
+    assert found.table["temperature_c"].tolist() == [21.5]
+    # 90 degrees about x, then 90 about the new z (the old -y)
+    R = Rotation.from_quat(np.roll(found.table[QUATERNION].to_numpy(), -1, axis=1)).as_matrix()[0]
+    assert np.allclose(R, [[0, -1, 0], [0, 0, -1], [1, 0, 0]], rtol=0, atol=1e-12)
+
+
+def test_real_lab_export_equals_the_cleaned_file(shared_data, tmp_path):
+    folder = shared_data / "ur10_laser_tracker_6d"
+    found = reader.understand([folder / "as_exported_by_the_lab.csv"], map_file.read_map("ur10-lab"))
+    path = tmp_path / "m.csv"
+    path.write_bytes(found.csv())
+    seen = table.read(path).table
+    clean = pd.read_csv(folder / "measurements.csv")
+    clean = clean[clean["group"] == "random"].iloc[: len(seen)]
+    assert len(seen) == 100
+    assert np.abs(seen[JOINTS].to_numpy() - clean[JOINTS].to_numpy()).max() < 1e-6
+    assert np.abs(seen[XYZ].to_numpy() - clean[XYZ].to_numpy()).max() < 1e-6
+    turn = (
+        Rotation.from_quat(seen[["qx", "qy", "qz", "qw"]]) * Rotation.from_quat(clean[["qx", "qy", "qz", "qw"]]).inv()
+    )
+    assert np.degrees(turn.magnitude()).max() < 1e-6
+    assert np.abs(seen["temperature_c"].astype(float).to_numpy() - clean["temperature_c"].to_numpy()).max() < 1e-6
+
+
+def test_wide_rows_rails_signs_offsets_groups_and_times(tmp_path):
+    chosen = make_map(tmp_path, WIDE.format(joints="rail, a, b"))
+    path = write(
+        tmp_path / "w.csv",
+        "rail [mm],a (deg),b [rad],x1 [m],y1,z1,x2,y2,z2,when,u,who",
+        "250,30,1.5707963267948966,1,2,3,4,5,6,2024-05-31T12:00:00Z,0.00005,Åsa",
+        "260,-40,0,1,2,3,,,,2024-05-31 12:00:01.5,0.00005,Åsa",
+    )
+    got = understood(path, chosen)
+    seen = got.table
+    assert seen["target"].tolist() == ["smr1", "ref1"] * 2
+    assert np.allclose(
+        seen[["q1_mm", "q2_deg", "q3_deg"]].iloc[[0, 2]], [[250, -20, 90], [260, 50, 0]], rtol=0, atol=1e-9
+    )
+    assert seen[XYZ].iloc[1].tolist() == [4000, 5000, 6000]
+    assert got.lost.tolist() == [False, False, False, True]
+    assert seen["time_s"].diff().iloc[2] == pytest.approx(1.5)
+    assert np.allclose(seen["u95_mm"], 0.05, rtol=0, atol=1e-12)
+    assert seen["group"].tolist() == ["axis1", "axis1", "rest", "rest"]
+    assert set(seen["payload_kg"]) == {5.5}
+    assert set(seen["operator"]) == {"Åsa"}
+
+
+def test_many_rows(tmp_path):
+    rng = np.random.default_rng(0)
+    values = np.column_stack([rng.uniform(-170, 170, (30_000, 6)), rng.uniform(-3000, 3000, (30_000, 3))])
+    text = pd.DataFrame(values.round(4)).to_csv(index=False, header=False, sep=";", decimal=",")
+    (tmp_path / "big.csv").write_text("header\n" + text)
+    chosen = map_file.read_map("robodk", ["file.delimiter=;", "file.decimal=,"])
+    found = reader.understand([tmp_path / "big.csv"], chosen)
+    assert np.abs(found.table[[*JOINTS, *XYZ]].to_numpy() - values.round(4)).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        (["h", ROW.replace("640.75", "abc")], "row 2, column 9: expected a position in mm or a mark of a lost point, found 'abc'"),
+        (["h", ROW.replace("-20", "INVALID")], "row 2, column 2: expected a joint angle in deg, found 'INVALID'"),
+        (["h", ROW.replace("-20", "")], "row 2, column 2: expected a joint angle in deg, found nothing"),
+        (["h", ROW, "", ROW + ",1,2,3,4,5"], "row 4: expected 9 values, found 14"),
+        (["h", ROW, ROW.replace(",640.75", "")], "row 3: expected 9 values, found 8"),
+        (["h", ROW.replace("640.75", "inf")], "row 2, column 9: expected a position"),
+        (["h", ROW.replace("1200.5", "0").replace("-35.25", "0").replace("640.75", "0")], "found only lost ones (1 rows)"),
+        (["h", '1,2,"3', '4",5,6,7,8,9,10,11'], "expected"),
+        (["h"], "expected rows after 1 skipped rows, found 0 rows"),
+        (["h", "1,2,3"], "row 2: expected a column 7 for the position, found 3 columns"),
+        (["h", ROW.replace("640.75", "64000000")], "row 2: expected positions in mm as declared, found the farthest"),
+        (["h", *[f"0.{k},-1.5,0.3,0,0.1,3.1,900,0,1" for k in range(4)]], "these look like rad"),
+        (["h", *[f"{k}0,-15,3,0,1,31,0.9,0,1.{k}" for k in range(4)]], "too near for a tracker"),
+        (["h", "1,2,3;4,5,6;7,8,9,10,11"], "column 3: expected a joint angle in deg, found '3;4'"),
+    ],
+)  # fmt: skip
+def test_bad_rows_are_named(tmp_path, lines, expected):
+    path = write(tmp_path / "r.csv", *lines)
+    text = refused(path, "robodk")
+    assert str(path) in text
+    assert expected in text

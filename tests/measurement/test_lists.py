@@ -1,0 +1,50 @@
+"""Lists of joints, poses and known targets, from files and from DataFrames."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from irbcal.errors import MeasurementError
+from irbcal.measurement import lists
+
+
+def write(tmp_path, *lines, name="m.csv"):
+    path = tmp_path / name
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_joint_files(tmp_path):
+    path = write(tmp_path, "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg", "a,0,0,0,0,0,180")
+    assert np.abs(lists.read_joints(path) - [[0, 0, 0, 0, 0, np.pi]]).max() < 1e-15
+    with pytest.raises(MeasurementError, match="missing column q6_deg"):
+        lists.read_joints(write(tmp_path, "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg", "1,2,3,4,5", name="f.csv"))
+
+
+def test_joints_of_a_rail_and_a_data_frame():
+    frame = pd.DataFrame({"q2_deg": [90.0, 0.0], "q1_mm": [250, -1]}, index=[7, 7])
+    q = lists.read_joints(frame, ["q1_mm", "q2_deg"])
+    assert np.abs(q - [[0.25, np.pi / 2], [-0.001, 0]]).max() < 1e-15
+    with pytest.raises(MeasurementError) as caught:
+        lists.read_joints(frame.assign(q1_mm=["1", "x"]), ["q1_mm", "q2_deg"])
+    assert str(caught.value) == "<DataFrame>: row 2, column q1_mm: expected a joint's travel in mm, found 'x'"
+
+
+def test_poses(tmp_path):
+    half = np.sqrt(0.5)
+    path = write(tmp_path, "x_mm,y_mm,z_mm,qw,qx,qy,qz", f"1,2,3,{half:.17g},0,0,{half:.17g}")
+    T = lists.read_poses(path)[0]
+    assert np.abs(T - [[0, -1, 0, 0.001], [1, 0, 0, 0.002], [0, 0, 1, 0.003], [0, 0, 0, 1]]).max() < 1e-15
+    with pytest.raises(MeasurementError, match="row 2, columns qw, qx, qy, qz: expected a unit quaternion"):
+        lists.read_poses(write(tmp_path, "x_mm,y_mm,z_mm,qw,qx,qy,qz", "1,2,3,1,1,0,0"))
+
+
+def test_known_targets(tmp_path):
+    path = write(tmp_path, "target,x_mm,y_mm,z_mm", "smr1,10,20,30", " smr2 ,-1,0,0.5")
+    found = lists.read_targets(path)
+    assert list(found) == ["smr1", "smr2"]
+    assert np.abs(np.array(list(found.values())) - [[0.01, 0.02, 0.03], [-0.001, 0, 0.0005]]).max() < 1e-18
+    with pytest.raises(MeasurementError) as caught:
+        lists.read_targets(write(tmp_path, "target,x_mm,y_mm,z_mm", "a,1,2,3", "a,1,2,3"))
+    assert (caught.value.row, caught.value.column) == (3, "target")
+    assert str(caught.value).endswith("m.csv: row 3, column target: 'a' stands there more than once")

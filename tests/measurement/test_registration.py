@@ -1,0 +1,96 @@
+"""Registration by references, and the base placed anew on points."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import arm, assert_same_poses, measured, random_robot, random_rotation
+
+from irbcal.errors import MeasurementError, RobotError
+from irbcal.measurement.registration import base_on, register
+from irbcal.modeling import frames
+
+PLACES = np.array([[2.4, 0.5, -0.56], [2.9, 0.8, -0.55], [2.7, 0.0, -0.57], [2.0, 0.3, -0.5]])
+NAMES = ["ref1", "ref2", "ref3", "ref4"]
+
+
+def test_the_base_is_found_again():
+    rng = np.random.default_rng(0)
+    robot = random_robot(arm(), "34", rng)
+    points = measured(robot, arm().random_joints(10, 1))
+    away = robot.replace(T_world_base=frames.transform(random_rotation(rng), [9.0, -9.0, 9.0]))
+    found = base_on(away, points)
+    assert_same_poses(found.T_world_base, robot.T_world_base, 1e-12, 1e-12)
+    assert found.targets.keys() == robot.targets.keys()
+    with pytest.raises(RobotError, match="unknown target 'smr2'"):
+        base_on(robot.replace(targets={"smr1": [0, 0, 0.1]}), points)
+
+
+def test_the_base_is_the_best_one():
+    """No small motion of the base brings the sum of squares down."""
+    rng = np.random.default_rng(1)
+    robot = random_robot(arm(), "11", rng)
+    points = measured(robot, arm().random_joints(20, 1), 1e-3, rng)
+    found = base_on(robot, points)
+
+    def cost(step):
+        moved = found.replace(T_world_base=frames.from_xyz_angles(step) @ found.T_world_base)
+        return float(np.sum((points.xyz - points.predicted(moved)) ** 2))
+
+    least = cost(np.zeros(6))
+    for step in 1e-5 * np.vstack([np.eye(6), -np.eye(6)]):
+        assert cost(step) > least
+
+
+def seen_from(stations):
+    """The places as measured from stations, shape (n, 4, 3)."""
+    return np.array([frames.apply(T, PLACES) for T in stations])
+
+
+def test_motions_lead_back_to_given_places():
+    rng = np.random.default_rng(2)
+    stations = [frames.transform(random_rotation(rng), rng.uniform(-3, 3, 3)) for _ in range(4)]
+    places = dict(zip(NAMES, PLACES, strict=True))
+    found = register(seen_from(stations), NAMES, "m.csv", places)
+    assert_same_poses(found.T_frame_pose, frames.inverse(np.array(stations)), 1e-12, 1e-12)
+    assert found.residual < 1e-12
+    assert found.own.all()
+
+
+def test_the_residual_is_the_rms_of_what_is_left():
+    stations = np.tile(np.eye(4), (5, 1, 1))
+    seen = seen_from(stations)
+    seen[:, 0, 2] += [1e-4, -1e-4, 1e-4, -1e-4, 0]
+    places = dict(zip(NAMES, PLACES, strict=True))
+    found = register(seen, NAMES, "m.csv", places)
+    T = frames.rigid_fit(seen, np.broadcast_to(PLACES, seen.shape))
+    left = np.einsum("nij,nkj->nki", T[:, :3, :3], seen) + T[:, None, :3, 3] - PLACES
+    assert found.residual == pytest.approx(np.sqrt((left**2).sum(axis=2).mean()), abs=1e-15)
+    assert 1e-6 < found.residual < 1e-4
+
+
+def test_too_few_references_and_references_on_a_line():
+    seen = seen_from(np.tile(np.eye(4), (3, 1, 1)))
+    assert register(seen[:, :2], NAMES[:2], "m.csv") is None
+    seen[:, 2:] = np.nan
+    assert register(seen, NAMES, "m.csv") is None
+    line = np.array([[0, 0, 0], [1, 0, 0], [2, 1e-4, 0]]) + np.zeros((5, 1, 1))
+    with pytest.raises(MeasurementError, match="lie on a line") as caught:
+        register(line, NAMES[:3], "m.csv")
+    assert caught.value.file == "m.csv"
+
+
+def test_a_registration_is_locked_and_speaks():
+    found = register(seen_from(np.tile(np.eye(4), (60, 1, 1))), NAMES, "m.csv")
+    for array in (found.T_frame_pose, found.own, found.references["ref1"]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = array[-1]
+    with pytest.raises(TypeError):
+        found.references["ref1"] = np.zeros(3)
+    assert "60 of 60 poses saw three of 4 references" in repr(found)
+    assert len(repr(found)) < 2000
+    name, *place = found.told()[1].rows[0]
+    assert name == "ref1"
+    assert place == pytest.approx([2400, 500, -560], abs=1e-9)
+    assert replace(pickle.loads(pickle.dumps(found)), residual=1.0).own.all()

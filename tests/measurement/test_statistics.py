@@ -1,0 +1,46 @@
+"""Statistics against numbers worked out by hand."""
+
+import numpy as np
+import pytest
+
+from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
+
+
+def test_distances_by_hand():
+    # 1, 2 and 6 mm: mean 3, squares of the deviations 4 + 1 + 9 = 14, divided by n - 1 = 2
+    found = statistics([1e-3, 2e-3, 6e-3])
+    assert found == {
+        "n": 3,
+        "mean_mm": pytest.approx(3.0, abs=1e-12),
+        "sigma_mm": pytest.approx(np.sqrt(7.0), abs=1e-12),
+        "max_mm": pytest.approx(6.0, abs=1e-12),
+        "mean_plus_3sigma_mm": pytest.approx(3.0 + 3 * np.sqrt(7.0), abs=1e-12),
+        "rms_mm": pytest.approx(np.sqrt(41 / 3), abs=1e-12),
+    }
+
+
+def test_angles_by_hand():
+    # 1 and 3 degrees: mean 2, squares of the deviations 1 + 1 = 2, divided by n - 1 = 1; with n it would be 1
+    found = rotation_statistics(np.radians([1.0, 3.0]))
+    assert found == {
+        "n": 2,
+        "mean_deg": pytest.approx(2.0, abs=1e-12),
+        "sigma_deg": pytest.approx(np.sqrt(2.0), abs=1e-12),
+        "max_deg": pytest.approx(3.0, abs=1e-12),
+    }
+    # 1, 2 and 6 degrees: 14 / 2; with n it would be 14 / 3
+    assert rotation_statistics(np.radians([1.0, 2.0, 6.0]))["sigma_deg"] == pytest.approx(np.sqrt(7.0), abs=1e-12)
+
+
+def test_one_value_has_no_sigma_and_none_no_statistics():
+    assert statistics([2e-3])["sigma_mm"] == 0.0
+    assert rotation_statistics([0.1])["sigma_deg"] == 0.0
+    assert statistics([]) is None
+    assert rotation_statistics(np.zeros(0)) is None
+
+
+def test_statistics_by_label():
+    found = statistics_by(np.array([1e-3, 5e-3, 3e-3]), ["b", "a", "b"])
+    assert list(found) == ["a", "b"]
+    assert (found["a"]["n"], found["b"]["n"]) == (1, 2)
+    assert found["b"]["mean_mm"] == pytest.approx(2.0, abs=1e-12)

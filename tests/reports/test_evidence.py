@@ -1,0 +1,66 @@
+"""What a report computes from a calibration's poses."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from report_cases import assert_harmless, with_points
+from support import arm, measured, outcome_of, random_robot, write_measurements
+
+import irbcal
+from irbcal.reports import report_page
+
+
+def test_perfect_predictions_can_be_drawn(calibration):
+    changed = with_points(calibration, 5, 2)
+    zeros = dict.fromkeys(("nominal_mm", "calibrated_mm"), [0.0] * 20)
+    assert_harmless(report_page.render(changed.model_copy(update={"points": changed.points.model_copy(update=zeros)})))
+
+
+def test_the_file_holds_the_points_as_measured(folder, calibration, tmp_path):
+    """Places, joints and directions, against the measurement file read by pandas."""
+    nominal = arm()
+    rng = np.random.default_rng(4)
+    q = np.round(nominal.random_joints(40, 5), 3)
+    q[7] = q[6]
+    q[12, 2] = q[11, 2]
+    path = write_measurements(tmp_path / "m.csv", measured(random_robot(nominal, "26", rng), q, 3e-5, rng))
+    out = tmp_path / "out"
+    irbcal.save(outcome_of(path, "irb1600", "26", holdout=0.5), out)
+    saved = irbcal.load(out).record
+    rows = pd.read_csv(path).assign(order=lambda t: t["pose"].rank(method="dense").astype(int) - 1)
+    joints = rows.groupby("order")[[f"q{k}_deg" for k in range(1, 7)]].first().to_numpy()
+    sign = np.sign(np.diff(joints, axis=0, prepend=joints[:1]))
+    for k in range(1, len(sign)):
+        sign[k] = np.where(sign[k] == 0, sign[k - 1], sign[k])
+    seen = 0
+    for heldout in (False, True):
+        points, came_from = saved.used_points(heldout)
+        order = points.pose_ids.astype(int)
+        assert np.abs(np.degrees(points.q) - joints[order]).max() < 1e-8
+        assert np.array_equal(came_from, sign[order])
+        known = rows.set_index(["pose", "target"])[["x_mm", "y_mm", "z_mm"]]
+        expected = known.loc[list(zip(order[points.pose], points.names(), strict=True))].to_numpy()
+        assert np.abs(1e3 * points.xyz - expected).max() < 1e-6
+        robot = saved.robot_calibrated()
+        predicted = np.array(
+            [robot.points(j[None], n)[0] for j, n in zip(points.joints(), points.names(), strict=True)]
+        )
+        mine = [k for k, value in enumerate(saved.points.heldout) if value == heldout]
+        distance = np.array(saved.points.calibrated_mm)[mine]
+        assert np.abs(1e3 * np.linalg.norm(points.xyz - predicted, axis=1) - distance).max() < 1e-5
+        seen += len(points)
+    assert seen == len(rows)
+
+
+def test_measured_orientations_and_uncertainties_come_back(calibration):
+    """Quaternions written by hand; points without one stay without."""
+    n = len(calibration.points.pose)
+    turned = {"qw": 0.5, "qx": 0.5, "qy": 0.5, "qz": 0.5}  # maps x to y, y to z, z to x
+    columns = {name: [value, None] * (n // 2) + [None] * (n % 2) for name, value in turned.items()}
+    columns["u95_mm"] = [None, 0.05] * (n // 2) + [None] * (n % 2)
+    changed = calibration.model_copy(update={"points": calibration.points.model_copy(update=columns)})
+    points, _ = changed.used_points(False)
+    assert np.abs(points.rotation[0] - [[0, 0, 1], [1, 0, 0], [0, 1, 0]]).max() < 1e-12
+    assert points.oriented().tolist() == [k % 2 == 0 for k in range(len(points))]
+    assert points.u95[1] == pytest.approx(5e-5)
+    assert np.isnan(points.u95[0])

@@ -1,0 +1,53 @@
+"""The numbers of a report and the data behind its figures."""
+
+import csv
+import io
+
+from lxml import etree, html
+from report_cases import NASTY, everywhere, some_errors, text_of
+
+from irbcal.reports import report_data, report_page
+
+
+def rows_under(page, caption):
+    """Cells of the table with this caption."""
+    (table,) = html.document_fromstring(page).xpath(f"//table[caption='{caption}']")
+    return [[" ".join(cell.text_content().split()) for cell in row] for row in table.xpath(".//tr")]
+
+
+def test_tables_hold_the_exact_figures(calibration):
+    nominal, calibrated = some_errors(0.8253414, ("smr1", "smr2")), some_errors(0.43848, ("smr1", "smr2"), ())
+    calibration = calibration.model_copy(
+        update={"heldout": calibrated, "heldout_nominal": nominal, "poses_heldout": 296}
+    )
+    page = report_page.render(calibration)
+    assert rows_under(page, "Position error, 296 poses (mm)") == [
+        ["model", "n", "mean", "sigma", "max", "mean+3σ", "rms"],
+        ["nominal", "888", "0.825", "0.321", "2.500", "1.825", "0.925"],
+        ["calibrated", "888", "0.438", "0.321", "2.500", "1.438", "0.538"],
+    ]
+    assert rows_under(page, "Held-out poses by target (mm)")[3:] == [
+        ["smr2", "nominal", "888", "0.835", "0.321", "2.500", "1.835", "0.935"],
+        ["calibrated", "888", "0.448", "0.321", "2.500", "1.448", "0.548"],
+    ]
+    assert "On 296 poses the fit never saw, the mean position error falls from 0.825 mm to 0.438 mm" in text_of(page)
+
+
+def test_files_of_hostile_names_and_simulated_data(calibration):
+    changed = everywhere(calibration.model_copy(update={"simulated": True}), NASTY)
+    evidence = report_page.gather(changed)
+    for content in report_page.figure_files(changed, evidence, "svg").values():
+        root = etree.fromstring(content)
+        assert {etree.QName(e).localname for e in root.iter()} <= {
+            "svg",
+            "g",
+            "path",
+            "circle",
+            "rect",
+            "text",
+            "title",
+        }
+        assert b"SIMULATED data" in content
+    rows = list(csv.DictReader(io.StringIO(report_data.data_files(changed, evidence)["poses.csv"].decode())))
+    assert rows[0]["pose"] == NASTY
+    assert rows[0]["simulated"] == "1"

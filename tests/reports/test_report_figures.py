@@ -1,0 +1,63 @@
+"""Figures of a report."""
+
+import io
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lxml import html
+from report_cases import assert_harmless
+from support import arm, measured, outcome_of, random_robot, write_measurements
+
+import irbcal
+from irbcal.figures import charts, colours
+from irbcal.reports import report_page
+
+
+def drawings(page, words=""):
+    """The drawings of a page whose label has these words, legends aside."""
+    return [svg for svg in html.document_fromstring(page).xpath("//svg[@role='img']") if words in svg.get("aria-label")]
+
+
+def test_backlash_is_found_and_stated_with_its_interval(tmp_path):
+    """Joint 1 stops short by half of 0.05 degrees; the other joints have no backlash."""
+    play, nominal = 0.05, arm()
+    rng = np.random.default_rng(7)
+    q = nominal.random_joints(90, 8)
+    side = np.zeros_like(q)
+    side[1:, 0] = np.sign(np.diff(q[:, 0]))
+    robot = random_robot(nominal, "nominal", rng)
+    points = replace(measured(robot, q - 0.5 * np.radians(play) * side, 2e-5, rng), q=q)
+    saved = outcome_of(write_measurements(tmp_path / "m.csv", points), "irb1600", "nominal", holdout=0.5)
+    irbcal.save(saved, tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert_harmless(page)
+    (section,) = html.document_fromstring(page).xpath("//section[@id='joints']")
+    assert "It is seen in joint 1. No model" in " ".join(section.text_content().split())
+    rows = [[cell.text_content() for cell in row] for row in section.xpath(".//tbody/tr")]
+    assert [row[0] for row in rows] == list("123456")
+    low, high = map(float, rows[0][2].split(" to "))
+    assert low < play < high
+    assert high - low < 0.01
+    assert rows[0][6] == "seen, counts"
+    assert {row[6] for row in rows[1:]} == {"not seen"}
+    (first,) = [svg for svg in drawings(page) if svg.get("aria-label").startswith("Residual of joint 1 ")]
+    below, above = (
+        [float(v) for v in re.findall(rf"reached from {way}: ([+-][\d.]+) ±", " ".join(first.xpath(".//title/text()")))]
+        for way in ("below", "above")
+    )
+    assert np.mean(above) - np.mean(below) == pytest.approx(play, abs=0.005)
+
+
+def test_pictures_show_both_models_on_white(calibration, evidence):
+    from matplotlib.image import imread
+
+    for figures in report_page.draw(calibration, evidence).values():
+        for figure in figures:
+            if figure.name in ("before_and_after", "residual_vectors"):
+                pixels = (255 * imread(io.BytesIO(charts.file(figure, "png")))[..., :3]).round().astype(int)
+                assert pixels[0, 0].tolist() == [255, 255, 255]
+                for colour in (colours.NOMINAL, colours.CALIBRATED):
+                    wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+                    assert (np.abs(pixels - wanted).max(axis=-1) < 30).sum() > 100, (figure.name, colour)

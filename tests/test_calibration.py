@@ -1,0 +1,82 @@
+"""A calibration, just made or loaded: the same by both ways, in its folder and in memory."""
+
+import numpy as np
+import pytest
+
+import irbcal
+from irbcal.errors import CalibrationError
+
+
+@pytest.fixture(scope="module")
+def made():
+    return irbcal.calibrate(irbcal.shipped.demo_file("demo_identification.csv"), "irb1600", "26")
+
+
+def test_what_was_made_is_what_is_loaded(made, tmp_path):
+    made.save(tmp_path)
+    loaded = irbcal.load(tmp_path)
+    q = made.arm().random_joints(20, 1)
+    assert np.abs(loaded.robot_calibrated().poses(q) - made.robot_calibrated().poses(q)).max() < 1e-14
+    assert np.abs(made.outcome.fit.robot.poses(q) - made.robot_calibrated().poses(q)).max() < 1e-12
+    assert loaded.urdf == made.urdf == (tmp_path / "calibrated.urdf").read_bytes()
+    assert loaded.folder == tmp_path
+    assert made.folder is None
+
+
+def test_a_loaded_calibration_is_saved_again_as_it_was(made, tmp_path):
+    made.save(tmp_path / "one")
+    irbcal.load(tmp_path / "one").save(tmp_path / "two")
+    for name in ("calibrated.urdf", "calibration.json", "joint_origins.yaml", "report.html"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_links_are_added_to_what_was_just_made_only(made, tmp_path):
+    made.save(tmp_path / "links", world_link=True, target_links=True)
+    assert b'"target_smr1"' in (tmp_path / "links" / "calibrated.urdf").read_bytes()
+    made.save(tmp_path / "plain")
+    assert b'"target_smr1"' not in (tmp_path / "plain" / "calibrated.urdf").read_bytes()
+    with pytest.raises(CalibrationError, match="just made"):
+        irbcal.load(tmp_path / "plain").save(tmp_path / "again", world_link=True)
+
+
+def test_the_urdf_says_first_that_it_was_changed_and_from_what(made):
+    head = made.urdf.decode().split("<robot", 1)[0]
+    first = head.split("-->")[0]
+    assert "CALIBRATED by irbcal" in first
+    assert "SIMULATED" in first
+    assert "demo_identification.csv" in first
+    assert made.record.created in first
+    assert head.index("CALIBRATED") < head.index("nominal")
+
+
+def test_a_urdf_calibrated_twice_says_so_once(made, tmp_path):
+    made.save(tmp_path / "first")
+    again = irbcal.calibrate(
+        irbcal.shipped.demo_file("demo_identification.csv"), tmp_path / "first" / "calibrated.urdf", "11"
+    )
+    assert again.urdf.count(b"CALIBRATED by irbcal") == 1
+    assert b"model 11" in again.urdf
+
+
+def test_no_path_of_this_computer_is_written(made, tmp_path):
+    made.save(tmp_path)
+    for name in ("calibration.json", "report.html", "calibrated.urdf", "joint_origins.yaml"):
+        text = (tmp_path / name).read_text()
+        assert str(irbcal.shipped.demo_file("")) not in text
+        assert str(tmp_path) not in text
+
+
+def test_the_report_is_written_again_with_figures_and_data(made, tmp_path):
+    made.save(tmp_path / "cal")
+    (tmp_path / "cal" / "report.html").write_text("")
+    written = irbcal.report(tmp_path / "cal", figures=tmp_path / "f", format="svg", data=tmp_path / "d")
+    assert (tmp_path / "cal" / "report.html").stat().st_size > 100_000
+    assert {path.suffix for path in (tmp_path / "f").iterdir()} == {".svg"}
+    assert set(written[tmp_path / "d"]) == {path.name for path in (tmp_path / "d").iterdir()}
+
+
+def test_what_a_calibration_does_not_have_is_said(made):
+    with pytest.raises(AttributeError, match="no attribute 'colour'"):
+        made.colour  # noqa: B018
+    assert made.model == "26"
+    assert made.used_points(True)[0].poses == made.poses_heldout

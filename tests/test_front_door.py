@@ -1,0 +1,258 @@
+"""The front door: public names, quick import, options as on the command line, results that speak and stay as they are."""
+
+import ast
+import dataclasses
+import inspect
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.main import get_command
+
+import irbcal
+from irbcal.cli.main import app
+from irbcal.errors import IrbcalError, OptionError
+
+STUB = Path(irbcal.__file__).with_suffix(".pyi")
+
+VERBS = {
+    "axes": "joints",
+    "import": "import_measurements",
+    "fk": "forward_kinematics",
+    "ik": "inverse_kinematics",
+    "filter": "correct",
+    "demo": None,  # calibrate with the shipped data
+}
+"""Commands whose function has another name."""
+
+OF_THE_SHELL = {
+    "json",
+    "out",
+    "help",
+    "open_browser",
+    "port",
+    "html",
+    "plot",
+    "plots",
+    "show_preset",
+    "dry_run",
+    "list",
+}
+"""Options that say where the output goes: a function returns it."""
+
+
+def test_every_name_of_the_stub_is_there_and_has_types():
+    names = {
+        alias.asname
+        for node in ast.parse(STUB.read_text()).body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert names == set(irbcal.__all__)
+    assert names <= set(dir(irbcal))
+    for name in names:
+        found = getattr(irbcal, name)
+        if inspect.isfunction(found):
+            hints = inspect.signature(found)
+            assert hints.return_annotation is not inspect.Signature.empty, name
+            assert all(p.annotation is not inspect.Parameter.empty for p in hints.parameters.values()), name
+            assert found.__doc__, name
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(AttributeError, match="no attribute"):
+        irbcal.no_such_thing  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        "import irbcal",
+        "import irbcal, sys; sys.argv = ['irbcal', '--version']; from irbcal.cli.main import main; main()",
+    ],
+)
+def test_import_and_version_load_nothing_heavy(what):
+    code = f"import sys, atexit; atexit.register(lambda: print(sorted({{'numpy', 'scipy', 'pandas', 'pinocchio', 'rich', 'pydantic'}} & set(sys.modules)))); {what}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def commands():
+    return sorted(get_command(app).commands.items())
+
+
+@pytest.mark.parametrize(("name", "command"), commands(), ids=[name for name, _ in commands()])
+def test_every_command_is_a_function_with_its_options(name, command):
+    verb = VERBS.get(name, name)
+    if verb is None:
+        return
+    function = getattr(irbcal, verb)
+    known = inspect.signature(function).parameters
+    options = {p.name.rstrip("_") for p in command.params} - OF_THE_SHELL
+    missing = {option for option in options if option not in {p.rstrip("_") for p in known}}
+    assert missing == set(), f"irbcal.{verb} has no {missing}; it has {sorted(known)}"
+    positional = [p for p in known.values() if p.kind is not p.KEYWORD_ONLY]
+    assert len(positional) <= 3
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("split", "lst"),
+        ("model", "35"),
+        ("method", "guess"),
+        ("objective", "mean"),
+        ("loss", "cubic"),
+        ("holdout", 1.5),
+    ],
+)
+def test_options_are_checked_as_on_the_command_line(option, value):
+    with pytest.raises(OptionError, match=str(option)) as refused:
+        irbcal.calibrate(irbcal.shipped.demo_file("demo_identification.csv"), "irb1600", **{option: value})
+    assert refused.value.parameter == option
+
+
+def test_former_option_names_work_with_a_warning():
+    with pytest.warns(DeprecationWarning, match="order is now called split"), pytest.raises(OptionError, match="split"):
+        irbcal.calibrate("none.csv", "irb1600", order="lst")
+
+
+def test_there_is_no_default_robot():
+    with pytest.raises(TypeError, match="robot"):
+        irbcal.calibrate(irbcal.shipped.demo_file("demo_identification.csv"))
+
+
+def test_degrees_in_place_of_radians_are_refused():
+    robot = irbcal.load_robot("irb120") if hasattr(irbcal, "load_robot") else None
+    with pytest.raises(IrbcalError, match="degrees"):
+        irbcal.forward_kinematics("irb120", np.array([[90.0, 0, 0, 45.0, 120.0, 90.0]]))
+    assert robot is None
+
+
+# --- results ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """One public result of each kind, from the simulated demonstration."""
+    folder = tmp_path_factory.mktemp("front")
+    fit, proof = (irbcal.shipped.demo_file(f"demo_{name}.csv") for name in ("identification", "verification"))
+    calibration = irbcal.calibrate(fit, "irb1600")
+    calibration.save(folder / "cal")
+    loaded = irbcal.load(folder / "cal")
+    measurements = irbcal.read_measurements(fit)
+    return {
+        "calibration": calibration,
+        "loaded": loaded,
+        "outcome": calibration.outcome,
+        "fit": calibration.outcome.fit,
+        "points": calibration.outcome.fit_points,
+        "measurements": measurements,
+        "evaluation": irbcal.evaluate(loaded, proof, intervals=True),
+        "model": irbcal.CalibratedModel.load(folder / "cal"),
+        "robot": loaded.robot_calibrated(),
+        "robots": irbcal.robots(),
+        "plan": irbcal.plan("irb1600", poses=12, axis=0, without=("collision", "sight", "way")),
+    }
+
+
+NAMES = ["calibration", "loaded", "fit", "points", "measurements", "evaluation", "model", "robots", "plan"]
+
+
+@pytest.mark.parametrize("name", [*NAMES, "outcome", "robot"])
+def test_results_are_printed_short(results, name):
+    assert 10 < len(repr(results[name])) < 2000
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_results_speak(results, name):
+    result = results[name]
+    text = result.summary()
+    assert len(text) > 40
+    assert max(map(len, text.splitlines())) < 400
+    page = result._repr_html_()
+    assert page.startswith("<div>")
+    assert page.count("<table>") == page.count("</table>")
+
+
+@pytest.mark.parametrize(
+    "name", ["calibration", "loaded", "fit", "points", "measurements", "evaluation", "robots", "plan"]
+)
+def test_results_become_tables(results, name):
+    frame = results[name].to_frame()
+    assert isinstance(frame, pd.DataFrame)
+    assert len(frame)
+
+
+def test_the_parameter_table_has_deviations_and_units(results):
+    text = results["calibration"].summary()
+    line = next(line for line in text.splitlines() if line.strip().startswith("delta_theta2"))
+    assert re.search(r"[+-]\d+\.\d+\s+\d+\.\d+\s+deg\s+identified", line)
+
+
+@pytest.mark.parametrize("name", [*NAMES, "outcome", "robot"])
+def test_results_are_pickled(results, name):
+    again = pickle.loads(pickle.dumps(results[name]))
+    assert repr(again) == repr(results[name])
+
+
+def arrays_in(value, path, seen):
+    """All arrays and dicts that can be reached through the fields of dataclasses."""
+    if id(value) in seen:
+        return
+    seen.add(id(value))
+    if isinstance(value, (np.ndarray, dict)):
+        yield path, value
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from arrays_in(item, f"{path}[{key!r}]", seen)
+    elif isinstance(value, (tuple, list)):
+        if isinstance(value, list):
+            yield path, value
+        for k, item in enumerate(value[:5]):
+            yield from arrays_in(item, f"{path}[{k}]", seen)
+    elif dataclasses.is_dataclass(value):
+        for field in dataclasses.fields(value):
+            yield from arrays_in(getattr(value, field.name), f"{path}.{field.name}", seen)
+
+
+@pytest.mark.parametrize("name", ["fit", "points", "measurements", "evaluation", "model", "robot", "outcome", "plan"])
+def test_nothing_in_a_result_can_be_written_to(results, name):
+    open_to_writing = []
+    for path, value in arrays_in(results[name], name, set()):
+        if isinstance(value, np.ndarray):
+            if value.flags.writeable:
+                open_to_writing.append(path)
+            continue
+        try:
+            value["new"] = 1
+        except TypeError:
+            continue
+        open_to_writing.append(path)
+    assert open_to_writing == []
+    field = dataclasses.fields(results[name])[0].name
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(results[name], field, None)
+
+
+def test_a_calibration_just_made_and_loaded_say_the_same(results):
+    made, loaded = results["calibration"], results["loaded"]
+    assert made.summary() == loaded.summary()
+    assert made.heldout.all.mean_mm == loaded.heldout.all.mean_mm
+    assert made.to_frame("points").equals(loaded.to_frame("points"))
+
+
+def test_pictures_are_drawn_and_saved(results, tmp_path):
+    for result in (results["calibration"], results["evaluation"]):
+        for name in ("before_and_after", "errors_by_pose", "distribution", "workspace", "vectors"):
+            picture = getattr(result.plot, name)()
+            assert picture._repr_svg_().startswith("<?xml")
+            assert "SIMULATED" in repr(picture)
+        assert picture.save(tmp_path / "p.png").read_bytes().startswith(b"\x89PNG")
+        with pytest.raises(OptionError, match="png"):
+            picture.save(tmp_path / "p.gif")

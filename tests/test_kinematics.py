@@ -1,0 +1,174 @@
+"""Forward and inverse kinematics by a robot's name: arrays and files, all kinds of robots, refusals."""
+
+import pickle
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from support import (
+    arm,
+    assert_same_poses,
+    example_robot,
+    measured,
+    on_a_rail,
+    outcome_of,
+    random_robot,
+    write_measurements,
+)
+
+import irbcal
+from irbcal.errors import MeasurementError, RobotError
+from irbcal.files import document, urdf
+from irbcal.files.opening import open_robot
+from irbcal.kinematics import forward_kinematics, inverse_kinematics, pose_table
+from irbcal.modeling.inverse import closed_form
+from irbcal.validation.uncertainty import position_std
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A calibration of a simulated IRB 120."""
+    nominal, rng = arm("irb120"), np.random.default_rng(1)
+    truth = random_robot(nominal, "34", rng)
+    points = measured(truth, nominal.random_joints(50, 1), 3e-5, rng)
+    path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
+    content, text = document.build(outcome_of(path, "irb120", "34", holdout=0.3))
+    out = tmp_path_factory.mktemp("saved") / "calibration"
+    out.mkdir()
+    (out / "calibrated.urdf").write_bytes(text)
+    (out / "calibration.json").write_text(content.model_dump_json())
+    return out
+
+
+Q = np.radians([[10.0, 20, 30, 40, 50, 60], [-50, -10, 5, -20, 40, 130]])
+
+
+def test_all_names_of_a_calibration_and_both_behaviours(folder):
+    record = irbcal.load(folder)
+    for source in (folder, str(folder), record, open_robot(folder)):
+        found = forward_kinematics(source, Q)
+        assert_same_poses(found.T_base_tip, record.robot_calibrated().poses(Q), 0.0, 0.0)
+    nominal = forward_kinematics(folder, Q, nominal=True)
+    assert_same_poses(nominal.T_base_tip, arm("irb120").forward(Q), 1e-12, 1e-12)
+    assert_same_poses(forward_kinematics("irb120", Q[0]).T_base_tip, arm("irb120").forward(Q[:1]), 0.0, 0.0)
+
+
+def test_a_target_and_its_uncertainty(folder):
+    record = irbcal.load(folder)
+    found = forward_kinematics(folder, Q, target="smr2", uncertainty=True)
+    np.testing.assert_allclose(found.points, record.robot_calibrated().points(Q, "smr2"), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.std, position_std(record, Q, "smr2"), rtol=1e-12)
+    assert found.heldout_mean == pytest.approx(record.heldout.all.mean_mm * 1e-3, rel=1e-12)
+    table = found.to_frame()
+    assert list(table.columns) == ["x_mm", "y_mm", "z_mm", "std_x_mm", "std_y_mm", "std_z_mm"]
+    np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]], found.points * 1e3, rtol=0, atol=1e-9)
+    assert f"mean {record.heldout.all.mean_mm:.3f} mm" in found.summary()
+    tip = forward_kinematics(record, Q, uncertainty=True)
+    np.testing.assert_allclose(tip.std, position_std(record, Q), rtol=1e-12)
+    assert list(tip.to_frame().columns)[3:] == ["qw", "qx", "qy", "qz", "std_x_mm", "std_y_mm", "std_z_mm"]
+
+
+def test_files_and_arrays_are_the_same(folder, tmp_path):
+    joints, poses = tmp_path / "q.csv", tmp_path / "p.csv"
+    pd.DataFrame(np.degrees(Q), columns=[f"q{k}_deg" for k in range(1, 7)]).to_csv(joints, index=False)
+    found = forward_kinematics(folder, joints)
+    assert_same_poses(found.T_base_tip, forward_kinematics(folder, Q).T_base_tip, 1e-12, 1e-12)
+    found.to_frame().to_csv(poses, index=False)
+    from_file = inverse_kinematics(folder, poses, near=Q[0])
+    from_array = inverse_kinematics(folder, found.T_base_tip, near=Q[0])
+    np.testing.assert_allclose(from_file.joints, from_array.joints, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(from_file.joints[0], Q[0], rtol=0, atol=1e-9)
+    with pytest.raises(MeasurementError, match="there is no such file"):
+        forward_kinematics(folder, tmp_path / "nothing.csv")
+
+
+def test_every_branch(folder):
+    T = forward_kinematics(folder, Q).T_base_tip
+    every = inverse_kinematics(folder, T, all_branches=True)
+    assert every.found.all()
+    assert every.row.tolist() == sorted(every.row)
+    assert set(every.row) == {0, 1}
+    assert_same_poses(forward_kinematics(folder, every.joints).T_base_tip, T[every.row], 1e-9, 1e-9)
+    limits = arm("irb120")
+    assert (every.joints >= limits.lower - 1e-9).all()
+    assert (every.joints <= limits.upper + 1e-9).all()
+    assert set(every.branch) <= set(closed_form.BRANCH_NAMES)
+    assert len({(row, branch) for row, branch in zip(every.row, every.branch, strict=True)}) == len(every)
+    table = every.to_frame()
+    assert list(table.columns) == ["row", "branch", *limits.joint_columns, "note"]
+    assert table["row"].tolist() == (every.row + 1).tolist()
+    assert f"{len(every)} ways to reach 2 poses" in repr(every)
+
+
+def test_poses_without_joints_say_why(folder):
+    T = forward_kinematics(folder, Q).T_base_tip.copy()
+    T[0, 0, 3] += 5.0
+    found = inverse_kinematics(folder, T)
+    assert found.found.tolist() == [False, True]
+    assert np.isnan(found.joints[0]).all()
+    assert "out of the robot's reach" in found.note[0]
+    assert not found.note[1]
+    assert "joints for 1 of 2 poses" in found.summary()
+    assert found.to_frame()["q1_deg"].isna().tolist() == [True, False]
+    assert not len(inverse_kinematics(folder, T[:1], all_branches=True))
+
+
+def test_arms_without_a_closed_form(tmp_path):
+    path = on_a_rail(tmp_path / "rail.urdf")
+    rail = urdf.read(path, "rail_base", "tool0").arm
+    q = 0.5 * rail.random_joints(5, 1)
+    links = {"base_link": "rail_base", "tip_link": "tool0"}
+    T = forward_kinematics(path, q, **links).T_base_tip
+    found = inverse_kinematics(path, T, near=q[0], **links)
+    assert_same_poses(rail.forward(found.joints[found.found]), T[found.found], 1e-9, 1e-9)
+    assert found.found.sum() >= 4
+    assert list(found.to_frame().columns) == [*rail.joint_columns, "note"]
+    with pytest.raises(RobotError, match="closed-form inverse is for arms with six revolute joints"):
+        inverse_kinematics(path, T, all_branches=True, **links)
+    ur = example_robot("ur_description/urdf/ur3_robot.urdf")
+    with pytest.raises(RobotError, match="the closed-form inverse of ur3 needs"):
+        inverse_kinematics(ur, urdf.read(ur).arm.forward(np.zeros((1, 6))), all_branches=True)
+
+
+def test_refusals(folder):
+    T = np.eye(4)[None]
+    for call, words, named in (
+        (lambda: forward_kinematics("irb120", Q, target="smr1"), "a URDF has no reflectors", "target"),
+        (lambda: forward_kinematics(folder, Q, target="smr9"), "unknown target 'smr9'", "target"),
+        (lambda: forward_kinematics("irb120", Q, uncertainty=True), "knows its uncertainty", "uncertainty"),
+        (lambda: forward_kinematics(folder, Q, uncertainty=True, nominal=True), "uncertainty", "uncertainty"),
+        (lambda: forward_kinematics(folder, np.degrees(Q)), "these look like degrees", "q"),
+        (lambda: forward_kinematics(folder, Q[:, :5]), "shape (n, 6), found (2, 5)", None),
+        (lambda: inverse_kinematics(folder, T, near=np.degrees(Q[0])), "these look like degrees", "q"),
+        (lambda: inverse_kinematics(folder, T, near=Q), "near: expected 6 numbers (joint_1, ", "near"),
+        (lambda: inverse_kinematics(folder, T, near=[np.nan] * 6), "near: expected 6 numbers", "near"),
+        (lambda: inverse_kinematics(folder, np.eye(3)), "poses need shape (n, 4, 4), found (3, 3)", "T_base_tip"),
+        (lambda: forward_kinematics(folder, Q, tip_link="flange"), "choose links for a URDF only", "tip_link"),
+        (lambda: forward_kinematics(open_robot(folder), Q, nominal=True), "this robot is open", None),
+    ):
+        with pytest.raises(RobotError, match=re.escape(words)) as caught:
+            call()
+        assert caught.value.parameter == named
+
+
+def test_results_speak_and_can_be_pickled(folder):
+    found = forward_kinematics(folder, np.tile(Q, (50, 1)))
+    assert found.summary().startswith("100 poses of tool0 in base_link")
+    assert "the first 10 of 100 rows" in found.summary()
+    back = inverse_kinematics(folder, found.T_base_tip)
+    for result in (found, back):
+        assert len(result) == 100
+        assert len(repr(result)) < 200
+        assert "<table>" in result._repr_html_()
+        again = pickle.loads(pickle.dumps(result))
+        pd.testing.assert_frame_equal(again.to_frame(), result.to_frame())
+    with pytest.raises(ValueError, match="read-only"):
+        found.T_base_tip[0, 0, 3] = 0.0
+
+
+def test_poses_as_a_table():
+    robot = open_robot("irb1600").robot
+    table = pose_table(robot, np.zeros((1, 6)))
+    np.testing.assert_allclose(table.iloc[0, :3], [815, 0, 1186.5], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(table.iloc[0, 3:], [np.sqrt(0.5), 0, np.sqrt(0.5), 0], rtol=0, atol=1e-12)

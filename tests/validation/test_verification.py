@@ -1,0 +1,109 @@
+"""Whether a URDF or a program found somewhere is of a calibration."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support import arm, measured, outcome_of, random_robot, write_measurements
+
+import irbcal
+from irbcal.errors import RobotError
+from irbcal.files import calibration_folder, urdf
+from irbcal.validation.verification import verify_bytes
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Two calibrations of one simulated robot, from other measurements each."""
+    root = tmp_path_factory.mktemp("origins")
+    truth = random_robot(arm(), "34", np.random.default_rng(1))
+    for name, seed in (("first", 1), ("second", 2)):
+        rng = np.random.default_rng(seed)
+        data = write_measurements(root / f"{name}.csv", measured(truth, arm().random_joints(60, seed), 3e-5, rng))
+        irbcal.save(outcome_of(data, "irb1600"), root / name)
+    return root / "first", root / "second"
+
+
+def moved(data, metres):
+    """The URDF with joint 4 elsewhere."""
+    tree = urdf.from_bytes(data, "moved")
+    T = urdf.joint_origins(tree, tree.arm)["joint_4"].copy()
+    T[0, 3] += metres
+    return urdf.with_joint_origins(data, {"joint_4": T})
+
+
+def test_verify_tells_calibrations_apart(folders):
+    saved = irbcal.load(folders[0]).record
+    own, other = ((folder / "calibrated.urdf").read_bytes() for folder in folders)
+    nominal = calibration_folder.read(folders[0]).nominal_urdf()
+    stripped = own.replace(b"<irbcal_calibration", b"<some_other_tag")
+    cases = {
+        "own": (own, True, "calibrated", "same"),
+        "meshes moved": (own.replace(b"<inertial>", b"<!-- heavier --><inertial>"), True, "calibrated", "same"),
+        "without fingerprint": (stripped, True, "calibrated", "absent"),
+        "another calibration": (other, False, "other", "other"),
+        "nominal": (nominal, False, "nominal", "same"),
+        "changed by hand": (moved(own, 1e-5), False, "other", "same"),
+        "rounded to a nanometre": (moved(own, 5e-10), True, "calibrated", "same"),
+        "rounded to a micrometre": (moved(own, 1e-6), True, "rounded", "same"),
+    }
+    for name, (data, yes, geometry, mark) in cases.items():
+        result = verify_bytes(saved, data, "found.urdf")
+        assert (result.is_calibration, result.geometry, result.fingerprint) == (yes, geometry, mark), name
+        assert result.same_file == (name == "own")
+    changed = verify_bytes(saved, moved(own, 1e-5), "found.urdf")
+    assert changed.position_m == pytest.approx(1e-5, rel=1e-3)
+    assert "0.01 mm" in changed.explanation
+    assert "changed afterwards" in changed.explanation
+    with pytest.raises(RobotError, match=r"found\.urdf: there is no chain|found\.urdf: there is no link"):
+        verify_bytes(saved, b'<robot name="x"><link name="base_link"/></robot>', "found.urdf")
+    with pytest.raises(RobotError, match=r"found\.urdf: expected the joints joint_1, .* found a1, "):
+        verify_bytes(saved, own.replace(b'"joint_', b'"a'), "found.urdf")
+
+
+def test_same_geometry_with_another_joint_map_is_another_calibration(folders):
+    saved = irbcal.load(folders[0]).record
+    own = (folders[0] / "calibrated.urdf").read_bytes()
+    mark = saved.fingerprint.encode()
+    result = verify_bytes(saved, own.replace(mark, b"0" * len(mark)), "found.urdf")
+    assert not result.is_calibration
+    assert "the joint map or the data are not the same" in result.explanation
+
+
+def test_a_cell_may_give_links_and_joints_a_prefix(folders):
+    saved = irbcal.load(folders[0]).record
+    own = (folders[0] / "calibrated.urdf").read_bytes()
+    cell = (
+        own.replace(b'"base_link"', b'"left_base_link"')
+        .replace(b'"tool0"', b'"left_tool0"')
+        .replace(b'"joint_', b'"left_joint_')
+    )
+    with pytest.raises(RobotError, match="there is no link 'base_link'"):
+        verify_bytes(saved, cell, "cell.urdf")
+    assert verify_bytes(saved, cell, "cell.urdf", "left_base_link", "left_tool0").is_calibration
+
+
+def test_calibrating_a_calibrated_urdf_again_leaves_one_fingerprint(folders, tmp_path):
+    outcome = outcome_of(folders[0].parent / "second.csv", folders[0] / "calibrated.urdf", "11")
+    irbcal.save(outcome, tmp_path / "again")
+    text = (tmp_path / "again/calibrated.urdf").read_text()
+    assert text.count("irbcal_calibration") == 1
+    assert irbcal.load(tmp_path / "again").fingerprint in text
+
+
+def test_command_line(folders):
+    def run(*arguments):
+        command = [sys.executable, "-m", "irbcal", "verify", *map(str, arguments)]
+        return subprocess.run(command, capture_output=True, text=True)
+
+    done = run(folders[0], "--urdf", folders[0] / "calibrated.urdf", "--json")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["same_file"]
+    done = run(folders[0], "--urdf", folders[1] / "calibrated.urdf")
+    assert done.returncode == 1
+    assert "is not this calibration" in done.stdout
+    done = run(folders[0], "--urdf", folders[0] / "nothing.urdf")
+    assert done.returncode == 1
+    assert done.stderr.strip().endswith("nothing.urdf: cannot read this file: No such file or directory")

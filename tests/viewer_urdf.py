@@ -1,0 +1,40 @@
+"""An arm of six joints whose first link looks as a test wants it."""
+
+import struct
+
+import numpy as np
+
+from irbcal.files import urdf
+from irbcal.viewer import links, robot
+
+JOINTS = "".join(
+    f'<link name="l{k}"/><joint name="j{k}" type="revolute"><parent link="l{k - 1}"/><child link="l{k}"/>'
+    f'<origin xyz="{0.1 * k:.1f} 0 0.2" rpy="0.1 {0.2 * k:.1f} 0"/><axis xyz="{axis}"/>'
+    '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+    for k, axis in enumerate(["0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0"], start=1)
+)
+
+
+def document(visuals, extra=""):
+    """An arm of six joints whose first link has these visuals."""
+    data = f'<robot name="arm"><link name="l0">{visuals}</link>{JOINTS}{extra}</robot>'.encode()
+    return urdf.from_bytes(data, "arm.urdf", "l0", "l6")
+
+
+def mesh(name, more=""):
+    return f'<visual><geometry><mesh filename="{name}" {more}/></geometry></visual>'
+
+
+def looks(visuals, folder, package_dirs=(), extra=""):
+    arm = document(visuals, extra)
+    return robot.meshes(arm, links.links(arm), folder, package_dirs)
+
+
+def write_stl(path, triangles):
+    """A binary STL, by hand."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    data = b"\0" * 80 + struct.pack("<I", len(triangles))
+    for triangle in triangles:
+        data += struct.pack("<12fH", 0, 0, 0, *np.ravel(triangle), 0)
+    path.write_bytes(data)
+    return path
