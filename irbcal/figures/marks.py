@@ -97,7 +97,7 @@ class Lines:
 
     def moved(self, dx: float, dy: float) -> Lines:
         """The same elsewhere."""
-        paths = [np.asarray(path) + np.array([dx, dy]) for path in self.paths]
+        paths = [np.asarray(path) + np.array([dx, dy]) for path in self.paths if len(path)]
         return Lines(paths, self.colour, self.width, self.dash, self.opacity)
 
 

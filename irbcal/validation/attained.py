@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement import readings
+from irbcal.measurement.columns import TableLike
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.poses import as_poses
 from irbcal.modeling import frames
@@ -19,7 +20,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.validation import accuracy
 from irbcal.validation.pose_criteria import mean_rotation, small_angles
 from irbcal.validation.prepared import Prepared
-from irbcal.validation.tables import TableLike, places
+from irbcal.validation.tables import places
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,6 +14,7 @@ from irbcal.errors import OptionError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import CalibrationLike
 from irbcal.files.drawn_figure import DrawnFigure
+from irbcal.measurement.columns import TableLike
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import DEG, MM
 from irbcal.validation import ballbar_trace
@@ -21,7 +22,6 @@ from irbcal.validation.ballbar_circle import circle
 from irbcal.validation.ballbar_circle import tool as tool_frame
 from irbcal.validation.ballbar_prediction import Prediction, predict
 from irbcal.validation.ballbar_trace import MEASURED, Trace, explained
-from irbcal.validation.tables import TableLike
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -120,13 +120,11 @@ def tool(values: ArrayLike) -> FloatArray:
     RobotError
         If the quaternion is no unit one.
     """
-    from scipy.spatial.transform import Rotation
-
     numbers = np.asarray(values, dtype=float)
     R = np.eye(3)
     if len(numbers) == 7:
         norm = np.linalg.norm(numbers[3:])
         if abs(norm - 1) > 1e-3:
             raise RobotError(f"the tool's orientation needs a unit quaternion, found one of length {norm:g}")
-        R = Rotation.from_quat(numbers[[4, 5, 6, 3]] / norm).as_matrix()
+        R = frames.matrix_from_quaternion(numbers[3:])
     return frames.transform(R, numbers[:3])

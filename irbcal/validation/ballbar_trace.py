@@ -16,9 +16,10 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement import readings
+from irbcal.measurement.columns import TableLike
 from irbcal.units import DEG, MM
 from irbcal.validation.ballbar_circle import TiltedCircle
-from irbcal.validation.tables import TableLike, in_order, names
+from irbcal.validation.tables import in_order, names
 
 FEWEST_READINGS = 8
 SMALLEST_ARC = 180 * DEG

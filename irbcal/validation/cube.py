@@ -80,12 +80,11 @@ class FivePoses(Speaks):
             ``commanded`` of `irbcal.validation.iso9283_check.iso9283` take.
         """
         import pandas as pd
-        from scipy.spatial.transform import Rotation
 
         T = self.arm.forward(self.q)
-        xyzw = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)
+        wxyz = frames.quaternion_from_matrix(T[:, :3, :3])
         columns = [*self.arm.joint_columns, "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
-        numbers = np.column_stack([self.q / self.arm.joint_units, T[:, :3, 3] / MM, xyzw[:, 3:], xyzw[:, :3]])
+        numbers = np.column_stack([self.q / self.arm.joint_units, T[:, :3, 3] / MM, wxyz])
         table = pd.DataFrame(numbers, columns=columns)
         table.insert(0, "pose", POSES)
         return table

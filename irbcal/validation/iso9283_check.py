@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
@@ -20,7 +20,8 @@ from irbcal.files import calibration_folder, urdf
 from irbcal.files.calibration_folder import CalibrationLike
 from irbcal.files.drawn_figure import DrawnFigure, check_name
 from irbcal.measurement import table
-from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.columns import TableLike
+from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.summary import Speaks, Told
 from irbcal.validation.cube import FRACTION, PLANES, FivePoses, Plane, five_poses
@@ -28,13 +29,9 @@ from irbcal.validation.path_check import PathCheck, path_accuracy
 from irbcal.validation.pose_check import SET_SIZE, PoseCheck, check_poses
 from irbcal.validation.settling import REST
 from irbcal.validation.settling_check import Settling, settle
-from irbcal.validation.tables import TableLike
 
 if TYPE_CHECKING:
     import pandas as pd
-
-MeasurementLike: TypeAlias = "TableLike | MeasurementSet"
-"""A measurement file, a DataFrame with its columns, or measurements that were read."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,7 +116,7 @@ class Iso9283(Speaks):
 
 
 def iso9283(
-    measurements: MeasurementLike | None = None,
+    measurements: MeasurementsLike | None = None,
     *,
     calibration: CalibrationLike | None = None,
     commanded: TableLike | None = None,
@@ -177,7 +174,7 @@ def iso9283(
     poses = settled = None
     if measurements is not None:
         saved = None if calibration is None else calibration_folder.opened(calibration)
-        seen = measurements if isinstance(measurements, MeasurementSet) else table.read(measurements)
+        seen = table.read(measurements)
         if saved is not None:
             seen.check_joints(saved.arm())
         poses = check_poses(seen, saved, commanded, target, set_size)

@@ -12,10 +12,11 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.files.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
+from irbcal.measurement.columns import TableLike
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
 from irbcal.validation.path_criteria import PathErrors, path_errors
-from irbcal.validation.tables import ANGLES, TableLike, in_order, names, places
+from irbcal.validation.tables import ANGLES, in_order, names, places
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,11 +12,12 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.files.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
+from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation.correlation import Correlation, correlation
-from irbcal.validation.tables import AXES, TableLike, names, places
+from irbcal.validation.tables import AXES, names, places
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,12 +12,13 @@ from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.files.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
+from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation.pose_criteria import position_repeatability
 from irbcal.validation.scale_bar import positions_of
-from irbcal.validation.tables import XYZ, TableLike, in_order, places
+from irbcal.validation.tables import XYZ, in_order, places
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -19,6 +19,7 @@ from irbcal.errors import MeasurementError
 from irbcal.files.drawn_figure import DrawnFigure
 from irbcal.files.schema import Record
 from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Cell, Speaks, Table, Told
@@ -26,7 +27,7 @@ from irbcal.units import MM
 from irbcal.validation.attained import attained, commanded_poses, measured_whole
 from irbcal.validation.model_criteria import ModelCriteria, PoseValues, criteria
 from irbcal.validation.prepared import Prepared, prepare
-from irbcal.validation.tables import ANGLES, TableLike
+from irbcal.validation.tables import ANGLES
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,9 +12,10 @@ from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.files.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
+from irbcal.measurement.columns import TableLike
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
-from irbcal.validation.tables import XYZ, TableLike, in_order, names, places
+from irbcal.validation.tables import XYZ, in_order, names, places
 
 if TYPE_CHECKING:
     import pandas as pd

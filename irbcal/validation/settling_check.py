@@ -12,11 +12,12 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.files.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
+from irbcal.measurement.columns import TableLike
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import settling
 from irbcal.validation.settling import READINGS, REST, Stabilisation
-from irbcal.validation.tables import TableLike, in_order, names, places
+from irbcal.validation.tables import in_order, names, places
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,18 +1,14 @@
-"""What validation takes out of tables of readings: sources, names of rows, places."""
+"""What validation takes out of tables of readings: names of rows, places."""
 
 from __future__ import annotations
 
-from os import PathLike
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.units import MM
 
 if TYPE_CHECKING:
     import pandas as pd
-
-TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
-"""A CSV or Parquet file, or a DataFrame with the same columns."""
 
 XYZ = ("x_mm", "y_mm", "z_mm")
 AXES, ANGLES = "xyz", "abc"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal, TypeAlias, get_args
 
 from irbcal.errors import OptionError
+from irbcal.measurement.columns import TableLike
 from irbcal.measurement.readings import read
 from irbcal.units import MM
 from irbcal.validation.point_drift import PointDrift, drift
@@ -12,7 +13,6 @@ from irbcal.validation.point_repeatability import PointRepeatability, repeatabil
 from irbcal.validation.scale_bar import ScaleBar, scale_bar
 from irbcal.validation.settling import REST
 from irbcal.validation.settling_check import Settling, settle
-from irbcal.validation.tables import TableLike
 
 Check: TypeAlias = Literal["bar", "repeat", "drift", "settle"]
 CHECKS: tuple[Check, ...] = get_args(Check)

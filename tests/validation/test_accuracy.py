@@ -1,6 +1,6 @@
 """Statistics and errors against numbers worked out by hand and motions put in."""
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -52,6 +52,7 @@ def test_percentiles_and_what_the_largest_covers():
     assert accuracy.percentiles([]) is None
     # with 59 poses one may be 95 % sure that 95 % of all lie below the largest: the textbook's sample size
     assert accuracy.largest_covers(59) > 0.95 > accuracy.largest_covers(58)
+    assert accuracy.largest_covers(2, confidence=0.75) == pytest.approx(0.5)
 
 
 def three_target_points(n=40):
@@ -133,6 +134,93 @@ def test_sphere_is_one_of_the_base():
     inside = accuracy.within_sphere(robot, points, base[7], 0.4)
     assert inside[7]
     assert (inside == (np.linalg.norm(base - base[7], axis=1) <= 0.2)).all()
+
+
+def test_sphere_holds_its_surface():
+    robot, points = three_target_points(4)
+    robot = robot.replace(T_world_base=np.eye(4))
+    places = np.array([[2.0, 0, 0], [2.25, 0, 0], [2.25 + 1e-9, 0, 0], [1.75, 0, 0]])
+    some = replace(points.take(np.arange(len(points)) < 4), xyz=places)
+    assert accuracy.within_sphere(robot, some, [2.0, 0, 0], 0.5).tolist() == [True, True, False, True]
+
+
+def test_widest_triangle_by_hand():
+    """The middle is at (3, 7/6, 0): farthest from it is (0, 9, 0), from there (8, -3, 0), from their line (0, -3, 0)."""
+    xyz = np.array([[0, 9, 0], [4, 1, 0], [0, -3, 0], [3, 1, 0], [8, -3, 0], [3, 2, 0.0]])
+    assert xyz.mean(axis=0) == pytest.approx([3, 7 / 6, 0])
+    assert accuracy.widest_triangle(xyz).tolist() == [0, 4, 2]
+    # no place of the measuring frame is special
+    assert accuracy.widest_triangle(xyz - [20, 5, 7]).tolist() == [0, 4, 2]
+    assert accuracy.widest_triangle(np.flipud(xyz) + np.array([3, -50, 7])).tolist() == [5, 1, 3]
+
+
+def test_a_frame_of_three_points_needs_a_fourth_to_judge():
+    robot, points = three_target_points(2)
+    distance, rows = accuracy.relative_to_three_points(robot, points.take(np.arange(6) < 4))
+    assert (len(distance), len(set(rows))) == (1, 3)
+    with pytest.raises(MeasurementError, match="nothing to compare of 3 points"):
+        accuracy.relative_to_three_points(robot, points.take(np.arange(6) < 3))
+
+
+def test_errors_in_a_frame_of_three_points_by_hand():
+    """Points of a plane; the first is off along the x axis that it makes, so that the origin stays where it was."""
+    robot, points = three_target_points(2)
+    xyz = points.xyz.copy()
+    xyz[5] += [0.0, 3e-3, 4e-3]
+    moved = replace(points, xyz=xyz)
+    distance, _ = accuracy.relative_to_three_points(robot, moved, [0, 1, 2])
+    assert distance == pytest.approx([0, 0, 5e-3], abs=1e-12)
+
+
+def test_the_first_measured_frame_of_a_pose_counts():
+    robot, points = three_target_points(6)
+    R = {name: random_rotation(np.random.default_rng(k)) for k, name in enumerate(("smr1", "smr3"))}
+    robot = robot.replace(target_rotations=R)
+    T = robot.T_world_base @ robot.poses(points.q)
+    rotation = np.full((len(points), 3, 3), np.nan)
+    xyz = points.xyz.copy()
+    for name in R:
+        mine = points.names() == name
+        rotation[mine] = T[points.pose[mine], :3, :3] @ R[name]
+    xyz[points.names() == "smr1"] += [1e-3, 0, 0]
+    xyz[points.names() == "smr3"] += [7e-3, 0, 0]
+    rotation[points.pose == 4] = np.nan  # a pose without orientations has no tip then
+    rotation[(points.pose == 2) & (points.names() == "smr1")] = np.nan  # and here the second is the first
+    found = accuracy.tip_errors(robot, replace(points, xyz=xyz, rotation=rotation))
+    assert found.pose.tolist() == [0, 1, 2, 3, 5]
+    assert found.T_world_tip.shape == (5, 4, 4)
+    assert found.position == pytest.approx([1e-3, 1e-3, 7e-3, 1e-3, 1e-3], abs=1e-12)
+    assert found.rotation.max() < 1e-7
+
+
+def test_tips_of_the_poses_that_saw_three_targets():
+    robot, points = three_target_points(6)
+    some = points.take(~((points.pose == 1) & (points.target == 0)))
+    found = accuracy.tip_errors(robot, some)
+    assert found.pose.tolist() == [0, 2, 3, 4, 5]
+    assert found.position.max() < 1e-12
+    with pytest.raises(ValueError, match="read-only"):
+        found.T_world_tip[0] = 0.0
+    with pytest.raises(FrozenInstanceError):
+        found.pose = found.pose[:1]
+
+
+def test_error_vectors_point_from_predicted_to_measured():
+    robot, points = three_target_points(3)
+    off = np.arange(27.0).reshape(9, 3) * 1e-3
+    assert np.abs(accuracy.error_vectors(robot, replace(points, xyz=points.xyz + off)) - off).max() < 1e-12
+
+
+def test_two_targets_are_refused_by_name():
+    robot, points = three_target_points(5)
+    with pytest.raises(
+        MeasurementError, match=r"tool.csv: position and orientation .* targets are smr1, smr2$"
+    ) as refused:
+        accuracy.tip_errors(robot, points.take(points.target < 2).with_seen_targets(), "tool.csv")
+    assert refused.value.file == "tool.csv"
+    apart = points.take((points.target < 2) | (points.pose % 2 == 5))
+    with pytest.raises(MeasurementError, match="three targets in a pose"):
+        accuracy.tip_errors(robot, apart)
 
 
 def test_flange_poses_of_a_real_robot_are_those_of_scipy(shared_data):

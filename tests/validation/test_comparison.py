@@ -8,6 +8,7 @@ from support import arm, measured, random_robot
 
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import MeasurementError
+from irbcal.modeling.joint_map import JointMap
 from irbcal.validation import comparison
 
 
@@ -33,6 +34,29 @@ def test_pose_means_by_hand():
     assert found.first.tolist() == [2.0, 5.0]
     assert found.second.tolist() == [2.0, 1.0]
     assert found.difference == pytest.approx(-2.0)
+    assert found.interval is None
+    with pytest.raises(ValueError, match="read-only"):
+        found.first[0] = 1.0
+
+
+def test_means_are_no_medians_and_equal_errors_no_gain():
+    found = comparison.compare([1.0, 1.0, 1.0, 1.0], [1.0, 0.0, 1.0, 5.0], np.arange(4), np.arange(4))
+    assert found.difference == pytest.approx(0.75)
+    assert found.second_is_better == 0.25
+
+
+def test_verdicts_state_the_interval_in_mm():
+    def between(low, high):
+        return comparison.Comparison(
+            np.arange(12), np.full(12, 1e-3), np.full(12, 1e-3 + (low + high) / 2), (low, high)
+        )
+
+    better = "On these poses B is better than A by 0.300 mm (95 % interval 0.100 to 0.500 mm)."
+    assert between(-5e-4, -1e-4).verdict("A", "B") == better
+    assert between(1e-4, 5e-4).verdict("B", "A") == better
+    for low, high in ((-1e-4, 0.0), (0.0, 1e-4)):
+        assert "do not tell A and B apart" in between(low, high).verdict("A", "B"), "an interval that touches zero"
+    assert between(-1e-4, 2e-4).verdict("A", "B").endswith("(95 % interval -0.100 to +0.200 mm).")
 
 
 def test_common_points_are_matched_by_pose_and_target():
@@ -76,8 +100,74 @@ def test_verified_errors_of_an_imperfect_calibration_are_like_the_expected_ones(
     corrected = correct_joints(robot, nominal, q)
     expected, verified = measured(truth, q[corrected.ok]), measured(truth, corrected.q[corrected.ok])
     found = comparison.expected_and_verified(robot, nominal, expected, verified)
+    assert found["poses"] == {"expected": expected.poses, "verified": verified.poses, "set_aside": []}
     assert found["verified"]["mean_mm"] == pytest.approx(found["expected"]["mean_mm"], rel=0.03)
     assert found["verified"]["max_mm"] == pytest.approx(found["expected"]["max_mm"], rel=0.05)
     strangers = replace(verified, pose_ids=np.array([f"x{k}" for k in range(verified.poses)]))
     with pytest.raises(MeasurementError, match="no pose of the same name"):
         comparison.expected_and_verified(robot, nominal, expected, strangers)
+
+
+def corrected_poses(poses=30):
+    """A perfect calibration: measurements, and a verification at its fake targets."""
+    nominal = arm()
+    robot = random_robot(nominal, "34", np.random.default_rng(4))
+    q = 0.5 * nominal.random_joints(poses, 1)
+    found = correct_joints(robot, nominal, q)
+    groups = np.where(np.arange(found.ok.sum()) % 2, "a", "b")
+    expected, verified = (measured(robot, joints[found.ok], groups=groups) for joints in (q, found.q))
+    return robot, nominal, expected, verified
+
+
+def test_commands_that_are_no_fake_targets_are_set_aside():
+    """Unless they are the larger part: then the whole run was made with other fake targets."""
+    robot, nominal, expected, verified = corrected_poses()
+    off = verified.q.copy()
+    off[3] += np.radians(0.05)
+    found = comparison.expected_and_verified(robot, nominal, expected, replace(verified, q=off))
+    assert found["poses"]["set_aside"] == ["3"]
+    assert found["poses"]["verified"] == verified.poses - 1
+    assert found["command_mm"] < 1e-5
+    assert found["verified"]["max_mm"] < 1e-5
+    half = verified.poses // 2
+    off = verified.q.copy()
+    off[half:] += np.radians(0.05)
+    found = comparison.expected_and_verified(robot, nominal, expected, replace(verified, q=off))
+    assert found["poses"]["set_aside"] == []
+    wanted = robot.replace(arm=nominal, joint_map=JointMap(np.zeros(6))).poses(expected.q)[:, :3, 3]
+    apart = np.linalg.norm(robot.poses(off)[:, :3, 3] - wanted, axis=1)
+    assert found["command_mm"] == pytest.approx(apart.max() * 1e3, abs=1e-6)
+
+
+def test_the_meant_robot_has_the_nominal_arm_and_no_joint_map():
+    nominal = arm()
+    robot = random_robot(nominal, "34", np.random.default_rng(4))
+    robot = robot.replace(joint_map=replace(robot.joint_map, gain=np.full(6, 0.01)))
+    q = nominal.random_joints(5, 0)
+    meant = comparison.replace_geometry(robot, nominal)
+    assert np.abs(meant.poses(q) - nominal.forward(q)).max() < 1e-14
+    assert np.array_equal(meant.T_world_base, robot.T_world_base)
+    assert list(meant.targets) == list(robot.targets)
+
+
+@pytest.mark.parametrize(("away", "aside"), [(0.09, 0), (0.11, 1)])
+def test_a_tenth_of_a_millimetre_is_the_same_command(away, aside):
+    robot, nominal, expected, verified = corrected_poses()
+    # the command misses by so much where joint 1 turns by that over the tip's distance from its axis
+    q = verified.q.copy()
+    q[0, 0] += away * 1e-3 / np.linalg.norm(robot.poses(q[:1])[0, :2, 3])
+    found = comparison.expected_and_verified(robot, nominal, expected, replace(verified, q=q))
+    assert len(found["poses"]["set_aside"]) == aside
+
+
+def test_groups_and_poses_that_one_of_both_lacks():
+    robot, nominal, expected, verified = corrected_poses()
+    some = verified.select(np.arange(verified.poses) >= 5)
+    strange = replace(some, pose_ids=np.array([f"x{k}" if k == 7 else k for k in some.pose_ids], dtype=object))
+    found = comparison.expected_and_verified(robot, nominal, expected, strange)
+    assert found["poses"]["verified"] == some.poses - 1
+    assert found["expected"]["n"] == len(expected)
+    parts = found["per_group"]
+    assert list(parts) == ["a", "b"]
+    assert parts["a"]["verified"]["n"] + parts["b"]["verified"]["n"] == found["verified"]["n"]
+    assert parts["a"]["uncorrected"]["n"] == 3 * int((expected.groups == "a").sum())

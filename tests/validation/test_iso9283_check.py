@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pandas as pd
 import pytest
 from iso9283_files import cycles, write
 from support import arm
@@ -61,6 +62,11 @@ def test_all_parts_together(record, folder, tmp_path):
 
 def test_loaded_measurements_serve(folder):
     found = iso9283(table.read(folder / "iso.csv"), target="smr2")
+    frames_of = iso9283(pd.read_csv(folder / "iso.csv"), target="smr2", commanded=iso9283_plan("irb1600").to_frame())
+    assert frames_of.poses.models["measured"].poses["P1"]["AP_mm"] > 1.0
+    assert (
+        frames_of.poses.models["measured"].poses["P1"]["RP_mm"] == found.poses.models["measured"].poses["P1"]["RP_mm"]
+    )
     assert found.poses.subject == "target smr2"
     assert found.to_frame()["pose"].tolist() == list(POSES)
     assert (found.stabilisation, found.path) == (None, None)

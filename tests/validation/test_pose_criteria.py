@@ -31,6 +31,33 @@ def test_small_angles_have_no_singular_attitude():
     assert np.abs(pose_criteria.small_angles(R, commanded) - turns).max() < 1e-15
 
 
+def test_wrapped_angles_lie_within_half_a_turn():
+    found = np.degrees(pose_criteria.wrapped(np.radians([0.0, 190.0, -190.0, 725.0, 179.0])))
+    assert found == pytest.approx([0, -170, 170, 5, 179])
+
+
+def test_angles_are_unwrapped_about_the_first_cycle_axis_by_axis():
+    angles = np.radians([[179.0, 10.0], [-179.0, 12.0], [-177.0, 17.0]])
+    assert np.degrees(pose_criteria.angle_repeatability(angles)) == pytest.approx(
+        [6.0, 3 * np.std([10, 12, 17], ddof=1)]
+    )
+
+
+def test_mean_rotation_is_the_mean_angle_about_one_axis():
+    R = np.array([frames.rot_z(np.radians(angle)) for angle in (1.0, 2.0, 6.0)])
+    mean = pose_criteria.mean_rotation(R)
+    assert frames.rotation_distance(mean[None], frames.rot_z(np.radians(3.0))[None])[0] < 2e-5
+    assert np.abs(mean @ mean.T - np.eye(3)).max() < 1e-14
+
+
+def test_distance_of_places_away_from_zero():
+    one = np.array([[10.0, 1, 0], [20, 2, 0], [30, 3, 0]])
+    two = one + np.array([[3.0, 4, 0], [6, 8, 0], [0, 0, 15]])
+    accuracy, repeatability = pose_criteria.distance_accuracy(one, two, np.array([1.0, 1, 1]), np.array([1.0, 4, 5]))
+    assert accuracy == pytest.approx(10 - 5)
+    assert repeatability == pytest.approx(3 * 5.0)
+
+
 def test_variation_and_distance_by_hand():
     assert pose_criteria.multidirectional_variation(np.array([[0, 0, 0], [3, 4, 0], [1, 0, 0.0]])) == pytest.approx(5.0)
     one, two = np.zeros((3, 3)), np.array([[1.0, 0, 0], [2, 0, 0], [3, 0, 0]])

@@ -52,6 +52,14 @@ def test_the_columns_tell_which_check(name, tmp_path):
     assert found.plot()._repr_png_().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize("name", CHECKS)
+def test_frames_serve_as_files_do(name, tmp_path):
+    from_file, from_frame = (
+        tracker(source, length=1.0) for source in (file_of(tmp_path, name), pd.DataFrame(TABLES[name]))
+    )
+    assert from_frame.to_dict() == from_file.to_dict()
+
+
 def test_options(tmp_path):
     path = file_of(tmp_path, "settle")
     assert tracker(path).band == 2e-5
