@@ -16,12 +16,13 @@ from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, Saved
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import Errors, Parameter, Record
+from irbcal.measurement.cleaning import left_out
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import renamed
 from irbcal.summary import Cell, Speaks, Table, Told
-from irbcal.validation.evaluation import exclusions, orientation_line, statistics_table
+from irbcal.validation.evaluation import orientation_line, statistics_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -163,7 +164,7 @@ class Calibration(Speaks):
         told += [f"  held: {sentence}" for sentence in r.held]
         if r.excluded:
             told.append(f"Left out: {len(r.excluded)} points, of which {r.poses_excluded} whole poses")
-            told += exclusions(r.excluded)
+            told += left_out(r.excluded)
         told += [f"Note: {note}" for note in r.notes]
         check = r.pinocchio_check
         second = f" and yourdfpy ({check.yourdfpy_poses})" if check.yourdfpy_poses else ""
@@ -371,7 +372,7 @@ def save(
     CalibrationError
         If the folder cannot be written, or Pinocchio or yourdfpy disagrees with the URDF.
     """
-    from irbcal.files.atomic import check_writable
+    from irbcal.atomic import check_writable
     from irbcal.reports import report_page
 
     check_writable(folder, NAMES)
@@ -419,7 +420,7 @@ def report(
     IrbcalError
         If the folder is no calibration or cannot be written.
     """
-    from irbcal.files.atomic import made_folders, write_together
+    from irbcal.atomic import made_folders, write_together
     from irbcal.options import checked
     from irbcal.reports import report_data, report_page
 

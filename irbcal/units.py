@@ -1,4 +1,4 @@
-"""The only conversion factors of the project: millimetres and degrees outside, metres and radians inside."""
+"""The only conversion factors of the project: millimetres, degrees and hours outside; metres, radians, seconds inside."""
 
 from collections.abc import Mapping
 
@@ -9,6 +9,9 @@ MM: float = 1e-3
 
 DEG: float = np.pi / 180.0
 """One degree in radians."""
+
+HOUR: float = 3600.0
+"""One hour in seconds."""
 
 UNIT_OUTSIDE: Mapping[str, tuple[str, float]] = {"m": ("mm", MM), "rad": ("deg", DEG), "1": ("1", 1.0)}
 """SI unit -> (unit at the surface, factor: value in SI = factor * value at the surface)."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from irbcal import atomic
 from irbcal.arrays import FloatArray, lock
 from irbcal.cell import pose_list, simulated_files
 from irbcal.cell.cell import WAIT_S, Cell
@@ -17,7 +18,7 @@ from irbcal.cell.pose_list import PoseList, PosesLike
 from irbcal.cell.run import Run
 from irbcal.cell.shipped import ROBOT_SEED, open_cell
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.files import atomic, calibration_folder
+from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import CalibrationLike
 from irbcal.files.schema import Record
 from irbcal.measurement import lists

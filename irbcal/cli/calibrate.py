@@ -105,8 +105,8 @@ def calibrate(
 
 def run(measurements: Path, robot: str, out: Path, json: bool, links: dict[str, bool], **options: Any) -> None:
     """The main job with its output; also what the demo runs."""
+    from irbcal.atomic import made_folders
     from irbcal.calibration import calibrate as identify
-    from irbcal.files.atomic import made_folders
     from irbcal.files.calibration_folder import NAMES
 
     with made_folders(out, names=NAMES), show.progress(STEPS, quiet=json) as step:

@@ -178,7 +178,7 @@ def plan(
 
 def _run(out: Path, json: bool, robot: str, **options: Any) -> None:
     """Make, write and print a plan; a folder that had to be made for it goes where there is none."""
-    from irbcal.files.atomic import check_writable
+    from irbcal.atomic import check_writable
     from irbcal.planning import measuring_plan
     from irbcal.viewer import plan_page
 

@@ -91,9 +91,9 @@ def simulate(
         raise typer.BadParameter("--wanted and --calibration go together", param_hint="--wanted")
     place = _place(tracker)
 
+    from irbcal.atomic import refuse_to_overwrite
     from irbcal.cell import simulation
     from irbcal.errors import OptionError
-    from irbcal.files.atomic import refuse_to_overwrite
 
     refuse_to_overwrite(out, plan, wanted)
     try:

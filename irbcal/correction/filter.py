@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray
+from irbcal.atomic import refuse_to_overwrite, write_together
 from irbcal.correction import languages
 from irbcal.correction.configurations import seeds_of
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_poses
 from irbcal.correction.filtered import Filtered
 from irbcal.correction.program import Goals, Left, Program, read_bytes, refuse_filtered
 from irbcal.errors import OptionError, ProgramError
-from irbcal.files.atomic import refuse_to_overwrite, write_together
 from irbcal.files.calibration_folder import CalibrationLike, opened
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

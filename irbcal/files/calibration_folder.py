@@ -9,9 +9,9 @@ from typing import Protocol, TypeAlias
 
 from pydantic import ValidationError
 
+from irbcal.atomic import write_together
 from irbcal.errors import CalibrationError
 from irbcal.files import joint_origins, urdf
-from irbcal.files.atomic import write_together
 from irbcal.files.schema import Record
 
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"

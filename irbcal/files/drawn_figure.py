@@ -43,7 +43,7 @@ class DrawnFigure:
         IrbcalError
             If the ending is none of these or the file cannot be written.
         """
-        from irbcal.files.atomic import write_together
+        from irbcal.atomic import write_together
 
         path = check_name(path)
         write_together(path.parent, {path.name: style.as_bytes(self.figure, path.suffix[1:])})

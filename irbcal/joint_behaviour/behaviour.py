@@ -30,7 +30,7 @@ from irbcal.joint_behaviour import numbers, verdict
 from irbcal.joint_behaviour.moves import JointMoves, analyse_moves, has_moves
 from irbcal.joint_behaviour.residuals import ResidualAnalysis, analyse_residuals
 from irbcal.measurement import table
-from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.last_moves import last_moves
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
@@ -51,9 +51,6 @@ HIGHEST_ORDER = 12
 
 MOST_PERIODS = 1000.0
 """Frequency that nobody can ask for, periods per turn."""
-
-NAMED_EXCLUSIONS = 8
-"""Points left out for one reason that are named."""
 
 T = TypeVar("T")
 
@@ -111,7 +108,7 @@ class JointBehaviour(Speaks):
             *(f"- {sentence}" for sentence in self.verdict()),
         ]
         if self.excluded:
-            out += [f"Left out: {len(self.excluded)} points", *_by_reason(self.excluded)]
+            out += [f"Left out: {len(self.excluded)} points", *left_out(self.excluded)]
         out += [f"Note: {note}" for note in self.notes]
         return [*out, *(f"Written to {name}" for name in self.plots)]
 
@@ -155,19 +152,6 @@ class JointBehaviour(Speaks):
         from irbcal.joint_behaviour import plots
 
         return plots.drawn(self, figure)
-
-
-def _by_reason(excluded: Sequence[Exclusion]) -> list[str]:
-    """Lines that count the points left out by reason and name the first of each."""
-    by_reason: dict[str, list[str]] = {}
-    for item in excluded:
-        by_reason.setdefault(item.reason.split(":")[0], []).append(f"{item.pose}/{item.target}")
-    lines = []
-    for reason, items in by_reason.items():
-        where, count = ", ".join(items[:NAMED_EXCLUSIONS]), len(items)
-        more = f" … and {count - NAMED_EXCLUSIONS} more" if count > NAMED_EXCLUSIONS else ""
-        lines.append(f"  {count} × {reason} (pose/target {where}{more})")
-    return lines
 
 
 # --- the front door --------------------------------------------------------------------------------------
@@ -242,7 +226,7 @@ def joints(
     )
     if plots is None:
         return found
-    from irbcal.files.atomic import write_together
+    from irbcal.atomic import write_together
     from irbcal.joint_behaviour import plots as drawings
 
     say("drawing")

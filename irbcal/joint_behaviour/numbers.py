@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.joint_behaviour.moves import JointMoves
-from irbcal.joint_behaviour.residuals import ResidualAnalysis
-from irbcal.joint_behaviour.series import Series
 from irbcal.joint_behaviour.terms import Slides, Term, unit_of
 from irbcal.summary import Cell, Table
 from irbcal.units import DEG, MM
@@ -19,6 +16,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from irbcal.joint_behaviour.behaviour import JointBehaviour
+    from irbcal.joint_behaviour.moves import JointMoves
+    from irbcal.joint_behaviour.residuals import ResidualAnalysis
+    from irbcal.joint_behaviour.series import Series
 
 NAMES = {"move": "per move", "fourier": "Fourier"}
 """Kinds of terms as tables name them, where they name them otherwise."""

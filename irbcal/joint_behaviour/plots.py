@@ -14,20 +14,21 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
 from irbcal.errors import OptionError
 from irbcal.figures.colours import CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, UNKNOWN
 from irbcal.figures.style import as_bytes, house_style
-from irbcal.joint_behaviour.behaviour import JointBehaviour
 from irbcal.joint_behaviour.equivalent_angle import equivalent_error, predicted_series
-from irbcal.joint_behaviour.moves import JointMoves
-from irbcal.joint_behaviour.residuals import ResidualAnalysis
-from irbcal.joint_behaviour.series import Series
 from irbcal.joint_behaviour.terms import Term, fourier_columns, fourier_order
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from irbcal.arrays import FloatArray
+    from irbcal.joint_behaviour.behaviour import JointBehaviour
+    from irbcal.joint_behaviour.moves import JointMoves
+    from irbcal.joint_behaviour.residuals import ResidualAnalysis
+    from irbcal.joint_behaviour.series import Series
 
 LineStyle: TypeAlias = Literal["-", "--", ":", "-.", ""]
 

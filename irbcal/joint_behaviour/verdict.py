@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
-from irbcal.joint_behaviour.moves import JointMoves
-from irbcal.joint_behaviour.residuals import ResidualAnalysis
 from irbcal.joint_behaviour.terms import SIGNIFICANT, WORTH, Slides, Term, fourier_order, unit_of
-from irbcal.modeling.joint_map import Stiffness
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
+    from irbcal.arrays import FloatArray
     from irbcal.joint_behaviour.behaviour import JointBehaviour
+    from irbcal.joint_behaviour.moves import JointMoves
+    from irbcal.joint_behaviour.residuals import ResidualAnalysis
+    from irbcal.modeling.joint_map import Stiffness
 
 LABELS = {"worth it": "worth it", "small": "real, but hardly worth it", "not seen": "not worth it"}
 LEFT_OUT = "left-out rms"

@@ -48,6 +48,29 @@ class Exclusion:
     reason: str
 
 
+def left_out(excluded: Sequence[Exclusion], most: int = 8) -> list[str]:
+    """Lines that count the points left out by reason and name the first of each.
+
+    Parameters
+    ----------
+    excluded : sequence of Exclusion, or of anything with their attributes
+    most : int
+        Points that are named for each reason.
+
+    Returns
+    -------
+    list of str
+    """
+    by_reason: dict[str, list[str]] = {}
+    for item in excluded:
+        by_reason.setdefault(item.reason.split(":")[0], []).append(f"{item.pose}/{item.target}")
+    lines = []
+    for reason, places in by_reason.items():
+        more = f" … and {len(places) - most} more" if len(places) > most else ""
+        lines.append(f"  {len(places)} × {reason} (pose/target {', '.join(places[:most])}{more})")
+    return lines
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Cleaned(Speaks):
     """Points fit for use.

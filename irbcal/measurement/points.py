@@ -107,7 +107,7 @@ class PointSet(Speaks):
                     f"unknown target {self.target_names[k]!r}: this robot has {', '.join(robot.targets) or 'none'}"
                 )
             local[k] = robot.targets[self.target_names[k]]
-        T = robot.poses(self.q)[self.pose]
+        T = robot.forward(self.q)[self.pose]
         base = np.einsum("mij,mj->mi", T[:, :3, :3], local[self.target]) + T[:, :3, 3]
         return base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
 
@@ -127,7 +127,7 @@ class PointSet(Speaks):
         for k, name in enumerate(self.target_names):
             if name in robot.target_rotations:
                 local[k] = robot.target_rotations[name]
-        tip = robot.T_world_base[:3, :3] @ robot.poses(self.q)[:, :3, :3]
+        tip = robot.T_world_base[:3, :3] @ robot.forward(self.q)[:, :3, :3]
         return tip[self.pose] @ local[self.target]
 
     def take(self, keep: BoolArray | IntArray) -> PointSet:

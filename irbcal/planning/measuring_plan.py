@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from irbcal import atomic
 from irbcal.cell.cell import WAIT_S
 from irbcal.cell.tracker import ACCEPTANCE
 from irbcal.errors import OptionError
-from irbcal.files import atomic
 from irbcal.files.opening import RobotLike
 from irbcal.modeling.parameters import default_level
 from irbcal.planning import choosing, plan_files

@@ -9,7 +9,7 @@ from functools import cached_property
 from irbcal.errors import OptionError
 from irbcal.figures import pose_errors
 from irbcal.figures.charts import Figure
-from irbcal.files.picture import SIMULATED, Picture
+from irbcal.figures.picture import SIMULATED, Picture
 from irbcal.files.schema import Record
 from irbcal.reports import evidence, report_figures
 from irbcal.reports.evidence import PoseSet

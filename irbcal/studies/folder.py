@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from irbcal.atomic import check_writable, write_together
 from irbcal.cell import simulation
 from irbcal.errors import MeasurementError
-from irbcal.files.atomic import check_writable, write_together
 from irbcal.studies.figures import drawn
 from irbcal.studies.page import render
 from irbcal.studies.results import Results, Table

@@ -10,9 +10,9 @@ import numpy as np
 
 from irbcal.arrays import lock
 from irbcal.figures import pose_errors
+from irbcal.figures.picture import SIMULATED, Picture
 from irbcal.figures.pose_errors import PoseErrors
-from irbcal.files.picture import SIMULATED, Picture
-from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import accuracy
@@ -129,7 +129,7 @@ class Evaluation(Speaks):
         if self.refit_base:
             told.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:
-            told += [f"Left out: {len(self.excluded)} points", *exclusions(self.excluded)]
+            told += [f"Left out: {len(self.excluded)} points", *left_out(self.excluded)]
         for name, words in shown.items() if self.orientation else ():
             assert self.orientation is not None
             told.append(orientation_line(words, self.orientation[name]))
@@ -285,16 +285,3 @@ def orientation_line(model: str, values: Mapping[str, Any]) -> str:
         f"Orientation errors, {model}: mean {values['mean_deg']:.4f}, sigma {values['sigma_deg']:.4f}, "
         f"max {values['max_deg']:.4f} degrees ({values['n']} poses)"
     )
-
-
-def exclusions(excluded: Sequence[Any], most: int = 8) -> list[str]:
-    """Lines that count the left-out points by reason and name the first of each."""
-    by_reason: dict[str, list[Any]] = {}
-    for item in excluded:
-        by_reason.setdefault(item.reason.split(":")[0], []).append(item)
-    lines = []
-    for reason, items in by_reason.items():
-        where = ", ".join(f"{item.pose}/{item.target}" for item in items[:most])
-        more = f" … and {len(items) - most} more" if len(items) > most else ""
-        lines.append(f"  {len(items)} × {reason} (pose/target {where}{more})")
-    return lines

@@ -8,24 +8,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray
-from irbcal.correction.joints_along import Reversal
 from irbcal.figures.colours import ACCENT, CALIBRATED, MEASURED, NOMINAL, RULE, SERIES, SOFT
 from irbcal.figures.style import SMALL, THIN
-from irbcal.units import MM
-from irbcal.validation.ballbar_check import BallbarCheck
-from irbcal.validation.ballbar_trace import Trace
-from irbcal.validation.path_check import PathCheck
-from irbcal.validation.point_drift import HOUR, PointDrift
-from irbcal.validation.point_repeatability import PointRepeatability
-from irbcal.validation.pose_check import PoseCheck
-from irbcal.validation.scale_bar import ScaleBar
-from irbcal.validation.settling_check import Settling
+from irbcal.units import HOUR, MM
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
+
+    from irbcal.arrays import FloatArray, NameArray
+    from irbcal.correction.joints_along import Reversal
+    from irbcal.validation.ballbar_check import BallbarCheck
+    from irbcal.validation.ballbar_trace import Trace
+    from irbcal.validation.path_check import PathCheck
+    from irbcal.validation.point_drift import PointDrift
+    from irbcal.validation.point_repeatability import PointRepeatability
+    from irbcal.validation.pose_check import PoseCheck
+    from irbcal.validation.scale_bar import ScaleBar
+    from irbcal.validation.settling_check import Settling
 
 COLOURS = {"nominal": NOMINAL, "calibrated": CALIBRATED, "measured": MEASURED}
 """One colour for each model, the same as in the report."""

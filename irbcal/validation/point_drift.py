@@ -15,7 +15,7 @@ from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.summary import Cell, Speaks, Table, Told
-from irbcal.units import MM
+from irbcal.units import HOUR, MM
 from irbcal.validation.correlation import Correlation, correlation
 from irbcal.validation.tables import AXES, names, places
 
@@ -27,8 +27,6 @@ ENVIRONMENT = ("temperature_c", "pressure_mmhg", "pressure_hpa", "humidity_perce
 
 FEWEST = 10
 """Readings below which no correlation is given."""
-
-HOUR = 3600.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,7 +18,7 @@ from irbcal.arrays import lock
 from irbcal.errors import MeasurementError
 from irbcal.files.drawn_figure import DrawnFigure
 from irbcal.files.schema import Record
-from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 SET_SIZE = 10
 """Cycles of a set of the drift test."""
 
-MOST_NAMED = 8
 """Left-out points that are named, of each reason."""
 
 
@@ -128,7 +127,12 @@ class PoseCheck(Speaks):
                     f"Drift of {d['pose']} over {d['sets']} sets of {d['set_size']}, {name}: {accuracy}dRP "
                     f"{d['dRP_mm']:+.3f} mm, way of the mean {d['shift_mm'][-1]:.3f} mm"
                 )
-        return [*out, *_left_out(self.excluded), *(f"Note: {note}" for note in self.notes)]
+        return [
+            *out,
+            *([f"Left out: {len(self.excluded)} points"] if self.excluded else []),
+            *left_out(self.excluded),
+            *(f"Note: {note}" for note in self.notes),
+        ]
 
     def _said_shortly(self) -> str:
         said = []
@@ -210,18 +214,6 @@ def _table_over_all(models: Mapping[str, ModelCriteria]) -> list[Told]:
             about = "command" if model.overall["from"] == "commanded" else "mean"
     columns = ("model", "position mean mm", "max mm", "orientation mean deg", "max deg")
     return [Table(f"Errors from the {about}, all poses and cycles", columns, tuple(rows), digits=4)] if rows else []
-
-
-def _left_out(excluded: Sequence[Exclusion]) -> list[Told]:
-    by_reason: dict[str, list[Exclusion]] = {}
-    for item in excluded:
-        by_reason.setdefault(item.reason.split(":")[0], []).append(item)
-    out: list[Told] = [f"Left out: {len(excluded)} points"] if excluded else []
-    for reason, items in by_reason.items():
-        where = ", ".join(f"{item.pose}/{item.target}" for item in items[:MOST_NAMED])
-        more = f" … and {len(items) - MOST_NAMED} more" if len(items) > MOST_NAMED else ""
-        out.append(f"  {len(items)} × {reason} (pose/target {where}{more})")
-    return out
 
 
 # --- from measurements to criteria ------------------------------------------------------------------------

@@ -28,7 +28,12 @@ def page(plan: Plan) -> str:
     scene, setting = plan.scene, plan.scene.setting
     base, tip = scene.links
     shown = view(
-        scene.source, plan=np.array(plan.q), package_dir=scene.package_dirs, cube=scene.cube, base_link=base, tip_link=tip
+        scene.source,
+        plan=np.array(plan.q),
+        package_dir=scene.package_dirs,
+        cube=scene.cube,
+        base_link=base,
+        tip_link=tip,
     ).scene
     pose, target, xyz, _ = plan.expected()
     T_scene_world = frames.inverse(scene.T_world_base)

@@ -198,8 +198,8 @@ class View(Speaks):
         IrbcalError
             If it cannot be written.
         """
+        from irbcal.atomic import write_together
         from irbcal.errors import IrbcalError
-        from irbcal.files.atomic import write_together
 
         path = Path(path)
         if path.is_dir():

@@ -1,6 +1,5 @@
 """Fake targets: what is commanded takes the calibrated, and the simulated true, robot to the wanted place."""
 
-
 import numpy as np
 import pytest
 from support import arm, assert_same_poses, outcome_of, random_robot

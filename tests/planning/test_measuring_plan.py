@@ -9,12 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 import irbcal
+from irbcal.atomic import write_together
 from irbcal.cell import pose_list, simulated_files
 from irbcal.cell.shipped import open_cell
 from irbcal.cell.simulation import simulate
 from irbcal.cli.main import app
 from irbcal.errors import OptionError
-from irbcal.files.atomic import write_together
 from irbcal.planning import plan_files
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make, plan

@@ -1,7 +1,5 @@
 """What an import understood: the table, where each row comes from, and the measurement file."""
 
-import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
@@ -12,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import BoolArray
+from irbcal.atomic import write_together
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, QUATERNION
@@ -128,26 +127,16 @@ class Imported(OwnTables, Speaks):
         Raises
         ------
         MeasurementError
-            As `csv`, or if the file cannot be written.
+            As `csv`.
+        CalibrationError
+            If the file cannot be written.
         OptionError
             If it is one of the files that were read.
         """
         out = Path(out)
         refuse_sources(out, self.origin["source"].unique())
         data = self.csv()
-        if out.is_dir():
-            raise MeasurementError("expected a file to write, found a folder", file=out)
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(prefix=".irbcal-", dir=out.parent) as folder:
-                new = Path(folder, "new")
-                with open(new, "wb") as stream:
-                    stream.write(data)
-                    stream.flush()
-                    os.fsync(stream.fileno())
-                os.replace(new, out)
-        except OSError as error:
-            raise MeasurementError(f"cannot write to this folder: {error.strerror}", file=out.parent) from None
+        write_together(out.parent, {out.name: data})
         return replace(self, out=out)
 
     def first_rows(self, count: int) -> list[dict[str, Any]]:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,8 +25,10 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
-from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse.branches import Branches, branch_number
+
+if TYPE_CHECKING:
+    from irbcal.modeling.arm import Arm
 
 BLOCK = 8192
 """Poses per block: the working set of a block stays in the processor's cache."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from import_support import FOUR_JOINTS, ROW, make_map, refused, write
 
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import CalibrationError, OptionError
 from irbcal.measurement import table
 from irbcal.measurement.imports import map_file
 from irbcal.measurement.imports.reader import import_measurements
@@ -68,10 +68,10 @@ def test_options_of_the_function(robodk, tmp_path):
         import_measurements(robodk, as_=map_file.read_map("robodk"), set_={"trust_units": True})
     with pytest.raises(OptionError, match="expected one file or more"):
         import_measurements(as_="robodk")
-    with pytest.raises(MeasurementError, match="expected a file to write, found a folder"):
+    with pytest.raises(CalibrationError, match="expected a file to write, found a folder"):
         import_measurements(robodk, as_="robodk", out=tmp_path)
     blocked = write(tmp_path / "file", "x")
-    with pytest.raises(MeasurementError, match="cannot write to this folder"):
+    with pytest.raises(CalibrationError, match="cannot write to this folder"):
         import_measurements(robodk, as_="robodk", out=blocked / "m.csv")
 
 

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
+from irbcal import atomic
 from irbcal.errors import CalibrationError
-from irbcal.files import atomic
 
 
 def content(folder):

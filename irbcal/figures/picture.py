@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
+from irbcal.atomic import write_together
 from irbcal.errors import OptionError
 from irbcal.figures import charts
 from irbcal.figures.charts import Figure
-from irbcal.files.atomic import write_together
 
 Kind: TypeAlias = Literal["svg", "png"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

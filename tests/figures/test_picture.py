@@ -5,7 +5,7 @@ from lxml import etree
 
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.figures.charts import Drawing, Figure, Text
-from irbcal.files.picture import SIMULATED, Picture
+from irbcal.figures.picture import SIMULATED, Picture
 
 
 @pytest.fixture
