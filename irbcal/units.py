@@ -1,4 +1,4 @@
-"""The only conversion factors of the project: millimetres, degrees and hours outside; metres, radians, seconds inside."""
+"""The only conversion factors of the project: millimetres, degrees, hours outside; metres, radians, seconds inside."""
 
 from collections.abc import Mapping
 

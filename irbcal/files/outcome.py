@@ -14,7 +14,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Outcome:
     """Everything that came out of a calibration, ready to be saved.
 
@@ -60,3 +60,7 @@ class Outcome:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def __repr__(self) -> str:
+        poses = f"{self.fit_points.poses} fitted and {self.heldout_points.poses} held-out poses"
+        return f"<Outcome of {self.robot_file.name}, model {self.fit.level}: {poses}>"

@@ -206,7 +206,8 @@ def _difference(table: dhm.DHMTable, nominal: dhm.DHMTable) -> dhm.DHMTable:
         change: FloatArray = getattr(table, name) - getattr(nominal, name)
         return change if name in LENGTHS else wrapped(change)
 
-    return dhm.DHMTable(*(difference(name) for name in COLUMNS))
+    alpha, a, theta, d, *rest = (difference(name) for name in COLUMNS)
+    return dhm.DHMTable(alpha, a, theta, d, *rest)
 
 
 def _check_arm(arm: Arm, corrections: dhm.DHMTable) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -48,12 +48,31 @@ class Exclusion:
     reason: str
 
 
-def left_out(excluded: Sequence[Exclusion], most: int = 8) -> list[str]:
+class LeftOut(Protocol):
+    """A point that was left out, whatever holds it."""
+
+    @property
+    def pose(self) -> str:
+        """Its pose."""
+        ...
+
+    @property
+    def target(self) -> str:
+        """Its target."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """Why."""
+        ...
+
+
+def left_out(excluded: Sequence[LeftOut], most: int = 8) -> list[str]:
     """Lines that count the points left out by reason and name the first of each.
 
     Parameters
     ----------
-    excluded : sequence of Exclusion, or of anything with their attributes
+    excluded : sequence of Exclusion
     most : int
         Points that are named for each reason.
 

@@ -10,7 +10,7 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling import frames
 from irbcal.planning import route
 from irbcal.planning.measuring_plan import Plan
-from irbcal.viewer.points import Points
+from irbcal.viewer.scene import Points
 from irbcal.viewer.view import View, view
 
 
