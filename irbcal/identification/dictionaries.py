@@ -7,7 +7,7 @@ them: on arms that have its errors only, the average without it is a third to a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,14 +21,14 @@ from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import WarmUp
 
 JOINT_MAP, ALL = "joint-map", "all"
-"""Which terms take part: those that URDF and a joint map can carry (warm-up beside them, which is zero at use), or all."""
+"""Which terms take part: those that URDF and a joint map can carry (beside them warm-up, zero at use), or all."""
 
 FRAME_FAMILIES = ("bending", "wobble")
 """Families left out of `JOINT_MAP`."""
 
 BAND_PENALTY, EVIDENCE_SHARE, LEAST_WEIGHT = 10.0, 0.1, 0.01
-"""Weights are ``exp(0.1 (E - 10 if there are bands))``, those below 0.01 are dropped. Tuned on eight robots: 0.05 to 0.2
-give the same within one per cent."""
+"""Weights are ``exp(0.1 (E - 10 if there are bands))``, those below 0.01 are dropped. Tuned on eight robots: 0.05 to
+0.2 give the same within one per cent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,13 +77,15 @@ class Dictionary:
         )
 
 
-def superset(arm: Arm, moved: bool, payload: Sequence[float] | None, taus: Sequence[float]) -> list[Term]:
+def superset(arm: Arm, kind: str, moved: bool, payload: Sequence[float] | None, taus: Sequence[float]) -> list[Term]:
     """All terms that any dictionary may have, geometry first.
 
     Parameters
     ----------
     arm : Arm
         Nominal arm.
+    kind : str
+        `JOINT_MAP` or `ALL`.
     moved : bool
         Whether last moves are known.
     payload : sequence of three float, optional
@@ -93,6 +95,7 @@ def superset(arm: Arm, moved: bool, payload: Sequence[float] | None, taus: Seque
     """
     names = ["geometry", "gain", "gravity", "bending", "harmonics", "wobble", "thesis"]
     names += ["direction", "move"] if moved else []
+    names = [name for name in names if kind == ALL or name not in FRAME_FAMILIES]
     out = [term for name in names for term in families()[name].terms(arm)]
     out += [] if payload is None else Payload(payload).terms(arm)
     for tau in taus:
@@ -154,6 +157,20 @@ def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float |
     words = ["geometry", *(_word(n, highest) for n in names if n in present)]
     numbers = np.array([distinct.index(name) for name in groups], dtype=int)
     return Dictionary(", ".join(words), np.array(places, dtype=int), distinct, numbers, highest > LOW)
+
+
+def tau_of(dictionary: Dictionary, terms: Sequence[Term]) -> float | None:
+    """Time constant of a dictionary's warm-up; None without."""
+    found = [terms[k].parameters["tau"] for k in dictionary.terms if terms[k].family == "warm_up"]
+    return float(str(found[0])) if found else None
+
+
+def with_tau(dictionary: Dictionary, terms: Sequence[Term], tau: float) -> Dictionary:
+    """The same dictionary with another time constant of warm-up."""
+    warm = [k for k, term in enumerate(terms) if term.family == "warm_up" and term.parameters["tau"] == tau]
+    places = dictionary.terms.copy()
+    places[[terms[k].family == "warm_up" for k in places]] = warm
+    return replace(dictionary, terms=places)
 
 
 def _word(family: str, highest: int) -> str:

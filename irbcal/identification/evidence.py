@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats
 from irbcal.identification.dictionaries import Dictionary
@@ -31,6 +31,8 @@ from irbcal.units import MM
 
 COMPARED = 3000
 """Poses on which dictionaries are compared at most; those with weight are fitted to all."""
+GIVE_UP = 80.0
+"""Nats below the best dictionary at which another one can have no weight, with room for what iterations still gain."""
 READINGS_GATE = 1.5
 """Factor by which the residuals must fall for readings to count as taken before the arm stood still."""
 
@@ -137,7 +139,9 @@ class _Work:
         elapsed = self.motion.elapsed
         span = 0.0 if elapsed is None else float(np.ptp(elapsed))
         self.taus = [share * span for share in SHARES] if span > 0.0 else []
-        self.superset: list[Term] = dictionaries.superset(self.arm, bool(self.motion.moves.any()), payload, self.taus)
+        self.superset: list[Term] = dictionaries.superset(
+            self.arm, self.kind, bool(self.motion.moves.any()), payload, self.taus
+        )
         self.readings_gain: float | None = None
         if self.motion.readings and self.motion.moves.any():
             self.readings_gain = self._try_projection(geometry)
@@ -149,8 +153,7 @@ class _Work:
             motion = self.motion.select(chosen)
         self.linear = Linearisation(problem, self.state, motion, self.superset, self.project)
         self.sums: Sums = self.linear.sums()
-        self.tau = self._best_tau() if self.taus else None
-        self.dictionaries = dictionaries.dictionaries(self.superset, self.kind, self.tau)
+        self.dictionaries = dictionaries.dictionaries(self.superset, self.kind, self.taus[-1] if self.taus else None)
 
     def _compared_rows(self) -> np.ndarray | None:
         if self.points.poses <= COMPARED:
@@ -172,34 +175,40 @@ class _Work:
         self.project = bool(sizes[0] > READINGS_GATE * sizes[1])
         return float(sizes[0] / sizes[1])
 
-    def _fit(self, dictionary: Dictionary, sums: Sums, t: float, start: Posterior | None = None) -> Posterior:
+    def _fit(
+        self, dictionary: Dictionary, sums: Sums, t: float, start: Posterior | None = None, give_up: float = -np.inf
+    ) -> Posterior:
         part = sums.part(dictionary.columns(self.linear.flat))
-        if start is None:
-            return mackay.fit(part, self.linear.flat, dictionary.group, dictionary.caps, t)
-        return mackay.fit(part, self.linear.flat, dictionary.group, dictionary.caps, t, start.variances, start.s2)
-
-    def _best_tau(self) -> float:
-        """Time constant of warm-up with the largest log evidence beside the joint map's low terms."""
-        names = ["gravity", "gain", "payload", "harmonics", "direction", "move", "warm_up"]
-        t = mackay.evidence_temper(self.linear.per_pose)
-        start: Posterior | None = None
-        values = []
-        for tau in self.taus:
-            start = self._fit(dictionaries.make(self.superset, names, 2, tau), self.sums, t, start)
-            values.append(start.log_evidence)
-        return self.taus[int(np.argmax(values))]
+        v, s2 = (None, None) if start is None else (start.variances, start.s2)
+        return mackay.fit(part, self.linear.flat, dictionary.group, dictionary.caps, t, v, s2, give_up=give_up)
 
     def compare(self) -> None:
         """Log evidence and weight of every dictionary; fits of those with weight."""
         t = mackay.evidence_temper(self.linear.per_pose)
+        best = -np.inf
         for dictionary in self.dictionaries:
-            self.compared.append(_Compared(dictionary, self._fit(dictionary, self.sums, t)))
+            item = _Compared(dictionary, self._fit(dictionary, self.sums, t, give_up=best - GIVE_UP))
+            if item.by_evidence.log_evidence > best - GIVE_UP:
+                self._choose_tau(item, t)
+            self.compared.append(item)
+            best = max(best, item.by_evidence.log_evidence)
         evidences = np.array([item.by_evidence.log_evidence for item in self.compared])
         shares = dictionaries.weights(evidences, [d.bands for d in self.dictionaries])
         for item, share in zip(self.compared, shares, strict=True):
             item.weight = float(share)
             if share > 0.0:
                 item.by_fit = self._fit(item.dictionary, self.sums, self._temper, item.by_evidence)
+
+    def _choose_tau(self, item: _Compared, t: float) -> None:
+        """The time constant of a dictionary's warm-up with the largest log evidence, from the longest downwards."""
+        if dictionaries.tau_of(item.dictionary, self.superset) is None:
+            return
+        for tau in reversed(self.taus[:-1]):
+            other = dictionaries.with_tau(item.dictionary, self.superset, tau)
+            found = self._fit(other, self.sums, t, item.by_evidence)
+            if found.log_evidence <= item.by_evidence.log_evidence:
+                break
+            item.dictionary, item.by_evidence = other, found
 
     @property
     def _temper(self) -> float:
@@ -226,11 +235,13 @@ class _Work:
         union = np.unique(np.concatenate([item.dictionary.terms for item in kept]))
         linear = Linearisation(self.problem, self.state, self.motion, [self.superset[k] for k in union], self.project)
         flat, width = linear.flat, linear.flat + len(union)
-        sums = linear.sums() if found or len(self.motion) != len(self.linear.motion) else self.sums.part(
-            np.concatenate([np.arange(flat), flat + union])
+        sums = (
+            linear.sums()
+            if found or len(self.motion) != len(self.linear.motion)
+            else self.sums.part(np.concatenate([np.arange(flat), flat + union]))
         )
         mean, second = np.zeros(width), np.zeros((width, width))
-        u_pose, u_block = 0.0, 0.0
+        u_pose, u_block = np.zeros((self.problem.rows, 3)), np.zeros((self.problem.rows, 3))
         for item in kept:
             columns = np.concatenate([np.arange(flat), flat + np.searchsorted(union, item.dictionary.terms)])
             fit = item.by_fit
@@ -246,7 +257,7 @@ class _Work:
             item.by_fit, item.loo = fit, _of_points(u, self.points)[""]
             u_pose, u_block = u_pose + item.weight * u, u_block + item.weight * v
         covariance = second - np.outer(mean, mean)
-        return self._result(linear, kept, mean, covariance, np.asarray(u_pose), np.asarray(u_block), found)
+        return self._result(linear, kept, mean, covariance, u_pose, u_block, found)
 
     def _result(
         self,
@@ -283,7 +294,7 @@ class _Work:
             gears=tuple(GearFound(f.joint, f.cycles, f.chi2, f.evidence_gain) for f in found),
             joint_ranges=np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)]),
             kind=self.kind,
-            tau=self.tau,
+            tau=dictionaries.tau_of(max(kept, key=lambda item: item.weight).dictionary, self.superset),
             poses=len(self.motion),
             readings_gain=self.readings_gain,
             readings_projected=self.project,

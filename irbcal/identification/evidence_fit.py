@@ -199,9 +199,7 @@ class EvidenceFit:
             for k, term in enumerate(self.terms)
             if term.family != "geometry" and not (warm and term.family == "warm_up")
         ]
-        return TermMap(
-            self.nominal, tuple(self.terms[k] for k in rows), self.coefficients[rows], self.std[rows]
-        )
+        return TermMap(self.nominal, tuple(self.terms[k] for k in rows), self.coefficients[rows], self.std[rows])
 
     def constants(self) -> dict[str, tuple[float, float]]:
         """Constants of the geometry by their names in the DHM table with standard deviations, rad and m."""
@@ -268,7 +266,8 @@ class EvidenceFit:
             rows = slice(start, start + BLOCK)
             p, J = self._jacobian(motion.select(rows), name, history_unknown=previous is None)
             position[rows] = p.T @ R.T + self.T_world_base[:3, 3]
-            spread = np.einsum("kcm,kdm->mcd", np.einsum("kl,lcm->kcm", C, J), J)
+            CJ = (C @ J.reshape(len(C), -1)).reshape(J.shape)
+            spread = CJ.transpose(2, 1, 0) @ J.transpose(2, 0, 1)
             covariance[rows] = R @ spread @ R.T
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         interval = COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0)

@@ -99,7 +99,8 @@ class _Reduced:
         cross = np.concatenate([wave.T @ self.KJ[i] for i, wave in taken])
         right = np.concatenate([self.Ky[i] @ wave for i, wave in taken])
         own = np.block([[(a.T * self.KK[i, j]) @ b for j, b in taken] for i, a in taken])
-        return Sums(np.block([[sums.H, cross.T], [cross, own]]), np.concatenate([sums.g, right]), sums.yy, sums.equations)
+        H = np.block([[sums.H, cross.T], [cross, own]])
+        return Sums(H, np.concatenate([sums.g, right]), sums.yy, sums.equations)
 
 
 def scan(
@@ -111,7 +112,8 @@ def scan(
 ) -> list[Found]:
     """Take the strongest frequency while it is beyond chance and the log evidence grows.
 
-    Beyond chance: ``chi2 > 2 ln(frequencies x joints) + 4``, a pose counted as one vector as in the log evidence.
+    Beyond chance: ``chi2 > 2 ln(frequencies x joints) + 4``, of the residuals of the fit, a pose counted as one vector
+    as in the log evidence.
 
     Parameters
     ----------
@@ -138,13 +140,13 @@ def scan(
     out: list[Found] = []
     group, caps = dictionary.group, dictionary.caps
     while len(out) < MOST:
-        strength = reduced.chi2(cycles.astype(float), pairs, by_evidence)
+        strength = (by_evidence.temper / by_fit.temper) * reduced.chi2(cycles.astype(float), pairs, by_fit)
         for place, c in pairs:
             strength[place, c - LOWEST] = 0.0
-        place, column = np.unravel_index(int(strength.argmax()), strength.shape)
+        place, column = divmod(int(strength.argmax()), strength.shape[1])
         if strength[place, column] <= limit:
             break
-        trial = [*pairs, (int(place), int(cycles[column]))]
+        trial = [*pairs, (place, int(cycles[column]))]
         wide = reduced.extended(sums, trial)
         group, caps = np.concatenate([group, [len(caps)] * 2]), np.append(caps, mackay.CAP)
         fits = [
@@ -155,7 +157,7 @@ def scan(
         if gain <= 0.0:
             break
         pairs, (by_evidence, by_fit) = trial, fits
-        found = Found(joints[int(place)], int(cycles[column]), float(strength[place, column]), float(gain))
+        found = Found(joints[place], int(cycles[column]), float(strength[place, column]), float(gain))
         out.append(found)
         if progress is not None:
             progress(f"joint {found.joint + 1}: {found.cycles} per turn (log evidence +{gain:.1f})")

@@ -1,9 +1,9 @@
 """All terms linearised once about the geometry solution; sums for any choice of them.
 
-Residuals and derivatives are in millimetres: the log evidence depends on that unit. Columns are ordered: base and targets
-(*flat*, without prior: turns count in units of ten radians, shifts in millimetres), then the terms, each for one natural
-size of its coefficient. The target of the linear model is the residual of the nominal constants, so that the coefficients
-of the geometry are counted from the nominal arm, as its prior is.
+Residuals and derivatives are in millimetres: the log evidence depends on that unit. Columns are ordered: base and
+targets (*flat*, without prior: turns count in units of ten radians, shifts in millimetres), then the terms, each for
+one natural size of its coefficient. The target of the linear model is the residual of the nominal constants, so that the
+coefficients of the geometry are counted from the nominal arm, as its prior is.
 """
 
 from __future__ import annotations
@@ -193,13 +193,14 @@ class Linearisation:
 
     def sums(self, columns: IntArray | None = None) -> Sums:
         """Sums over all poses of some columns, all unless given."""
-        H, g, yy, equations = 0.0, 0.0, 0.0, 0
+        k = self.flat + len(self.terms) if columns is None else len(columns)
+        H, g, yy, equations = np.zeros((k, k)), np.zeros(k), 0.0, 0
         for block in self.blocks(columns):
-            H = H + block.J @ block.J.T
-            g = g + block.J @ block.y
+            H += block.J @ block.J.T
+            g += block.J @ block.y
             yy += float(block.y @ block.y)
             equations += len(block.y) - (len(np.unique(block.pose)) if self.project else 0)
-        return Sums(np.asarray(H), np.asarray(g), yy, equations)
+        return Sums(H, g, yy, equations)
 
     def moved(self, coefficients: FloatArray) -> State:
         """The state with base, targets and geometry as some coefficients say (columns: flat, geometry, …)."""
@@ -247,7 +248,9 @@ def flat_columns(problem: Problem, tip: FloatArray, p: FloatArray, target: IntAr
     return out
 
 
-def geometry_problem(arm: Arm, points: PointSet, geometry: Sequence[Term], known: dict[str, FloatArray] | None) -> Problem:
+def geometry_problem(
+    arm: Arm, points: PointSet, geometry: Sequence[Term], known: dict[str, FloatArray] | None
+) -> Problem:
     """The problem whose error parameters are the geometry's terms.
 
     Raises

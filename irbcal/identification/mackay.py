@@ -1,7 +1,7 @@
 """Evidence: coefficients with one prior variance a group, and those variances from the data (MacKay's fixed point).
 
-The model is ``y = J c + noise`` with noise of variance ``s2 / t`` a coordinate, prior ``N(0, v_g)`` on the coefficients of
-group g, none on the flat columns. ``t`` (tempering) says how much a coordinate counts: those of one pose are not
+The model is ``y = J c + noise`` with noise of variance ``s2 / t`` a coordinate, prior ``N(0, v_g)`` on the coefficients
+of group g, none on the flat columns. ``t`` (tempering) says how much a coordinate counts: those of one pose are not
 independent. All lengths in millimetres, coefficients in units of their natural sizes.
 """
 
@@ -21,6 +21,8 @@ CAP, GEOMETRY_CAP = 4.0, 400.0
 PRIOR_C2, PRIOR_GAMMA = 0.002, 0.2
 """What keeps a group's variance from zero: ``v = (|c|^2 + .002) / (gamma + .2)``."""
 ITERATIONS = 60
+EARLY = 5
+"""Iterations after which the log evidence is known within some nats."""
 TOLERANCE = 0.02
 """Change of the log evidence in an iteration after which it has converged, nats."""
 
@@ -74,6 +76,7 @@ def fit(
     s2: float | None = None,
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
+    give_up: float = -np.inf,
 ) -> Posterior:
     """Iterate to the variances that make the data most probable.
 
@@ -93,6 +96,8 @@ def fit(
     tolerance : float
         Of the log evidence, nats.
     iterations : int
+    give_up : float
+        Log evidence; a fit that is below it after `EARLY` iterations is not brought to its end.
 
     Returns
     -------
@@ -123,7 +128,7 @@ def fit(
         evidence += 0.5 * (flat * np.log(2 * np.pi) - float(counts @ np.log(v)))
         diagonal = (scale * scale * np.einsum("ij,ij->j", whitened, whitened))[flat:]
         gammas = counts - np.bincount(group, diagonal, len(caps)) / v
-        if abs(evidence - last) < tolerance or iteration == iterations:
+        if abs(evidence - last) < tolerance or iteration == iterations or (iteration == EARLY and evidence < give_up):
             break
         last = evidence
         v = np.minimum((np.bincount(group, c[flat:] ** 2, len(caps)) + PRIOR_C2) / (gammas + PRIOR_GAMMA), caps)

@@ -4,9 +4,9 @@ r"""Kinematics with frame terms: every joint's frame makes a small motion before
 
     T(q) = T_base_0 . prod_i [ F_i . Trans(xi_t,i) . Exp(xi_r,i) . Rot_z(theta_i + q_i) . Trans_z(d_i) ] . T_last_tip
 
-``F_i = Rot_x(alpha_i) Trans_x(a_i) Rot_y(beta_i) Trans_y(b_i)`` is the joint's frame in the DHM table; the constants of the
-family geometry are errors of that table, so that ``xi`` holds frame terms only. ``q_i`` is the effective joint: terms
-about the joint's own axis are in it. Batches of poses, no loop over them; all axes and points in the base link.
+``F_i = Rot_x(alpha_i) Trans_x(a_i) Rot_y(beta_i) Trans_y(b_i)`` is the joint's frame in the DHM table; the constants of
+the family geometry are errors of that table, so that ``xi`` holds frame terms only. ``q_i`` is the effective joint:
+terms about the joint's own axis are in it. Batches of poses, no loop over them; all axes and points in the base link.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 r"""Gravity: the joints give way under the weight of the links, without a mass being known.
 
-The torque about an axis ``a`` of joint ``j`` of a mass fixed to link ``k`` is linear in three vectors fixed to that link::
+The torque about an axis ``a`` of joint ``j`` of a mass on link ``k`` is linear in three vectors fixed to that link::
 
     phi = a_j . (R_k e_b x g^),    k >= j,  b = x, y, z
 
-with ``g^`` the direction of gravity: whatever masses and compliances are, the joint's deflection is a sum of these. Kept
-are those that are linearly independent of one another and of a constant on 400 random poses; the constant is the joint's
-offset (for frame terms: part of its geometry).
+with ``g^`` the direction of gravity: whatever masses and compliances are, the joint's deflection is a sum of these.
+Kept are those that are linearly independent of one another and of a constant on 400 random poses; the constant is the
+joint's offset (for frame terms: part of its geometry).
 """
 
 from __future__ import annotations

@@ -80,9 +80,7 @@ class Payload(Family):
     def terms(self, arm: Arm) -> list[Term]:
         """One term a revolute joint."""
         parameters = {"place": self.place}
-        return [
-            Term(j, "rz", "payload", SIZE, self.name, self.name, "rad/(N m)", parameters) for j in revolute(arm)
-        ]
+        return [Term(j, "rz", "payload", SIZE, self.name, self.name, "rad/(N m)", parameters) for j in revolute(arm)]
 
 
 FAMILY = Payload()

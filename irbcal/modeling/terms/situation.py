@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -89,8 +89,11 @@ class Motion:
 
     def select(self, keep: BoolArray | slice | np.ndarray) -> Motion:
         """The stops that a mask, slice or list of rows keeps."""
-        parts = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Motion(**{k: v[keep] if isinstance(v, np.ndarray) else v for k, v in parts.items()})
+
+        def part(value: FloatArray | None) -> FloatArray | None:
+            return None if value is None else value[keep]
+
+        return Motion(self.q[keep], part(self.move), part(self.elapsed), part(self.payload_kg), self.readings)
 
 
 class Situation:
@@ -143,7 +146,7 @@ class Situation:
 
     @cached_property
     def turning(self) -> FloatArray:
-        """z axes of revolute joints, zero for prismatic ones, shape (joints, 3, n)."""
+        """Axes z of revolute joints, zero for prismatic ones, shape (joints, 3, n)."""
         return np.where(self.arm.table.prismatic[:, None, None], 0.0, self._chain.z)
 
     def spin(self, dq: FloatArray) -> FloatArray:

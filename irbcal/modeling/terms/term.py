@@ -1,8 +1,8 @@
 """One term of the error model: which joint's frame moves along which axis, by what function of the motion.
 
-Before joint ``i`` turns, its frame makes a small motion ``xi_i``: a sum of terms, each a coefficient times a function of
-the motion along one of six axes (`AXES`) of that frame. Terms about the joint's own axis are the joint map; the others
-are frame terms, which URDF cannot carry.
+Before joint ``i`` turns, its frame makes a small motion ``xi_i``: a sum of terms, each a coefficient times a function
+of the motion along one of six axes (`AXES`) of that frame. Terms about the joint's own axis are the joint map; the
+others are frame terms, which URDF cannot carry.
 
 A *basis* is such a function with its derivatives; a *family* is a list of terms that belong together, made for an arm.
 Each module of this package but the machinery holds one family, see `irbcal.modeling.terms.families`.

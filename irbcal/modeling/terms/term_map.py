@@ -233,7 +233,8 @@ class TermMap:
             own = 5 if slides else 2
             axis = path.z[j][:, pose]
             columns[j, own] = axis if slides else np.cross(axis, p - path.o[j][:, pose], axis=0)
-        return term_columns(self.terms, columns, basis_values(self.terms, Situation(self.arm, motion, self.gravity)), pose)
+        values = basis_values(self.terms, Situation(self.arm, motion, self.gravity))
+        return term_columns(self.terms, columns, values, pose)
 
     def to_json(self, ranges: FloatArray | None = None, test_motion: Motion | None = None) -> dict[str, Any]:
         """The map as a JSON object.

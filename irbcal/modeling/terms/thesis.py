@@ -12,7 +12,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import gravity, harmonics
 from irbcal.modeling.terms.situation import Motion, Situation
-from irbcal.modeling.terms.term import Family, Term
+from irbcal.modeling.terms.term import Family, Term, Value
 
 
 class Thesis(Family):
@@ -33,7 +33,7 @@ class Thesis(Family):
         out = []
         for link, phase, also in ((1, phases[0], ()), (2, phases[1], (2,))):
             vector = here.after[link, :, :, 0] @ (np.cos(phase) * up + np.sin(phase) * side)
-            parameters = {"link": link + 1, "vector": tuple(float(v) for v in vector)}
+            parameters: dict[str, Value] = {"link": link + 1, "vector": tuple(float(v) for v in vector)}
             group = f"{self.name}_stiffness"
             out.append(Term(1, "rz", "gravity", gravity.SIZE, group, self.name, "rad", parameters, also))
         for k in (1, 2):

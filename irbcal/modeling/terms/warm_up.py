@@ -15,8 +15,8 @@ from irbcal.units import MM
 SIZES = {"r": 1e-4, "t": 0.03 * MM}
 SHARES = (0.0625, 0.125, 0.25, 0.5)
 """Time constants that are compared, as shares of the time that the measurement took. None is longer than half of it:
-evidence alone may prefer more (0.8 on an IRB 120, by one nat), but a drift that is not over by the end is extrapolated to
-the warm arm, which took the held-out error there from 0.07 to 0.083 mm."""
+evidence alone may prefer more (0.8 on an IRB 120, by one nat), but a drift that is not over by the end is extrapolated
+to the warm arm, which took the held-out error there from 0.07 to 0.083 mm."""
 
 
 class Decay(Basis):
