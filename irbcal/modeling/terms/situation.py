@@ -114,6 +114,12 @@ class Situation:
         self.arm, self.motion = arm, motion
         self.gravity: FloatArray = np.asarray(gravity, dtype=float)
 
+    def shifted(self, dq: FloatArray) -> Situation:
+        """The situation with the joints (n, joints) moved on by a little, the stop before held."""
+        m = self.motion
+        motion = Motion(m.q + dq, m.moves + dq, m.elapsed, m.payload_kg, m.readings)
+        return Situation(self.arm, motion, (self.gravity[0], self.gravity[1], self.gravity[2]))
+
     @cached_property
     def _chain(self) -> dhm.ChainFrames:
         table = self.arm.table

@@ -25,6 +25,9 @@ from irbcal.modeling.terms.situation import Situation
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 """Rotations about and translations along the axes of a joint's frame, before the joint turns."""
 
+RATE_STEP = 1e-4
+"""Seconds: step of the differences that stand in for second derivatives."""
+
 Value: TypeAlias = int | float | str | tuple[float, ...]
 """A parameter of a basis: the frequency of a harmonic, the link of a gravity term, …"""
 
@@ -137,8 +140,12 @@ class Basis(ABC):
         """Derivative by the commanded joints, the stop before held, shape (terms, n, joints)."""
 
     def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
-        """Derivative of `slopes` along joint speeds ``dq`` (n, joints), shape (terms, n, joints); zero unless told."""
-        return np.zeros((len(terms), *here.motion.q.shape))
+        """Derivative of `slopes` along joint speeds ``dq`` (n, joints), shape (terms, n, joints).
+
+        By central differences where a basis has no better; exact for slopes that are constant.
+        """
+        ahead, behind = (self.slopes(terms, here.shifted(sign * RATE_STEP * dq)) for sign in (1.0, -1.0))
+        return (ahead - behind) / (2.0 * RATE_STEP)
 
 
 class Family(ABC):

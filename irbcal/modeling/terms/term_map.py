@@ -244,7 +244,7 @@ class TermMap:
         ranges : ndarray, shape (2, joints), optional
             Smallest and largest joints of the fit, radians (metres).
         test_motion : Motion, optional
-            Stops whose effective joints are written as test vectors.
+            Stops whose effective joints are written as test vectors, those of the warm arm.
         """
         std = np.full(len(self.terms), np.nan) if self.std is None else self.std
         entries = [t.to_json(c, s) for t, c, s in zip(self.terms, self.coefficients, std, strict=True)]
@@ -253,7 +253,8 @@ class TermMap:
         if ranges is not None:
             out["ranges"] = np.asarray(ranges).tolist()
         if test_motion is not None:
-            effective, moves = self.effective(test_motion), test_motion.moves
+            moves = test_motion.moves
+            effective = self.effective(Motion(test_motion.q, moves, payload_kg=test_motion.payload_kg))
             loads = np.zeros(len(test_motion)) if test_motion.payload_kg is None else test_motion.payload_kg
             out["test_vectors"] = [
                 {"q": q.tolist(), "previous_q": (q - d).tolist(), "payload_kg": float(m), "effective": e.tolist()}
