@@ -2,8 +2,8 @@
 
 Residuals and derivatives are in millimetres: the log evidence depends on that unit. Columns are ordered: base and
 targets (*flat*, without prior: turns count in units of ten radians, shifts in millimetres), then the terms, each for
-one natural size of its coefficient. The target of the linear model is the residual of the nominal constants, so that the
-coefficients of the geometry are counted from the nominal arm, as its prior is.
+one natural size of its coefficient. The target of the linear model is the residual of the nominal constants, so that
+the coefficients of the geometry are counted from the nominal arm, as its prior is.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 r"""Readings that were taken as the motion ended, before the arm stood still.
 
 A controller's readings may lag behind the programmed joints by a share of the last move, one number for all joints of a
-pose: ``reading = command - s_n D_n``. Where the programmed joints are not known, an identification leaves ``s_n`` free in
-each pose (`irbcal.identification.linearisation.Linearisation`, ``project``), and its model is right at programmed joints.
-To predict at *readings*, ``s_n`` is found from the residuals of the fitted poses and regressed on what is known of a move.
+pose: ``reading = command - s_n D_n``. Where the programmed joints are not known, an identification leaves ``s_n`` free
+in each pose (`irbcal.identification.linearisation.Linearisation`, ``project``), and its model is right at programmed
+joints. To predict at *readings*, ``s_n`` is found from the residuals of the fitted poses and regressed on what is known
+of a move.
 """
 
 from __future__ import annotations

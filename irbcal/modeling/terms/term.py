@@ -79,7 +79,7 @@ class Term:
     @property
     def name(self) -> str:
         """Short name, unique within a model: ``rz4 cos 242`` (joints counted from 1)."""
-        values = [" ".join(f"{v:.3g}" for v in x) if isinstance(x, tuple) else str(x) for x in self.parameters.values()]
+        values = [_short(x) for x in self.parameters.values()]
         joints = "+".join(str(j + 1) for j in (self.joint, *self.also))
         return " ".join([f"{self.axis}{joints}", self.basis, *values])
 
@@ -124,6 +124,12 @@ class Term:
         size = float(rest.pop("size", 1.0))
         parameters = {key: tuple(value) if isinstance(value, list) else value for key, value in rest.items()}
         return Term(joint, axis, basis, size, group, family, unit, parameters, also), coefficient, std
+
+
+def _short(value: Value) -> str:
+    if isinstance(value, tuple):
+        return " ".join(f"{v:.3g}" for v in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 class Basis(ABC):

@@ -17,7 +17,11 @@ class Wobble(Family):
     name = "wobble"
 
     def terms(self, arm: Arm) -> list[Term]:
-        """Twenty terms a revolute joint; a variance for each joint, order, and for tilts and shifts."""
+        """Twenty terms a revolute joint; a variance for each joint, order, and for tilts and shifts.
+
+        Of the divisions that were tried on an IRB 120 (by joint, by tilts and shifts, by axis, by order), this one
+        gives the log evidence that the method was developed with.
+        """
         units = {"r": "rad", "t": "m"}
         return [
             term

@@ -153,7 +153,11 @@ def test_forward_kinematics_is_the_product_of_transforms():
             row = model.table
             T = T @ frames.transform(frames.rot_x(row.alpha[i])) @ frames.transform(None, [row.a[i], 0, 0])
             T = T @ frames.transform(frames.rot_y(row.beta[i]), [0, row.b[i], 0])
-            T = T @ frames.transform(None, xi[n, i, 3:]) @ frames.transform(Rotation.from_rotvec(xi[n, i, :3]).as_matrix())
+            T = (
+                T
+                @ frames.transform(None, xi[n, i, 3:])
+                @ frames.transform(Rotation.from_rotvec(xi[n, i, :3]).as_matrix())
+            )
             T = T @ frames.transform(frames.rot_z(row.theta[i] + effective[n, i]), None)
             T = T @ frames.transform(None, [0, 0, row.d[i]])
         expected[n] = T @ model.T_last_tip
@@ -175,7 +179,9 @@ def test_jacobian_of_points_by_coefficients():
     rng = np.random.default_rng(2)
     for _ in range(6):  # in random directions of all coefficients together
         step = np.array([t.size for t in found.terms]) * rng.standard_normal(len(found.terms))
-        numeric = central_differences(lambda s, step=step: points(found.coefficients + s[0] * step).ravel(), [0.0], 1e-2)
+        numeric = central_differences(
+            lambda s, step=step: points(found.coefficients + s[0] * step).ravel(), [0.0], 1e-2
+        )
         expected = numeric.reshape(3, -1)
         assert np.abs(np.einsum("kcm,k->cm", J, step) - expected).max() < 1e-8 * np.abs(expected).max()
 
