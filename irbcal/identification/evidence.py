@@ -1,0 +1,356 @@
+"""Identification by evidence: many choices of terms, each with its prior variances from the data, averaged.
+
+The largest model that data support is not chosen but weighed: every dictionary is fitted in one linearisation about the
+geometry solution, and coefficients, base and targets are averaged with weights from the log evidence. What the data do
+not show shrinks to nothing and keeps its prior's standard deviation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.errors import IdentificationError
+from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats
+from irbcal.identification.dictionaries import Dictionary
+from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit, GearFound, GroupResult
+from irbcal.identification.linearisation import Linearisation
+from irbcal.identification.mackay import Posterior
+from irbcal.identification.sums import Sums
+from irbcal.measurement.points import PointSet
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms.gear import gear_terms
+from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.warm_up import SHARES
+from irbcal.units import MM
+
+COMPARED = 3000
+"""Poses on which dictionaries are compared at most; those with weight are fitted to all."""
+GIVE_UP = 80.0
+"""Nats below the best dictionary at which another one can have no weight, with room for what iterations still gain."""
+READINGS_GATE = 1.5
+"""Factor by which the residuals must fall for readings to count as taken before the arm stood still."""
+
+Progress = Callable[[str], None]
+
+
+def identify_evidence(
+    arm: Arm,
+    points: PointSet,
+    motion: Motion | None = None,
+    *,
+    terms: str = dictionaries.JOINT_MAP,
+    gear_scan: bool = True,
+    seed: int = 0,
+    known_targets: dict[str, FloatArray] | None = None,
+    payload_place: Sequence[float] = (0.0, 0.0, 0.0),
+    progress: Progress | None = None,
+) -> EvidenceFit:
+    """Identify base, targets and the averaged terms.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    points : PointSet
+        Its joints are not used: those of the motion are.
+    motion : Motion, optional
+        Programmed joints, last moves, time and payload of the points' poses; the points' own joints without history
+        unless given.
+    terms : str
+        ``joint-map`` or ``all``, see `irbcal.identification.dictionaries`.
+    gear_scan : bool
+        Look for single high harmonics.
+    seed : int
+        Of the poses on which dictionaries are compared where there are more than `COMPARED`.
+    known_targets : dict of str to ndarray, shape (3,), optional
+        Targets whose places in the tip link are known, metres.
+    payload_place : sequence of three float
+        Centre of the payload in the tip link, metres.
+    progress : callable, optional
+        Called with a short text at each step.
+
+    Returns
+    -------
+    EvidenceFit
+
+    Raises
+    ------
+    IdentificationError
+        If the data do not allow it, or ``terms`` is not one of the two.
+    """
+    if terms not in (dictionaries.JOINT_MAP, dictionaries.ALL):
+        raise IdentificationError(f"terms are {dictionaries.JOINT_MAP} or {dictionaries.ALL}, not {terms!r}")
+    say = progress or (lambda text: None)
+    motion = Motion(points.q) if motion is None else motion
+    if motion.q.shape != points.q.shape:
+        raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
+    points, motion = repeats.averaged(replace(points, q=np.array(motion.q)), motion)
+    work = _Work(arm, points, motion, terms, known_targets, payload_place, seed)
+    say("fitting the geometry")
+    work.prepare()
+    say(f"comparing {len(work.dictionaries)} choices of terms")
+    work.compare()
+    found = work.scan(say) if gear_scan else []
+    say("averaging")
+    return work.average(found)
+
+
+@dataclass(eq=False)
+class _Compared:
+    """A dictionary with its fits."""
+
+    dictionary: Dictionary
+    by_evidence: Posterior
+    weight: float = 0.0
+    by_fit: Posterior | None = None
+    loo: float | None = None
+
+
+class _Work:
+    """The steps of an identification, in their order."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        points: PointSet,
+        motion: Motion,
+        kind: str,
+        known: dict[str, FloatArray] | None,
+        payload_place: Sequence[float],
+        seed: int,
+    ) -> None:
+        self.arm, self.points, self.motion, self.kind = arm, points, motion, kind
+        self.known, self.payload_place, self.seed = known, payload_place, seed
+        self.project = False
+        self.compared: list[_Compared] = []
+
+    def prepare(self) -> None:
+        """Geometry solution, superset of terms and, where there are readings only, whether they lag behind."""
+        geometry = GEOMETRY.terms(self.arm)
+        self.problem = linearisation.geometry_problem(self.arm, self.points, geometry, self.known)
+        loads = self.motion.payload_kg
+        payload = self.payload_place if loads is not None and len(np.unique(loads)) > 1 else None
+        elapsed = self.motion.elapsed
+        span = 0.0 if elapsed is None else float(np.ptp(elapsed))
+        self.taus = [share * span for share in SHARES] if span > 0.0 else []
+        self.superset: list[Term] = dictionaries.superset(
+            self.arm, self.kind, bool(self.motion.moves.any()), payload, self.taus
+        )
+        self.readings_gain: float | None = None
+        if self.motion.readings and self.motion.moves.any():
+            self.readings_gain = self._try_projection(geometry)
+        self.state = linearisation.geometry_solution(self.problem, self.motion, geometry, self.project)
+        chosen = self._compared_rows()
+        problem, motion = self.problem, self.motion
+        if chosen is not None:
+            problem = linearisation.at_poses(problem, self.points.select(chosen))
+            motion = self.motion.select(chosen)
+        self.linear = Linearisation(problem, self.state, motion, self.superset, self.project)
+        self.sums: Sums = self.linear.sums()
+        self.dictionaries = dictionaries.dictionaries(self.superset, self.kind, self.taus[-1] if self.taus else None)
+
+    def _compared_rows(self) -> np.ndarray | None:
+        if self.points.poses <= COMPARED:
+            return None
+        rows = np.zeros(self.points.poses, dtype=bool)
+        rows[np.random.default_rng(self.seed).permutation(self.points.poses)[:COMPARED]] = True
+        return rows
+
+    def _try_projection(self, geometry: list[Term]) -> float:
+        """By how much residuals fall if a share of the last move is taken from each pose; sets ``project``."""
+        sizes = []
+        for project in (False, True):
+            state = linearisation.geometry_solution(self.problem, self.motion, geometry, project)
+            linear = Linearisation(self.problem, state, self.motion, self.superset, project)
+            middle = dictionaries.make(self.superset, ["gravity", "gain", "harmonics"], 2, None)
+            sums = linear.sums(middle.columns(linear.flat))
+            t = mackay.fit_temper(linear.per_pose)
+            sizes.append(np.sqrt(mackay.fit(sums, linear.flat, middle.group, middle.caps, t).s2))
+        self.project = bool(sizes[0] > READINGS_GATE * sizes[1])
+        return float(sizes[0] / sizes[1])
+
+    def _fit(
+        self, dictionary: Dictionary, sums: Sums, t: float, start: Posterior | None = None, give_up: float = -np.inf
+    ) -> Posterior:
+        part = sums.part(dictionary.columns(self.linear.flat))
+        v, s2 = (None, None) if start is None else (start.variances, start.s2)
+        return mackay.fit(part, self.linear.flat, dictionary.group, dictionary.caps, t, v, s2, give_up=give_up)
+
+    def compare(self) -> None:
+        """Log evidence and weight of every dictionary; fits of those with weight."""
+        t = mackay.evidence_temper(self.linear.per_pose)
+        best = -np.inf
+        for dictionary in self.dictionaries:
+            item = _Compared(dictionary, self._fit(dictionary, self.sums, t, give_up=best - GIVE_UP))
+            if item.by_evidence.log_evidence > best - GIVE_UP:
+                self._choose_tau(item, t)
+            self.compared.append(item)
+            best = max(best, item.by_evidence.log_evidence)
+        evidences = np.array([item.by_evidence.log_evidence for item in self.compared])
+        shares = dictionaries.weights(evidences, [d.bands for d in self.dictionaries])
+        for item, share in zip(self.compared, shares, strict=True):
+            item.weight = float(share)
+            if share > 0.0:
+                item.by_fit = self._fit(item.dictionary, self.sums, self._temper, item.by_evidence)
+
+    def _choose_tau(self, item: _Compared, t: float) -> None:
+        """The time constant of a dictionary's warm-up with the largest log evidence, from the longest downwards."""
+        if dictionaries.tau_of(item.dictionary, self.superset) is None:
+            return
+        for tau in reversed(self.taus[:-1]):
+            other = dictionaries.with_tau(item.dictionary, self.superset, tau)
+            found = self._fit(other, self.sums, t, item.by_evidence)
+            if found.log_evidence <= item.by_evidence.log_evidence:
+                break
+            item.dictionary, item.by_evidence = other, found
+
+    @property
+    def _temper(self) -> float:
+        return mackay.fit_temper(self.linear.per_pose)
+
+    def scan(self, say: Progress) -> list[gear_scan.Found]:
+        """Frequencies beyond the best dictionary; their terms join the superset and all dictionaries with weight."""
+        best = max(self.compared, key=lambda item: item.weight)
+        if best.by_fit is None:
+            return []
+        part = self.sums.part(best.dictionary.columns(self.linear.flat))
+        found = gear_scan.scan(self.linear, best.dictionary, part, (best.by_evidence, best.by_fit), say)
+        terms = [term for item in found for term in gear_terms(item.joint, item.cycles)]
+        places = list(range(len(self.superset), len(self.superset) + len(terms)))
+        self.superset = [*self.superset, *terms]
+        for item in self.compared:
+            if item.weight > 0.0 and terms:
+                item.dictionary = item.dictionary.extended(places, [term.group for term in terms])
+        return found
+
+    def average(self, found: list[gear_scan.Found]) -> EvidenceFit:
+        """Fit the dictionaries with weight to all poses, once more with what the scan found, and average them."""
+        kept = [item for item in self.compared if item.weight > 0.0]
+        union = np.unique(np.concatenate([item.dictionary.terms for item in kept]))
+        linear = Linearisation(self.problem, self.state, self.motion, [self.superset[k] for k in union], self.project)
+        flat, width = linear.flat, linear.flat + len(union)
+        sums = (
+            linear.sums()
+            if found or len(self.motion) != len(self.linear.motion)
+            else self.sums.part(np.concatenate([np.arange(flat), flat + union]))
+        )
+        mean, second = np.zeros(width), np.zeros((width, width))
+        u_pose, u_block = np.zeros((self.problem.rows, 3)), np.zeros((self.problem.rows, 3))
+        for item in kept:
+            columns = np.concatenate([np.arange(flat), flat + np.searchsorted(union, item.dictionary.terms)])
+            fit = item.by_fit
+            if fit is None or sums is not self.sums:
+                fit = _refit(sums.part(columns), flat, item, self._temper)
+            c, C = np.zeros(width), np.zeros((width, width))
+            c[columns] = fit.c
+            C[np.ix_(columns, columns)] = fit.covariance
+            mean += item.weight * c
+            second += item.weight * (C + np.outer(c, c))
+            u, _ = leave_one_out.residuals(linear, columns, fit)
+            v, _ = leave_one_out.block_residuals(linear, columns, fit)
+            item.by_fit, item.loo = fit, _of_points(u, self.points)[""]
+            u_pose, u_block = u_pose + item.weight * u, u_block + item.weight * v
+        covariance = second - np.outer(mean, mean)
+        return self._result(linear, kept, mean, covariance, u_pose, u_block, found)
+
+    def _result(
+        self,
+        linear: Linearisation,
+        kept: list[_Compared],
+        mean: FloatArray,
+        covariance: FloatArray,
+        u_pose: FloatArray,
+        u_block: FloatArray,
+        found: list[gear_scan.Found],
+    ) -> EvidenceFit:
+        state = linear.moved(mean)
+        arm, _ = self.problem.model(state)
+        flat = linear.flat
+        names = self.points.target_names
+        fits = [item.by_fit for item in kept if item.by_fit is not None]
+        shares = np.array([item.weight for item in kept])
+        return EvidenceFit(
+            nominal=self.arm,
+            arm=arm,
+            terms=tuple(linear.terms),
+            coefficients=linear.sizes[flat:] * mean[flat:],
+            covariance=covariance * np.outer(linear.sizes, linear.sizes),
+            T_world_base=state.T_world_base,
+            targets=dict(zip(names, state.targets, strict=True)),
+            free_targets=tuple(names[k] for k in self.problem.free),
+            framed_targets=tuple(names[k] for k in self.problem.framed),
+            target_rotations={names[k]: state.rotations[k] for k in self.problem.framed},
+            sigma=float(np.sqrt(shares @ [fit.s2 for fit in fits])) * MM,
+            loo=_of_points(u_pose, self.points),
+            loo_blocks=_of_points(u_block, self.points),
+            dictionaries=tuple(self._table()),
+            groups=tuple(_groups(kept)),
+            gears=tuple(GearFound(f.joint, f.cycles, f.chi2, f.evidence_gain) for f in found),
+            joint_ranges=np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)]),
+            kind=self.kind,
+            tau=dictionaries.tau_of(max(kept, key=lambda item: item.weight).dictionary, self.superset),
+            poses=len(self.motion),
+            readings_gain=self.readings_gain,
+            readings_projected=self.project,
+        )
+
+    def _table(self) -> list[DictionaryResult]:
+        rows = []
+        for item in self.compared:
+            sigma = None if item.by_fit is None else float(np.sqrt(item.by_fit.s2)) * MM
+            rows.append(
+                DictionaryResult(
+                    item.dictionary.name,
+                    self.linear.flat + len(item.dictionary.terms),
+                    item.by_evidence.log_evidence,
+                    item.weight,
+                    sigma,
+                    item.loo,
+                    item.dictionary.bands,
+                )
+            )
+        return rows
+
+
+def _refit(sums: Sums, flat: int, item: _Compared, t: float) -> Posterior:
+    """The fit of a dictionary from the variances it had, new groups from one."""
+    old = item.by_fit or item.by_evidence
+    variances = np.ones(len(item.dictionary.groups))
+    variances[: len(old.variances)] = old.variances
+    return mackay.fit(sums, flat, item.dictionary.group, item.dictionary.caps, t, variances, old.s2)
+
+
+def _groups(kept: list[_Compared]) -> list[GroupResult]:
+    """How much of each group the data show, averaged over the dictionaries."""
+    totals: dict[str, list[float]] = {}
+    for item in kept:
+        fit = item.by_fit
+        if fit is None:
+            continue
+        counts = np.bincount(item.dictionary.group, minlength=len(item.dictionary.groups))
+        for name, gamma, v, count in zip(item.dictionary.groups, fit.gammas, fit.variances, counts, strict=True):
+            row = totals.setdefault(name, [0.0, 0.0, float(count)])
+            row[0] += item.weight * float(gamma)
+            row[1] += item.weight * float(v)
+    return [GroupResult(name, int(row[2]), row[0], float(np.sqrt(row[1]))) for name, row in totals.items()]
+
+
+def _of_points(u: FloatArray, points: PointSet) -> dict[str, float]:
+    """Root mean square length of leave-one-out residuals of each target and of all together (``""``), metres.
+
+    Rows are ordered by pose: positions, then orientations of a pose, which are left out.
+    """
+    oriented = points.oriented()
+    pose = np.concatenate([points.pose, points.pose[oriented]])
+    kind = np.concatenate([points.target, np.full(int(oriented.sum()), -1)])
+    kind = kind[np.argsort(pose, kind="stable")]
+    out = {"": leave_one_out.rms_length(u[kind >= 0]) * MM}
+    for k, name in enumerate(points.target_names):
+        out[name] = leave_one_out.rms_length(u[kind == k]) * MM
+    return out

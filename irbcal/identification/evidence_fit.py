@@ -1,0 +1,311 @@
+"""What an identification by evidence found: averaged terms, what is known of them, and predictions with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import IdentificationError
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.geometry import DHM_COLUMNS
+from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import BLOCK, TermMap, basis_values, term_columns
+from irbcal.units import DEG
+
+COVERAGE = 1.96
+"""Standard deviations of an interval that holds 95 % of a Gaussian's values."""
+HISTORY = ("direction", "share_of_move")
+"""Bases whose value is between -1 and 1, and unknown without the stop before."""
+
+
+@dataclass(frozen=True)
+class DictionaryResult:
+    """A choice of terms in the comparison.
+
+    Attributes
+    ----------
+    name : str
+    terms : int
+        Number of columns, base and targets included.
+    log_evidence : float
+        Nats, of residuals in millimetres; differences matter.
+    weight : float
+        In the average.
+    sigma, loo : float or None
+        Residual standard deviation of a coordinate and root mean square length of the leave-one-pose-out residuals,
+        metres; of dictionaries with weight only, as averaged.
+    bands : bool
+        Whether it has long series of harmonics.
+    """
+
+    name: str
+    terms: int
+    log_evidence: float
+    weight: float
+    sigma: float | None
+    loo: float | None
+    bands: bool
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """How much the data show of a group of terms.
+
+    Attributes
+    ----------
+    name : str
+    terms : int
+    seen : float
+        Number of its coefficients that the data determine (MacKay's gamma), averaged.
+    size : float
+        Prior standard deviation of its coefficients, in natural sizes.
+    """
+
+    name: str
+    terms: int
+    seen: float
+    size: float
+
+
+@dataclass(frozen=True)
+class GearFound:
+    """A single high harmonic that the scan found.
+
+    Attributes
+    ----------
+    joint : int
+        From 0.
+    cycles_per_turn : int
+    chi2 : float
+        By how much it explained what was left, two degrees of freedom.
+    evidence_gain : float
+        Nats.
+    """
+
+    joint: int
+    cycles_per_turn: int
+    chi2: float
+    evidence_gain: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Where a target will be.
+
+    Attributes
+    ----------
+    position : ndarray, shape (n, 3)
+        In the measuring frame, metres.
+    covariance : ndarray, shape (n, 3, 3)
+        Scatter of the parameters and disagreement of the dictionaries, m^2.
+    interval : ndarray, shape (n, 3)
+        Half-width that holds 95 % of a coordinate's errors: 1.96 times the root of the covariance's diagonal and a
+        third of the squared leave-one-out error, metres.
+    outside : ndarray of bool, shape (n,)
+        Whether a joint is outside the range of the fit, where high harmonics must not be trusted.
+    """
+
+    position: FloatArray
+    covariance: FloatArray
+    interval: FloatArray
+    outside: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class EvidenceFit:
+    """An identified robot as an average over choices of terms.
+
+    Attributes
+    ----------
+    nominal, arm : Arm
+        Nominal arm, and the one with the constants in its DHM table.
+    terms : tuple of Term
+        Union of the dictionaries with weight, geometry first.
+    coefficients : ndarray, shape (terms,)
+        Averaged, in the terms' units.
+    covariance : ndarray, shape (flat + terms, flat + terms)
+        Of base (turn, shift in the base link), free targets, target frames and coefficients, SI units; scatter within
+        and between dictionaries.
+    T_world_base : ndarray, shape (4, 4)
+    targets : dict of str to ndarray, shape (3,)
+        In the tip link, metres.
+    target_rotations : dict of str to ndarray, shape (3, 3)
+        Of targets that were measured with an orientation.
+    free_targets, framed_targets : tuple of str
+        Targets whose places, and frames, were identified: they have columns in the covariance.
+    sigma : float
+        Residual standard deviation of a coordinate, metres.
+    loo, loo_blocks : dict of str to float
+        Root mean square length of leave-one-pose-out residuals (of contiguous fifths of the poses) by target, ``""``
+        for all, metres.
+    dictionaries : tuple of DictionaryResult
+    groups : tuple of GroupResult
+    gears : tuple of GearFound
+    joint_ranges : ndarray, shape (2, joints)
+        Smallest and largest joints of the fit, radians (metres).
+    kind : str
+        ``joint-map`` or ``all``.
+    tau : float or None
+        Time constant of warm-up, in the unit of the motion's time.
+    poses : int
+        After averaging repeats.
+    readings_gain : float or None
+        Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
+    readings_projected : bool
+        Whether that was so much that readings were taken before the arm stood still.
+    """
+
+    nominal: Arm
+    arm: Arm
+    terms: tuple[Term, ...]
+    coefficients: FloatArray
+    covariance: FloatArray
+    T_world_base: FloatArray
+    targets: Mapping[str, FloatArray]
+    free_targets: tuple[str, ...]
+    framed_targets: tuple[str, ...]
+    target_rotations: Mapping[str, FloatArray]
+    sigma: float
+    loo: Mapping[str, float]
+    loo_blocks: Mapping[str, float]
+    dictionaries: tuple[DictionaryResult, ...]
+    groups: tuple[GroupResult, ...]
+    gears: tuple[GearFound, ...]
+    joint_ranges: FloatArray
+    kind: str
+    tau: float | None
+    poses: int
+    readings_gain: float | None = None
+    readings_projected: bool = False
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations of the coefficients, shape (terms,), in the terms' units."""
+        flat = len(self.covariance) - len(self.terms)
+        return np.sqrt(np.maximum(np.diagonal(self.covariance)[flat:], 0.0))
+
+    def term_map(self, warm: bool = True) -> TermMap:
+        """All terms but the constants; without the warm-up, which is zero at use, unless asked for."""
+        rows = [
+            k
+            for k, term in enumerate(self.terms)
+            if term.family != "geometry" and not (warm and term.family == "warm_up")
+        ]
+        return TermMap(self.nominal, tuple(self.terms[k] for k in rows), self.coefficients[rows], self.std[rows])
+
+    def constants(self) -> dict[str, tuple[float, float]]:
+        """Constants of the geometry by their names in the DHM table with standard deviations, rad and m."""
+        return {
+            f"delta_{DHM_COLUMNS[term.axis]}{term.joint + 1}": (float(value), float(std))
+            for term, value, std in zip(self.terms, self.coefficients, self.std, strict=True)
+            if term.family == "geometry"
+        }
+
+    def gear_sentences(self) -> list[str]:
+        """What the scan found, in words."""
+        by_name = {t.name: c for t, c in zip(self.terms, self.coefficients, strict=True)}
+        out = []
+        for gear in self.gears:
+            pair = [by_name[f"rz{gear.joint + 1} {wave} {gear.cycles_per_turn}"] for wave in ("cos", "sin")]
+            size = float(np.hypot(*pair))
+            out.append(
+                f"Joint {gear.joint + 1} swings by {size / DEG:.4f} degrees {gear.cycles_per_turn} times a turn "
+                f"(chi2 {gear.chi2:.0f})."
+            )
+        return out
+
+    def poses_at(self, q: FloatArray, previous: FloatArray | None = None) -> FloatArray:
+        """Tip poses in the base link at commanded joints (n, joints), shape (n, 4, 4)."""
+        return self.term_map().forward(self.arm, _motion(q, previous))
+
+    def predict(
+        self, q: FloatArray, previous: FloatArray | None = None, target: str | None = None, in_order: bool = False
+    ) -> Prediction:
+        """Position of a target, with what is known of it.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n, joints)
+            Commanded joints, radians (metres for prismatic joints).
+        previous : ndarray, shape (n, joints), optional
+            The stop before each. Without it the direction terms are zero, and their size joins the uncertainty.
+        target : str, optional
+            The first unless given.
+        in_order : bool
+            Whether the poses of the fit are a program in an order: contiguous blocks are left out in place of single
+            poses.
+
+        Returns
+        -------
+        Prediction
+
+        Raises
+        ------
+        IdentificationError
+            If there is no such target.
+        """
+        name = next(iter(self.targets)) if target is None else target
+        if name not in self.targets:
+            raise IdentificationError(f"unknown target {name!r}: this robot has {', '.join(self.targets)}")
+        motion = _motion(q, previous)
+        loo = (self.loo_blocks if in_order else self.loo)[name]
+        R = self.T_world_base[:3, :3]
+        position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
+        C = self.covariance
+        if previous is None:
+            C = C + np.diag(self._unknown_history())
+        for start in range(0, len(motion), BLOCK):
+            rows = slice(start, start + BLOCK)
+            p, J = self._jacobian(motion.select(rows), name, history_unknown=previous is None)
+            position[rows] = p.T @ R.T + self.T_world_base[:3, 3]
+            CJ = (C @ J.reshape(len(C), -1)).reshape(J.shape)
+            spread = CJ.transpose(2, 1, 0) @ J.transpose(2, 0, 1)
+            covariance[rows] = R @ spread @ R.T
+        variance = np.diagonal(covariance, axis1=1, axis2=2)
+        interval = COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0)
+        outside = ((motion.q < self.joint_ranges[0]) | (motion.q > self.joint_ranges[1])).any(axis=1)
+        return Prediction(position, covariance, interval, outside)
+
+    def _unknown_history(self) -> FloatArray:
+        """Variance that direction terms add to their column where the stop before is unknown, shape (flat + terms,)."""
+        flat = len(self.covariance) - len(self.terms)
+        squares = [c * c if t.basis in HISTORY else 0.0 for t, c in zip(self.terms, self.coefficients, strict=True)]
+        return np.concatenate([np.zeros(flat), squares])
+
+    def _jacobian(self, motion: Motion, target: str, history_unknown: bool) -> tuple[FloatArray, FloatArray]:
+        """Points in the base link (3, n) and their derivatives by all columns of the covariance, (columns, 3, n)."""
+        path = chain.walk(self.arm, *self.term_map().split(motion))
+        n = len(motion)
+        pose = np.arange(n)
+        p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], self.targets[target])
+        J = np.zeros((len(self.covariance), 3, n))
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            J[k, i], J[k, j] = -p[j], p[i]
+            J[3 + k, k] = 1.0
+        if target in self.free_targets:
+            slot = 6 + 3 * self.free_targets.index(target)
+            J[slot : slot + 3] = path.tip[:3]
+        flat = len(J) - len(self.terms)
+        values = basis_values(self.terms, Situation(self.nominal, motion))
+        if history_unknown:
+            values[[t.basis in HISTORY for t in self.terms]] = 1.0
+        constant = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
+        for part in (True, False):
+            rows = np.flatnonzero(constant == part)
+            columns = chain.point_columns(path, p, pose, part)
+            J[flat + rows] = term_columns([self.terms[k] for k in rows], columns, values[rows], pose)
+        return p, J
+
+
+def _motion(q: FloatArray, previous: FloatArray | None) -> Motion:
+    q = np.atleast_2d(np.asarray(q, dtype=float))
+    return Motion(q, None if previous is None else q - np.atleast_2d(np.asarray(previous, dtype=float)))

@@ -1,0 +1,164 @@
+"""Gear scan: which single high harmonic of which joint explains most of what a fit leaves, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.identification import mackay
+from irbcal.identification.dictionaries import Dictionary
+from irbcal.identification.linearisation import Linearisation
+from irbcal.identification.mackay import Posterior
+from irbcal.identification.sums import Sums
+from irbcal.modeling.terms.gear import HIGHEST, LOWEST, gear_terms
+from irbcal.modeling.terms.term import revolute
+
+MOST = 12
+"""Largest number of frequencies that are taken."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A frequency that the scan found.
+
+    Attributes
+    ----------
+    joint : int
+        From 0.
+    cycles : int
+        Cycles per turn.
+    chi2 : float
+        By how much it explains the residuals, two degrees of freedom.
+    evidence_gain : float
+        Nats.
+    """
+
+    joint: int
+    cycles: int
+    chi2: float
+    evidence_gain: float
+
+
+class _Reduced:
+    """What the scan needs of the data, summed over the rows of each pose once: axis columns against everything.
+
+    With ``k_jn`` the derivative of pose n's rows by joint j: ``KJ[j, n] = k_jn' J_n``, ``Ky[j, n] = k_jn' y_n`` and
+    ``KK[i, j, n] = k_in' k_jn``; a wave of the joint's angle then only multiplies poses.
+    """
+
+    def __init__(self, linear: Linearisation, columns: IntArray, joints: list[int]) -> None:
+        self.joints, self.q = joints, linear.motion.q
+        probes = [gear_terms(j, 0)[0] for j in joints]  # cos 0: the axis column itself, times the natural size
+        wide = Linearisation(linear.problem, linear.state, linear.motion, [*linear.terms, *probes], linear.project)
+        start = linear.flat + len(linear.terms)
+        n, m, k = len(self.q), len(columns), len(joints)
+        self.KJ, self.Ky, self.KK = np.zeros((k, n, m)), np.zeros((k, n)), np.zeros((k, k, n))
+        for block in wide.blocks(np.concatenate([columns, start + np.arange(k)])):
+            J, K = block.J[:m], block.J[m:]
+            first = np.flatnonzero(np.r_[True, block.pose[1:] != block.pose[:-1]])
+            poses = block.pose[first]
+            self.Ky[:, poses] = np.add.reduceat(K * block.y, first, axis=1)
+            for i in range(k):
+                self.KJ[i, poses] = np.add.reduceat(J * K[i], first, axis=1).T
+                self.KK[i][:, poses] = np.add.reduceat(K * K[i], first, axis=1)
+
+    def chi2(self, cycles: FloatArray, pairs: list[tuple[int, int]], found: Posterior) -> FloatArray:
+        """By how much each frequency of each joint would explain the residuals, shape (joints, frequencies)."""
+        a = found.temper / found.s2
+        W = np.linalg.cholesky(found.covariance)
+        taken = [self._wave(*pair) for pair in pairs]
+        out = np.empty((len(self.joints), len(cycles)))
+        for k, joint in enumerate(self.joints):
+            waves = np.exp(1j * self.q[:, joint : joint + 1] * cycles)
+            KJ = np.column_stack([self.KJ[k], *(self.KK[k, i][:, None] * wave for i, wave in taken)])
+            b = a * ((self.Ky[k] - KJ @ found.c) @ waves)
+            left = a * ((KJ @ W).T @ waves)
+            power, crossed = a * self.KK[k, k].sum(), a * (self.KK[k, k] @ (waves * waves))
+            cc = 0.5 * (power + crossed.real) - np.einsum("kf,kf->f", left.real, left.real)
+            ss = 0.5 * (power - crossed.real) - np.einsum("kf,kf->f", left.imag, left.imag)
+            cs = 0.5 * crossed.imag - np.einsum("kf,kf->f", left.real, left.imag)
+            det = cc * ss - cs * cs
+            seen = det > 1e-4 * power * power  # else the fit's own terms cover it
+            value = ss * b.real**2 - 2.0 * cs * b.real * b.imag + cc * b.imag**2
+            out[k] = np.where(seen, value / np.where(seen, det, 1.0), 0.0)
+        return out
+
+    def _wave(self, place: int, cycles: int) -> tuple[int, FloatArray]:
+        """Cosine and sine of a frequency of the joint at a place, shape (n, 2)."""
+        angle = cycles * self.q[:, self.joints[place]]
+        return place, np.column_stack([np.cos(angle), np.sin(angle)])
+
+    def extended(self, sums: Sums, pairs: list[tuple[int, int]]) -> Sums:
+        """Sums with the columns cos, sin of some frequencies (place of the joint, cycles per turn) at the end."""
+        taken = [self._wave(*pair) for pair in pairs]
+        if not taken:
+            return sums
+        cross = np.concatenate([wave.T @ self.KJ[i] for i, wave in taken])
+        right = np.concatenate([self.Ky[i] @ wave for i, wave in taken])
+        own = np.block([[(a.T * self.KK[i, j]) @ b for j, b in taken] for i, a in taken])
+        H = np.block([[sums.H, cross.T], [cross, own]])
+        return Sums(H, np.concatenate([sums.g, right]), sums.yy, sums.equations)
+
+
+def scan(
+    linear: Linearisation,
+    dictionary: Dictionary,
+    sums: Sums,
+    start: tuple[Posterior, Posterior],
+    progress: Callable[[str], None] | None = None,
+) -> list[Found]:
+    """Take the strongest frequency while it is beyond chance and the log evidence grows.
+
+    Beyond chance: ``chi2 > 2 ln(frequencies x joints) + 4``, of the residuals of the fit, a pose counted as one vector
+    as in the log evidence.
+
+    Parameters
+    ----------
+    linear : Linearisation
+    dictionary : Dictionary
+        Terms of the fit whose residuals are scanned.
+    sums : Sums
+        Of the dictionary's columns.
+    start : (Posterior, Posterior)
+        The dictionary's fits at the temper of the evidence and at that of the fit.
+    progress : callable, optional
+
+    Returns
+    -------
+    list of Found
+        In the order in which they were found.
+    """
+    joints = revolute(linear.problem.arm)
+    cycles = np.arange(LOWEST, HIGHEST + 1)
+    reduced = _Reduced(linear, dictionary.columns(linear.flat), joints)
+    limit = 2.0 * np.log(len(joints) * len(cycles)) + 4.0
+    by_evidence, by_fit = start
+    pairs: list[tuple[int, int]] = []
+    out: list[Found] = []
+    group, caps = dictionary.group, dictionary.caps
+    while len(out) < MOST:
+        strength = (by_evidence.temper / by_fit.temper) * reduced.chi2(cycles.astype(float), pairs, by_fit)
+        for place, c in pairs:
+            strength[place, c - LOWEST] = 0.0
+        place, column = divmod(int(strength.argmax()), strength.shape[1])
+        if strength[place, column] <= limit:
+            break
+        trial = [*pairs, (place, int(cycles[column]))]
+        wide = reduced.extended(sums, trial)
+        group, caps = np.concatenate([group, [len(caps)] * 2]), np.append(caps, mackay.CAP)
+        fits = [
+            mackay.fit(wide, linear.flat, group, caps, old.temper, np.append(old.variances, 1.0), old.s2)
+            for old in (by_evidence, by_fit)
+        ]
+        gain = fits[0].log_evidence - by_evidence.log_evidence
+        if gain <= 0.0:
+            break
+        pairs, (by_evidence, by_fit) = trial, fits
+        found = Found(joints[place], int(cycles[column]), float(strength[place, column]), float(gain))
+        out.append(found)
+        if progress is not None:
+            progress(f"joint {found.joint + 1}: {found.cycles} per turn (log evidence +{gain:.1f})")
+    return out

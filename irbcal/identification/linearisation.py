@@ -1,0 +1,292 @@
+"""All terms linearised once about the geometry solution; sums for any choice of them.
+
+Residuals and derivatives are in millimetres: the log evidence depends on that unit. Columns are ordered: base and
+targets (*flat*, without prior: turns count in units of ten radians, shifts in millimetres), then the terms, each for
+one natural size of its coefficient. The target of the linear model is the residual of the nominal constants, so that
+the coefficients of the geometry are counted from the nominal arm, as its prior is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.errors import IdentificationError
+from irbcal.identification import mackay
+from irbcal.identification.fit import MIN_POSES, first_state
+from irbcal.identification.residuals import Problem, State
+from irbcal.identification.sums import Sums
+from irbcal.measurement.points import PointSet
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.parameters import parameter
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.geometry import DHM_COLUMNS
+from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import basis_values, term_columns
+from irbcal.units import MM
+
+BLOCK = 500
+"""Poses whose Jacobian is in memory at a time."""
+TURN_UNIT = 10.0
+"""Radians: the unit of the base's and target frames' turns, and with it the density of their flat prior. It shifts all
+log evidences of a data set alike; this one gives those of the calculation that the method was developed with."""
+STEPS = 4
+"""Gauss-Newton steps of the geometry."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The linear model of a block of poses.
+
+    Attributes
+    ----------
+    J : ndarray, shape (columns, rows)
+        Millimetres per unit of each column.
+    y : ndarray, shape (rows,)
+        Millimetres.
+    pose : ndarray of int, shape (rows,)
+        Pose of each row, ascending; the coordinates of a point stand side by side.
+    """
+
+    J: FloatArray
+    y: FloatArray
+    pose: IntArray
+
+
+class Linearisation:
+    """The linear model of all terms at one state.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the constants of the geometry as its error parameters, in the order of the geometry's terms.
+    state : State
+        Where derivatives are taken.
+    motion : Motion
+        Of the problem's poses.
+    terms : sequence of Term
+        Geometry first.
+    project : bool
+        Project the last move out of each pose: one free number a pose, see `irbcal.identification.readings`.
+    """
+
+    def __init__(
+        self, problem: Problem, state: State, motion: Motion, terms: Sequence[Term], project: bool = False
+    ) -> None:
+        self.problem, self.state, self.motion = problem, state, motion
+        self.terms = list(terms)
+        self.project = project
+        self.flat: int = problem.outer
+        sizes = np.array([t.size for t in self.terms])
+        self.sizes: FloatArray = np.concatenate([flat_units(problem), sizes])
+        """SI value of one unit of each column."""
+
+    @property
+    def per_pose(self) -> float:
+        """Measured vectors (positions and orientations) in a pose, on average."""
+        return float(self.problem.rows / self.motion.q.shape[0])
+
+    def blocks(self, columns: IntArray | None = None) -> Iterator[Rows]:
+        """The linear model, a block of poses at a time.
+
+        Parameters
+        ----------
+        columns : ndarray of int, optional
+            Numbers of the columns wanted, flat ones first; all unless given.
+        """
+        columns = np.arange(self.flat + len(self.terms)) if columns is None else columns
+        arm, _ = self.problem.model(self.state)
+        residuals = self.problem.residuals(self.state)
+        points: PointSet = self.problem.points
+        starts = [*range(0, points.poses, BLOCK), points.poses]
+        edges = np.searchsorted(points.pose, starts)
+        oriented = points.oriented()
+        number = np.cumsum(oriented) - 1 + len(points)  # row of a point's orientation in the problem
+        for k in range(len(starts) - 1):
+            some = np.arange(edges[k], edges[k + 1])
+            turned = some[oriented[some]]
+            motion = self.motion.select(slice(starts[k], starts[k + 1]))
+            rows = np.concatenate([some, number[turned]])
+            J = self._columns(arm, points, some, turned, motion, starts[k], columns)
+            pose = np.concatenate([points.pose[some], points.pose[turned]])
+            yield self._finished(J, residuals[rows].T, rows, pose, columns, points.poses)
+
+    def _columns(
+        self,
+        arm: Arm,
+        points: PointSet,
+        some: IntArray,
+        turned: IntArray,
+        motion: Motion,
+        start: int,
+        columns: IntArray,
+    ) -> FloatArray:
+        """Derivatives in SI units, shape (columns, 3, points + orientations); the last column is the last move."""
+        path = chain.walk(arm, motion.q)
+        pose, target = points.pose[some] - start, points.target[some]
+        local = self.state.targets[target].T
+        tip = path.tip[..., pose]
+        p = tip[3] + np.einsum("acm,am->cm", tip[:3], local)
+        flats = flat_columns(self.problem, tip, p, target, turned - some[0] if len(some) else turned)
+        numbers = columns[columns >= self.flat] - self.flat
+        chosen = [self.terms[j] for j in numbers]
+        values = basis_values(chosen, Situation(self.problem.arm, motion))
+        geometry = np.array([t.family == "geometry" for t in chosen], dtype=bool)
+        length = self.problem.orientation_length
+        out = np.empty((len(columns) + 1, 3, len(some) + len(turned)))
+        n_flat = len(columns) - len(numbers)
+        out[:n_flat] = flats[columns[:n_flat]]
+        turned_pose = points.pose[turned] - start
+        for constant in (True, False):
+            mine = np.flatnonzero(geometry == constant)
+            terms = [chosen[j] for j in mine]
+            places = n_flat + mine
+            moved = chain.point_columns(path, p, pose, constant)
+            out[places, :, : len(some)] = term_columns(terms, moved, values[mine], pose)
+            spun = length * chain.turn_columns(path, turned_pose, constant)
+            out[places, :, len(some) :] = term_columns(terms, spun, values[mine], turned_pose)
+        out[-1] = self._last_move(motion, moved, spun, pose, turned_pose)
+        return out
+
+    def _last_move(
+        self, motion: Motion, moved: FloatArray, spun: FloatArray, pose: IntArray, turned: IntArray
+    ) -> FloatArray:
+        """Derivative by a share of the last move of all joints, shape (3, points + orientations)."""
+        out = np.zeros((3, len(pose) + len(turned)))
+        for j, slides in enumerate(self.problem.arm.table.prismatic):
+            own = 5 if slides else 2
+            out[:, : len(pose)] += moved[j, own] * motion.moves[pose, j]
+            out[:, len(pose) :] += spun[j, own] * motion.moves[turned, j]
+        return out
+
+    def _finished(
+        self, J: FloatArray, residuals: FloatArray, rows: IntArray, pose: IntArray, columns: IntArray, poses: int
+    ) -> Rows:
+        """Units, weights, order by pose, and the last move projected out."""
+        weights = self.problem.weights[rows]
+        J *= weights / MM
+        y = residuals * weights / MM
+        J[:-1] *= self.sizes[columns][:, None, None]
+        order = np.argsort(pose, kind="stable")
+        J, y, pose = J[:, :, order], y[:, order], np.repeat(pose[order], 3)
+        flat = np.ascontiguousarray(J.transpose(0, 2, 1)).reshape(len(J), -1)
+        y = y.T.ravel()
+        # counted from the nominal constants: all geometry columns are in every choice
+        constants = np.zeros(len(columns))
+        for k, column in enumerate(columns - self.flat):
+            if 0 <= column < len(self.problem.parameters):
+                constants[k] = self.state.errors[column] / self.terms[column].size
+        y = y + constants @ flat[:-1]
+        move, flat = flat[-1], flat[:-1]
+        if self.project:
+            first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])
+            each = np.diff(np.r_[first, len(pose)])
+            length = np.add.reduceat(move * move, first)
+            share = np.where(length > 0.0, 1.0 / np.where(length > 0.0, length, 1.0), 0.0)
+            flat = flat - np.repeat(np.add.reduceat(flat * move, first, axis=1) * share, each, axis=1) * move
+            y = y - np.repeat(np.add.reduceat(y * move, first) * share, each) * move
+        return Rows(flat, y, pose)
+
+    def sums(self, columns: IntArray | None = None) -> Sums:
+        """Sums over all poses of some columns, all unless given."""
+        k = self.flat + len(self.terms) if columns is None else len(columns)
+        H, g, yy, equations = np.zeros((k, k)), np.zeros(k), 0.0, 0
+        for block in self.blocks(columns):
+            H += block.J @ block.J.T
+            g += block.J @ block.y
+            yy += float(block.y @ block.y)
+            equations += len(block.y) - (len(np.unique(block.pose)) if self.project else 0)
+        return Sums(H, g, yy, equations)
+
+    def moved(self, coefficients: FloatArray) -> State:
+        """The state with base, targets and geometry as some coefficients say (columns: flat, geometry, …)."""
+        step = self.sizes * np.pad(coefficients, (0, len(self.sizes) - len(coefficients)))
+        step = step[: self.problem.unknowns].copy()
+        step[self.flat :] -= self.state.errors
+        return self.problem.moved(self.state, step)
+
+
+def flat_units(problem: Problem) -> FloatArray:
+    """SI value of one unit of each flat column, shape (flat,)."""
+    shifts = 3 * len(problem.free)
+    turns = problem.outer - 6 - shifts
+    return np.concatenate([np.full(3, TURN_UNIT), np.full(3 + shifts, MM), np.full(turns, TURN_UNIT)])
+
+
+def flat_columns(problem: Problem, tip: FloatArray, p: FloatArray, target: IntArray, turned: IntArray) -> FloatArray:
+    """Derivatives by base and targets, SI units, shape (flat, 3, points + orientations).
+
+    Parameters
+    ----------
+    problem : Problem
+    tip : ndarray, shape (4, 3, m)
+        Tip axes and origin at each point.
+    p : ndarray, shape (3, m)
+        Points in the base link.
+    target : ndarray of int, shape (m,)
+    turned : ndarray of int
+        Which of the points carry an orientation.
+    """
+    m, length = len(target), problem.orientation_length
+    out = np.zeros((problem.outer, 3, m + len(turned)))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        out[k, i, :m], out[k, j, :m] = -p[j], p[i]
+        out[k, k, m:] = length
+        out[3 + k, k, :m] = 1.0
+    for slot, name in enumerate(problem.free):
+        mine = np.flatnonzero(target == name)
+        out[6 + 3 * slot : 9 + 3 * slot, :, mine] = tip[:3][..., mine]
+    start = 6 + 3 * len(problem.free)
+    for slot, name in enumerate(problem.framed):
+        mine = np.flatnonzero(target[turned] == name)
+        out[start + 3 * slot : start + 3 * slot + 3, :, m + mine] = length * tip[:3][..., turned[mine]]
+    return out
+
+
+def geometry_problem(
+    arm: Arm, points: PointSet, geometry: Sequence[Term], known: dict[str, FloatArray] | None
+) -> Problem:
+    """The problem whose error parameters are the geometry's terms.
+
+    Raises
+    ------
+    IdentificationError
+        If there are too few poses.
+    """
+    if points.poses < MIN_POSES:
+        raise IdentificationError(f"{points.poses} poses cannot determine a robot: at least {MIN_POSES} are needed")
+    chosen = [parameter(f"delta_{DHM_COLUMNS[t.axis]}{t.joint + 1}") for t in geometry]
+    return Problem(arm, points, chosen, known_targets=known)
+
+
+def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term], project: bool = False) -> State:
+    """Base, targets and constants by a few Gauss-Newton steps with their prior, its variance by evidence.
+
+    Returns
+    -------
+    State
+    """
+    state = first_state(problem)
+    group = np.zeros(len(geometry), dtype=int)
+    caps = np.array([mackay.GEOMETRY_CAP])
+    size = np.inf
+    for _ in range(STEPS + 8):  # more only from a start far away
+        linear = Linearisation(problem, state, motion, geometry, project)
+        t = mackay.fit_temper(linear.per_pose)
+        found = mackay.fit(linear.sums(), linear.flat, group, caps, t)
+        before, state = state, linear.moved(found.c)
+        size = float(max(np.abs(state.targets - before.targets).max(), np.abs(state.errors - before.errors).max()))
+        if size < 1e-7:
+            break
+    return state
+
+
+def at_poses(problem: Problem, points: PointSet) -> Problem:
+    """The same problem for other points (of the same targets)."""
+    same = replace(points, target_names=problem.points.target_names)
+    return Problem(problem.arm, same, problem.parameters, known_targets=problem.known)

@@ -1,0 +1,173 @@
+"""Evidence: coefficients with one prior variance a group, and those variances from the data (MacKay's fixed point).
+
+The model is ``y = J c + noise`` with noise of variance ``s2 / t`` a coordinate, prior ``N(0, v_g)`` on the coefficients
+of group g, none on the flat columns. ``t`` (tempering) says how much a coordinate counts: those of one pose are not
+independent. All lengths in millimetres, coefficients in units of their natural sizes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.errors import IdentificationError
+from irbcal.identification.sums import Sums
+
+CAP, GEOMETRY_CAP = 4.0, 400.0
+"""Largest variances, in squared natural sizes: without them a fit on one corner of the workspace ran off."""
+PRIOR_C2, PRIOR_GAMMA = 0.002, 0.2
+"""What keeps a group's variance from zero: ``v = (|c|^2 + .002) / (gamma + .2)``."""
+ITERATIONS = 60
+EARLY = 5
+"""Iterations after which the log evidence is known within some nats."""
+TOLERANCE = 0.02
+"""Change of the log evidence in an iteration after which it has converged, nats."""
+
+
+def fit_temper(per_pose: float) -> float:
+    """Tempering of a fit with so many measured vectors a pose: a pose counts as six numbers at most."""
+    return min(1.0, 6.0 / (3.0 * per_pose))
+
+
+def evidence_temper(per_pose: float) -> float:
+    """Tempering of the log evidence: a pose counts as one vector."""
+    return min(1.0, 1.0 / per_pose)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Outcome of a fit; columns are ordered as in the sums, flat ones first.
+
+    Attributes
+    ----------
+    c : ndarray, shape (k,)
+        Coefficients.
+    covariance : ndarray, shape (k, k)
+    variances, gammas : ndarray, shape (groups,)
+        Prior variance of each group and number of its coefficients that the data determine.
+    s2 : float
+        Residual variance of a coordinate, mm^2.
+    log_evidence : float
+        At these variances.
+    iterations : int
+    temper : float
+    """
+
+    c: FloatArray
+    covariance: FloatArray
+    variances: FloatArray
+    gammas: FloatArray
+    s2: float
+    log_evidence: float
+    iterations: int
+    temper: float
+
+
+def fit(
+    sums: Sums,
+    flat: int,
+    group: IntArray,
+    caps: FloatArray,
+    t: float,
+    variances: FloatArray | None = None,
+    s2: float | None = None,
+    tolerance: float = TOLERANCE,
+    iterations: int = ITERATIONS,
+    give_up: float = -np.inf,
+) -> Posterior:
+    """Iterate to the variances that make the data most probable.
+
+    Parameters
+    ----------
+    sums : Sums
+    flat : int
+        Number of columns without a prior; they stand first.
+    group : ndarray of int, shape (k - flat,)
+        Group of each other column.
+    caps : ndarray, shape (groups,)
+        Largest variance of each.
+    t : float
+        Tempering.
+    variances, s2 : optional
+        Start; one, and what is left by ridge, unless given.
+    tolerance : float
+        Of the log evidence, nats.
+    iterations : int
+    give_up : float
+        Log evidence; a fit that is below it after `EARLY` iterations is not brought to its end.
+
+    Returns
+    -------
+    Posterior
+
+    Raises
+    ------
+    IdentificationError
+        If the data do not determine base and targets.
+    """
+    N = sums.equations
+    spare = t * N - flat
+    if spare <= 0:
+        raise IdentificationError(f"{N} equations are too few for base and targets: measure more poses")
+    v = np.ones(len(caps)) if variances is None else variances.copy()
+    s2 = _start_variance(sums, flat, spare, t) if s2 is None else s2
+    counts = np.bincount(group, minlength=len(caps)).astype(float)
+    last = -np.inf
+    for iteration in range(1, iterations + 1):
+        prior = np.concatenate([np.zeros(flat), 1.0 / v[group]])
+        whitened, scale, log_det = _factor(sums.H, prior, t / s2)
+        b = (t / s2) * sums.g
+        c = scale * (whitened.T @ (whitened @ (scale * b)))
+        penalty = float(c @ (prior * c))
+        # A c = b spares the product H c
+        rss = max(sums.yy - 2.0 * float(c @ sums.g) + (s2 / t) * (float(c @ b) - penalty), 1e-12 * sums.yy)
+        evidence = -0.5 * (t * N * np.log(2 * np.pi * s2) + t * rss / s2 + penalty + log_det)
+        evidence += 0.5 * (flat * np.log(2 * np.pi) - float(counts @ np.log(v)))
+        diagonal = (scale * scale * np.einsum("ij,ij->j", whitened, whitened))[flat:]
+        gammas = counts - np.bincount(group, diagonal, len(caps)) / v
+        if abs(evidence - last) < tolerance or iteration == iterations or (iteration == EARLY and evidence < give_up):
+            break
+        last = evidence
+        v = np.minimum((np.bincount(group, c[flat:] ** 2, len(caps)) + PRIOR_C2) / (gammas + PRIOR_GAMMA), caps)
+        s2 = t * rss / max(spare - float(gammas.sum()), 0.05 * spare)
+    covariance = whitened.T @ whitened
+    covariance *= np.outer(scale, scale)
+    return Posterior(c, covariance, v, gammas, float(s2), float(evidence), iteration, t)
+
+
+def _start_variance(sums: Sums, flat: int, spare: float, t: float) -> float:
+    """Residual variance of base and targets alone, in part: a start between that and the end."""
+    whitened, scale, _ = _factor(sums.H[:flat, :flat], np.zeros(flat), 1.0)
+    explained = whitened @ (scale * sums.g[:flat])
+    return max(0.01 * t * (sums.yy - float(explained @ explained)) / spare, 1e-8)
+
+
+def _factor(H: FloatArray, prior: FloatArray, weight: float) -> tuple[FloatArray, FloatArray, float]:
+    """Inverse Cholesky factor W of ``A = weight H + diag(prior)`` at unit diagonal: ``A^-1 = S W^T W S``.
+
+    Returns
+    -------
+    W : ndarray, shape (k, k)
+        Lower triangular.
+    scale : ndarray, shape (k,)
+        Diagonal of S.
+    log_det : float
+        Of A.
+    """
+    A = H * weight
+    A[np.diag_indices_from(A)] += prior
+    diagonal = np.diagonal(A)
+    if not (diagonal > 0.0).all():
+        raise IdentificationError("the data do not determine base and targets: measure more poses")
+    scale = 1.0 / np.sqrt(diagonal)
+    A *= scale[:, None]
+    A *= scale
+    L, failed = lapack.dpotrf(A.T, lower=1, clean=1, overwrite_a=1)
+    if failed:
+        raise IdentificationError("the data do not determine base and targets: measure more poses")
+    log_det = 2.0 * float(np.log(np.diagonal(L)).sum() - np.log(scale).sum())
+    W, failed = lapack.dtrtri(L, lower=1, overwrite_c=1)
+    return W, scale, log_det

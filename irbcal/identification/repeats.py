@@ -1,0 +1,63 @@
+"""Repeats of one stop averaged: they tell of the tracker's noise, not of the robot's errors elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from irbcal.measurement.points import PointSet
+from irbcal.modeling.terms.situation import Motion
+
+SAME = 1e-6
+"""Joints and last moves that agree within this are the same stop, radians or metres."""
+
+
+def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
+    """Points and motion with repeats of one joint vector, reached by the same move, averaged into one pose.
+
+    Poses with measured orientations are left as they are, and so are stops reached from another side: their difference
+    shows the direction terms.
+
+    Parameters
+    ----------
+    points : PointSet
+    motion : Motion
+        Of the points' poses.
+
+    Returns
+    -------
+    points : PointSet
+    motion : Motion
+    """
+    keys = np.round(np.column_stack([motion.q, motion.moves]) / SAME)
+    if motion.payload_kg is not None:
+        keys = np.column_stack([keys, motion.payload_kg])
+    _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(keys) or points.oriented().any():
+        return points, motion
+    rank = np.empty(len(first), dtype=int)
+    rank[np.argsort(first)] = np.arange(len(first))  # in the order of the first of each
+    pose = rank[which.ravel()]
+    first = np.sort(first)
+    count = np.bincount(pose)
+    cell = pose[points.pose] * len(points.target_names) + points.target
+    cells, where = np.unique(cell, return_inverse=True)
+    where = where.ravel()
+    seen = np.bincount(where)
+    xyz = np.column_stack([np.bincount(where, points.xyz[:, k]) for k in range(3)]) / seen[:, None]
+    u95 = None if points.u95 is None else np.bincount(where, points.u95) / seen
+    merged = replace(
+        points,
+        q=motion.q[first],
+        pose=cells // len(points.target_names),
+        target=cells % len(points.target_names),
+        xyz=xyz,
+        pose_ids=points.pose_ids[first],
+        groups=points.groups[first],
+        rotation=None,
+        u95=u95,
+    )
+    elapsed = None if motion.elapsed is None else np.bincount(pose, motion.elapsed) / count
+    load = None if motion.payload_kg is None else motion.payload_kg[first]
+    return merged, Motion(motion.q[first], motion.moves[first], elapsed, load, motion.readings)

@@ -1,0 +1,175 @@
+r"""Kinematics with frame terms: every joint's frame makes a small motion before the joint turns.
+
+::
+
+    T(q) = T_base_0 . prod_i [ F_i . Trans(xi_t,i) . Exp(xi_r,i) . Rot_z(theta_i + q_i) . Trans_z(d_i) ] . T_last_tip
+
+``F_i = Rot_x(alpha_i) Trans_x(a_i) Rot_y(beta_i) Trans_y(b_i)`` is the joint's frame in the DHM table; the constants of
+the family geometry are errors of that table, so that ``xi`` holds frame terms only. ``q_i`` is the effective joint:
+terms about the joint's own axis are in it. Batches of poses, no loop over them; all axes and points in the base link.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms.term import AXES
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """Axes and origins along the chain.
+
+    Attributes
+    ----------
+    x_before, o_before : ndarray, shape (joints, 3, n)
+        What ``alpha`` turns about and ``a`` moves along.
+    y_tilt, o_tilt : ndarray, shape (joints, 3, n)
+        What ``beta`` turns about and ``b`` moves along.
+    frame : ndarray, shape (joints, 3, 3, n)
+        Axes of F_i: what the terms tx, ty, tz move along.
+    turns : ndarray, shape (joints, 3, 3, n)
+        What the terms rx, ry, rz turn about: the frame's axes times the left Jacobian of ``Exp(xi_r)``.
+    moved : ndarray, shape (joints, 3, n)
+        Origin of F_i after the frame's translation: what they turn about.
+    z, o : ndarray, shape (joints, 3, n)
+        Axis and origin of the joint itself.
+    tip : ndarray, shape (4, 3, n)
+        x, y, z axes and origin of the tip.
+    """
+
+    x_before: FloatArray
+    o_before: FloatArray
+    y_tilt: FloatArray
+    o_tilt: FloatArray
+    frame: FloatArray
+    turns: FloatArray
+    moved: FloatArray
+    z: FloatArray
+    o: FloatArray
+    tip: FloatArray
+
+
+def walk(arm: Arm, effective: FloatArray, xi: FloatArray | None = None) -> Walk:
+    """Walk the chain.
+
+    Parameters
+    ----------
+    arm : Arm
+        Calibrated: its DHM table holds the constants.
+    effective : ndarray, shape (n, joints)
+        Effective joints, radians (metres for prismatic joints).
+    xi : ndarray, shape (n, joints, 6), optional
+        Small motions of the frames in the order of `AXES`, radians and metres; none unless given.
+
+    Returns
+    -------
+    Walk
+    """
+    table = arm.table
+    n, joints = effective.shape
+    store = {name: np.empty((joints, 3, n)) for name in ("x_before", "o_before", "y_tilt", "o_tilt", "moved", "z", "o")}
+    frame, turns = np.empty((joints, 3, 3, n)), np.empty((joints, 3, 3, n))
+    x, y, z, o = (np.repeat(arm.T_base_0[:3, k : k + 1], n, axis=1) for k in range(4))
+    for i in range(joints):
+        store["x_before"][i], store["o_before"][i] = x, o
+        o = o + table.a[i] * x
+        y, z = _turn(y, z, table.alpha[i])
+        store["y_tilt"][i], store["o_tilt"][i] = y, o
+        z, x = _turn(z, x, table.beta[i])
+        o = o + table.b[i] * y
+        frame[i] = x, y, z
+        turns[i] = frame[i]
+        if xi is not None:
+            small = xi[:, i].T
+            o = o + small[3] * x + small[4] * y + small[5] * z
+            R, left = _exponential(small[:3])
+            turns[i] = np.einsum("acn,abn->bcn", frame[i], left)
+            x, y, z = np.einsum("acn,abn->bcn", frame[i], R)
+        store["moved"][i] = o
+        turned, travel = (0.0, effective[:, i]) if table.prismatic[i] else (effective[:, i], 0.0)
+        x, y = _turn(x, y, table.theta[i] + turned)
+        o = o + (table.d[i] + travel) * z
+        store["z"][i], store["o"][i] = z, o
+    R, p = arm.T_last_tip[:3, :3], arm.T_last_tip[:3, 3]
+    axes = np.stack([x, y, z])
+    tip = np.concatenate([np.einsum("acn,ab->bcn", axes, R), [o + np.einsum("acn,a->cn", axes, p)]])
+    return Walk(frame=frame, turns=turns, tip=tip, **store)
+
+
+def _turn(first: FloatArray, second: FloatArray, angle: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+    """Axes (first, second) turned towards one another."""
+    c, s = np.cos(angle), np.sin(angle)
+    return c * first + s * second, c * second - s * first
+
+
+def _exponential(vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations of rotation vectors (3, n) and their left Jacobians, both of shape (3, 3, n)."""
+    x, y, z = vector
+    zero = np.zeros_like(x)
+    K = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
+    K2 = np.einsum("abn,bcn->acn", K, K)
+    angle = np.sqrt(x * x + y * y + z * z)
+    first = np.sinc(angle / np.pi)  # sin(angle) / angle
+    half = np.sinc(angle / (2 * np.pi))
+    second = 0.5 * half * half  # (1 - cos(angle)) / angle^2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        third = np.where(angle < 1e-2, 1 / 6 - angle**2 / 120, (1.0 - first) / angle**2)
+    one = np.eye(3)[:, :, None]
+    return one + first * K + second * K2, one + second * K + third * K2
+
+
+def poses(path: Walk) -> FloatArray:
+    """Tip poses in the base link, shape (n, 4, 4)."""
+    out = np.zeros((path.tip.shape[-1], 4, 4))
+    out[:, :3] = path.tip.transpose(2, 1, 0)
+    out[:, 3, 3] = 1.0
+    return out
+
+
+def point_columns(path: Walk, p: FloatArray, pose: IntArray, constant: bool = False) -> FloatArray:
+    """Derivative of points of the tool by the motion of each joint's frame along each axis.
+
+    Parameters
+    ----------
+    path : Walk
+    p : ndarray, shape (3, m)
+        Points in the base link, metres.
+    pose : ndarray of int, shape (m,)
+        Pose of each point.
+    constant : bool
+        By the constants of the geometry, which are errors of the DHM table, in place of the terms.
+
+    Returns
+    -------
+    ndarray, shape (joints, 6, 3, m)
+        In the order of `AXES`; metres per radian and metres per metre.
+    """
+    out = np.empty((len(path.z), len(AXES), 3, len(pose)))
+    for k in range(6):
+        axis, origin = _axis(path, k, constant)
+        if k < 3:
+            out[:, k] = np.cross(axis[..., pose], p - origin[..., pose], axis=1)
+        else:
+            out[:, k] = axis[..., pose]
+    return out
+
+
+def turn_columns(path: Walk, pose: IntArray, constant: bool = False) -> FloatArray:
+    """As `point_columns` for the rotation vector of the tip, shape (joints, 6, 3, m), radians."""
+    out = np.zeros((len(path.z), len(AXES), 3, len(pose)))
+    for k in range(3):
+        out[:, k] = _axis(path, k, constant)[0][..., pose]
+    return out
+
+
+def _axis(path: Walk, k: int, constant: bool) -> tuple[FloatArray, FloatArray]:
+    """Axis and origin of motion number k, each of shape (joints, 3, n)."""
+    if constant:
+        pairs = ((path.x_before, path.o_before), (path.y_tilt, path.o_tilt), (path.z, path.o))
+        return pairs[k % 3]
+    return (path.turns[:, k], path.moved) if k < 3 else (path.frame[:, k - 3], path.moved)

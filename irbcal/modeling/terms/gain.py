@@ -1,0 +1,45 @@
+"""Gain: each joint turns a little more or less than commanded, in proportion to its angle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms.situation import Situation
+from irbcal.modeling.terms.term import Basis, Family, Term, own_axis
+
+SIZE = 5e-4
+
+
+class JointValue(Basis):
+    """The joint's own commanded value."""
+
+    name = "q"
+
+    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+        """Commanded value of each term's joint, shape (terms, n), radians or metres."""
+        return here.motion.q.T[[term.joint for term in terms]]
+
+    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+        """One by the own joint, shape (terms, n, joints)."""
+        out = np.zeros((len(terms), *here.motion.q.shape))
+        for k, term in enumerate(terms):
+            out[k, :, term.joint] = 1.0
+        return out
+
+
+class Gain(Family):
+    """One gain a joint."""
+
+    name = "gain"
+    bases = (JointValue(),)
+
+    def terms(self, arm: Arm) -> list[Term]:
+        """One term a joint, all with one variance."""
+        return [Term(j, own_axis(arm, j), "q", SIZE, self.name, self.name, "1") for j in range(len(arm.joint_names))]
+
+
+FAMILY = Gain()

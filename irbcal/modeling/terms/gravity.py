@@ -1,0 +1,162 @@
+r"""Gravity: the joints give way under the weight of the links, without a mass being known.
+
+The torque about an axis ``a`` of joint ``j`` of a mass on link ``k`` is linear in three vectors fixed to that link::
+
+    phi = a_j . (R_k e_b x g^),    k >= j,  b = x, y, z
+
+with ``g^`` the direction of gravity: whatever masses and compliances are, the joint's deflection is a sum of these.
+Kept are those that are linearly independent of one another and of a constant on 400 random poses; the constant is the
+joint's offset (for frame terms: part of its geometry).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.term import AXES, Basis, Family, Term, revolute
+
+SIZE = 3e-4
+VECTORS = ("x", "y", "z")
+POSES, SEED = 400, 0
+"""Random poses on which linear independence is judged."""
+INDEPENDENT = 1e-3
+"""Part of a function's size that the others must leave for it to be kept."""
+
+
+class Gravity(Basis):
+    """``a_j . (R_k v x g^)`` with ``v`` an axis (``x``, ``y``, ``z``) or any vector of link k."""
+
+    name = "gravity"
+
+    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+        """The lever of a unit vector of the link about the axis, shape (terms, n)."""
+        axes, vectors = _axes(terms, here), _vectors(terms, here)
+        return np.einsum("kcn,kcn->kn", axes, _cross(vectors, here.gravity[:, None]))
+
+    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+        """Derivative by the joints, shape (terms, n, joints)."""
+        axes, vectors = _axes(terms, here), _vectors(terms, here)
+        g = here.gravity[:, None]
+        torque = _cross(vectors, g)
+        out = np.zeros((len(terms), *here.motion.q.shape))
+        for i, z in enumerate(here.turning):
+            moves_axis, moves_vector = _carried(terms, i)
+            # a' . (v x g) + a . (v' x g) with a' = z x a, v' = z x v; the second is v' . (g x a)
+            out[:, :, i] = moves_axis * np.einsum("kcn,kcn->kn", _cross(z, axes), torque)
+            out[:, :, i] += moves_vector * np.einsum("kcn,kcn->kn", _cross(z, vectors), _cross(g, axes))
+        return out
+
+    def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
+        """Derivative of the slopes along joint speeds (n, joints), shape (terms, n, joints)."""
+        axes, vectors = _axes(terms, here), _vectors(terms, here)
+        spin = here.spin(np.asarray(dq, dtype=float))
+        g = here.gravity[:, None]
+        axes_dot = _cross(spin[[t.joint for t in terms]], axes)
+        vectors_dot = _cross(spin[[_link(t) + 1 for t in terms]], vectors)
+        out = np.zeros((len(terms), *here.motion.q.shape))
+        for i, z in enumerate(here.turning):
+            moves_axis, moves_vector = _carried(terms, i)
+            z_dot = _cross(spin[i], z)
+            turned = _cross(z_dot, axes) + _cross(z, axes_dot)
+            rate = _dot(turned, _cross(vectors, g)) + _dot(_cross(z, axes), _cross(vectors_dot, g))
+            out[:, :, i] = moves_axis * rate
+            turned = _cross(z_dot, vectors) + _cross(z, vectors_dot)
+            rate = _dot(turned, _cross(g, axes)) + _dot(_cross(z, vectors), _cross(g, axes_dot))
+            out[:, :, i] += moves_vector * rate
+        return out
+
+
+def _link(term: Term) -> int:
+    return int(str(term.parameters["link"])) - 1
+
+
+def _axes(terms: Sequence[Term], here: Situation) -> FloatArray:
+    """Axis of each term's joint, shape (terms, 3, n)."""
+    return here.before[[t.joint for t in terms], [AXES.index(t.axis) % 3 for t in terms]]
+
+
+def _vectors(terms: Sequence[Term], here: Situation) -> FloatArray:
+    """The vector of each term's link, shape (terms, 3, n)."""
+    out = np.empty((len(terms), 3, len(here.motion)))
+    for k, term in enumerate(terms):
+        vector, link = term.parameters["vector"], here.after[_link(term)]
+        out[k] = link[VECTORS.index(vector)] if isinstance(vector, str) else np.einsum("a,acn->cn", vector, link)
+    return out
+
+
+def _carried(terms: Sequence[Term], joint: int) -> tuple[FloatArray, FloatArray]:
+    """Whether a joint carries the axis, and the vector, of each term: one or zero, shape (terms, 1)."""
+    axis = np.array([[float(joint < t.joint)] for t in terms])
+    return axis, np.array([[float(joint <= _link(t))] for t in terms])
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross product along the last but one axis."""
+    return np.cross(a, np.broadcast_to(b, np.broadcast_shapes(a.shape, b.shape)), axis=-2)
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.einsum("kcn,kcn->kn", a, b)
+
+
+def independent_levers(arm: Arm, axis: str) -> list[tuple[int, int, str]]:
+    """Which levers about an axis of the joints' frames are linearly independent.
+
+    Parameters
+    ----------
+    arm : Arm
+    axis : str
+        ``rx``, ``ry`` or ``rz``.
+
+    Returns
+    -------
+    list of (int, int, str)
+        Joint and link (from 0) and the link's vector, link by link.
+    """
+    here = Situation(arm, Motion(arm.random_joints(POSES, SEED)))
+    kept = []
+    for j in revolute(arm):
+        candidates = [(j, k, vector) for k in range(j, len(arm.joint_names)) for vector in VECTORS]
+        values = Gravity().values([_term(axis, *c, SIZE, "", "") for c in candidates], here)
+        seen = np.full((1, POSES), POSES**-0.5)
+        for candidate, value in zip(candidates, values, strict=True):
+            size = np.linalg.norm(value)
+            if size < 1e-9 * POSES**0.5:
+                continue
+            rest = value / size
+            for _ in range(2):  # twice is enough for orthogonality to rounding
+                rest = rest - seen.T @ (seen @ rest)
+            if (left := np.linalg.norm(rest)) > INDEPENDENT:
+                seen = np.vstack([seen, rest / left])
+                kept.append(candidate)
+    return kept
+
+
+def _term(axis: str, joint: int, link: int, vector: str, size: float, group: str, family: str) -> Term:
+    return Term(joint, axis, "gravity", size, group, family, "rad", {"link": link + 1, "vector": vector})
+
+
+def lever_terms(arm: Arm, axes: Sequence[str], size: float, family: str) -> list[Term]:
+    """Terms of all independent levers about some axes, one group a joint."""
+    found = [(axis, *lever) for axis in axes for lever in independent_levers(arm, axis)]
+    found.sort(key=lambda item: item[1])
+    return [_term(axis, j, k, vector, size, f"{family}_{j + 1}", family) for axis, j, k, vector in found]
+
+
+class GravityFamily(Family):
+    """What gravity does about the joints' own axes."""
+
+    name = "gravity"
+    bases = (Gravity(),)
+
+    def terms(self, arm: Arm) -> list[Term]:
+        """All independent levers about the joints' axes, a variance for each joint."""
+        return lever_terms(arm, ("rz",), SIZE, self.name)
+
+
+FAMILY = GravityFamily()

@@ -1,0 +1,180 @@
+"""One term of the error model: which joint's frame moves along which axis, by what function of the motion.
+
+Before joint ``i`` turns, its frame makes a small motion ``xi_i``: a sum of terms, each a coefficient times a function
+of the motion along one of six axes (`AXES`) of that frame. Terms about the joint's own axis are the joint map; the
+others are frame terms, which URDF cannot carry.
+
+A *basis* is such a function with its derivatives; a *family* is a list of terms that belong together, made for an arm.
+Each module of this package but the machinery holds one family, see `irbcal.modeling.terms.families`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import RobotError
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms.situation import Situation
+
+AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
+"""Rotations about and translations along the axes of a joint's frame, before the joint turns."""
+
+RATE_STEP = 1e-4
+"""Seconds: step of the differences that stand in for second derivatives."""
+
+Value: TypeAlias = int | float | str | tuple[float, ...]
+"""A parameter of a basis: the frequency of a harmonic, the link of a gravity term, …"""
+
+COEFFICIENT_KEYS = {"rad": "coefficient_rad", "m": "coefficient_m", "1": "coefficient"}
+"""Unit -> key of the coefficient in JSON; other units stand in the key ``unit`` beside ``coefficient``."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of the error model.
+
+    Parameters
+    ----------
+    joint : int
+        Whose frame moves, from 0.
+    axis : str
+        One of `AXES`.
+    basis : str
+        Name of the function.
+    size : float
+        Natural size of the coefficient: what is plausible on an industrial arm, in ``unit``.
+    group : str
+        Terms of one group share one variance.
+    family : str
+        Name of the family that made it.
+    unit : str
+        Of the coefficient: ``rad``, ``m``, ``1`` or ``rad/(N m)``.
+    parameters : mapping
+        What the basis needs to know beside joint and axis.
+    also : tuple of int
+        Other joints that move by the same amount (the thesis's B acts on joints 2 and 3 alike).
+    """
+
+    joint: int
+    axis: str
+    basis: str
+    size: float
+    group: str
+    family: str
+    unit: str = "rad"
+    parameters: Mapping[str, Value] = field(default_factory=dict)
+    also: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.axis not in AXES:
+            raise RobotError(f"a term's axis is one of {', '.join(AXES)}, not {self.axis!r}")
+        lock(self)
+
+    @property
+    def name(self) -> str:
+        """Short name, unique within a model: ``rz4 cos 242`` (joints counted from 1)."""
+        values = [_short(x) for x in self.parameters.values()]
+        joints = "+".join(str(j + 1) for j in (self.joint, *self.also))
+        return " ".join([f"{self.axis}{joints}", self.basis, *values])
+
+    def to_json(self, coefficient: float, std: float) -> dict[str, Any]:
+        """The term with its coefficient and standard deviation (both in ``unit``) as a JSON object."""
+        out: dict[str, Any] = {"joint": self.joint + 1, "axis": self.axis, "basis": self.basis}
+        if self.also:
+            out["also"] = [j + 1 for j in self.also]
+        out |= {key: list(value) if isinstance(value, tuple) else value for key, value in self.parameters.items()}
+        if self.unit not in COEFFICIENT_KEYS:
+            out["unit"] = self.unit
+        out[COEFFICIENT_KEYS.get(self.unit, "coefficient")] = float(coefficient)
+        return out | {"std": float(std), "family": self.family, "group": self.group, "size": self.size}
+
+    @staticmethod
+    def from_json(entry: Mapping[str, Any]) -> tuple[Term, float, float]:
+        """A term, its coefficient and standard deviation from what `to_json` gave.
+
+        ``family``, ``group`` and ``size`` may be absent: they matter for identification only.
+
+        Raises
+        ------
+        RobotError
+            If the entry is not a term.
+        """
+        rest = dict(entry)
+        try:
+            joint, axis, basis = int(rest.pop("joint")) - 1, str(rest.pop("axis")), str(rest.pop("basis"))
+            unit = "1"
+            for name, key in COEFFICIENT_KEYS.items():
+                if key in rest:
+                    unit, coefficient = name, float(rest.pop(key))
+                    break
+            else:
+                raise KeyError("coefficient")
+            unit = str(rest.pop("unit", unit))
+            std = float(rest.pop("std", np.nan))
+        except (KeyError, TypeError, ValueError) as error:
+            raise RobotError(f"this is not a term of a joint map ({error}): {dict(entry)}") from None
+        also = tuple(int(j) - 1 for j in rest.pop("also", ()))
+        family, group = str(rest.pop("family", basis)), str(rest.pop("group", basis))
+        size = float(rest.pop("size", 1.0))
+        parameters = {key: tuple(value) if isinstance(value, list) else value for key, value in rest.items()}
+        return Term(joint, axis, basis, size, group, family, unit, parameters, also), coefficient, std
+
+
+def _short(value: Value) -> str:
+    if isinstance(value, tuple):
+        return " ".join(f"{v:.3g}" for v in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+class Basis(ABC):
+    """A function of the motion with its derivatives, evaluated for many terms and poses at a time."""
+
+    name: str
+
+    @abstractmethod
+    def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+        """The function for each term and pose, shape (terms, n)."""
+
+    @abstractmethod
+    def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
+        """Derivative by the commanded joints, the stop before held, shape (terms, n, joints)."""
+
+    def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
+        """Derivative of `slopes` along joint speeds ``dq`` (n, joints), shape (terms, n, joints).
+
+        By central differences where a basis has no better; exact for slopes that are constant.
+        """
+        ahead, behind = (self.slopes(terms, here.shifted(sign * RATE_STEP * dq)) for sign in (1.0, -1.0))
+        return (ahead - behind) / (2.0 * RATE_STEP)
+
+
+class Family(ABC):
+    """Terms that belong together: they enter a dictionary together or not at all."""
+
+    name: str
+    bases: tuple[Basis, ...] = ()
+
+    @abstractmethod
+    def terms(self, arm: Arm) -> list[Term]:
+        """All terms that the family has for an arm; empty where it has none."""
+
+
+def own_axis(arm: Arm, joint: int) -> str:
+    """The axis of the joint map: ``rz`` of a revolute joint, ``tz`` of a prismatic one."""
+    return "tz" if arm.table.prismatic[joint] else "rz"
+
+
+def own_unit(arm: Arm, joint: int) -> str:
+    """Unit of a joint's value: ``rad`` or ``m``."""
+    return "m" if arm.table.prismatic[joint] else "rad"
+
+
+def revolute(arm: Arm) -> list[int]:
+    """Joints that turn, from 0."""
+    return [j for j in range(len(arm.joint_names)) if not arm.table.prismatic[j]]

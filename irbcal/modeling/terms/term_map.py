@@ -1,0 +1,302 @@
+"""A sum of terms with its coefficients: what it makes of commanded joints, and its derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.errors import RobotError
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import bases, chain
+from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
+from irbcal.modeling.terms.term import AXES, Term, own_axis
+
+BLOCK = 1024
+"""Poses whose terms are in memory at a time."""
+SCHEMA = "irbcal-joint-map-2"
+
+
+def basis_values(terms: Sequence[Term], here: Situation) -> FloatArray:
+    """Function of each term at each pose, shape (terms, n)."""
+    out = np.empty((len(terms), len(here.motion)))
+    for name, rows in _by_basis(terms):
+        out[rows] = bases()[name].values([terms[k] for k in rows], here)
+    return out
+
+
+def basis_slopes(terms: Sequence[Term], here: Situation) -> FloatArray:
+    """Derivative of each term by the commanded joints, the stop before held, shape (terms, n, joints)."""
+    out = np.empty((len(terms), *here.motion.q.shape))
+    for name, rows in _by_basis(terms):
+        out[rows] = bases()[name].slopes([terms[k] for k in rows], here)
+    return out
+
+
+def basis_slope_rates(terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
+    """Derivative of `basis_slopes` along joint speeds (n, joints), shape (terms, n, joints)."""
+    out = np.empty((len(terms), *here.motion.q.shape))
+    for name, rows in _by_basis(terms):
+        out[rows] = bases()[name].slope_rates([terms[k] for k in rows], here, dq)
+    return out
+
+
+def _by_basis(terms: Sequence[Term]) -> Iterator[tuple[str, list[int]]]:
+    rows: dict[str, list[int]] = {}
+    for k, term in enumerate(terms):
+        rows.setdefault(term.basis, []).append(k)
+    unknown = sorted(set(rows) - set(bases()))
+    if unknown:
+        raise RobotError(f"unknown basis {unknown[0]!r} of a term: there are {', '.join(sorted(bases()))}")
+    yield from rows.items()
+
+
+@dataclass(frozen=True, eq=False)
+class TermMap:
+    """Terms with coefficients: from commanded to effective joints, and the small motions of the frames.
+
+    Constants of the geometry do not belong here: they are in the arm's DHM table.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm: attitudes of links are taken from it.
+    terms : tuple of Term
+    coefficients : ndarray, shape (terms,)
+        In the terms' units.
+    std : ndarray, shape (terms,), optional
+        Standard deviations.
+    gravity : tuple of three float
+        Direction in the base link.
+    """
+
+    arm: Arm
+    terms: tuple[Term, ...]
+    coefficients: FloatArray
+    std: FloatArray | None = None
+    gravity: tuple[float, ...] = GRAVITY
+
+    def __post_init__(self) -> None:
+        if len(self.terms) != len(self.coefficients):
+            raise RobotError(f"{len(self.terms)} terms need as many coefficients, found {len(self.coefficients)}")
+        lock(self)
+
+    def _own(self) -> list[bool]:
+        """Which terms are about their joint's own axis: the joint map."""
+        return [term.axis == own_axis(self.arm, term.joint) for term in self.terms]
+
+    def part(self, frame_terms: bool) -> TermMap:
+        """The frame terms alone, or the joint map alone."""
+        rows = [k for k, own in enumerate(self._own()) if own is not frame_terms]
+        std = None if self.std is None else self.std[rows]
+        return TermMap(self.arm, tuple(self.terms[k] for k in rows), self.coefficients[rows], std, self.gravity)
+
+    @property
+    def has_frame_terms(self) -> bool:
+        """Whether there are terms that a joint map cannot carry."""
+        return not all(self._own())
+
+    def motions(self, motion: Motion) -> FloatArray:
+        """Motions of all joints' frames, the joint map's among them.
+
+        Parameters
+        ----------
+        motion : Motion
+
+        Returns
+        -------
+        ndarray, shape (n, joints, 6)
+            In the order of `AXES`, radians and metres.
+        """
+        out = np.zeros((*motion.q.shape, len(AXES)))
+        for start in range(0, len(motion), BLOCK):
+            rows = slice(start, start + BLOCK)
+            values = basis_values(self.terms, Situation(self.arm, motion.select(rows), self.gravity))
+            values *= self.coefficients[:, None]
+            for term, value in zip(self.terms, values, strict=True):
+                for joint in (term.joint, *term.also):
+                    out[rows, joint, AXES.index(term.axis)] += value
+        return out
+
+    def split(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Effective joints and the frames' motions.
+
+        Returns
+        -------
+        effective : ndarray, shape (n, joints)
+            Radians (metres for prismatic joints).
+        xi : ndarray, shape (n, joints, 6)
+            Motions of the frames without the joint map's.
+        """
+        xi = self.motions(motion)
+        effective = motion.q.copy()
+        for j in range(effective.shape[1]):
+            axis = AXES.index(own_axis(self.arm, j))
+            effective[:, j] += xi[:, j, axis]
+            xi[:, j, axis] = 0.0
+        return effective, xi
+
+    def effective(self, motion: Motion) -> FloatArray:
+        """Effective joints, shape (n, joints), radians (metres for prismatic joints)."""
+        return self.split(motion)[0]
+
+    def jacobian(self, motion: Motion) -> FloatArray:
+        """Derivative of the effective by the commanded joints, the stop before held, shape (n, joints, joints)."""
+        return np.eye(motion.q.shape[1]) + self._sum(motion, None)[:, :, 0]
+
+    def jacobian_derivative(self, motion: Motion, dq: FloatArray) -> FloatArray:
+        """Time derivative of `jacobian` at joint speeds ``dq`` (n, joints), shape (n, joints, joints)."""
+        return self._sum(motion, np.asarray(dq, dtype=float))[:, :, 0]
+
+    def motion_slopes(self, motion: Motion) -> FloatArray:
+        """Derivative of `motions` by the commanded joints, shape (n, joints, 6, joints)."""
+        return self._sum(motion, None, all_axes=True)
+
+    def _sum(self, motion: Motion, dq: FloatArray | None, all_axes: bool = False) -> FloatArray:
+        joints = motion.q.shape[1]
+        own = self._own()
+        rows = [k for k in range(len(self.terms)) if all_axes or own[k]]
+        terms = [self.terms[k] for k in rows]
+        out = np.zeros((len(motion), joints, 6 if all_axes else 1, joints))
+        for start in range(0, len(motion), BLOCK):
+            part = slice(start, start + BLOCK)
+            here = Situation(self.arm, motion.select(part), self.gravity)
+            slopes = basis_slopes(terms, here) if dq is None else basis_slope_rates(terms, here, dq[part])
+            slopes *= self.coefficients[rows][:, None, None]
+            for term, slope in zip(terms, slopes, strict=True):
+                for joint in (term.joint, *term.also):
+                    out[part, joint, AXES.index(term.axis) if all_axes else 0] += slope
+        return out
+
+    def commanded(self, theta: FloatArray, previous: FloatArray | None = None) -> FloatArray:
+        """Commanded joints that give these effective joints, by ``q <- theta - f(q, q - previous)``.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n, joints)
+            Effective joints, radians (metres for prismatic joints).
+        previous : ndarray, shape (n, joints), optional
+            The stop before each, as commanded; unknown unless given.
+
+        Returns
+        -------
+        ndarray, shape (n, joints)
+
+        Raises
+        ------
+        RobotError
+            If the map is so far from the identity that the iteration does not converge.
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=float))
+        q = theta.copy()
+        for _ in range(60):
+            move = None if previous is None else q - previous
+            shift = self.effective(Motion(q, move)) - q
+            change = np.abs(theta - shift - q).max(initial=0.0)
+            q = theta - shift
+            if change < 1e-14:
+                return q
+        if change > 1e-11:
+            raise RobotError(f"the joint map cannot be inverted: {change:.3g} rad left after 60 steps")
+        return q
+
+    def forward(self, calibrated: Arm, motion: Motion) -> FloatArray:
+        """Tip poses of a calibrated arm with this map, shape (n, 4, 4), in the base link."""
+        out = np.empty((len(motion), 4, 4))
+        for start in range(0, len(motion), BLOCK):
+            rows = slice(start, start + BLOCK)
+            out[rows] = chain.poses(chain.walk(calibrated, *self.split(motion.select(rows))))
+        return out
+
+    def point_jacobian(self, path: chain.Walk, p: FloatArray, pose: IntArray, motion: Motion) -> FloatArray:
+        """Derivative of points of the tool by every coefficient.
+
+        Parameters
+        ----------
+        path : Walk
+            The calibrated arm with this map at the motion, see `irbcal.modeling.terms.chain.walk`.
+        p : ndarray, shape (3, m)
+            Points in the base link, metres.
+        pose : ndarray of int, shape (m,)
+        motion : Motion
+
+        Returns
+        -------
+        ndarray, shape (terms, 3, m)
+            Metres per unit of the coefficient.
+        """
+        columns = chain.point_columns(path, p, pose)
+        for j, slides in enumerate(self.arm.table.prismatic):
+            own = 5 if slides else 2
+            axis = path.z[j][:, pose]
+            columns[j, own] = axis if slides else np.cross(axis, p - path.o[j][:, pose], axis=0)
+        values = basis_values(self.terms, Situation(self.arm, motion, self.gravity))
+        return term_columns(self.terms, columns, values, pose)
+
+    def to_json(self, ranges: FloatArray | None = None, test_motion: Motion | None = None) -> dict[str, Any]:
+        """The map as a JSON object.
+
+        Parameters
+        ----------
+        ranges : ndarray, shape (2, joints), optional
+            Smallest and largest joints of the fit, radians (metres).
+        test_motion : Motion, optional
+            Stops whose effective joints are written as test vectors, those of the warm arm.
+        """
+        std = np.full(len(self.terms), np.nan) if self.std is None else self.std
+        entries = [t.to_json(c, s) for t, c, s in zip(self.terms, self.coefficients, std, strict=True)]
+        inputs = ["q", "previous_q"] + (["payload_kg"] if any(t.basis == "payload" for t in self.terms) else [])
+        out: dict[str, Any] = {"schema": SCHEMA, "inputs": inputs, "gravity": list(self.gravity), "terms": entries}
+        if ranges is not None:
+            out["ranges"] = np.asarray(ranges).tolist()
+        if test_motion is not None:
+            moves = test_motion.moves
+            effective = self.effective(Motion(test_motion.q, moves, payload_kg=test_motion.payload_kg))
+            loads = np.zeros(len(test_motion)) if test_motion.payload_kg is None else test_motion.payload_kg
+            out["test_vectors"] = [
+                {"q": q.tolist(), "previous_q": (q - d).tolist(), "payload_kg": float(m), "effective": e.tolist()}
+                for q, d, m, e in zip(test_motion.q, moves, loads, effective, strict=True)
+            ]
+        return out
+
+    @staticmethod
+    def from_json(arm: Arm, entry: Mapping[str, Any]) -> TermMap:
+        """The map that `to_json` wrote.
+
+        Raises
+        ------
+        RobotError
+            If it is of another schema, or a term is not understood.
+        """
+        if entry.get("schema") != SCHEMA:
+            raise RobotError(f"a joint map of schema {entry.get('schema')!r} is not understood, expected {SCHEMA}")
+        found = [Term.from_json(item) for item in entry["terms"]]
+        std = np.array([item[2] for item in found])
+        gravity = tuple(float(x) for x in entry.get("gravity", GRAVITY))
+        return TermMap(arm, tuple(item[0] for item in found), np.array([item[1] for item in found]), std, gravity)
+
+
+def term_columns(terms: Sequence[Term], columns: FloatArray, values: FloatArray, pose: IntArray) -> FloatArray:
+    """Columns of the frames' motions times the terms' functions.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+    columns : ndarray, shape (joints, 6, 3, m)
+    values : ndarray, shape (terms, n)
+    pose : ndarray of int, shape (m,)
+
+    Returns
+    -------
+    ndarray, shape (terms, 3, m)
+    """
+    axes = [AXES.index(t.axis) for t in terms]
+    out = columns[[t.joint for t in terms], axes]
+    for k, term in enumerate(terms):
+        for joint in term.also:
+            out[k] += columns[joint, axes[k]]
+    out *= values[:, None, pose]
+    return out

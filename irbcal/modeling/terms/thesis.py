@@ -1,0 +1,44 @@
+"""The joint map of Nubiola 2011, sections 5.2 and 5.3, as special cases of gravity and harmonics.
+
+``A sin(q_2 + phi_2)`` is the lever of the upper arm's direction about axis 2, ``B sin(q_2 + q_3 + phi_3)``, which moves
+joints 2 and 3 alike, that of the forearm's; joint 6 has harmonics of orders 1 and 2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from irbcal.errors import RobotError
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import gravity, harmonics
+from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.term import Family, Term, Value
+
+
+class Thesis(Family):
+    """The two stiffness terms and the four of joint 6's Fourier series; none for arms that they do not fit."""
+
+    name = "thesis"
+
+    def terms(self, arm: Arm) -> list[Term]:
+        """A, B, then cosine and sine of orders 1 and 2 of joint 6."""
+        try:
+            phases, _ = arm.stiffness_geometry()
+        except RobotError:
+            return []
+        # direction of upper arm and forearm at zero joints, from the vertical about axis 2, seen from their links
+        here = Situation(arm, Motion(np.zeros((1, 6))))
+        up = np.array([0.0, 0.0, 1.0])
+        side = np.cross(here.before[1, 2, :, 0], up)
+        out = []
+        for link, phase, also in ((1, phases[0], ()), (2, phases[1], (2,))):
+            vector = here.after[link, :, :, 0] @ (np.cos(phase) * up + np.sin(phase) * side)
+            parameters: dict[str, Value] = {"link": link + 1, "vector": tuple(float(v) for v in vector)}
+            group = f"{self.name}_stiffness"
+            out.append(Term(1, "rz", "gravity", gravity.SIZE, group, self.name, "rad", parameters, also))
+        for k in (1, 2):
+            out += harmonics.pair(5, k, "rz", harmonics.SIZE, f"{self.name}_fourier", self.name)
+        return out
+
+
+FAMILY = Thesis()
