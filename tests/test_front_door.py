@@ -157,7 +157,7 @@ def results(tmp_path_factory):
         "model": irbcal.CalibratedModel.load(folder / "cal"),
         "robot": loaded.robot_calibrated(),
         "robots": irbcal.robots(),
-        "plan": irbcal.plan("irb1600", poses=12, axis=0, without=("collision", "sight", "way")),
+        "plan": irbcal.plan("irb1600", axis=0, cube=6, all_range=6, without=("collision", "sight", "way")),
     }
 
 

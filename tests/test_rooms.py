@@ -27,6 +27,7 @@ FLOORS = (
 
 LONG = {
     "calibration.py: calibrate": "the docstring of its 18 options",
+    "planning/measuring_plan.py: plan": "27 options and their docstring",
 }
 """Functions above 80 lines, and why."""
 

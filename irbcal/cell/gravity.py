@@ -5,62 +5,20 @@ mass M beyond joint j and the height of its centre P, ``g_j = 9.81 M (z_j x (P -
 ``9.81 M z_j . up`` for a prismatic one. All poses are walked at once, in blocks, along the chain's frames.
 """
 
-from dataclasses import dataclass
+from __future__ import annotations
 
 import numpy as np
 
+from irbcal.arrays import BoolArray, FloatArray
+from irbcal.cell.masses import Bodies
 from irbcal.modeling import dhm
+from irbcal.modeling.arm import Arm
 
 GRAVITY = 9.81
 """Metres per second squared, along -z of the base link."""
 
 
-@dataclass(frozen=True, eq=False)
-class Bodies:
-    """Masses that the joints carry.
-
-    Parameters
-    ----------
-    mass : array_like, shape (joints,)
-        What moves with each joint and not with the next one, kilograms.
-    centre : array_like, shape (joints, 3)
-        Its centre of mass in the joint's DHM frame, metres.
-    """
-
-    mass: np.ndarray
-    centre: np.ndarray
-
-    def __post_init__(self):
-        for name in ("mass", "centre"):
-            value = np.array(getattr(self, name), dtype=float)
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
-
-    def with_payload(self, kilograms, centre, T_last_tip):
-        """The bodies with a payload on the tip link.
-
-        Parameters
-        ----------
-        kilograms : float
-        centre : array_like, shape (3,)
-            In the tip link, metres.
-        T_last_tip : ndarray, shape (4, 4)
-            Tip link in the last DHM frame.
-
-        Returns
-        -------
-        Bodies
-        """
-        if kilograms == 0.0:
-            return self
-        mass, centres = self.mass.copy(), self.centre.copy()
-        place = T_last_tip[:3, :3] @ np.asarray(centre, dtype=float) + T_last_tip[:3, 3]
-        mass[-1] += kilograms
-        centres[-1] += kilograms / mass[-1] * (place - centres[-1])
-        return Bodies(mass, centres)
-
-
-def torques_and_origins(arm, bodies, theta):
+def torques_and_origins(arm: Arm, bodies: Bodies, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Gravity torques, and where the joints are.
 
     Parameters
@@ -88,7 +46,7 @@ def torques_and_origins(arm, bodies, theta):
     return torque, origins
 
 
-def _torques(prismatic, bodies, chain):
+def _torques(prismatic: BoolArray, bodies: Bodies, chain: dhm.ChainFrames) -> FloatArray:
     """Torques of one block, shape (n, joints); sums of mass and first moment run from the tip to the base."""
     joints, _, n = chain.z.shape
     torque = np.empty((n, joints))

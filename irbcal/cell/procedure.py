@@ -1,17 +1,26 @@
 """Poses for the virtual cell: random ones in the tracker's sight, and the thesis's measuring campaign.
 
-The campaign is that of Nubiola 2011, sections 7.2 and 7.7: moves of one joint at a time, moves of joints 5 and 6 to
-find the tool, random poses in the ISO cube and in the whole range, one target in each.
+The campaign is that of Nubiola 2011, sections 7.1, 7.2, 7.4 and 7.7: moves of one joint at a time, moves of joints 5
+and 6 to find the tool, random poses in the ISO cube and in the whole range, one target in each.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.cell.cell import Cell
 from irbcal.errors import MeasurementError
 from irbcal.measurement.points import PointSet
-from irbcal.thesis_setup import IRB1600_CUBE
-from irbcal.units import DEG, MM
+from irbcal.thesis_setup import FRONT, IRB1600_CUBE, IRB1600_HEIGHTS
+from irbcal.units import DEG
+
+Region: TypeAlias = "Callable[[FloatArray], BoolArray]"
+"""From tip positions (n, 3) in the base link, metres, to a mask (n,) of those inside."""
 
 BLOCK = 20_000
 """Random poses that are looked at together."""
@@ -21,34 +30,41 @@ CUBE_CENTRE, CUBE_EDGE = IRB1600_CUBE
 
 AREAS = ("iso_cube", "all_range")
 IDENTIFIED = ("smr1", "smr2", "smr3")
-"""Targets that the identification uses (section 7.3)."""
+"""Targets that the identification uses (Nubiola 2011, section 7.3)."""
 VERIFIED = tuple(f"smr{k}" for k in range(1, 9))
 """Targets that the verification uses."""
 
 
-def in_cube(p):
-    """Which positions (n, 3) in the base link lie in the ISO cube of the IRB 1600."""
-    return (np.abs(p - CUBE_CENTRE) <= CUBE_EDGE / 2).all(axis=1)
+def in_cube(p: FloatArray) -> BoolArray:
+    """Which positions (n, 3) in the base link lie in the ISO cube of the IRB 1600 (Nubiola 2011, section 7.2)."""
+    return np.all(np.abs(p - CUBE_CENTRE) <= CUBE_EDGE / 2, axis=1)
 
 
-def in_range(p):
-    """Which positions (n, 3) lie above the obstacles around the thesis's robot (section 7.2)."""
-    return p[:, 2] > np.where(p[:, 0] >= 150 * MM, 700 * MM, 1100 * MM)
+def in_range(p: FloatArray) -> BoolArray:
+    """Which positions (n, 3) lie above the obstacles around the thesis's robot (Nubiola 2011, section 7.2)."""
+    return p[:, 2] > np.where(p[:, 0] >= FRONT, *IRB1600_HEIGHTS)
 
 
-def above_floor(p):
+def above_floor(p: FloatArray) -> BoolArray:
     """Which positions (n, 3) lie above the robot's base plane."""
     return p[:, 2] > 0.0
 
 
-def random_poses(cell, count, seed=0, wanted=above_floor, targets=None):
+def random_poses(
+    cell: Cell,
+    count: int,
+    seed: int | Sequence[int] = 0,
+    wanted: Region = above_floor,
+    targets: IntArray | None = None,
+) -> FloatArray:
     """Random joints inside the limits with targets in sight, rounded to 1e-4 degrees (mm) as they are commanded.
 
     Parameters
     ----------
     cell : Cell
         With the effect ``visibility`` off, every target is in sight.
-    count, seed : int
+    count : int
+    seed : int or sequence of int
     wanted : callable
         From tip positions (n, 3) in the base link to a mask of the poses to keep.
     targets : ndarray of int, shape (count,), optional
@@ -72,11 +88,11 @@ def random_poses(cell, count, seed=0, wanted=above_floor, targets=None):
     found, missing = np.zeros((count, len(lower))), np.ones(count, dtype=bool)
     for _ in range(MOST_BLOCKS):
         q = np.round(rng.uniform(lower, upper, (BLOCK, len(lower))) / units, 4) * units
-        q = q[((q >= lower) & (q <= upper)).all(axis=1)]
+        q = q[np.all((q >= lower) & (q <= upper), axis=1)]
         q = q[wanted(arm.forward(q)[:, :3, 3])]
         seen = cell.visible(q)
         if targets is None:
-            seen = seen[:, alike].all(axis=1)[:, None]
+            seen = np.all(seen[:, alike], axis=1)[:, None]
         for target in np.unique(wish[missing]):
             good = q[seen[:, target]]
             places = np.flatnonzero(missing & (wish == target))[: len(good)]
@@ -97,15 +113,18 @@ class Campaign:
     ----------
     axes, tool : ndarray, shape (n, 6)
         One joint at a time: nine poses each from -40 to 40 degrees with target 1, and joints 5 and 6 from -90 to 90
-        degrees with all targets (section 3.4.4). The operator turns the reflectors to the tracker there.
+        degrees with all targets (Nubiola 2011, section 3.4.4). The operator turns the reflectors to the tracker there.
     identification, verification : dict of str to tuple
         Area -> joints (n, 6) and the target of each pose (n,), for targets 1 to 3 and 1 to 8.
     """
 
-    axes: np.ndarray
-    tool: np.ndarray
-    identification: dict
-    verification: dict
+    axes: FloatArray
+    tool: FloatArray
+    identification: dict[str, tuple[FloatArray, IntArray]]
+    verification: dict[str, tuple[FloatArray, IntArray]]
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +142,15 @@ class Measured:
 
     moves: PointSet
     axes: PointSet
-    identification: dict
-    verification: dict
+    identification: dict[str, PointSet]
+    verification: dict[str, PointSet]
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
-def campaign(cell, identification=400, verification=8000, seed=0):
-    """Draw the poses of a campaign.
+def campaign(cell: Cell, identification: int = 400, verification: int = 8000, seed: int = 0) -> Campaign:
+    """Draw the poses of a campaign (Nubiola 2011, sections 7.1 and 7.2).
 
     Parameters
     ----------
@@ -157,7 +179,7 @@ def campaign(cell, identification=400, verification=8000, seed=0):
     return Campaign(axes, tool, *drawn)
 
 
-def measure(cell, poses):
+def measure(cell: Cell, poses: Campaign) -> Measured:
     """Measure a campaign in one go: axes, tool, identification, verification.
 
     Parameters
@@ -174,7 +196,7 @@ def measure(cell, poses):
     only_first = np.arange(len(VERIFIED))[None] == 0
     axes = cell.measure(poses.axes, np.repeat(only_first, len(poses.axes), axis=0), run=1).points(groups)
     tool = cell.measure(poses.tool, run=2).points(["axis5"] * 7 + ["axis6"] * 7)
-    parts = []
+    parts: list[dict[str, PointSet]] = []
     for k, part in enumerate((poses.identification, poses.verification)):
         parts.append({})
         for i, (area, (q, which)) in enumerate(part.items()):
@@ -183,7 +205,7 @@ def measure(cell, poses):
     return Measured(joined(axes, tool), axes, *parts)
 
 
-def joined(*sets):
+def joined(*sets: PointSet) -> PointSet:
     """Point sets of one measuring frame as one; poses are numbered anew."""
     names = tuple(sorted({name for points in sets for name in points.target_names}))
     starts = np.cumsum([0, *(points.poses for points in sets)])
@@ -199,7 +221,7 @@ def joined(*sets):
     )
 
 
-def drawn(points, count, rng):
+def drawn(points: PointSet, count: int, rng: np.random.Generator) -> PointSet:
     """A random choice of the poses of a point set."""
     keep = np.zeros(points.poses, dtype=bool)
     keep[rng.permutation(points.poses)[:count]] = True

@@ -1,302 +1,258 @@
-"""The virtual cell of a URDF: link masses in, plan in, measurement file and truth out."""
+"""Measuring in a virtual cell: poses in, SIMULATED measurements and the truth out; what ``irbcal simulate`` does."""
 
-import hashlib
-import json
-import re
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
+from numpy.typing import ArrayLike
 
-from irbcal.cell import cell as cells
-from irbcal.cell import procedure as cell_procedure
-from irbcal.cell.gravity import Bodies
-from irbcal.errors import MeasurementError
-from irbcal.files import urdf as urdf_module
-from irbcal.measurement import columns as readers
-from irbcal.modeling import frames
-from irbcal.units import MM
+from irbcal.arrays import FloatArray, lock
+from irbcal.cell import pose_list, simulated_files
+from irbcal.cell.cell import WAIT_S, Cell
+from irbcal.cell.pose_list import PoseList, PosesLike
+from irbcal.cell.run import Run
+from irbcal.cell.shipped import ROBOT_SEED, open_cell
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.files import atomic, calibration_folder
+from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.schema import Record
+from irbcal.measurement import lists
+from irbcal.measurement.columns import TableLike
+from irbcal.measurement.statistics import statistics
+from irbcal.summary import Speaks, Told
+from irbcal.validation.evaluation import statistics_table
 
-KEPT = ("group", "cycle")
-"""Columns of a plan that go into the measurement file as they are."""
-LONGEST_WAIT = 86_400.0
+if TYPE_CHECKING:
+    import pandas as pd
 
+__all__ = ["MOSTLY_HIDDEN", "Simulated", "misses", "open_cell", "simulate"]
 
-def bodies(urdf):
-    """Masses that each joint of a URDF's chain carries, at zero of all other joints.
-
-    Links on fixed joints count with the link they sit on, and so do branches (a gripper's fingers); links without
-    ``inertial`` have no mass.
-
-    Parameters
-    ----------
-    urdf : UrdfArm
-
-    Returns
-    -------
-    Bodies
-
-    Raises
-    ------
-    RobotError
-        If a mass or a centre is not a number.
-    """
-    root, source = urdf.tree.getroot(), urdf.arm.name
-    links = {link.get("name"): link for link in root.findall("link")}
-    joints = urdf_module._joints(root, source)
-    names, children = list(urdf.arm.joint_names), {}
-    for joint in joints:
-        children.setdefault(joint.parent, []).append(joint)
-    mass, centre = np.zeros(len(names)), np.zeros((len(names), 3))
-    for i, first in enumerate(urdf.child_links):
-        stack = [(first, urdf.T_dhm_link[i + 1])]
-        while stack:
-            link, T = stack.pop()
-            kilograms, place = _inertial(links[link], link, source)
-            mass[i] += kilograms
-            centre[i] += kilograms * frames.apply(T, place)
-            stack += [
-                (joint.child, T @ joint.T_parent_joint) for joint in children.get(link, []) if joint.name not in names
-            ]
-    return Bodies(mass, centre / np.where(mass > 0, mass, 1.0)[:, None])
+MOSTLY_HIDDEN = 0.2
+"""Share of targets that the tracker may not see before the result says so."""
 
 
-def _inertial(link, name, source):
-    """Mass and centre of mass of a link element."""
-    inertial = link.find("inertial")
-    if inertial is None:
-        return 0.0, np.zeros(3)
-    mass = inertial.find("mass")
-    text = "0" if mass is None else mass.get("value", "0")
-    kilograms = urdf_module._numbers(text, 1, f"link {name!r}, mass", source)[0]
-    return kilograms, urdf_module._origin(inertial, f"link {name!r}, inertial", source)[:3, 3]
-
-
-def open_cell(robot, base=None, tip=None, **options):
-    """The shipped virtual cell of a robot; options as `irbcal.cell.cell.shipped_cell`."""
-    found = urdf_module.read(robot, base, tip)
-    return cells.shipped_cell(found.arm, bodies(found), **options)
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """Poses to measure.
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulated(Speaks):
+    """Measurements from the virtual cell: SIMULATED.
 
     Attributes
     ----------
-    q : ndarray, shape (n, joints)
-        Radians (metres for prismatic joints).
-    pose : ndarray of str, shape (n,)
-    targets : list of tuple or None
-        For each pose the names of its targets (none for all) and its line in the file; None for all everywhere.
-    wait_s : ndarray, shape (n,)
-    extra : dict of str to ndarray of str, shape (n,)
-        Columns that are kept.
-    source : str
-    sha256 : str or None
-    """
-
-    q: np.ndarray
-    pose: np.ndarray
-    targets: list | None
-    wait_s: np.ndarray
-    extra: dict
-    source: str
-    sha256: str | None = None
-
-
-def read_plan(path, arm, wait_s=cells.WAIT_S):
-    """Read a plan or a program of joints.
-
-    Parameters
-    ----------
-    path : str or Path
-        CSV with the arm's joint columns; optional columns ``pose``, ``group``, ``cycle``, ``targets`` (names with
-        spaces or semicolons between them) and ``wait_s``. Others are not looked at.
-    arm : Arm
-    wait_s : float
-        Where the file does not say.
-
-    Returns
-    -------
-    Plan
-
-    Raises
-    ------
-    MeasurementError
-        If the file does not keep the format.
-    """
-    raw, source, digest = readers.read(path, arm.joint_columns)
-    columns = []
-    for name in arm.joint_columns:
-        expected = readers.expected_joint(name)
-        values = readers.numbers(raw, name, source, expected)
-        largest = readers.LARGEST_POSITION_MM if name.endswith("_mm") else readers.LARGEST_ANGLE_DEG
-        _refuse_first(np.abs(values) > largest, raw, name, source, expected)
-        columns.append(values)
-    n = len(raw)
-    waits = np.full(n, float(wait_s))
-    if "wait_s" in raw.columns:
-        given = readers.numbers(raw, "wait_s", source, "seconds or nothing", lost=True)
-        outside = (given < 0) | (given > LONGEST_WAIT)
-        _refuse_first(outside, raw, "wait_s", source, f"0 to {LONGEST_WAIT:g} seconds")
-        waits = np.where(np.isfinite(given), given, waits)
-    return Plan(
-        np.column_stack(columns) * arm.joint_units,
-        _pose_names(raw, source) if "pose" in raw.columns else numbered(n),
-        _targets(raw) if "targets" in raw.columns else None,
-        waits,
-        {name: raw[name].to_numpy(dtype=object) for name in KEPT if name in raw.columns},
-        source,
-        digest,
-    )
-
-
-def numbered(n):
-    """Names of ``n`` poses: 1 to n."""
-    return np.arange(1, n + 1).astype(str).astype(object)
-
-
-def _refuse_first(bad, raw, column, source, expected):
-    """Refuse the first row that is marked as bad."""
-    if np.any(bad):
-        k = int(np.flatnonzero(bad)[0])
-        found = repr(raw[column].iloc[k].strip())
-        raise MeasurementError(f"{source}: row {raw.index[k]}, column {column}: expected {expected}, found {found}")
-
-
-def _pose_names(raw, source):
-    names = raw["pose"].str.strip()
-    _refuse_first(names == "", raw, "pose", source, "a name")
-    key = names + " / " + raw["cycle"].str.strip() if "cycle" in raw.columns else names
-    _refuse_first(key.duplicated(), raw, "pose", source, "each pose once (in each cycle)")
-    return names.to_numpy(dtype=object)
-
-
-def _targets(raw):
-    """Names of the targets of each row and the line of the file; no names stand for all targets."""
-    names = (tuple(name for name in re.split(r"[\s;|,]+", text) if name) for text in raw["targets"])
-    return list(zip(names, raw.index, strict=True))
-
-
-def asked(plan, cell):
-    """Which targets each pose of a plan asks for, shape (n, targets); None for all.
-
-    Raises
-    ------
-    MeasurementError
-        If the plan names a target that the cell does not measure.
-    """
-    if plan.targets is None:
-        return None
-    names = cell.tool.names
-    out = np.zeros((len(plan.q), len(names)), dtype=bool)
-    for k, (wanted, row) in enumerate(plan.targets):
-        unknown = [name for name in wanted if name not in names]
-        if unknown:
-            raise MeasurementError(
-                f"{plan.source}: row {row}, column targets: expected targets of the tool ({', '.join(names)}), "
-                f"found {unknown[0]!r}"
-            )
-        out[k] = np.isin(names, wanted) if wanted else True
-    return out
-
-
-def random_plan(cell, count, seed=0, wait_s=cells.WAIT_S):
-    """Random joints inside the limits, above the floor and, where visibility is on, with a target in sight.
-
-    Parameters
-    ----------
-    cell : Cell
-    count, seed : int
-    wait_s : float
-
-    Returns
-    -------
-    Plan
-
-    Raises
-    ------
-    MeasurementError
-        If the tracker sees too few poses.
-    """
-    q = cell_procedure.random_poses(cell, count, seed)
-    return Plan(q, numbered(count), None, np.full(count, float(wait_s)), {}, f"{count} random poses")
-
-
-def measurement_table(run, plan, arm):
-    """A run as the rows of a measurement file.
-
-    Returns
-    -------
-    DataFrame
-        Text and numbers as they are written: joints with 6 decimals, positions with 4 (0.1 um).
-    """
-    row, point = np.nonzero(run.asked)
-    units = arm.joint_units
-    columns = {"pose": plan.pose[row]}
-    for name, values in plan.extra.items():
-        columns[name] = values[row]
-    joints = np.round(plan.q / units, 6) + 0.0
-    columns |= {name: joints[row, j] for j, name in enumerate(arm.joint_columns)}
-    columns["target"] = np.array(run.names, dtype=object)[point]
-    xyz = np.round(run.xyz[row, point] / MM, 4) + 0.0
-    columns |= {name: xyz[:, k] for k, name in enumerate(readers.POSITION)}
-    columns["payload_kg"] = np.full(len(row), run.payload_kg)
-    columns["time_s"] = np.round(run.time_s[row, point], 2)
-    columns["simulated"] = np.full(len(row), "yes", dtype=object)
-    return pd.DataFrame(columns)
-
-
-def files(run, plan, cell, out, robot):
-    """Contents of the measurement file and of the truth beside it.
-
-    Parameters
-    ----------
-    run : Run
-    plan : Plan
-    cell : Cell
-    out : Path
-        The measurement file.
     robot : str
+        As the user named it.
+    cell : Cell
+    poses : PoseList
+        What was commanded.
+    run : Run
+        What the tracker saw, and the truth.
+    misses : ndarray, shape (m,), or None
+        Distances of the targets seen from where a program wanted them, metres; None without such a program.
+    """
+
+    robot: str
+    cell: Cell
+    poses: PoseList
+    run: Run
+    misses: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> list[Told]:
+        """See `Speaks.told`."""
+        run, cell = self.run, self.cell
+        minutes = self._duration_s / 60
+        told: list[Told] = [
+            f"SIMULATED: {len(run.q)} poses of {cell.arm.name} with {run.payload_kg:g} kg, {int(run.asked.sum())} "
+            f"points in {minutes:.0f} minutes of the cell's time",
+            f"Effects: {', '.join(cell.on) or 'none'}",
+        ]
+        told += [f"  {count} points without a position: {name}" for name, count in run.unseen.items()]
+        found = None if self.misses is None else statistics(self.misses)
+        if found is not None:
+            title = "Distances from where the program wanted the targets, mm"
+            told.append(statistics_table(title, [("all targets", "commanded", found)], {0}))
+        return told + [f"Note: {note}" for note in self._notes()]
+
+    def _notes(self) -> list[str]:
+        q, arm, notes = self.poses.q, self.cell.arm, []
+        beyond = int(((q < arm.lower - 1e-9) | (q > arm.upper + 1e-9)).any(axis=1).sum())
+        if beyond:
+            notes.append(f"{beyond} of {len(q)} poses command joints beyond the limits of {arm.name}")
+        hidden = self.run.unseen.get("visibility", 0)
+        asked = int(self.run.asked[:, : self.run.targets].sum())
+        if hidden > MOSTLY_HIDDEN * asked:
+            notes.append(
+                f"the tracker did not see {hidden} of {asked} targets: --random chooses poses that it sees, "
+                "--without visibility lets it see through everything"
+            )
+        return notes
+
+    @property
+    def _duration_s(self) -> float:
+        return float(self.run.time_s[-1].max())
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows of the measurement file, as `irbcal.calibrate` takes them.
+
+        Returns
+        -------
+        DataFrame
+            A row for each point asked for; ``simulated`` is ``yes`` in all. Positions that were lost are NaN.
+        """
+        return simulated_files.measurement_table(self.run, self.poses, self.cell.arm)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was simulated, ready for JSON; lengths in mm."""
+        run, cell = self.run, self.cell
+        return {
+            "robot": cell.arm.name,
+            "simulated": True,
+            "poses": len(run.q),
+            "points": int(run.asked.sum()),
+            "targets": list(cell.tool.names),
+            "references": list(cell.references),
+            "unseen": run.unseen,
+            "payload_kg": run.payload_kg,
+            "duration_s": self._duration_s,
+            "effects": list(cell.on),
+            "seed": cell.seed,
+            "wanted": None if self.misses is None else statistics(self.misses),
+        }
+
+    def save(self, out: str | Path) -> tuple[Path, Path]:
+        """Write the measurement file, and the truth beside it as ``NAME.truth.json``.
+
+        Parameters
+        ----------
+        out : str or Path
+            The measurement file, CSV.
+
+        Returns
+        -------
+        measurements, truth : Path
+
+        Raises
+        ------
+        CalibrationError
+            If they cannot be written.
+        """
+        out = Path(out)
+        atomic.write_together(out.parent, simulated_files.files(self.run, self.poses, self.cell, out, self.robot))
+        return out, out.parent / simulated_files.truth_name(out)
+
+
+def simulate(
+    robot: str | Path,
+    plan: PosesLike | None = None,
+    *,
+    random: int | None = None,
+    seed: int = 0,
+    robot_seed: int = ROBOT_SEED,
+    payload: float | None = None,
+    only: Sequence[str] | None = None,
+    without: Sequence[str] = (),
+    targets: int | Sequence[str] = 3,
+    tracker: ArrayLike | None = None,
+    wait: float = WAIT_S,
+    wanted: TableLike | None = None,
+    calibration: CalibrationLike | None = None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+) -> Simulated:
+    """Measure with a virtual robot, tool and laser tracker: SIMULATED data for trying out plans and calibrations.
+
+    Parameters
+    ----------
+    robot : str or Path
+        URDF of the nominal robot, or a shipped one: ``irb1600`` (tuned on the thesis), ``irb120``.
+    plan : str, Path, DataFrame, Plan or array_like of shape (n, joints), optional
+        Joints to command, see `irbcal.cell.pose_list.taken`.
+    random : int, optional
+        In place of a plan, that many random poses in the tracker's sight.
+    seed, robot_seed : int
+        Of the run: noise, repeatability, lost points, random poses; and of the robot's own errors.
+    payload : float, optional
+        Mass on the flange, kg; 3 unless given, less for smaller arms.
+    only, without : sequence of str, optional
+        Only these effects (none at all if empty), or all but these; names as in `irbcal.cell.effects.NAMES`.
+    targets : int or sequence of str
+        How many of the tool's nine reflectors, or their names.
+    tracker : array_like, shape (3,), optional
+        Place of the tracker in the base link, metres.
+    wait : float
+        Seconds between stop and measurement, where the plan does not say.
+    wanted, calibration : optional
+        The program before it was filtered (file or DataFrame), and the calibration it was filtered with (folder or
+        loaded): tells how far the robot ends from where the program wanted it.
+    base_link, tip_link : str, optional
+        Links of the URDF; by default as `irbcal.read_urdf` chooses them.
 
     Returns
     -------
-    dict of str to bytes
-        File name -> content.
+    Simulated
+
+    Raises
+    ------
+    IrbcalError
+        If options exclude or need one another, or an input is refused.
+
+    Examples
+    --------
+    >>> irbcal.calibrate(simulate("irb1600", random=100).to_frame(), "irb1600")  # doctest: +SKIP
     """
-    from scipy.spatial.transform import Rotation
-
-    data = measurement_table(run, plan, cell.arm).to_csv(index=False, lineterminator="\n").encode()
-    document = {
-        "simulated": True,
-        "note": "What the virtual cell hides; the identification never reads this file.",
-        "made_by": "irbcal simulate",
-        "robot": robot,
-        "data": out.name,
-        "data_sha256": hashlib.sha256(data).hexdigest(),
-        "plan": Path(plan.source).name,
-        "plan_sha256": plan.sha256,
-        "units": "mm and degrees; base_*: the base link in the tracker's frame (eq. 3.5); target_*: in the tip link",
-        "stiffness_is": "the two numbers that describe joints 2 and 3 best; the effect compliance says what they do",
-        **cell.truth(),
-        "unseen": run.unseen,
-        "poses_are": "true tip poses in the base link, in the order of the run: x_mm, y_mm, z_mm, qw, qx, qy, qz",
-    }
-    xyzw = Rotation.from_matrix(run.T_base_tip[:, :3, :3]).as_quat(canonical=True)
-    rows = np.round(np.column_stack([run.T_base_tip[:, :3, 3] / MM, xyzw[:, 3], xyzw[:, :3]]), 9).tolist()
-    poses = ",\n".join(f"  {row}" for row in rows)
-    truth = json.dumps(document, indent=1, ensure_ascii=False).removesuffix("\n}")
-    return {out.name: data, truth_name(out): f'{truth},\n "poses": [\n{poses}\n ]\n}}\n'.encode()}
+    if (wanted is None) != (calibration is None):
+        raise OptionError("wanted and calibration go together", parameter="wanted")
+    cell = _changed(open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed), only, without)
+    cell = cell.with_targets(_targets(targets, cell.tool.names))
+    cell = cell if payload is None else cell.with_payload(payload)
+    cell = cell if tracker is None else cell.replace(tracker=cell.tracker.moved(_place(tracker)))
+    poses = _poses(cell, plan, random, seed, wait)
+    run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
+    found = None
+    if wanted is not None and calibration is not None:
+        program = lists.read_joints(wanted, cell.arm.joint_columns)
+        found = misses(run, program, calibration_folder.opened(calibration))
+    return Simulated(str(robot), cell, poses, run, found)
 
 
-def truth_name(out):
-    """Name of the truth's file beside a measurement file."""
-    return f"{Path(out).stem}.truth.json"
+def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str]) -> Cell:
+    """The cell with the effects that are asked for."""
+    if only is not None and without:
+        raise OptionError("only and without exclude each other", parameter="only")
+    return (cell if only is None else cell.only(*only)).without(*without)
 
 
-def misses(run, wanted, calibration):
+def _poses(cell: Cell, plan: PosesLike | None, random: int | None, seed: int, wait: float) -> PoseList:
+    if (plan is None) == (random is None):
+        raise OptionError("give either a plan or a number of random poses", parameter="plan")
+    if random is None:
+        return pose_list.taken(plan, cell.arm, wait)
+    return pose_list.drawn(cell, random, seed, wait)
+
+
+def _targets(wanted: int | Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Names of the targets to measure: the first so many, or those named."""
+    if isinstance(wanted, str):
+        wanted = (wanted,)
+    if not isinstance(wanted, int):
+        return tuple(dict.fromkeys(wanted))
+    if not 1 <= wanted <= len(names):
+        raise OptionError(f"expected 1 to {len(names)} targets or names, found {wanted}", parameter="targets")
+    return tuple(names[:wanted])
+
+
+def _place(tracker: ArrayLike) -> FloatArray:
+    place = np.asarray(tracker, dtype=float)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise OptionError(f"expected x, y, z of the tracker in metres, found {tracker!r}", parameter="tracker")
+    return place
+
+
+def misses(run: Run, wanted: FloatArray, calibration: Record) -> FloatArray:
     """Distances of the measured targets from where a program wanted them.
 
     Wanted is what the controller's nominal arm means by its joints, in the base and with the tool of a calibration.
@@ -322,7 +278,9 @@ def misses(run, wanted, calibration):
     from irbcal.measurement.registration import register
 
     if len(wanted) != len(run.q):
-        raise MeasurementError(f"the wanted program has {len(wanted)} poses, the simulated one {len(run.q)}")
+        raise MeasurementError(
+            f"the wanted program has {len(wanted)} poses, the simulated one {len(run.q)}", parameter="wanted"
+        )
     robot = calibration.robot_calibrated()
     robot = robot.replace(
         arm=calibration.arm(calibrated=False), joint_map=type(robot.joint_map)(np.zeros(wanted.shape[1]))

@@ -1,14 +1,15 @@
-"""End-effector and laser tracker of the virtual cell, and which reflector the tracker can see."""
+"""The end-effector of the virtual cell: nine reflectors on the flange (Nubiola 2011, section 3.4.1)."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from irbcal.modeling import frames
-from irbcal.units import DEG, MM
-
-ACCEPTANCE = 30.0 * DEG
-"""Largest angle between a reflector's direction and the beam: a corner-cube reflector in a ball returns no more."""
+from irbcal.arrays import FloatArray, lock
+from irbcal.units import MM
 
 TABLE_3_1 = {
     # target: CAD, real (Nubiola 2011, Table 3.1), in tool0, mm
@@ -22,13 +23,15 @@ TABLE_3_1 = {
     "smr8": ((-63.000, -63.000, 56.800), (-62.918, -63.055, 57.454)),
     "smr9": ((0.000, 0.000, 109.480), (0.049, -0.032, 109.974)),
 }
-"""The nine targets: 1 to 4 and 9 on the front (1.5 inch), 5 to 8 on the back (0.5 inch)."""
+"""The nine targets of Nubiola 2011, Table 3.1 (Nubiola 2011, section 3.4.4): 1 to 4 and 9 on the front (1.5 inch),
+5 to 8 on the back (0.5 inch)."""
 
 PAYLOAD_KG = 3.0
 """The tool with its nine reflectors (Nubiola 2011, section 3.4.1: 1.8 kg and 1.2 kg)."""
 
 PAYLOAD_CENTRE = (0.0, 0.0, 75.0 * MM)
-"""Centre of mass in tool0, given for tool, reflectors and eight discs (section 3.4.1); used for every payload."""
+"""Centre of mass in tool0, given for tool, reflectors and eight discs (Nubiola 2011, section 3.4.1); used for every
+payload."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,29 +50,33 @@ class EndEffector:
         Centre of mass in the tip link, metres.
     """
 
-    names: tuple
-    cad: np.ndarray
-    real: np.ndarray
-    direction: np.ndarray
-    payload_kg: float = PAYLOAD_KG
-    payload_centre: np.ndarray = PAYLOAD_CENTRE
+    names: tuple[str, ...]
+    cad: FloatArray
+    real: FloatArray
+    direction: FloatArray
+    payload_kg: float
+    payload_centre: FloatArray
 
-    def only(self, names):
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def only(self, names: Sequence[str]) -> EndEffector:
         """The same tool measured at these targets."""
         rows = [self.names.index(name) for name in names]
-        return EndEffector(
-            tuple(names), self.cad[rows], self.real[rows], self.direction[rows], self.payload_kg, self.payload_centre
+        return replace(
+            self, names=tuple(names), cad=self.cad[rows], real=self.real[rows], direction=self.direction[rows]
         )
 
 
-def thesis_tool(look, scale=1.0, payload_kg=PAYLOAD_KG):
-    """The end-effector of Nubiola 2011, section 3.4.1, with the targets of Table 3.1.
+def thesis_tool(look: ArrayLike, scale: float = 1.0, payload_kg: float = PAYLOAD_KG) -> EndEffector:
+    """The end-effector of Nubiola 2011, section 3.4.1, with the targets of Nubiola 2011, Table 3.1.
 
     Parameters
     ----------
-    look : ndarray, shape (3,)
+    look : array_like, shape (3,)
         Where the front reflectors look, in the tip link; those on the back look the other way along the tool's axis.
-        The nests let a reflector be turned, and the thesis does so by hand.
+        The nests let a reflector be turned, and the thesis does so by hand (Nubiola 2011, section
+        7.1).
     scale : float
         Size against the thesis's tool: smaller arms carry a smaller one.
     payload_kg : float
@@ -78,98 +85,10 @@ def thesis_tool(look, scale=1.0, payload_kg=PAYLOAD_KG):
     -------
     EndEffector
     """
-    look = np.asarray(look, dtype=float) / np.linalg.norm(look)
-    back = look * [1.0, 1.0, -1.0]
+    front = np.asarray(look, dtype=float) / np.linalg.norm(look)
+    back = front * [1.0, 1.0, -1.0]
     cad, real = (scale * MM * np.array([pair[k] for pair in TABLE_3_1.values()]) for k in (0, 1))
-    direction = np.array([back if name in ("smr5", "smr6", "smr7", "smr8") else look for name in TABLE_3_1])
+    direction = np.array([back if name in ("smr5", "smr6", "smr7", "smr8") else front for name in TABLE_3_1])
     return EndEffector(
         tuple(TABLE_3_1), cad, real, direction, payload_kg, scale * np.asarray(PAYLOAD_CENTRE, dtype=float)
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Tracker:
-    """A laser tracker with a frame of its own.
-
-    Parameters
-    ----------
-    T_tracker_base : ndarray, shape (4, 4)
-        The robot's base link in the tracker's frame.
-    """
-
-    T_tracker_base: np.ndarray
-
-    @property
-    def place(self):
-        """Origin of the tracker in the base link, shape (3,), metres."""
-        return frames.inverse(self.T_tracker_base)[:3, 3]
-
-    def moved(self, place):
-        """The tracker at another place in the base link (metres), its axes as before."""
-        T = np.array(self.T_tracker_base)
-        T[:3, 3] = -T[:3, :3] @ np.asarray(place, dtype=float)
-        return Tracker(T)
-
-
-def turned_away(points, directions, place, acceptance=ACCEPTANCE):
-    """Which reflectors the beam meets outside their acceptance.
-
-    Parameters
-    ----------
-    points, directions : ndarray, shape (..., 3)
-        Places (m) and unit directions of the reflectors.
-    place : ndarray, shape (3,)
-        The tracker, in the same frame.
-    acceptance : float
-        Radians.
-
-    Returns
-    -------
-    ndarray of bool, shape (...)
-    """
-    beam = place - points
-    return np.sum(beam * directions, axis=-1) < np.cos(acceptance) * np.linalg.norm(beam, axis=-1)
-
-
-def behind_arm(points, origins, place, radius):
-    """Which points the arm hides from the tracker.
-
-    The arm is a row of straight links with round ends between the joints' origins; the link that carries the tool is
-    left out, for the reflectors sit beside it.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, k, 3)
-        Metres.
-    origins : ndarray, shape (n, joints + 1, 3)
-        Of the base link and the joints, in the same frame.
-    place : ndarray, shape (3,)
-        The tracker.
-    radius : float
-        Of the links, metres.
-
-    Returns
-    -------
-    ndarray of bool, shape (n, k)
-    """
-    hidden = np.zeros(points.shape[:2], dtype=bool)
-    beam = place - points
-    for i in range(origins.shape[1] - 2):
-        link = origins[:, i + 1] - origins[:, i]
-        if (length := np.linalg.norm(link, axis=1).max(initial=0.0)) > radius:
-            near = _distance(points, beam, origins[:, i, None], link[:, None], length)
-            hidden |= near < radius
-    return hidden
-
-
-def _distance(p, u, q, v, length):
-    """Distance between segments p + s u and q + t v, with s and t from 0 to 1, by Lumelsky's order of clipping."""
-    w = p - q
-    a, b, c = (np.sum(x * y, axis=-1) for x, y in ((u, u), (u, v), (v, v)))
-    d, e = np.sum(u * w, axis=-1), np.sum(v * w, axis=-1)
-    c = np.maximum(c, (1e-9 * length) ** 2)
-    denominator = a * c - b * b
-    s = np.clip(np.where(denominator > 1e-12 * a * c, (b * e - c * d) / np.maximum(denominator, 1e-300), 0.0), 0, 1)
-    t = np.clip((b * s + e) / c, 0.0, 1.0)
-    s = np.clip((b * t - d) / a, 0.0, 1.0)
-    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)

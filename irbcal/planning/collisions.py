@@ -3,12 +3,19 @@
 Meshes count as their convex hulls: quicker, solid inside and never smaller than the mesh.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import RobotError
 from irbcal.files.urdf_check import ArmInModel
+from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
 BEAM_RADIUS = 5 * MM
@@ -52,10 +59,12 @@ class CollisionModel:
         If a mesh is not found, may not be read or is not understood, or there is no collision geometry.
     """
 
-    def __init__(self, urdf_bytes, arm, *, package_dirs=()):
+    def __init__(self, urdf_bytes: bytes, arm: Arm, *, package_dirs: Sequence[str | Path] = ()) -> None:
         import pinocchio as pin
 
         self.arm = arm
+        self._made_from = urdf_bytes, arm, tuple(str(folder) for folder in package_dirs)
+        self._obstacles: list[tuple[FloatArray, float]] = []
         text = _with_found_meshes(urdf_bytes, [Path(folder).resolve() for folder in package_dirs])
         try:
             self.model = pin.buildModelFromXML(text)
@@ -76,7 +85,11 @@ class CollisionModel:
         self._links = [self.model.frames[solid.parentFrame].name for solid in self.geometry.geometryObjects]
         self._add_pairs()
 
-    def add_obstacle(self, place, radius):
+    def __reduce__(self) -> tuple[Any, ...]:
+        # what Pinocchio and coal hold cannot be pickled: the model is made again from the files
+        return _made_again, (*self._made_from, self._obstacles)
+
+    def add_obstacle(self, place: ArrayLike, radius: float) -> None:
         """A ball that stands still, such as the tracker; the moving links are checked against it from now on.
 
         Parameters
@@ -89,7 +102,9 @@ class CollisionModel:
         import coal
         import pinocchio as pin
 
-        T = pin.SE3(self.T_universe_base) * pin.SE3(np.eye(3), np.asarray(place, dtype=float))
+        middle = np.array(place, dtype=float)
+        self._obstacles.append((middle, float(radius)))
+        T = pin.SE3(self.T_universe_base) * pin.SE3(np.eye(3), middle)
         ball = self.geometry.addGeometryObject(
             pin.GeometryObject(f"obstacle_{self.geometry.ngeoms}", 0, T, coal.Sphere(radius))
         )
@@ -98,7 +113,7 @@ class CollisionModel:
                 self.geometry.addCollisionPair(pin.CollisionPair(k, ball))
         self.geometry_data = self.geometry.createData()
 
-    def _add_pairs(self):
+    def _add_pairs(self) -> None:
         import pinocchio as pin
 
         solids = self.geometry.geometryObjects
@@ -121,13 +136,13 @@ class CollisionModel:
         self.pairs = sorted(set(names) - set(self.overlapping))
         self.geometry_data = self.geometry.createData()
 
-    def _neighbours(self, a, b):
+    def _neighbours(self, a: int, b: int) -> bool:
         return a == b or self.model.parents[a] == b or self.model.parents[b] == a
 
-    def _configurations(self, theta):
+    def _configurations(self, theta: FloatArray) -> FloatArray:
         return self.place.configurations(self.arm.check_joints(theta), self.rest)
 
-    def _each_pair(self, theta):
+    def _each_pair(self, theta: FloatArray) -> BoolArray:
         """Whether each pair touches, shape (n, pairs)."""
         import pinocchio as pin
 
@@ -138,7 +153,7 @@ class CollisionModel:
             row[:] = [result.isCollision() for result in data.collisionResults]
         return out
 
-    def touching(self, theta):
+    def touching(self, theta: FloatArray) -> BoolArray:
         """Whether the robot touches itself.
 
         Parameters
@@ -155,7 +170,9 @@ class CollisionModel:
         things = self.model, self.data, self.geometry, self.geometry_data
         return np.array([pin.computeCollisions(*things, row, True) for row in self._configurations(theta)], dtype=bool)
 
-    def blocked(self, theta, points, place, asked=None):
+    def blocked(
+        self, theta: FloatArray, points: FloatArray, place: FloatArray, asked: BoolArray | None = None
+    ) -> BoolArray:
         """Whether solids of the robot stand in the beam between tracker and reflectors.
 
         The beam has `BEAM_RADIUS`; its last `BEAM_GAP` before the reflector is not looked at, nor are solids of the tip
@@ -210,7 +227,16 @@ class CollisionModel:
         return out
 
 
-def _turned_to(direction):
+def _made_again(
+    urdf_bytes: bytes, arm: Arm, package_dirs: Sequence[str], obstacles: Sequence[tuple[FloatArray, float]]
+) -> CollisionModel:
+    model = CollisionModel(urdf_bytes, arm, package_dirs=package_dirs)
+    for place, radius in obstacles:
+        model.add_obstacle(place, radius)
+    return model
+
+
+def _turned_to(direction: FloatArray) -> FloatArray:
     """Rotations (m, 3, 3) whose z axes are unit vectors (m, 3)."""
     helper = np.where(np.abs(direction[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     x = np.cross(helper, direction)
@@ -218,7 +244,7 @@ def _turned_to(direction):
     return np.stack([x, np.cross(direction, x), direction], axis=2)
 
 
-def _make_convex(solid):
+def _make_convex(solid: Any) -> None:
     import coal
 
     if isinstance(solid.geometry, coal.BVHModelBase):
@@ -226,7 +252,7 @@ def _make_convex(solid):
         solid.geometry = solid.geometry.convex
 
 
-def _with_found_meshes(urdf_bytes, folders):
+def _with_found_meshes(urdf_bytes: bytes, folders: Sequence[Path]) -> str:
     """The URDF's text without visuals, each collision mesh named by its file.
 
     Raises
@@ -246,7 +272,7 @@ def _with_found_meshes(urdf_bytes, folders):
     return etree.tostring(root, encoding="unicode")
 
 
-def _find(uri, folders, link):
+def _find(uri: str, folders: Sequence[Path], link: str | None) -> Path:
     shown = uri if len(uri) < 120 else uri[:120] + "…"
     where = f"collision mesh {shown!r} of link {link!r}"
     if uri.startswith("file://"):

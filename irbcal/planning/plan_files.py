@@ -1,20 +1,31 @@
 """The files that carry a measuring plan out: tables, a RAPID module, and what it promises."""
 
-import io
+from __future__ import annotations
+
 import json
+from collections import Counter
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
-from irbcal.planning import conditions
-from irbcal.planning.measuring_plan import READINGS_S
+from irbcal.arrays import FloatArray
+from irbcal.measurement.columns import joint_columns
+from irbcal.planning.conditions import CONDITIONS
+from irbcal.planning.home import DECIMALS, home_joints
+from irbcal.planning.made import Made
+from irbcal.planning.wish import READINGS_S
+from irbcal.thesis_setup import FRONT
 from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SPEED_NAMES = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000, 1500, 2000, 2500, 3000)
 """Speeds that RAPID has names for, mm/s."""
 
 
-def files(made, page=None):
+def files(made: Made, page: str | None = None) -> dict[str, bytes]:
     """The files of a plan.
 
     Parameters
@@ -32,7 +43,7 @@ def files(made, page=None):
     out = {
         "plan.csv": _csv(plan_table(made)),
         "poses.csv": _csv(pose_table(made)),
-        "plan.json": (json.dumps(summary(made), indent=1, allow_nan=False) + "\n").encode(),
+        "plan.json": (json.dumps(facts(made), indent=1, allow_nan=False) + "\n").encode(),
     }
     if made.scene.setting.arm.six_revolute:
         out["plan.mod"] = rapid(made).encode()
@@ -41,49 +52,53 @@ def files(made, page=None):
     return out
 
 
-def _csv(table):
-    stream = io.StringIO()
-    table.to_csv(stream, index=False, lineterminator="\n")
-    return stream.getvalue().encode()
+def _csv(table: pd.DataFrame) -> bytes:
+    """A table as it is written: joints with `DECIMALS` places, positions with three, times with one."""
+    places = dict.fromkeys(joint_columns(table.columns), DECIMALS)
+    places |= {f"expected_{axis}_mm": 3 for axis in "xyz"} | {"time_s": 1}
+    text = table.copy()
+    for name in places.keys() & set(table.columns):
+        text[name] = [f"{value:.{places[name]}f}" for value in table[name]]
+    return str(text.to_csv(index=False, lineterminator="\n")).encode()
 
 
-def _joint_texts(made):
-    """Joints as they are commanded, text, shape (n, joints)."""
-    values = made.q / made.scene.setting.arm.joint_units
-    return [
-        [f"{value:.{conditions.DECIMALS}f}" for value in np.round(row, conditions.DECIMALS) + 0.0] for row in values
-    ]
+def _joints(made: Made) -> FloatArray:
+    """Joints as they are commanded, degrees and millimetres, shape (n, joints)."""
+    return np.round(made.q / made.scene.setting.arm.joint_units, DECIMALS) + 0.0
 
 
-def plan_table(made):
+def plan_table(made: Made) -> pd.DataFrame:
     """A row for each reflector to measure: joints, reflector, where the tracker should expect it, when.
 
     Returns
     -------
     DataFrame
     """
+    import pandas as pd
+
     pose, target, xyz, time = made.expected()
-    names = made.scene.setting.arm.joint_columns
-    table = pd.DataFrame(np.array(_joint_texts(made))[pose], columns=names)
+    table = pd.DataFrame(_joints(made)[pose], columns=made.scene.setting.arm.joint_columns)
     table.insert(0, "pose", pose + 1)
     table.insert(1, "group", made.groups[pose])
     table["target"] = np.array(made.scene.setting.targets.names, dtype=object)[target]
     for k, axis in enumerate("xyz"):
-        table[f"expected_{axis}_mm"] = [f"{value:.3f}" for value in xyz[:, k] / MM]
-    table["time_s"] = [f"{value:.1f}" for value in time]
+        table[f"expected_{axis}_mm"] = xyz[:, k] / MM
+    table["time_s"] = time
     if made.wish.payload_kg is not None:
         table["payload_kg"] = made.wish.payload_kg
     return table
 
 
-def pose_table(made):
+def pose_table(made: Made) -> pd.DataFrame:
     """A row for each pose: joints, reflectors with spaces between them, wait.
 
     Returns
     -------
     DataFrame
     """
-    table = pd.DataFrame(_joint_texts(made), columns=made.scene.setting.arm.joint_columns)
+    import pandas as pd
+
+    table = pd.DataFrame(_joints(made), columns=made.scene.setting.arm.joint_columns)
     table.insert(0, "pose", np.arange(1, len(table) + 1))
     table.insert(1, "group", made.groups)
     table["targets"] = _target_texts(made)
@@ -91,52 +106,52 @@ def pose_table(made):
     return table
 
 
-def _target_texts(made):
+def _target_texts(made: Made) -> list[str]:
     names = np.array(made.scene.setting.targets.names, dtype=object)
     return [" ".join(names[row]) for row in made.asked]
 
 
-def rapid(made):
+def rapid(made: Made) -> str:
     """A RAPID module that runs the plan: absolute joint moves, and a wait in each pose for rest and readings."""
-    wish, speed = made.wish, round(made.wish.speed / MM)
-    speed = f"v{speed}" if speed in SPEED_NAMES else f"[{speed},500,5000,1000]"
+    wish, mm_s = made.wish, round(made.wish.speed / MM)
+    speed = f"v{mm_s}" if mm_s in SPEED_NAMES else f"[{mm_s},500,5000,1000]"
     absent = ",".join(["9E9"] * 6)
 
-    def move(joints):
+    def move(joints: Iterable[str]) -> str:
         return f"    MoveAbsJ [[{','.join(joints)}],[{absent}]]\\NoEOffs,{speed},fine,tool0;"
 
-    home = [f"{value:.{conditions.DECIMALS}f}" for value in conditions.home_joints(made.scene.setting.arm) / DEG]
+    home = [f"{value:.{DECIMALS}f}" for value in home_joints(made.scene.setting.arm) / DEG]
     lines = [
         "MODULE irbcal_plan",
         f"  ! Measuring plan for {made.scene.setting.arm.name}: {len(made.q)} poses, about "
         f"{made.duration_s / 60:.0f} minutes.",
         f"  ! In each pose: {wish.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, "
         f"{wish.references} references among them.",
-        "  ! The commanded joints are those of conditions.csv: do not run this module through a filter.",
+        "  ! The commanded joints are those of plan.csv: do not run this module through a filter.",
         "  PROC main()",
         "    AccSet 50,50;",
         move(home),
     ]
-    rows = zip(_joint_texts(made), made.groups, _target_texts(made), made.hold_s, made.over_home, strict=True)
+    texts = [[f"{value:.{DECIMALS}f}" for value in row] for row in _joints(made)]
+    rows = zip(texts, made.groups, _target_texts(made), made.hold_s, made.over_home, strict=True)
     for number, (joints, group, names, hold, over) in enumerate(rows, start=1):
         lines += [f"    ! pose {number}, {group}: {names}", *([move(home)] if over else [])]
         lines += [move(joints), f"    WaitTime {hold:g};"]
     return "\n".join([*lines, move(home), "  ENDPROC", "ENDMODULE", ""])
 
 
-def summary(made):
+def facts(made: Made) -> dict[str, Any]:
     """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
     scene, wish, setting = made.scene, made.wish, made.scene.setting
-    groups = pd.Series(made.groups).value_counts(sort=False)
     return {
         "robot": setting.arm.name,
         "source": scene.name,
         "poses": len(made.q),
         "points": int(made.asked.sum()),
         "duration_s": made.duration_s,
-        "groups": {name: int(count) for name, count in groups.items()},
+        "groups": dict(Counter(made.groups.tolist())),
         "conditions": list(setting.conditions),
-        "conditions_off": [name for name in conditions.CONDITIONS if name not in setting.conditions],
+        "conditions_off": [name for name in CONDITIONS if name not in setting.conditions],
         "counts": {
             name: {"tried": tally.tried, "kept": tally.kept, "removed": dict(tally.removed)}
             for name, tally in made.tallies.items()
@@ -163,32 +178,37 @@ def summary(made):
             "random": [{"poses": n, "value": value} for n, value in made.comparison.random.items()],
             "as_good_as_random_poses": made.comparison.as_good_as,
         },
-        "settings": {
-            "seed": wish.seed,
-            "axis": wish.axis,
-            "cube": wish.cube,
-            "all_range": wish.all_range,
-            "optimal": wish.optimal,
-            "candidates": wish.candidates if wish.optimal else 0,
-            "criterion": wish.criterion,
-            "volume": wish.volume,
-            "imagined_joint_errors_deg": wish.imagined / DEG if wish.criterion == "position" else 0.0,
-            "margin_deg": round(setting.margin / DEG, 9),
-            "acceptance_deg": round(setting.acceptance / DEG, 9),
-            "min_height_mm": None if setting.heights is None else [value / MM for value in setting.heights],
-            "front_begins_at_x_mm": conditions.FRONT / MM,
-            "cube_centre_mm": (np.asarray(scene.cube[0]) / MM).tolist(),
-            "cube_edge_mm": scene.cube[1] / MM,
-            "tracker_mm": (setting.place / MM).tolist(),
-            "T_tracker_base": scene.T_world_base.tolist(),
-            "targets_mm": dict(zip(setting.targets.names, (setting.targets.places / MM).tolist(), strict=True)),
-            "targets_look_along": None
-            if setting.targets.directions is None
-            else dict(zip(setting.targets.names, setting.targets.directions.tolist(), strict=True)),
-            "wait_s": wish.wait_s,
-            "readings_s": READINGS_S,
-            "speed_mm_s": wish.speed / MM,
-            "payload_kg": wish.payload_kg,
-        },
-        "notes": made.notes,
+        "settings": _settings(made),
+        "notes": list(made.notes),
+    }
+
+
+def _settings(made: Made) -> dict[str, Any]:
+    scene, wish, setting = made.scene, made.wish, made.scene.setting
+    return {
+        "seed": wish.seed,
+        "axis": wish.axis,
+        "cube": wish.cube,
+        "all_range": wish.all_range,
+        "optimal": wish.optimal,
+        "candidates": wish.candidates if wish.optimal else 0,
+        "criterion": wish.criterion,
+        "volume": wish.volume,
+        "imagined_joint_errors_deg": wish.imagined / DEG if wish.criterion == "position" else 0.0,
+        "margin_deg": round(setting.margin / DEG, 9),
+        "acceptance_deg": round(setting.acceptance / DEG, 9),
+        "min_height_mm": None if setting.heights is None else [value / MM for value in setting.heights],
+        "front_begins_at_x_mm": FRONT / MM,
+        "cube_centre_mm": (np.asarray(scene.cube[0]) / MM).tolist(),
+        "cube_edge_mm": scene.cube[1] / MM,
+        "tracker_mm": (setting.place / MM).tolist(),
+        "T_tracker_base": scene.T_world_base.tolist(),
+        "targets_mm": dict(zip(setting.targets.names, (setting.targets.places / MM).tolist(), strict=True)),
+        "targets_look_along": None
+        if setting.targets.directions is None
+        else dict(zip(setting.targets.names, setting.targets.directions.tolist(), strict=True)),
+        "wait_s": wish.wait_s,
+        "readings_s": READINGS_S,
+        "speed_mm_s": wish.speed / MM,
+        "payload_kg": wish.payload_kg,
     }

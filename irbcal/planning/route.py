@@ -1,7 +1,12 @@
 """The order in which poses are visited: short motion, and no move through something."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import numpy as np
 
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.units import DEG, MM
 
 STEP = (4 * DEG, 20 * MM)
@@ -14,12 +19,17 @@ BLOCKED = 1e3
 """Seconds that a blocked move counts for."""
 
 
-def move_times(q_from, q_to, speed):
+def move_times(q_from: FloatArray, q_to: FloatArray, speed: FloatArray) -> FloatArray:
     """Time of the slowest joint, seconds; shapes of the joints broadcast, ``speed`` is (joints,) in SI units."""
     return (np.abs(q_to - q_from) / speed).max(axis=-1)
 
 
-def shortest_order(q, start, speed, blocked=None):
+def shortest_order(
+    q: FloatArray,
+    start: FloatArray,
+    speed: FloatArray,
+    blocked: Callable[[FloatArray, FloatArray], BoolArray] | None = None,
+) -> tuple[IntArray, IntArray]:
     """An order of poses that keeps motion short: nearest neighbour first, then 2-opt.
 
     Parameters
@@ -58,7 +68,7 @@ def shortest_order(q, start, speed, blocked=None):
     return path[1:] - 1, bad
 
 
-def _nearest_neighbour(cost):
+def _nearest_neighbour(cost: FloatArray) -> IntArray:
     left = np.ones(len(cost), dtype=bool)
     path = [0]
     left[0] = False
@@ -68,7 +78,7 @@ def _nearest_neighbour(cost):
     return np.array(path)
 
 
-def _two_opt(cost, path):
+def _two_opt(cost: FloatArray, path: IntArray) -> IntArray:
     """Reverse parts of an open path that starts where it does, as long as one makes it shorter."""
     n = len(path)
     upper = np.triu(np.ones((n - 1, n - 1), dtype=bool))
@@ -86,7 +96,9 @@ def _two_opt(cost, path):
     return path
 
 
-def between(q_from, q_to, prismatic, coarser=1.0):
+def between(
+    q_from: FloatArray, q_to: FloatArray, prismatic: BoolArray, coarser: float = 1.0
+) -> tuple[FloatArray, IntArray]:
     """Joints along moves, both ends included, in steps of at most `STEP`.
 
     Parameters

@@ -3,16 +3,15 @@
 import argparse
 import atexit
 import hashlib
-import importlib.util
 import shutil
 import tempfile
 from dataclasses import dataclass
-from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
 import numpy as np
 
 import irbcal
+from irbcal.cell.demonstration import demonstration_cell
 from irbcal.files import robots
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
@@ -94,12 +93,8 @@ def goals(side, n, reach_deg=25.0, seed=1):
 
 def really_reached(q, seed=2):
     """Where the simulated robot really puts the reflector, backlash and all, in the tracker's frame, (n, 3) metres."""
-    path = Path(__file__).resolve().parents[1] / "make_demo_data"
-    loader = SourceFileLoader("make_demo_data", str(path))
-    simulation = importlib.util.module_from_spec(importlib.util.spec_from_loader("make_demo_data", loader))
-    loader.exec_module(simulation)
-    points = simulation.true_points(irbcal.read_urdf("irb1600").arm, q / DEG, np.random.default_rng(seed))
-    return points[:, list(simulation.TARGETS).index(TARGET)]
+    cell = demonstration_cell().without("noise", "drift", "lost").with_targets([TARGET])
+    return cell.measure(q, run=seed).xyz[:, 0]
 
 
 def compare_on_the_simulated_robot(folder, plan, T_world_goals):

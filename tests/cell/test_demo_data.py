@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from support import outcome_of
 
+from irbcal.cell import demonstration, effects
 from irbcal.files import robots, urdf
 from irbcal.measurement import columns, table
 from irbcal.measurement.points import distances
@@ -131,10 +132,19 @@ def test_everything_says_that_it_is_simulated(runs, truth):
 
 
 def test_truth_names_all_parameters(truth):
-    names = [name for name in truth["parameters"] if name.startswith(("base_", "delta_", "fourier_"))]
-    names += [f"stiffness_{name}" for name in ("delta_L", "L_G1", "L_G2", "m")]
-    assert len(names) == 34
+    """Six of the base, 19 of the links (of d2 and d3 only the sum acts), four of joint 6, and the two numbers through
+    which the four stiffness parameters act."""
+    links = [f"delta_{kind}{joint}" for joint in range(2, 7) for kind in ("alpha", "a", "theta", "d")]
+    names = [f"base_{name}" for name in ("x", "y", "z", "rx", "ry", "rz")] + [n for n in links if n != "delta_d2"]
+    names += [f"fourier_{name}" for name in ("a1", "b1", "a2", "b2")] + ["stiffness_A", "stiffness_B"]
+    assert len(names) == 31
     assert set(names) <= set(truth["parameters"])
+
+
+def test_truth_is_that_of_the_cell(truth):
+    cell = demonstration.demonstration_cell()
+    assert {name: truth[name] for name in cell.truth()} == json.loads(json.dumps(cell.truth()))
+    assert set(truth["effects"]) == set(cell.on) == set(effects.NAMES) - {"tilt", "settling", "visibility"}
 
 
 def lost_points(run):

@@ -1,41 +1,44 @@
-"""Plans as their files say: every pose checked anew from plan.csv, plan.json and the URDF alone, and run in the cell."""
+"""Plans as their files say: every pose checked anew from plan.csv, plan.json and the URDF alone."""
 
 import json
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 import trimesh
 from solids import hulls, link_frames, touches_itself
-from support import arm, outcome_of
+from support import arm
 from typer.testing import CliRunner
 
-from irbcal import save
-from irbcal.cell import simulation
 from irbcal.cli.main import app, main
 from irbcal.correction.languages import rapid
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.files import urdf_check
-from irbcal.files.atomic import write_together
 from irbcal.files.robots import robot_file
 from irbcal.measurement import table
-from irbcal.planning import conditions as plans
-from irbcal.planning import measuring_plan, plan_files
+from irbcal.planning import sources
 from irbcal.planning.collisions import BEAM_GAP
+from irbcal.planning.conditions import CONDITIONS
 from irbcal.units import DEG, MM
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
+
+
 EXPECTED = ["expected_x_mm", "expected_y_mm", "expected_z_mm"]
+
+
 LOWER = np.array([-180, -90, -245, -200, -115, -400])
+
+
 UPPER = np.array([180, 120, 65, 200, 115, 400])
 
 
 def call(*arguments):
     """Run the command in this process; errors come through."""
-    done = CliRunner().invoke(app, ["plan", *map(str, arguments)], catch_exceptions=False, standalone_mode=False)
-    return done
+    robot = [] if "--robot" in arguments else ["--robot", "irb1600"]
+    words = ["plan", *robot, *map(str, arguments)]
+    return CliRunner().invoke(app, words, catch_exceptions=False, standalone_mode=False)
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +88,7 @@ def test_every_planned_pose_meets_its_conditions(made):
     _, plan, printed = made
     settings = printed["settings"]
     place = np.array(settings["tracker_mm"]) * MM
-    assert printed["conditions"] == list(plans.CONDITIONS)
+    assert printed["conditions"] == list(CONDITIONS)
     q, groups = poses_of(plan)
     T = urdf_check.poses(robot_file("irb1600").read_bytes(), arm(), q)
     for k, (joints, group, pose) in enumerate(zip(q, groups, T, strict=True), start=1):
@@ -157,29 +160,6 @@ def test_the_rapid_module_commands_the_same_joints_and_holds_still_long_enough(m
     assert text.isascii()
 
 
-def test_ways_over_home_stand_in_the_rapid_module():
-    scene = measuring_plan.open_scene("irb1600", without=plans.SOLID)
-    made = measuring_plan.make(scene, measuring_plan.Wish(axis=0, cube=0, all_range=4, level="nominal"))
-    direct = rapid.parse(plan_files.rapid(made).encode()).targets
-    over = rapid.parse(plan_files.rapid(replace(made, over_home=np.array([False, True, False, True]))).encode()).targets
-    assert len(direct) == 6
-    assert len(over) == 8
-    assert [not target.value.any() for target in over] == [True, False, True, False, False, True, False, True]
-
-
-def test_times_follow_from_speed_wait_and_readings():
-    """The first axis move: 30 degrees with the tip 815 mm from axis 1, at 250 mm/s."""
-    scene = measuring_plan.open_scene("irb1600", without=plans.SOLID)
-    made = measuring_plan.make(
-        scene, measuring_plan.Wish(cube=0, all_range=0, level="nominal", speed=0.25, wait_s=3.0, references=0)
-    )
-    _, _, _, time = made.expected()
-    first = np.pi / 6 * 0.815 / 0.25
-    assert time[:4] == pytest.approx([first + 3, first + 5.5, first + 8, first + 10.5 + first + 3], rel=1e-3)
-    quick = measuring_plan.make(scene, measuring_plan.Wish(cube=0, all_range=0, level="nominal", speed=7.0, wait_s=3.0))
-    assert quick.stops[0] == pytest.approx(30 / 150)  # joint 1 turns 150 degrees a second
-
-
 def test_the_page_plays_the_plan(made):
     page = (made[0] / "plan.html").read_text(encoding="utf-8")
     assert "irb1600_6_145" in page
@@ -187,53 +167,17 @@ def test_the_page_plays_the_plan(made):
     assert "smr1" in page
 
 
-def test_seeds_decide_the_plan():
-    scene = measuring_plan.open_scene("irb1600", without=plans.SOLID)
-    kinds = {"axis": 0, "cube": 3, "all_range": 3, "optimal": 3, "candidates": 30, "level": "11"}
-    texts = [
-        plan_files.files(measuring_plan.make(scene, measuring_plan.Wish(seed=seed, **kinds)))["plan.csv"]
-        for seed in (4, 4, 5)
-    ]
-    assert texts[0] == texts[1] != texts[2]
-
-
-def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
-    """In the virtual cell with 2 mm to find a target: the base comes from 18 axis poses, then a plan for others."""
-    cell = simulation.open_cell("irb1600", seed=3).with_targets(("smr1", "smr2", "smr3")).without("lost", "visibility")
-    scene = measuring_plan.open_scene("irb1600", without=plans.SOLID)
-    axis = measuring_plan.make(scene, measuring_plan.Wish(cube=0, all_range=0, level="nominal"))
-    (tmp_path / "poses.csv").write_bytes(plan_files.files(axis)["poses.csv"])
-    asked = simulation.read_plan(tmp_path / "poses.csv", cell.arm)
-    assert asked.targets is not None
-    run = cell.measure(asked.q, simulation.asked(asked, cell), asked.wait_s)
-    write_together(tmp_path, simulation.files(run, asked, cell, tmp_path / "axis.csv", "irb1600"))
-    found = {}
-    for model in ("nominal", "26"):
-        save(outcome_of(tmp_path / "axis.csv", "irb1600", model=model, holdout=0), tmp_path / model)
-        scene = measuring_plan.open_scene(tmp_path / model, without=plans.SOLID, heights=(0.7, 1.1))
-        made = measuring_plan.make(scene, measuring_plan.Wish(axis=0, cube=60, all_range=60))
-        pose, target, expected, _ = made.expected()
-        index = [cell.tool.names.index(scene.setting.targets.names[k]) for k in target]
-        miss = np.linalg.norm(cell.measure(made.q, run=1).xyz[pose, index] - expected, axis=1) / MM
-        found[model] = (miss < 2.0).mean(), miss.max()
-    print(found)
-    assert found["nominal"][0] > 0.97
-
-
-# --- wishes that cannot be met, other robots and tools -------------------------------------------------------
-
-
 def test_refusals_name_conditions_and_counts_and_leave_nothing_behind(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(plans, "MOST_TRIED", 50_000)
+    monkeypatch.setattr(sources, "MOST_TRIED", 50_000)
     arguments = ["--out", tmp_path / "new" / "plan", "--acceptance-deg", 1, "--cube", 50, "--axis", 0]
-    monkeypatch.setattr(sys, "argv", ["irbcal", "plan", *map(str, arguments)])
+    monkeypatch.setattr(sys, "argv", ["irbcal", "plan", "--robot", "irb1600", *map(str, arguments)])
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 1
     sentence = capsys.readouterr().err
     assert sentence.count("\n") == 1
     assert "of 50 iso_cube poses meet the conditions: of 50,000 candidates place removed " in sentence
-    for name in plans.CONDITIONS:
+    for name in CONDITIONS:
         assert f"{name} removed " in sentence
     assert not (tmp_path / "new").exists()
 
@@ -264,37 +208,6 @@ def test_an_earlier_plan_stays_where_a_new_one_is_refused(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["plan.csv"]
 
 
-def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
-    (tmp_path / "plain.csv").write_text("target,x_mm,y_mm,z_mm\na,10,20,30\nb,-40,0,50\n")
-    plain = measuring_plan.open_scene("irb1600", tmp_path / "plain.csv", without=plans.SOLID)
-    assert "acceptance" not in plain.setting.conditions
-    assert any("directions are not known: the condition acceptance is off" in note for note in plain.notes)
-    assert plain.setting.targets.places.tolist() == pytest.approx(np.array([[10, 20, 30], [-40, 0, 50]]) * MM)
-    (tmp_path / "full.csv").write_text("target,x_mm,y_mm,z_mm,nx,ny,nz\na,10,20,30,0,0,2\nb,-40,0,50,3,0,4\n")
-    full = measuring_plan.open_scene("irb1600", tmp_path / "full.csv", without=plans.SOLID)
-    assert full.setting.conditions == ("limits", "height", "acceptance")
-    assert full.setting.targets.directions.tolist() == pytest.approx(np.array([[0, 0, 1], [0.6, 0, 0.8]]))
-    for text, message in (
-        ("target,x_mm,y_mm,z_mm,nx,ny\na,1,2,3,0,0\n", "row 1: missing column nz"),
-        ("target,x_mm,y_mm,z_mm,nx,ny,nz\na,1,2,3,0,0,0\n", "row 2, columns nx, ny, nz: expected a direction"),
-        (
-            "target,x_mm,y_mm,z_mm,nx,ny,nz\na,1,2,3,0,q,0\n",
-            "row 2, column ny: expected a part of a direction, found 'q'",
-        ),
-    ):
-        (tmp_path / "bad.csv").write_text(text)
-        with pytest.raises(MeasurementError, match=message):
-            measuring_plan.open_scene("irb1600", tmp_path / "bad.csv", without=plans.SOLID)
-
-
-def test_the_tracker_stands_where_it_is_said_to_stand():
-    scene = measuring_plan.open_scene("irb1600", tracker=[2.0, 1.0, 0.5, 90 * DEG], without=plans.SOLID)
-    assert scene.setting.place == pytest.approx([2.0, 1.0, 0.5])
-    # its x axis points along y of the base: what is 1 m from it along y is at (1, 0, 0)
-    assert scene.T_world_base @ [2.0, 2.0, 0.5, 1.0] == pytest.approx([1.0, 0.0, 0.0, 1.0])
-    assert not any("--tracker" in note for note in scene.notes)
-
-
 def test_wrong_calls_are_told_apart_from_refusals(tmp_path):
     for arguments in (
         ("--tracker", "1,2"),
@@ -302,9 +215,17 @@ def test_wrong_calls_are_told_apart_from_refusals(tmp_path):
         ("--min-height", "7"),
         ("--without", "luck"),
         ("--axis", "17"),
+        ("--cube-edge", "400"),
     ):
-        done = CliRunner().invoke(app, ["plan", "--out", str(tmp_path / "p"), *arguments])
+        done = CliRunner().invoke(app, ["plan", "--robot", "irb1600", "--out", str(tmp_path / "p"), *arguments])
         assert done.exit_code == 2, arguments
+    assert not (tmp_path / "p").exists()
+
+
+def test_there_is_no_robot_without_its_name(tmp_path):
+    done = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1"}).invoke(app, ["plan", "--out", str(tmp_path / "p")])
+    assert done.exit_code == 2
+    assert "Missing option '--robot'" in done.output
     assert not (tmp_path / "p").exists()
 
 

@@ -1,12 +1,11 @@
 """Fake targets: what is commanded takes the calibrated, and the simulated true, robot to the wanted place."""
 
-import runpy
-from pathlib import Path
 
 import numpy as np
 import pytest
 from support import arm, assert_same_poses, outcome_of, random_robot
 
+from irbcal.cell.demonstration import demonstration_cell
 from irbcal.correction.fake_targets import correct_joints, correct_poses
 from irbcal.files import robots
 from irbcal.measurement.points import distances
@@ -64,7 +63,7 @@ def test_targets_out_of_reach_are_left_with_a_reason():
 
 def test_the_simulated_true_robot_reaches_what_was_wanted_as_well_as_the_calibration_promised():
     """End to end on the demonstration's hidden robot, backlash and all: wanted against reached reflector positions."""
-    script = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "make_demo_data"))
+    cell = demonstration_cell().without("noise", "drift", "lost")
     outcome = outcome_of(
         robots.demo_file("demo_identification.csv"),
         "irb1600",
@@ -81,12 +80,11 @@ def test_the_simulated_true_robot_reaches_what_was_wanted_as_well_as_the_calibra
     wanted = np.stack([frames_apply(T_world_tip, robot.targets[name]) for name in ("smr1", "smr2", "smr3")], axis=1)
     # references in the tracker's frame at rest take the simulated points into the calibration's measuring frame
     places = np.array([outcome.references[name] for name in ("ref1", "ref2", "ref3")])
-    rest = np.array([script["REFERENCES"][name] for name in ("ref1", "ref2", "ref3")]) * 1e-3
-    T = frames.rigid_fit(frames.apply(frames.from_xyz_angles(script["BASE"]), rest), places)
+    rest = np.array([cell.references[name] for name in ("ref1", "ref2", "ref3")])
+    T = frames.rigid_fit(frames.apply(cell.tracker.T_tracker_base, rest), places)
 
     def reached(commands):
-        points = script["true_points"](nominal, np.degrees(commands), np.random.default_rng(5))[:, :3]
-        return frames.apply(T, points)
+        return frames.apply(T, cell.measure(commands, run=5).xyz[:, :3])
 
     after = np.linalg.norm(reached(found.q[found.ok]) - wanted, axis=2).mean()
     before = np.linalg.norm(reached(q) - wanted, axis=2).mean()

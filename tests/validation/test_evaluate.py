@@ -15,9 +15,9 @@ from irbcal.units import MM
 
 @pytest.fixture(scope="module")
 def verification(tmp_path_factory):
-    """The first 60 poses of the simulated verification data, half of them called measured with 6 kg."""
+    """60 poses of the simulated verification data, half of them called measured with 6 kg; one cannot be corrected."""
     rows = pd.read_csv(robots.demo_file("demo_verification.csv"), dtype=str)
-    rows = pd.concat([part[part["pose"].isin(part["pose"].unique()[:30])] for _, part in rows.groupby("group")])
+    rows = pd.concat([part[part["pose"].isin(part["pose"].unique()[100:130])] for _, part in rows.groupby("group")])
     poses = list(rows["pose"].unique())
     rows = rows[~rows["target"].str.startswith("ref")].copy()  # so that nothing is registered
     rows["payload_kg"] = ["6" if poses.index(name) % 2 else "3" for name in rows["pose"]]
@@ -54,7 +54,7 @@ def test_statistics_are_those_of_numpy_by_hand(program, demo_calibration, verifi
 
 def test_flange_relative_and_sphere(program, demo_calibration, verification):
     found = program("evaluate", demo_calibration, verification, "--flange", "--relative", "virtual", "--json")
-    assert found["flange"]["calibrated"]["position"]["n"] == 59, "one pose lost a target"
+    assert found["flange"]["calibrated"]["position"]["n"] == 58, "two poses lost a target"
     assert found["flange"]["calibrated"]["position"]["mean_mm"] < found["flange"]["nominal"]["position"]["mean_mm"]
     assert found["relative"]["calibrated"]["rms_mm"] <= found["calibrated"]["rms_mm"]
     shift = np.linalg.norm(found["relative"]["shift_mm"]["calibrated"])

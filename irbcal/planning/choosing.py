@@ -1,0 +1,148 @@
+"""How the poses of a plan are chosen and put in order, from what is wished and from the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray
+from irbcal.cell.tracker import turned_away
+from irbcal.planning.conditions import Setting
+from irbcal.planning.exchange import Comparison, compare, exchange
+from irbcal.planning.information import Model
+from irbcal.planning.scene import Scene
+from irbcal.planning.sources import Poses, Region, Tally, first_seen, in_cube, joined, random_poses
+from irbcal.planning.ways import ordered
+from irbcal.planning.wish import Wish
+from irbcal.units import MM
+
+MOST_REFLECTORS = 3
+"""Reflectors measured in a pose; more tell little about the robot."""
+VOLUME_SAMPLES = 400
+
+Step: TypeAlias = "Callable[[str], object]"
+"""Called with a text at the beginning of each step."""
+
+
+def samples(scene: Scene, seeds: Sequence[int], step: Step) -> dict[str, FloatArray]:
+    """Poses of cube and range where predicted positions are looked at, whether the tracker sees them or not."""
+    step("the workspace")
+    wide = replace(scene.setting, conditions=tuple({*scene.setting.conditions} & {"limits", "height", "collision"}))
+    regions: dict[str, Region | None] = {"cube": in_cube(*scene.cube), "range": None}
+    return {
+        name: random_poses(wide, VOLUME_SAMPLES, name, seed, region).q
+        for (name, region), seed in zip(regions.items(), seeds, strict=True)
+    }
+
+
+def optimal(
+    scene: Scene,
+    wish: Wish,
+    model: Model,
+    given: Sequence[Poses],
+    there: Mapping[str, FloatArray],
+    seeds: Sequence[int],
+    step: Step,
+) -> tuple[Poses, Comparison, dict[str, Tally]]:
+    """The poses that serve best of many candidates, half in the cube, half in the whole range.
+
+    Parameters
+    ----------
+    scene : Scene
+    wish : Wish
+    model : Model
+    given : sequence of Poses
+        Those that are measured anyway.
+    there : mapping of str to ndarray
+        Where predicted positions are looked at, see `samples`.
+    seeds : sequence of int
+        For the candidates of the cube and of the range.
+    step : callable
+
+    Returns
+    -------
+    poses : Poses
+    comparison : Comparison
+    tallies : dict of str to Tally
+        Of the candidates.
+    """
+    half = wish.candidates // 2
+    pools: list[Poses] = []
+    tallies: dict[str, Tally] = {}
+    kinds: tuple[tuple[int, str, Region | None, int], ...] = (
+        (half, "iso_cube", in_cube(*scene.cube), seeds[0]),
+        (wish.candidates - half, "all_range", None, seeds[1]),
+    )
+    for count, group, region, seed in kinds:
+        step(f"{count} candidates, {group}")
+        pools.append(random_poses(scene.setting, count, group, seed, region))
+        tallies[f"candidates, {group}"] = pools[-1].tally
+    pool = joined(pools)
+    asked = first_seen(pool.seen, MOST_REFLECTORS)
+    step(f"{wish.optimal} poses of {len(pool.q)} candidates")
+    imagined = wish.imagined if wish.criterion == "position" else 0.0
+    cared_for = np.concatenate([there[name] for name in there if wish.volume in ("both", name)])
+    most = int(np.argmax(asked.sum(axis=0)))
+    aim = model.aim(wish.criterion, cared_for, most, imagined)
+    for part in given:
+        aim = aim.with_given(model.candidates(part.q, first_seen(part.seen, MOST_REFLECTORS), imagined))
+    rated = model.candidates(pool.q, asked, imagined)
+    found = exchange(rated, wish.optimal, aim)
+    step("random plans to compare with")
+    comparison = compare(rated, found, aim, seeds[0])
+    chosen = pool.take(found.rows)
+    groups = np.array([f"optimal_{group}" for group in chosen.groups], dtype=object)
+    return Poses(chosen.q, chosen.seen, groups, Tally()), comparison, tallies
+
+
+def in_order(
+    scene: Scene, axis: Sequence[Poses], others: Sequence[Poses], start: FloatArray
+) -> tuple[Poses, BoolArray, list[str]]:
+    """Axis moves first, as they are; then all others on a short way.
+
+    Returns
+    -------
+    poses : Poses
+    over_home : ndarray of bool, shape (n,)
+        Poses to which the robot goes over its home joints.
+    notes : list of str
+    """
+    setting = scene.setting
+    notes: list[str] = []
+    done = list(axis)
+    if axis:
+        notes += _axis_notes(setting, axis[0])
+    over_home: BoolArray = np.zeros(sum(len(part.q) for part in axis), dtype=bool)
+    if others:
+        rest, over, blocked = ordered(setting, joined(others), axis[0].q[-1] if axis else start, scene.joint_speed)
+        done.append(rest)
+        if over.any():
+            notes.append(f"to {int(over.sum())} poses the robot goes over its home joints: the direct way is not free")
+        if blocked.any():
+            numbers = [str(len(over_home) + k + 1) for k in np.flatnonzero(blocked)]
+            more = " …" if len(numbers) > 8 else ""
+            notes.append(f"the way to pose {', '.join(numbers[:8])}{more} is not free: put a pose between by hand")
+        over_home = np.append(over_home, over)
+    return joined(done), over_home, notes
+
+
+def _axis_notes(setting: Setting, axis: Poses) -> list[str]:
+    notes: list[str] = []
+    _, points, looks = setting.places(axis.q)
+    if looks is not None:
+        away = turned_away(points, looks, setting.place, setting.acceptance)
+        count = int(np.any(axis.seen & away, axis=1).sum())
+        if count:
+            notes.append(f"in {count} of {len(axis.q)} axis moves a reflector must be turned to the tracker by hand")
+    if setting.heights is not None:
+        tip, points, _ = setting.places(axis.q)
+        low = ~setting.high(tip, points)
+        if low.any():
+            notes.append(
+                f"axis moves below the height limits, which hold for random poses only: {int(low.sum())}, down to z = "
+                f"{points[low][..., 2].min() / MM:.0f} mm; see that nothing stands there"
+            )
+    return notes

@@ -1,0 +1,293 @@
+"""Which poses of many candidates make the best plan, and how many random ones would be as good.
+
+Poses are exchanged one at a time for the candidate that serves best, until none does (Fedorov 1972; the cheaper form
+of Cook and Nachtsheim 1980). All candidates are rated at once by low-rank updates of ``J M^-1 J^T``; what a plan is
+rated by is in `irbcal.planning.information`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.errors import MeasurementError
+from irbcal.planning.information import Aim, Candidates
+
+PASSES = 20
+ENOUGH = 1e-4
+"""Relative gain of a pass below which no further one is made."""
+ACTIVE = 300
+"""Candidates that take part in one pass of exchanges: those rated best at its beginning."""
+DRAWS = 8
+"""Random plans of each size that chosen ones are compared with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Poses chosen out of candidates.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (count,)
+        Ascending.
+    value, start_value : float
+        The criterion reached and that of the start: less is better (``position``: mean squared distance error, m^2;
+        ``D``: minus log det).
+    exchanges : int
+    """
+
+    rows: IntArray
+    value: float
+    start_value: float
+    exchanges: int
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+def exchange(
+    candidates: Candidates,
+    count: int,
+    aim: Aim,
+    start: Sequence[int] | IntArray | None = None,
+    step: Callable[[], None] | None = None,
+) -> Chosen:
+    """Choose poses by exchange.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    count : int
+    aim : Aim
+    start : sequence of int, optional
+        Candidates to start from; chosen one by one, each the best, unless given.
+    step : callable, optional
+        Called after each pass.
+
+    Returns
+    -------
+    Chosen
+
+    Raises
+    ------
+    MeasurementError
+        If there are fewer candidates than poses wanted.
+    """
+    n = len(candidates.rows)
+    if not 1 <= count <= n:
+        raise MeasurementError(
+            f"expected to choose between 1 and {n} poses of as many candidates, found {count}", parameter="count"
+        )
+
+    def value() -> float:
+        return aim.value(candidates.rows[chosen], candidates.errors[chosen])
+
+    chosen = _one_by_one(candidates, count, aim) if start is None else np.array(start, dtype=np.int64)
+    start_value, exchanges = value(), 0
+    for _ in range(PASSES):
+        before = value()
+        everyone = _Ratings(candidates, np.arange(n), aim)
+        everyone.reset(chosen)
+        # where the best poses for this plan are, the best for its neighbours are, too
+        pool = np.union1d(np.argsort(-everyone.gains())[: max(ACTIVE, 4 * count)], chosen)
+        places, swapped = _pass(_Ratings(candidates, pool, aim), np.searchsorted(pool, chosen))
+        chosen = pool[places]
+        exchanges += swapped
+        if step is not None:
+            step()
+        if not swapped or before - value() < ENOUGH * abs(before):
+            break
+    return Chosen(np.sort(chosen), value(), start_value, exchanges)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Chosen poses beside random ones of the same candidates, by the criterion (less is better).
+
+    Attributes
+    ----------
+    optimal : float
+    random : dict of int to float
+        Number of random poses -> mean over `DRAWS` draws.
+    as_good_as : int or None
+        How many random poses are as good as the chosen ones; None where more than were looked at.
+    """
+
+    optimal: float
+    random: dict[int, float]
+    as_good_as: int | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> Comparison:
+    """How many random poses are as good as chosen ones.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    chosen : Chosen
+    aim : Aim
+    seed : int
+
+    Returns
+    -------
+    Comparison
+    """
+    rng = np.random.default_rng(seed)
+    n, count = len(candidates.rows), len(chosen.rows)
+    means = {}
+    for size in sorted({min(n, round(count * factor)) for factor in (1, 1.25, 1.5, 2, 2.5, 3, 4, 6)}):
+        draws = [rng.choice(n, size, replace=False) for _ in range(DRAWS)]
+        means[size] = float(np.mean([aim.value(candidates.rows[d], candidates.errors[d]) for d in draws]))
+    sizes, values = np.log(list(means)), np.minimum.accumulate(list(means.values()))
+    within = values[-1] <= chosen.value <= values[0]
+    same = round(float(np.exp(np.interp(-chosen.value, -values, sizes)))) if within else None
+    return Comparison(chosen.value, means, same)
+
+
+def _one_by_one(candidates: Candidates, count: int, aim: Aim) -> IntArray:
+    """A start: each pose the best of a part of the candidates for those chosen before."""
+    pool = np.arange(0, len(candidates.rows), max(1, len(candidates.rows) // max(ACTIVE, 4 * count)))
+    ratings = _Ratings(candidates, pool, aim)
+    free = np.ones(len(pool), dtype=bool)
+    chosen: list[int] = []
+    for _ in range(count):
+        k = int(np.argmax(np.where(free, ratings.gains(), -np.inf)))
+        ratings.change(k, 1.0)
+        free[k] = False
+        chosen.append(k)
+    return pool[chosen]
+
+
+def _pass(ratings: _Ratings, chosen: IntArray) -> tuple[IntArray, int]:
+    """Exchange each chosen pose for the best candidate in its place; new choice and number of exchanges."""
+    chosen = chosen.copy()
+    ratings.reset(chosen)
+    free = np.ones(len(ratings.rows), dtype=bool)
+    free[chosen] = False
+    swapped = 0
+    for slot, old in enumerate(chosen.tolist()):
+        saved = ratings.saved()
+        ratings.change(old, -1.0)
+        free[old] = True
+        gains = np.where(free, ratings.gains(), -np.inf)
+        new = int(np.argmax(gains))
+        if gains[new] <= gains[old] + 1e-9 * abs(gains[old]):
+            free[old] = False
+            ratings.restore(saved)
+            continue
+        ratings.change(new, 1.0)
+        free[new] = False
+        swapped += 1
+        chosen[slot] = new
+    return chosen, swapped
+
+
+class _Ratings:
+    """What each candidate would add, kept up to date while poses come and go.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    pool : ndarray of int
+        Those that are rated.
+    aim : Aim
+    """
+
+    def __init__(self, candidates: Candidates, pool: IntArray, aim: Aim) -> None:
+        self.rows, self.aim = candidates.rows[pool], aim
+        self.flat = self.rows.reshape(-1, self.rows.shape[2])
+        self.errors = candidates.errors[pool]
+        self.reset(np.zeros(0, dtype=int))
+
+    def reset(self, chosen: IntArray) -> None:
+        """Begin anew with chosen poses of the pool; no rounding is carried on."""
+        aim = self.aim
+        self.M, self.N = aim.sums(self.rows[chosen], self.errors[chosen])
+        C = _inverse(self.M)
+        self.full = self._blocks(C, slice(None))
+        if aim.G is None:
+            part = slice(aim.outer)
+            self.inner = self._blocks(_inverse(self.M[part, part]), part)
+        else:
+            self.B = self._blocks(C @ aim.G @ C, slice(None))
+
+    def _blocks(self, C: FloatArray, part: slice) -> FloatArray:
+        """``J C J^T`` of each candidate, shape (N, r, r)."""
+        n, r, _ = self.rows.shape
+        return (self.flat[:, part] @ C).reshape(n, r, -1) @ self.rows[:, :, part].transpose(0, 2, 1)
+
+    def gains(self) -> FloatArray:
+        """How much better the criterion becomes with each candidate, shape (N,)."""
+        r = self.rows.shape[1]
+        if self.aim.G is None:
+            return np.linalg.slogdet(np.eye(r) + self.full)[1] - np.linalg.slogdet(np.eye(r) + self.inner)[1]
+        W = _inverse(np.eye(r) + self.full)
+        gain = np.einsum("nij,nji->n", W, self.B)
+        if self.errors.shape[2] and self.aim.cross is not None:
+            # the fit moves by C J' W e, with e what is left of the imagined errors in the candidate
+            C = _inverse(self.M)
+            A = C @ self.N
+            e = self.errors - (self.flat @ A).reshape(self.errors.shape)
+            We = W @ e
+            Y = (self.flat @ (C @ (self.aim.G @ A - self.aim.cross))).reshape(self.errors.shape)
+            gain -= np.einsum("nih,nih->n", We, 2 * Y + self.B @ We)
+        return gain
+
+    def saved(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """All that `change` changes, for `restore`."""
+        return self.M, self.N, self.full.copy(), (self.inner if self.aim.G is None else self.B).copy()
+
+    def restore(self, saved: tuple[FloatArray, FloatArray, FloatArray, FloatArray]) -> None:
+        """Undo the changes since `saved`."""
+        self.M, self.N, self.full, other = saved
+        if self.aim.G is None:
+            self.inner = other
+        else:
+            self.B = other
+
+    def change(self, k: int, sign: float) -> None:
+        """Take candidate k in (sign 1) or out (-1)."""
+        X, G = self.rows[k], self.aim.G
+        C = _inverse(self.M)
+        V, W, U = self._turn(self.full, X, C, slice(None), sign)
+        if G is None:
+            part = slice(self.aim.outer)
+            self._turn(self.inner, X, _inverse(self.M[part, part]), part, sign)
+        else:
+            # V W Z' + Z W V' - V (W U'GU W) V' = V T' + T V' with T = Z W - V (W U'GU W) / 2
+            T = self._by(C @ (G @ U), slice(None)) @ W - V @ (0.5 * W @ (U.T @ G @ U) @ W)
+            cross = self._outer(V, T)
+            self.B -= cross
+            self.B -= cross.transpose(0, 2, 1)
+        self.M = self.M + sign * X.T @ X
+        self.N = self.N + sign * X.T @ self.errors[k]
+
+    def _turn(
+        self, blocks: FloatArray, X: FloatArray, C: FloatArray, part: slice, sign: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Update ``J C J^T`` in place by Woodbury's formula; C is that before the change."""
+        X = X[:, part]
+        U = C @ X.T
+        W = _inverse(sign * np.eye(len(X)) + X @ U)
+        V = self._by(U, part)
+        blocks -= self._outer(V @ W, V)
+        return V, W, U
+
+    def _by(self, U: FloatArray, part: slice) -> FloatArray:
+        """``J U`` of all candidates, shape (N r, r)."""
+        return self.flat[:, part] @ U
+
+    def _outer(self, A: FloatArray, B: FloatArray) -> FloatArray:
+        """``A B^T`` of each candidate for (N r, r) arrays, shape (N, r, r)."""
+        n, r, _ = self.rows.shape
+        return A.reshape(n, r, r) @ B.reshape(n, r, r).transpose(0, 2, 1)
+
+
+def _inverse(M: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(M), dtype=np.float64)

@@ -1,0 +1,107 @@
+"""What a plan promises: standard deviations of parameters and positions, before anything is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.identification import observability
+from irbcal.identification.observability import HELD, TIED
+from irbcal.planning.information import Model
+from irbcal.units import UNIT_OUTSIDE
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Predicted standard deviation of one error parameter.
+
+    Attributes
+    ----------
+    name, unit : str
+    std : float or None
+        In the unit of the surface; None where the poses do not show the parameter by itself.
+    state : str
+        ``identified``, ``tied`` or ``held``, as in a calibration.
+    """
+
+    name: str
+    unit: str
+    std: float | None
+    state: str
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a plan promises, from the noise of the points alone: errors that no model describes are not in it.
+
+    Attributes
+    ----------
+    model : Model
+        With the reflectors that the plan measures.
+    parameters : tuple of Predicted
+    covariance : ndarray, shape (unknowns, unknowns)
+        Of base, targets and error parameters, SI units; held combinations add nothing.
+    """
+
+    model: Model
+    parameters: tuple[Predicted, ...]
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def position_std(self, q: FloatArray, target: str) -> FloatArray:
+        """Standard deviations of a reflector's predicted positions: root of the summed variances of x, y and z.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n, joints)
+        target : str
+            One that the plan measures.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Metres.
+        """
+        index = self.model.targets.names.index(target)
+        problem, state = self.model.problem(q, self.model.one(len(q), index))
+        J = problem.jacobian(state)
+        return np.sqrt(np.sum((J @ self.covariance) * J, axis=1).reshape(-1, 3).sum(axis=1))
+
+
+def predict(model: Model, q: FloatArray, seen: BoolArray) -> Prediction:
+    """Standard deviations that a plan promises.
+
+    Parameters
+    ----------
+    model : Model
+    q : ndarray, shape (n, joints)
+    seen : ndarray of bool, shape (n, k)
+        Reflectors measured in each pose; those that no pose has are left out.
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    IdentificationError
+        If the poses cannot determine base and targets, or are too few.
+    """
+    model, seen = model.measuring(seen)
+    problem, state = model.problem(q, seen)
+    H, _, _ = problem.normal_equations(state)
+    found = observability.information(problem, H, model.noise**2)
+    solid = found.eigenvalues > observability.ROUNDING * found.eigenvalues.max(initial=0.0)
+    found = replace(found, sigma=model.noise, seen=solid & (found.eigenvalues > model.noise**2))
+    covariance = found.covariance()
+    std = np.sqrt(np.diag(covariance)[problem.outer :])
+    out: list[Predicted] = []
+    for item, value, share in zip(model.parameters, std, found.held_fraction(), strict=True):
+        unit, factor = UNIT_OUTSIDE[item.unit]
+        name = "held" if share > HELD else "tied" if share > TIED else "identified"
+        out.append(Predicted(item.name, unit, float(value / factor) if name == "identified" else None, name))
+    return Prediction(model, tuple(out), covariance)

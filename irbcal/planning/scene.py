@@ -1,0 +1,220 @@
+"""Where a measuring plan is made for: robot, reflectors, tracker, ISO cube and the conditions that poses must meet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.cell.shipped import T_TRACKER_BASE, size_of
+from irbcal.cell.tracker import ACCEPTANCE
+from irbcal.errors import MeasurementError, OptionError, RobotError
+from irbcal.files import robots
+from irbcal.files.opening import RobotLike, open_robot
+from irbcal.files.urdf import UrdfArm
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
+from irbcal.planning.conditions import CONDITIONS, SOLID, Setting
+from irbcal.planning.iso_cube import has_thesis_cube, iso_cube
+from irbcal.planning.reflectors import TargetsLike, reflectors
+from irbcal.thesis_setup import IRB1600_HEIGHTS
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    from irbcal.planning.collisions import CollisionModel
+
+TRACKER_RADIUS, NEAR_TRACKER = 0.25, 0.3
+"""Metres: the ball around the tracker that the robot keeps out of, and how far from the base link it must stand."""
+USUAL_SPEED = (60 * DEG, 0.5)
+"""Of revolute and prismatic joints where the URDF has none, SI units."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Where a plan is made for.
+
+    Attributes
+    ----------
+    source : str, Path or calibration
+        As the user named the robot.
+    links : tuple of (str or None)
+        Base and tip link, where the user named them.
+    package_dirs : tuple of (str or Path)
+        Where the user's meshes are looked up.
+    setting : Setting
+    nominal : Arm
+        What the controller believes: predictions are made there.
+    T_world_base : ndarray, shape (4, 4)
+        The base link in the frame of the expected coordinates.
+    cube : tuple
+        Centre (3,) in the base link and edge, metres.
+    joint_speed : ndarray, shape (joints,)
+        SI units.
+    notes : tuple of str
+    """
+
+    source: RobotLike
+    links: tuple[str | None, str | None]
+    package_dirs: tuple[str | Path, ...]
+    setting: Setting
+    nominal: Arm
+    T_world_base: FloatArray
+    cube: tuple[FloatArray, float]
+    joint_speed: FloatArray
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def name(self) -> str:
+        """What the robot was called, or that of its calibration."""
+        return str(self.source) if isinstance(self.source, (str, Path)) else self.nominal.name
+
+
+def open_scene(
+    robot: RobotLike,
+    *,
+    targets: TargetsLike | None = None,
+    tracker: ArrayLike | None = None,
+    without: Sequence[str] = (),
+    margin: float = 2 * DEG,
+    acceptance: float = ACCEPTANCE,
+    min_height: tuple[float, float] | None = None,
+    cube: tuple[ArrayLike, float] | None = None,
+    package_dirs: Sequence[str | Path] = (),
+    base_link: str | None = None,
+    tip_link: str | None = None,
+) -> Scene:
+    """Robot, reflectors, tracker and conditions.
+
+    Parameters
+    ----------
+    robot : str, Path or calibration
+        Calibration folder, URDF, or shipped robot. A loaded calibration must be of a shipped robot: the URDF is needed.
+    targets : str, Path, int, sequence of str or Targets, optional
+        See `irbcal.planning.reflectors.reflectors`.
+    tracker : array_like, shape (3,) or (4,), optional
+        x, y, z (metres) in the base link and, at will, the turn of its axes about z (radians). Of a calibration, the
+        origin of its measuring frame unless given; else the place in the thesis's cell, scaled to the arm.
+    without : sequence of str
+        Conditions that are switched off, of `irbcal.planning.conditions.CONDITIONS`.
+    margin, acceptance : float
+        Radians.
+    min_height : tuple of float, optional
+        Lowest z of tool and reflectors, in front and at the back, metres; those of Nubiola 2011, section 7.2 for the
+        IRB 1600, none for others.
+    cube : tuple, optional
+        Centre (3,) in the base link and edge, metres; see `irbcal.planning.iso_cube.iso_cube`.
+    package_dirs : sequence of str or Path
+        Folders in which ``package://`` names of meshes are looked up.
+    base_link, tip_link : str, optional
+        Link names, for a URDF.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    IrbcalError
+        If an input is refused.
+    """
+    for item in without:
+        if item not in CONDITIONS:
+            raise OptionError.unknown("without", item, tuple(CONDITIONS))
+    opened = open_robot(robot, base_link=base_link, tip_link=tip_link)
+    if opened.urdf is None or opened.urdf_bytes is None:
+        raise RobotError(
+            f"{opened.name}: a plan needs the URDF, which a loaded calibration does not hold: give its folder",
+            parameter="robot",
+        )
+    arm = opened.robot.arm
+    notes: list[str] = []
+    T_world_base = _base(opened.robot, tracker, notes)
+    place = frames.inverse(T_world_base)[:3, 3]
+    seen = reflectors(opened.robot, targets, place)
+    on = tuple(item for item in CONDITIONS if item not in without)
+    if seen.directions is None and "acceptance" in on:
+        notes.append(
+            "the reflectors' directions are not known: the condition acceptance is off (--targets FILE with nx, ny, nz)"
+        )
+    if min_height is None and has_thesis_cube(arm):
+        min_height = IRB1600_HEIGHTS
+    folders = [*package_dirs, *([opened.folder] if opened.folder else [])]
+    solids = _solids(opened.urdf_bytes, arm, place, folders, notes) if SOLID & set(on) else None
+    setting = Setting(opened.robot, seen, place, on, margin, acceptance, min_height, solids)
+    where = _cube(setting) if cube is None else (np.array(cube[0], dtype=float), float(cube[1]))
+    links, speed = (base_link, tip_link), _joint_speed(opened.urdf)
+    return Scene(robot, links, tuple(package_dirs), setting, opened.nominal, T_world_base, where, speed, tuple(notes))
+
+
+def _solids(
+    urdf: bytes, arm: Arm, place: FloatArray, folders: Sequence[str | Path], notes: list[str]
+) -> CollisionModel:
+    """The robot's solids with the tracker in their way."""
+    from irbcal.planning.collisions import CollisionModel
+
+    solids = CollisionModel(urdf, arm, package_dirs=robots.package_dirs(*folders))
+    if (away := float(np.linalg.norm(place))) < NEAR_TRACKER:
+        raise MeasurementError(
+            f"--tracker: expected a place at least {NEAR_TRACKER / MM:.0f} mm from the base link, found "
+            f"{away / MM:.0f} mm",
+            parameter="tracker",
+        )
+    solids.add_obstacle(place, TRACKER_RADIUS)
+    if solids.overlapping:
+        pairs = ", ".join(" and ".join(pair) for pair in solids.overlapping)
+        notes.append(f"links that overlap by construction are not checked against each other: {pairs}")
+    return solids
+
+
+def _base(robot: Robot, tracker: ArrayLike | None, notes: list[str]) -> FloatArray:
+    """The base link in the frame of the expected coordinates."""
+    if tracker is not None:
+        given = np.asarray(tracker, dtype=float)
+        if given.shape not in ((3,), (4,)) or not np.isfinite(given).all():
+            raise OptionError(
+                f"expected x, y, z of the tracker in metres and at will a turn in radians, found {tracker!r}",
+                parameter="tracker",
+            )
+        x, y, z, yaw = [*given, 0.0][:4]
+        return frames.inverse(frames.from_xyz_angles([x, y, z, 0.0, 0.0, yaw]))
+    if robot.targets:
+        notes.append("no --tracker given: it is taken to stand where it stood for the calibration's measurements")
+        return robot.T_world_base
+    T: FloatArray = np.array(T_TRACKER_BASE)
+    T[:3, 3] *= size_of(robot.arm)
+    x, y, z = frames.inverse(T)[:3, 3] / MM
+    notes.append(
+        f"no --tracker given: it is taken to stand at {x:.0f}, {y:.0f}, {z:.0f} mm in the base link; "
+        "the expected coordinates hold for that place and turn only"
+    )
+    return T
+
+
+def _cube(setting: Setting) -> tuple[FloatArray, float]:
+    lower, upper = setting.bounds
+
+    def keep(q: FloatArray) -> BoolArray:
+        good: BoolArray = np.all((q >= lower) & (q <= upper), axis=1)
+        return good if setting.heights is None else good & setting.high(*setting.places(q)[:2])
+
+    return iso_cube(setting.arm, keep)
+
+
+def _joint_speed(urdf: UrdfArm) -> FloatArray:
+    limits = {
+        joint.get("name"): joint.find("limit").get("velocity")
+        for joint in urdf.tree.getroot().findall("joint")
+        if joint.find("limit") is not None
+    }
+    usual = np.where(urdf.arm.table.prismatic, USUAL_SPEED[1], USUAL_SPEED[0])
+    found = np.array([float(limits.get(name) or 0.0) for name in urdf.arm.joint_names])
+    return np.where(found > 0, found, usual)

@@ -1,0 +1,42 @@
+"""What several tests of optimal plans need: poses, and random candidates and aims."""
+
+import numpy as np
+import pytest
+from support import arm
+
+from irbcal.planning.information import Aim, Candidates
+from irbcal.planning.reflectors import Targets
+
+PLACES = np.array([[-0.087, 0.087, 0.11], [0.084, 0.084, 0.11], [0.086, -0.086, 0.11]])
+
+
+TARGETS = Targets(("smr1", "smr2", "smr3"), PLACES)
+
+
+def poses(n, seed, nominal=None):
+    q = (nominal or arm()).random_joints(n, seed)
+    seen = np.random.default_rng(seed).random((n, 3)) < 0.6
+    seen[~seen.any(axis=1), 0] = True
+    return q, seen
+
+
+def random_candidates(n, r=2, p=9, h=4, seed=0):
+    rng = np.random.default_rng(seed)
+    return Candidates(5 * rng.standard_normal((n, r, p)), rng.standard_normal((n, r, h)))
+
+
+def random_aim(kind, p=9, h=4, outer=3, seed=1):
+    rng = np.random.default_rng(seed)
+    J, E = rng.standard_normal((40, p)), rng.standard_normal((40, h))
+    return {
+        "D": Aim(outer),
+        "position": Aim(outer, J.T @ J / 40, np.zeros((p, 0))),
+        "imagined": Aim(outer, J.T @ J / 40, J.T @ E / 40, float(np.sum(E**2)) / 40),
+    }[kind]
+
+
+def without_errors(candidates, kind):
+    return candidates if kind == "imagined" else Candidates.without_errors(candidates.rows)
+
+
+KINDS = pytest.mark.parametrize("kind", ["D", "position", "imagined"])

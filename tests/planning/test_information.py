@@ -1,0 +1,87 @@
+"""What a pose says, against central differences, plain least squares and calibrations."""
+
+import numpy as np
+import pytest
+from design_support import PLACES, TARGETS, poses, random_aim, random_candidates
+from support import arm, central_differences, measured, random_robot
+
+from irbcal.identification.fit import identify
+from irbcal.modeling import frames, parameters
+from irbcal.modeling.joint_map import JointMap
+from irbcal.planning.information import Aim, Candidates, Model
+from irbcal.units import DEG, MM
+
+
+def test_rows_are_derivatives_of_the_measured_points():
+    """Against central differences of forward kinematics by base, targets and error parameters of level 34."""
+    nominal = arm()
+    q, seen = poses(12, 3)
+    model = Model(nominal, TARGETS, "34", noise=0.2 * MM)
+    phases = nominal.stiffness_geometry()[0]
+
+    def points(x):
+        table, joint_map = parameters.apply(model.parameters, x[15:], nominal.table, JointMap(phases=phases))
+        T = nominal.with_table(table).forward(joint_map.effective(q))
+        local = PLACES + x[6:15].reshape(3, 3)
+        p = local @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
+        p = p @ frames.rotation_from_vector(x[:3]).T + x[3:6]
+        return p[seen].ravel()
+
+    J = central_differences(points, np.zeros(len(model.scale)), 1e-4)
+    rows = model.rows(q, seen)
+    filled = rows[(np.arange(3) < seen.sum(axis=1)[:, None]).repeat(3, axis=1)]
+    assert np.abs(filled * model.noise / model.scale - J).max() < 1e-8
+    assert np.abs(rows[~(np.arange(3) < seen.sum(axis=1)[:, None]).repeat(3, axis=1)]).max() == 0.0
+
+
+def test_information_of_the_poses_is_that_of_a_calibration_with_them():
+    nominal = arm()
+    q, _ = poses(30, 5)
+    model = Model(nominal, TARGETS, "26")
+    robot = random_robot(
+        nominal, "nominal", np.random.default_rng(0), targets=dict(zip(TARGETS.names, PLACES, strict=True))
+    )
+    fit = identify(nominal, measured(robot, q), "26")  # no errors: it ends where the plan is linearised
+    H, _, _ = fit.problem.normal_equations(fit.solution.state)
+    rows = model.rows(q, np.ones((30, 3), dtype=bool)).reshape(-1, len(model.scale))
+    planned = rows.T @ rows * model.noise**2
+    scaled = H * model.scale[:, None] * model.scale
+    assert np.abs(planned - scaled).max() < 1e-6 * np.abs(scaled).max()
+
+
+def test_the_criterion_position_is_the_error_of_least_squares_fits():
+    """Noise and imagined errors put into plain ridge regressions: mean squared error in the volume."""
+    rng = np.random.default_rng(0)
+    X, E = rng.standard_normal((30, 6)), rng.standard_normal((30, 2))
+    J, F = rng.standard_normal((50, 6)), rng.standard_normal((50, 2))
+    aim = Aim(2, J.T @ J / 50, J.T @ F / 50, float(np.sum(F**2)) / 50)
+    stacked = np.vstack([X, np.eye(6)])
+    bias = [J @ np.linalg.lstsq(stacked, np.append(E[:, k], np.zeros(6)), rcond=None)[0] - F[:, k] for k in range(2)]
+    covariance = np.linalg.inv(X.T @ X + np.eye(6))
+    expected = np.sum(np.square(bias)) / 50 + np.mean(np.sum((J @ covariance) * J, axis=1))
+    assert aim.value(X[:, None], E[:, None]) == pytest.approx(expected, rel=1e-10)
+
+
+def test_poses_that_are_there_anyway_count():
+    candidates, aim = random_candidates(30, seed=5), random_aim("imagined")
+    given = Candidates(candidates.rows[:4], candidates.errors[:4])
+    both = aim.value(candidates.rows[:9], candidates.errors[:9])
+    assert aim.with_given(given).value(candidates.rows[4:9], candidates.errors[4:9]) == pytest.approx(both, rel=1e-12)
+
+
+def test_imagined_errors_have_the_size_asked_for_and_move_the_reflectors():
+    nominal = arm()
+    q, seen = poses(400, 11)
+    model = Model(nominal, TARGETS, "34", noise=1.0)
+    E = model.candidates(q, seen, 0.01 * DEG).errors
+    size = np.sqrt(np.sum(E**2) / seen.sum())  # root of the mean squared distance over all imagined errors
+    # six joints that err by 0.01 degrees move a point by their distances from the axes, tilts by about as much
+    levers = []
+    for joint in range(6):
+        moved = q.copy()
+        moved[:, joint] += 1e-6
+        T, U = nominal.forward(q), nominal.forward(moved)
+        points = [M[:, :3, :3] @ PLACES[0] + M[:, :3, 3] for M in (T, U)]
+        levers.append(np.linalg.norm(points[1] - points[0], axis=1) / 1e-6)
+    by_waves = 0.01 * DEG * np.sqrt(np.mean(np.sum(np.square(levers), axis=0)))
+    assert by_waves < size < 2 * by_waves

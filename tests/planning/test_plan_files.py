@@ -1,0 +1,55 @@
+"""The RAPID module of a plan: ways over home."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from irbcal.cli.main import app
+from irbcal.correction.languages import rapid
+from irbcal.planning import plan_files
+from irbcal.planning.conditions import SOLID
+from irbcal.planning.measuring_plan import make, plan
+from irbcal.planning.scene import open_scene
+from irbcal.planning.wish import Wish
+
+
+def call(*arguments):
+    """Run the command in this process; errors come through."""
+    done = CliRunner().invoke(app, ["plan", *map(str, arguments)], catch_exceptions=False, standalone_mode=False)
+    return done
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A plan with poses of every kind: folder, plan.csv, what --json printed."""
+    out = tmp_path_factory.mktemp("plan") / "new" / "plan"
+    kinds = ("--axis", 18, "--cube", 12, "--all-range", 12, "--optimal", 12, "--candidates", 150)
+    done = call("--out", out, *kinds, "--targets", "thesis", "--payload", 3, "--json")
+    return out, pd.read_csv(out / "plan.csv"), json.loads(done.stdout)
+
+
+def test_ways_over_home_stand_in_the_rapid_module():
+    scene = open_scene("irb1600", without=SOLID)
+    made = make(scene, Wish(axis=0, cube=0, all_range=4, level="nominal"))
+    direct = rapid.parse(plan_files.rapid(made).encode()).targets
+    over = rapid.parse(plan_files.rapid(replace(made, over_home=np.array([False, True, False, True]))).encode()).targets
+    assert len(direct) == 6
+    assert len(over) == 8
+    assert [not target.value.any() for target in over] == [True, False, True, False, False, True, False, True]
+
+
+def test_files_hold_what_the_tables_say():
+    made = plan("irb1600", axis=0, cube=0, all_range=3, without=SOLID, level="nominal", payload=2.5)
+    found = plan_files.files(made, page="<html></html>")
+    assert list(found) == ["plan.csv", "poses.csv", "plan.json", "plan.mod", "plan.html"]
+    rows = found["plan.csv"].decode().splitlines()
+    assert rows[0].endswith("target,expected_x_mm,expected_y_mm,expected_z_mm,time_s,payload_kg")
+    cells = rows[1].split(",")
+    assert all(len(cell.split(".")[1]) == 4 for cell in cells[2:8])
+    assert [len(cell.split(".")[1]) for cell in cells[9:13]] == [3, 3, 3, 1]
+    assert len(rows) == 1 + made.asked.sum() == 1 + len(plan_files.plan_table(made))
+    assert found["plan.mod"].decode().count("WaitTime") == 3

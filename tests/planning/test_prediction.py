@@ -1,0 +1,55 @@
+"""Promised standard deviations against simulated calibrations."""
+
+import numpy as np
+import pytest
+from design_support import PLACES, TARGETS, poses
+from support import arm, measured, random_robot
+
+from irbcal.identification.fit import identify
+from irbcal.planning import prediction
+from irbcal.planning.information import Model
+from irbcal.units import DEG, MM
+
+
+def test_predicted_deviations_are_those_of_simulated_calibrations():
+    nominal, noise, runs = arm(), 0.1 * MM, 150
+    q, seen = poses(40, 7)
+    model = Model(nominal, TARGETS, "16", noise)
+    found = prediction.predict(model, q, seen)
+    rng = np.random.default_rng(0)
+    robot = random_robot(nominal, "16", rng, targets=dict(zip(TARGETS.names, PLACES, strict=True)))
+    exact, there = measured(robot, q), nominal.random_joints(40, 8)
+    errors, misses = [], []
+    for _ in range(runs):
+        points = measured(robot, q, noise, rng).take(seen.ravel())
+        fit = identify(nominal, points, "16")
+        errors.append(fit.solution.state.errors)
+        misses.append(np.sum((fit.robot.points(there, "smr2") - robot.points(there, "smr2")) ** 2, axis=1))
+    assert len(exact) == 120
+    deviations = np.std(errors, axis=0)
+    factor = {"mm": MM, "deg": DEG}
+    for item, seen_deviation in zip(found.parameters, deviations, strict=True):
+        if item.state == "identified":
+            assert seen_deviation == pytest.approx(item.std * factor[item.unit], rel=0.25), item.name
+    assert sum(item.state == "identified" for item in found.parameters) >= 8
+    predicted = found.position_std(there, "smr2")
+    assert np.sqrt(np.mean(misses, axis=0)) == pytest.approx(predicted, rel=0.3)
+    assert np.sqrt(np.mean(misses)) == pytest.approx(np.sqrt(np.mean(predicted**2)), rel=0.05)
+
+
+def test_what_no_pose_shows_is_held_and_has_no_deviation():
+    model = Model(arm(), TARGETS, "34")
+    states = {item.name: item for item in prediction.predict(model, *poses(60, 1)).parameters}
+    assert states["delta_d6"].state == states["delta_theta6"].state == "held"
+    assert states["delta_d2"].state == states["delta_d3"].state == "tied"
+    assert states["delta_d6"].std is None
+    assert states["delta_a2"].std > 0
+
+
+def test_reflectors_that_no_pose_measures_are_left_out():
+    q, seen = poses(40, 2)
+    seen[:, 1] = False
+    seen[~seen.any(axis=1), 0] = True
+    found = prediction.predict(Model(arm(), TARGETS, "11"), q, seen)
+    assert found.model.targets.names == ("smr1", "smr3")
+    assert found.position_std(q, "smr3").shape == (40,)
