@@ -61,7 +61,9 @@ def test_folder_record_and_result_are_the_same_calibration(folder):
         theta = opened.robot.joint_map.effective(q)
         assert_same_poses(opened.urdf.arm.forward(theta), expected, 1e-9, 1e-9)
         assert_same_poses(opened.nominal_urdf.arm.forward(q), arm().forward(q), 1e-9, 1e-9)
-        assert opened.folder == (folder if source is loaded or isinstance(source, (str, type(folder))) else robots.urdf_folder())
+        assert opened.folder == (
+            folder if source is loaded or isinstance(source, (str, type(folder))) else robots.urdf_folder()
+        )
 
 
 def test_the_nominal_behaviour_of_a_calibration(folder):
