@@ -35,7 +35,8 @@ def test_every_option_and_command_in_it_exists():
     known |= {"--install-completion", "--check"}
     named = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]+", README))
     assert named - known == set()
-    lines = "\n".join(re.findall(r"```\n(.*?)```", README, re.DOTALL))
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+    lines = "\n".join(text for kind, text in blocks if not kind)
     called = {*re.findall(r"^irbcal ([a-z0-9]+)", lines, re.MULTILINE), *re.findall(r"`irbcal ([a-z0-9]+)", README)}
     assert called - set(commands) == set()
     assert {name for name, command in commands.items() if not command.hidden} - called == set(), "told nowhere"
