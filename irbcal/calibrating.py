@@ -26,6 +26,7 @@ from irbcal.measurement import cleaning, lists, table
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses, in_frame_of
+from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, selected_parameters
@@ -216,6 +217,7 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Pr
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
     notes += [f"{Path(check.source).name}: {note}" for note in other.notes]
+    notes += mixed_use(seen.programmed, check.programmed, check.source)
     poses = seen.poses + check.poses
     fit_points = points.select(moves) if by_axes else points
     return _Prepared(seen, fit_points, heldout, excluded + left_out, notes, poses, references, shape, check)
