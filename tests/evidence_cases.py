@@ -1,17 +1,21 @@
 """What the tests of identification by evidence need: arms with known terms that measure themselves, real robots."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 from support import TARGETS, arm, measured, random_robot
 
 from irbcal.files import urdf
 from irbcal.identification import linearisation
 from irbcal.identification.dictionaries import superset
 from irbcal.identification.evidence import identify_evidence
+from irbcal.identification.fit import identify
 from irbcal.measurement import cleaning, table
-from irbcal.measurement.points import PointSet
+from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
@@ -20,6 +24,31 @@ from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
 
 MM = 1e-3
+PAGE = Path(__file__).parents[1] / "docs" / "error-model.md"
+
+
+def documented():
+    """Figures of docs/error-model.md: (robot, terms, poses, gear scan) -> mean and largest error (mm), share inside."""
+    table = re.search(r"<!-- measured -->\n(.*?)<!-- end -->", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
+    rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in table.splitlines()[2:]]
+    return {
+        (robot, terms, int(poses), gears == "yes"): (
+            float(mean),
+            float(largest),
+            float(inside.strip("% ")) / 100 if inside.strip() else None,
+        )
+        for robot, terms, poses, gears, mean, largest, inside in (row + [""] * (7 - len(row)) for row in rows)
+    }
+
+
+def assert_documented(key, mean, largest, inside=None):
+    """Figures (mm) are those that the page shows, as far as other processors round alike."""
+    expected = documented()[key]
+    assert mean == pytest.approx(expected[0], rel=0.03, abs=0.001)
+    assert largest == pytest.approx(expected[1], rel=0.06)
+    assert (inside is None) == (expected[2] is None)
+    if inside is not None:
+        assert inside == pytest.approx(expected[2], abs=0.015)
 
 
 class Truth:
@@ -83,6 +112,13 @@ class Measured:
     def first(self, n, **options):
         rows = np.arange(self.points.poses) < n
         return identify_evidence(self.model, self.points.select(rows), self.motion.select(rows), **options)
+
+    def of_level(self, n, level):
+        """Mean and largest error (mm) of a level of the thesis on the poses after the first n."""
+        rows = np.arange(self.points.poses) < n
+        fit = identify(self.model, self.points.select(rows), level)
+        error = distances(fit.robot, self.points.select(~rows)) / MM
+        return error.mean(), error.max()
 
     def heldout(self, found, n):
         """Mean and largest error (mm) and coverage of the interval on the poses after the first n."""

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from evidence_cases import Truth
 from hypothesis import given
 from hypothesis import strategies as st
 from support import arm, example_robot
 
 from irbcal.files import urdf
+from irbcal.identification import dictionaries as module
 from irbcal.identification.dictionaries import (
     ALL,
     FRAME_FAMILIES,
@@ -19,7 +21,9 @@ from irbcal.identification.dictionaries import (
     weights,
     with_tau,
 )
+from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.mackay import CAP, GEOMETRY_CAP
+from irbcal.modeling.terms.situation import Motion
 
 
 def test_weights_fall_with_evidence_and_bands():
@@ -97,3 +101,22 @@ def test_time_constants_are_exchanged_and_groups_added():
     assert wide.groups == (*other.groups, "gear_1_9")
     assert list(wide.group[-3:]) == [len(other.groups), len(other.groups), wide.groups.index("geometry")]
     assert tau_of(make(terms, ["gain"], 0, None), terms) is None
+
+
+def test_a_new_family_takes_part(creep, monkeypatch):
+    truth = Truth(["gravity"], extra=[(t, 3e-5 * (t.joint + 1)) for t in creep.terms(arm("irb120"))])
+    motion = Motion(truth.nominal.random_joints(80, 3))
+    points = truth.measured(motion, 1e-5)
+    without = identify_evidence(truth.nominal, points, motion, gear_scan=False)
+    monkeypatch.setattr(module, "FAMILIES", (*module.FAMILIES, "creep"))
+    monkeypatch.setattr(module, "CHOICES", (*module.CHOICES, (("gravity", "gain", "creep"), 0)))
+    found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
+    best = max(found.dictionaries, key=lambda row: row.weight)
+    assert best.name == "geometry, gravity, gain, creep"
+    assert best.weight > 0.99
+    assert found.sigma < 0.9 * without.sigma
+    (seen,) = (row.seen for row in found.groups if row.name == "creep")
+    assert seen > 4.5
+    for t, c, std in zip(found.terms, found.coefficients, found.std, strict=True):
+        if t.family == "creep":
+            assert abs(c - 3e-5 * (t.joint + 1)) < 4.0 * std < 2e-4

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from evidence_cases import MM, Measured, Truth, irb120, moves
+from evidence_cases import MM, Measured, Truth, assert_documented, irb120, moves
 from support import TARGETS, arm, example_robot, measured, random_robot
 
 from irbcal.errors import IdentificationError
@@ -182,8 +182,14 @@ def test_held_out_errors_of_an_irb120(irb120_commands, terms, poses, gears):
     expected = HELDOUT[terms, poses, gears]
     assert mean < 1.05 * expected[0]
     assert largest < 1.1 * expected[1]
+    assert_documented(("IRB 120", terms, poses, gears), mean, largest, inside)
     if poses >= 200:
         assert 0.93 < inside < 0.985
+
+
+@pytest.mark.parametrize(("level", "poses"), [("34b", 45), ("34", 200), ("34b", 200), ("34b", 400)])
+def test_levels_of_the_thesis_on_an_irb120(irb120_commands, level, poses):
+    assert_documented(("IRB 120", f"level {level}", poses, False), *irb120_commands.of_level(poses, level))
 
 
 def test_readings_of_an_irb120(shared_data, irb120_commands):
@@ -191,7 +197,8 @@ def test_readings_of_an_irb120(shared_data, irb120_commands):
     found = read.first(200, terms="all", gear_scan=False)
     assert found.readings_projected
     assert found.readings_gain > 4.0
-    mean, largest, _ = irb120_commands.heldout(found, 200)
+    mean, largest, inside = irb120_commands.heldout(found, 200)
+    assert_documented(("IRB 120, readings only", "all", 200, False), mean, largest, inside)
     assert mean < 0.082  # at programmed joints, which it has never seen
     assert largest < 0.25
 
@@ -208,3 +215,5 @@ def test_held_out_errors_of_a_ur10(shared_data, tmp_path, group, mean, largest):
     assert error[0] < 1.05 * mean
     assert error[1] < largest
     assert error[2] > 0.9
+    assert_documented((f"UR10 {group}", "joint-map", 300, False), *error)
+    assert_documented((f"UR10 {group}", "level 34", 300, False), *data.of_level(300, "34"))

@@ -117,17 +117,17 @@ def test_the_warm_arm_has_no_warm_up(found):
 
 def test_it_says_what_was_compared_and_what_was_seen(found):
     text = found.summary()
+    lines = [line.split() for line in text.splitlines() if line]
     assert found.headline().startswith("irb120_3_058, terms all: ")
     assert found.headline() in text
     for row in found.dictionaries:
         assert str(round(row.log_evidence)) in text
-    first = next(line for line in text.splitlines() if line.startswith("geometry  "))
-    assert first.split()[1] == "45"
-    group = next(line for line in text.splitlines() if line.startswith("gravity_2"))
-    assert float(group.split()[2]) > 3.0
+    assert next(line for line in lines if line[0] == "geometry")[1] == "45"
+    assert float(next(line for line in lines if line[0] == "gravity_2")[2]) > 3.0
+    groups = lines[lines.index(["group", "terms", "seen", "size"]) :]
     for row in found.groups:
         assert 0.0 <= row.seen <= row.terms
-        assert any(line.split()[:1] == [row.name] for line in text.splitlines()) == (row.seen >= 0.1)
+        assert any(line[0] == row.name for line in groups) == (row.seen >= 0.1)
     assert "made to hold 95 %" in text
     assert len(repr(found)) < 400
     assert found._repr_html_().count("<table>") == 2

@@ -1,60 +1,11 @@
 """Families are found by themselves: one module each, also one that somebody adds."""
 
-import textwrap
-
 import numpy as np
-import pytest
 from support import arm
 from term_cases import assert_derivatives, every_term, motion_at, some_joints
 
-from irbcal.modeling import terms as package
 from irbcal.modeling.terms import bases, families
 from irbcal.modeling.terms.term_map import TermMap
-
-NEW_FAMILY = textwrap.dedent('''
-    """Creep: a joint that is far from its middle gives way."""
-
-    import numpy as np
-
-    from irbcal.modeling.terms.term import Basis, Family, Term, own_axis
-
-
-    class Cubed(Basis):
-        name = "cubed"
-
-        def values(self, terms, here):
-            return here.motion.q.T[[t.joint for t in terms]] ** 3
-
-        def slopes(self, terms, here):
-            out = np.zeros((len(terms), *here.motion.q.shape))
-            for k, term in enumerate(terms):
-                out[k, :, term.joint] = 3.0 * here.motion.q[:, term.joint] ** 2
-            return out
-
-
-    class Creep(Family):
-        name = "creep"
-        bases = (Cubed(),)
-
-        def terms(self, arm):
-            return [
-                Term(j, own_axis(arm, j), "cubed", 1e-4, self.name, self.name) for j in range(len(arm.joint_names))
-            ]
-
-
-    FAMILY = Creep()
-''')
-
-
-@pytest.fixture
-def creep(tmp_path, monkeypatch):
-    """A family in a module of its own that no other file names."""
-    (tmp_path / "creep.py").write_text(NEW_FAMILY)
-    monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
-    families.cache_clear(), bases.cache_clear()
-    yield families()["creep"]
-    monkeypatch.undo()
-    families.cache_clear(), bases.cache_clear()
 
 
 def test_families_are_found_and_have_as_many_terms_as_counted_by_hand():
