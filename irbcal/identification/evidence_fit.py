@@ -232,9 +232,9 @@ class EvidenceFit(Speaks):
             self._group_table(),
             *self._unseen_in_words(),
             *self.gear_sentences(),
-            "Intervals of predictions are made to hold 95 % of a coordinate's errors. On held-out poses of two real robots "
-            "they hold 93 to 98 % with 200 poses and more, 84 % with 45. They are valid for poses like those measured; "
-            "poses outside the joint ranges of the fit are marked.",
+            "Intervals of predictions are made to hold 95 % of a coordinate's errors. On held-out poses of two real "
+            "robots they hold 93 to 98 % with 200 poses and more, 84 % with 45. They are valid for poses like those "
+            "measured; poses outside the joint ranges of the fit are marked.",
         )
 
     def _readings_in_words(self) -> list[str]:
