@@ -13,6 +13,7 @@ from irbcal.cell.cell import Cell
 from irbcal.cell.pose_list import PoseList
 from irbcal.cell.run import Run
 from irbcal.measurement.columns import POSITION
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
@@ -26,7 +27,8 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Text and numbers as they are written: joints with 6 decimals, positions with 4 (0.1 um).
+        Text and numbers as they are written: joints with 6 decimals, positions with 4 (0.1 um). Where the robot's
+        readings are not its commands, the commands stand beside them (``c1_deg`` …).
     """
     import pandas as pd
 
@@ -35,8 +37,11 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     columns: dict[str, Any] = {"pose": poses.pose[row]}
     for name, values in poses.extra.items():
         columns[name] = values[row]
-    joints = np.round(poses.q / units, 6) + 0.0
+    commands = np.round(poses.q / units, 6) + 0.0
+    joints = commands if run.readings is None else np.round(run.readings / units, 6) + 0.0
     columns |= {name: joints[row, j] for j, name in enumerate(arm.joint_columns)}
+    if run.readings is not None:
+        columns |= {f"c{name[1:]}": commands[row, j] for j, name in enumerate(arm.joint_columns)}
     columns["target"] = np.array(run.names, dtype=object)[point]
     xyz = np.round(run.xyz[row, point] / MM, 4) + 0.0
     columns |= {name: xyz[:, k] for k, name in enumerate(POSITION)}
@@ -64,8 +69,6 @@ def files(run: Run, poses: PoseList, cell: Cell, out: str | Path, robot: str) ->
     dict of str to bytes
         File name -> content.
     """
-    from scipy.spatial.transform import Rotation
-
     out = Path(out)
     data = measurement_table(run, poses, cell.arm).to_csv(index=False, lineterminator="\n").encode()
     document = {
@@ -83,8 +86,8 @@ def files(run: Run, poses: PoseList, cell: Cell, out: str | Path, robot: str) ->
         "unseen": run.unseen,
         "poses_are": "true tip poses in the base link, in the order of the run: x_mm, y_mm, z_mm, qw, qx, qy, qz",
     }
-    xyzw = Rotation.from_matrix(run.T_base_tip[:, :3, :3]).as_quat(canonical=True)
-    rows = np.round(np.column_stack([run.T_base_tip[:, :3, 3] / MM, xyzw[:, 3], xyzw[:, :3]]), 9).tolist()
+    quaternions = frames.quaternion_from_matrix(run.T_base_tip[:, :3, :3])
+    rows = np.round(np.column_stack([run.T_base_tip[:, :3, 3] / MM, quaternions]), 9).tolist()
     shown = ",\n".join(f"  {row}" for row in rows)
     truth = json.dumps(document, indent=1, ensure_ascii=False).removesuffix("\n}")
     return {out.name: data, truth_name(out): f'{truth},\n "poses": [\n{shown}\n ]\n}}\n'.encode()}

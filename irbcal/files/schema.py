@@ -279,10 +279,11 @@ class Choice(_Model):
 
 
 class DataFile(_Model):
-    """A data file and its fingerprint."""
+    """A data file and its fingerprint; ``programmed``: it has programmed joints, which the model takes."""
 
     file: str
     sha256: str
+    programmed: bool = False
 
 
 class Check(_Model):
@@ -342,6 +343,11 @@ class Record(_Model):
     largest_link_shift_mm: float
     software: dict[str, str]
     seconds: float
+
+    @property
+    def programmed(self) -> bool:
+        """Whether it was made from programmed joints, not from joint readings."""
+        return bool(self.data) and self.data[0].programmed
 
     @model_validator(mode="after")
     def _points_of_known_poses(self) -> Record:

@@ -12,7 +12,7 @@ from support import outcome_of
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal.cell.effects import NAMES
+from irbcal.cell.effects import ALL, NAMES
 from irbcal.cli import main
 from irbcal.errors import IrbcalError
 from irbcal.files import robots
@@ -146,9 +146,9 @@ def test_only_and_without_choose_effects(tmp_path):
 
 
 def test_effects_are_listed_without_a_robot():
-    assert [line.split()[0] for line in run("--list").splitlines()] == list(NAMES)
+    assert [line.split()[0] for line in run("--list").splitlines()] == [effect.name for effect in ALL]
     listed = json.loads(run("--list", "--json"))
-    assert [item["name"] for item in listed] == list(NAMES)
+    assert [item["name"] for item in listed] == [effect.name for effect in ALL]
     assert listed[NAMES.index("noise")]["parameters"]["across_um"] == 2.0
 
 
