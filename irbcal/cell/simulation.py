@@ -219,17 +219,12 @@ def simulate(
     if (wanted is None) != (calibration is None):
         raise OptionError("wanted and calibration go together", parameter="wanted")
     seed, robot_seed, wait = check_seed(seed), check_seed(robot_seed, "robot_seed"), number("wait", wait, 0)
-    if payload is not None:
-        payload = number("payload", payload, 0)
-    only, without, also = None if only is None else names("only", only), names("without", without), names("also", also)
     cell = _changed(open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed), only, without, also)
     cell = cell.with_targets(_targets(targets, cell.tool.names))
-    cell = cell if payload is None else cell.with_payload(payload)
-    cell = (
-        cell
-        if tracker is None
-        else cell.replace(tracker=cell.tracker.moved(place("tracker", tracker, "x, y, z of the tracker in metres")))
-    )
+    cell = cell if payload is None else cell.with_payload(number("payload", payload, 0))
+    if tracker is not None:
+        station = place("tracker", tracker, "x, y, z of the tracker in metres")
+        cell = cell.replace(tracker=cell.tracker.moved(station))
     poses = _poses(cell, plan, random, seed, wait)
     run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
     found = None
@@ -241,6 +236,7 @@ def simulate(
 
 def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> Cell:
     """The cell with the effects that are asked for."""
+    only, without, also = None if only is None else names("only", only), names("without", without), names("also", also)
     if only is not None and without:
         raise OptionError("only and without exclude each other", parameter="only")
     cell = cell.also(*also, *(only or ()))
