@@ -89,6 +89,8 @@ def check_writable(folder: str | Path, names: Sequence[str] = ()) -> list[Path]:
     list of Path
         Folders that had to be made for it, innermost first.
     """
+    if not os.fspath(folder):
+        raise CalibrationError("expected the name of a folder to write to, found an empty text", parameter="out")
     folder = Path(folder)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     try:

@@ -30,7 +30,8 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, selected_parameters
-from irbcal.options import checked
+from irbcal.options import checked, names, number
+from irbcal.options import seed as check_seed
 from irbcal.units import DEG, MM
 
 LARGEST_TURN = 3 * DEG
@@ -43,6 +44,8 @@ LARGE_NOMINAL = 10 * MM
 """Fitted rms of the nominal robot above which the user is warned, metres."""
 
 SPLITS = ("random", "last")
+HOLDOUT = 0.25
+"""Share of the poses that are held out unless another is asked for."""
 
 Progress: TypeAlias = Callable[[str], Any]
 """Called with a short text at each step."""
@@ -52,8 +55,8 @@ Progress: TypeAlias = Callable[[str], Any]
 class Options:
     """How to calibrate; see `irbcal.calibrate` for what each option means."""
 
-    model: str | None = None
-    holdout: float = 0.25
+    model: str | int | None = None
+    holdout: float | None = None
     split: str = "random"
     seed: int = 0
     verify: MeasurementsLike | None = None
@@ -70,6 +73,8 @@ class Options:
     as_poses: bool = False
 
     def __post_init__(self) -> None:
+        if isinstance(self.model, int):
+            object.__setattr__(self, "model", str(self.model))
         for name, value, choices in (
             ("model", self.model, (None, *MODELS)),
             ("split", self.split, SPLITS),
@@ -79,12 +84,36 @@ class Options:
         ):
             if value not in choices:
                 raise OptionError.unknown(name, value, [choice for choice in choices if choice is not None])
-        if not self.holdout < 1 and not (self.holdout < 1e9 and self.holdout == int(self.holdout)):
+        self._check_holdout()
+        check_seed(self.seed)
+        number("power", self.power, 2.0)
+        both = set(names("free", self.free)) & set(names("hold", self.hold))
+        if both:
+            raise OptionError(f"hold: {min(both)} is to be freed, too: choose one", parameter="hold")
+        if self.frame is not None and len(names("frame", self.frame)) != 3:
             raise OptionError(
-                f"holdout: expected a fraction below 1 or a whole number, found {self.holdout:g}", parameter="holdout"
+                f"frame: expected the names of three reference points, found {len(self.frame)}", parameter="frame"
             )
-        if isinstance(self.free, str) or isinstance(self.hold, str):
-            raise OptionError("free, hold: expected a sequence of names, found one text", parameter="free")
+
+    def _check_holdout(self) -> None:
+        share = self.share
+        if self.holdout is not None and self.verify is not None:
+            raise OptionError(
+                "holdout: the measurements of verify are the proof, none are held out: leave one out",
+                parameter="holdout",
+            )
+        try:
+            if number("holdout", share, 0, 1e9) >= 1:
+                number("holdout", share, whole=True)
+        except OptionError:
+            raise OptionError(
+                f"holdout: expected a fraction below 1 or a whole number, found {share!r}", parameter="holdout"
+            ) from None
+
+    @property
+    def share(self) -> float:
+        """Share or number of the poses to hold out: `HOLDOUT` unless given."""
+        return HOLDOUT if self.holdout is None else self.holdout
 
 
 @dataclass
@@ -155,7 +184,7 @@ def run(
     _check_known_targets(known, ready.fit, source)
     nominal = identify(arm, ready.fit, "nominal", known_targets=known)
     _refuse_orientations(nominal, ready.fit, source)
-    choice, model = None, default_level(arm) if options.model is None else options.model
+    choice, model = None, default_level(arm) if options.model is None else str(options.model)
     if model == "auto":
         choice = choose_level(arm, ready.fit, options.seed, progress=say, known_targets=known)
         model = choice.level
@@ -208,7 +237,7 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Pr
     moves = np.isin(points.groups.astype(str), GROUPS)
     by_axes = method_of(options.method) == "circles" and moves.any()
     if options.verify is None:
-        aside = ~moves if by_axes else split(points, options.holdout, options.split, options.seed)
+        aside = ~moves if by_axes else split(points, options.share, options.split, options.seed)
         parts = points.select(~aside), points.select(aside)
         return _Prepared(seen, *parts, excluded, notes, seen.poses, references, shape)
     check = _read(options.verify, arm)
@@ -232,11 +261,11 @@ def _read(measurements: MeasurementsLike, arm: Arm) -> MeasurementSet:
 def _without_gross_errors(arm: Arm, cleaned: Cleaned, source: str) -> tuple[PointSet, list[Exclusion]]:
     points = cleaned.points
     keep, distance = outliers.find_gross_errors(arm, points, source)
-    names = points.names()
+    targets = points.names()
     found = [
         cleaning.Exclusion(
             str(points.pose_ids[points.pose[k]]),
-            str(names[k]),
+            str(targets[k]),
             f"gross error: {distance[k] / MM:.4g} mm from the nominal robot",
         )
         for k in np.flatnonzero(~keep)
@@ -246,10 +275,10 @@ def _without_gross_errors(arm: Arm, cleaned: Cleaned, source: str) -> tuple[Poin
 
 def _groups(points: PointSet) -> dict[str, PointSet]:
     """Points by group, for the history of a fit; all together where there are no groups."""
-    names = sorted({str(name) for name in points.groups if name})
-    if len(names) < 2:
+    groups = sorted({str(name) for name in points.groups if name})
+    if len(groups) < 2:
         return {"held-out": points} if points.poses else {}
-    return {name: points.select(points.groups == name).without_empty_poses() for name in names}
+    return {name: points.select(points.groups == name).without_empty_poses() for name in groups}
 
 
 def _check_known_targets(known: Mapping[str, FloatArray] | None, points: PointSet, source: str) -> None:

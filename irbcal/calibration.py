@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from irbcal import calibrating
 from irbcal.arrays import FloatArray
 from irbcal.calibrating import Options, Progress
-from irbcal.errors import CalibrationError
+from irbcal.errors import CalibrationError, OptionError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, Saved
 from irbcal.files.outcome import Outcome
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from irbcal.reports.plots import Plots
+
+FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")
+"""Of a report's figures as files."""
 
 DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 
@@ -163,7 +166,8 @@ class Calibration(Speaks):
             told.append(r.choice.explanation)
         told += [f"  held: {sentence}" for sentence in r.held]
         if r.excluded:
-            told.append(f"Left out: {len(r.excluded)} points, of which {r.poses_excluded} whole poses")
+            whole = f" ({r.poses_excluded} poses left out whole)" if r.poses_excluded else ""
+            told.append(f"Left out: {len(r.excluded)} points{whole}")
             told += left_out(r.excluded)
         told += [f"Note: {note}" for note in r.notes]
         check = r.pinocchio_check
@@ -252,9 +256,9 @@ def _parameter_row(item: Parameter) -> tuple[Cell, ...]:
 def calibrate(
     measurements: MeasurementsLike,
     robot: str | Path,
-    model: str | None = None,
+    model: str | int | None = None,
     *,
-    holdout: float = 0.25,
+    holdout: float | None = None,
     split: Literal["random", "last"] = "random",
     seed: int = 0,
     verify: MeasurementsLike | None = None,
@@ -275,7 +279,7 @@ def calibrate(
 
     Parameters
     ----------
-    measurements : str, Path, DataFrame or MeasurementSet
+    measurements : str, Path, DataFrame, MeasurementSet or a result that holds one
     robot : str or Path
         URDF file or a robot's name, see `irbcal.robots`.
     model : str, optional
@@ -283,7 +287,7 @@ def calibrate(
         (any serial arm); or ``auto``: chosen by cross-validation over the poses of the fit. By default ``34``, and
         ``placement`` for arms that have not six revolute joints.
     holdout : float or int
-        Fraction or number of poses that the fit does not see (not used with ``verify``).
+        Fraction or number of poses that the fit does not see: 0.25 unless given; not with ``verify``.
     split, seed
         Which poses, see `irbcal.calibrating.split`.
     verify : str, Path, DataFrame or MeasurementSet, optional
@@ -390,10 +394,10 @@ def save(
 
 
 def report(
-    calibration: str | Path,
+    calibration: str | Path | Calibration,
     *,
     figures: str | Path | None = None,
-    format: Literal["png", "svg"] = "png",
+    format: Literal["png", "svg"] | None = None,
     data: str | Path | None = None,
     progress: Progress | None = None,
 ) -> dict[Path, tuple[str, ...]]:
@@ -401,12 +405,12 @@ def report(
 
     Parameters
     ----------
-    calibration : str or Path
-        Its folder.
+    calibration : str, Path or Calibration
+        Its folder, or one loaded from its folder.
     figures, data : str or Path, optional
         Folders for the figures and for the data behind figures and tables (CSV).
-    format : {"png", "svg"}
-        Of the figures.
+    format : {"png", "svg"}, optional
+        Of the figures; ``png`` unless given.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -418,28 +422,40 @@ def report(
     Raises
     ------
     IrbcalError
-        If the folder is no calibration or cannot be written.
+        If the folder is no calibration or cannot be written, the calibration was not saved yet, or a format is given
+        without a folder for figures.
     """
     from irbcal.atomic import made_folders, write_together
     from irbcal.options import checked
     from irbcal.reports import report_data, report_page
 
-    checked("format", format, ("png", "svg"))
+    kind: Literal["png", "svg"] = checked("format", format or "png", FORMATS)
+    if format is not None and figures is None:
+        raise OptionError("format: only figures have one: name their folder", parameter="format")
     say = progress or (lambda text: None)
     say("reading the calibration")
-    record = calibration_folder.load(calibration)
-    folders: dict[Path, dict[str, bytes]] = {
-        Path(folder): {} for folder in (calibration, figures, data) if folder is not None
-    }
+    record, out = _report_of(calibration)
+    folders: dict[Path, dict[str, bytes]] = {Path(folder): {} for folder in (out, figures, data) if folder is not None}
     with made_folders(*folders):
         say("computing errors")
         evidence = report_page.gather(record)
         say("drawing")
         if figures is not None:
-            folders[Path(figures)] |= report_page.figure_files(record, evidence, format)
+            folders[Path(figures)] |= report_page.figure_files(record, evidence, kind)
         if data is not None:
             folders[Path(data)] |= report_data.data_files(record, evidence)
-        folders[Path(calibration)][REPORT_NAME] = report_page.render(record, evidence).encode("utf-8")
+        folders[out][REPORT_NAME] = report_page.render(record, evidence).encode("utf-8")
         for folder, files in folders.items():
             write_together(folder, files)
     return {folder: tuple(files) for folder, files in folders.items()}
+
+
+def _report_of(calibration: str | Path | Calibration) -> tuple[Record, Path]:
+    """The calibration as it stands in its folder, and the folder."""
+    folder = getattr(calibration, "folder", None) if not isinstance(calibration, (str, Path)) else calibration
+    if folder is None:
+        raise CalibrationError(
+            "expected a calibration folder or a calibration loaded from one: save it first", parameter="calibration"
+        )
+    saved = calibration_folder.read(folder)
+    return saved.record, saved.folder

@@ -4,24 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
+from os import PathLike
+from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
-from irbcal.errors import RobotError
+from irbcal.errors import OptionError, RobotError
 from irbcal.files.opening import RobotLike, open_robot
 from irbcal.modeling import frames
+from irbcal.options import shown
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from irbcal.measurement.table import MeasurementSet
     from irbcal.modeling.arm import Arm
     from irbcal.modeling.robot import Robot
+
+JointsLike: TypeAlias = Union["ArrayLike | str | PathLike[str] | pd.DataFrame | MeasurementSet | InverseJoints"]
+"""Joints: an array in radians, or a file or a table with its units in the names of its columns."""
+PosesLike: TypeAlias = Union["ArrayLike | str | PathLike[str] | pd.DataFrame | ForwardResult"]
+"""Poses (n, 4, 4) in metres, or a file or a table in millimetres with quaternions."""
 
 SHOWN = 10
 """Rows of a result that are shown to people."""
@@ -82,6 +89,11 @@ class ForwardResult(Speaks):
             for name, values in zip("xyz", self.std.T, strict=True):
                 table[f"std_{name}_mm"] = values / MM
         return table
+
+    def to_dict(self) -> dict[str, Any]:
+        """Names of the links and of the target, and the rows as the command fk prints them, ready for JSON."""
+        rows = self.to_frame().to_dict(orient="records")
+        return {"tip": self.tip, "base": self.base, "target": self.target, "rows": rows}
 
     @property
     def caution(self) -> str:
@@ -158,6 +170,11 @@ class InverseJoints(Speaks):
         table["note"] = self.note
         return table
 
+    def to_dict(self) -> dict[str, Any]:
+        """The rows as the command ik prints them, ready for JSON: None where there is no solution."""
+        frame = self.to_frame()
+        return {"rows": frame.astype(object).where(frame.notna(), None).to_dict(orient="records")}
+
     def told(self) -> Sequence[Told]:
         """How many poses have joints, and the first rows."""
         if self.branch is not None:
@@ -179,7 +196,7 @@ def _first_rows(table: pd.DataFrame) -> Table:
 
 def forward_kinematics(
     robot: RobotLike,
-    q: ArrayLike | str | Path,
+    q: JointsLike,
     *,
     target: str | None = None,
     uncertainty: bool = False,
@@ -194,9 +211,9 @@ def forward_kinematics(
     robot : str, Path, Record, a result that holds one, or Opened
         Calibration folder, loaded calibration, path of a URDF, name of a shipped robot (``irb1600``, ``irb120``), or
         one of these opened before (`irbcal.files.opening.open_robot`).
-    q : array_like, shape (n, joints), or path
-        Commanded joints, radians (metres for prismatic joints); or a file with the columns ``q1_deg`` and so on
-        (``q1_mm`` of a prismatic joint).
+    q : array_like, shape (n, joints), path, DataFrame, MeasurementSet or InverseJoints
+        Commanded joints, radians (metres for prismatic joints); or a file or table with the columns ``q1_deg`` and so
+        on (``q1_mm`` of a prismatic joint); or the joints of measured poses.
     target : str, optional
         Predict the places of this reflector in the measuring frame, too.
     uncertainty : bool
@@ -214,8 +231,8 @@ def forward_kinematics(
     Raises
     ------
     RobotError
-        If there is no such robot or target, the joints have another shape or look like degrees, or the robot knows no
-        uncertainty.
+        If there is no such robot or target, the joints have another shape, are no numbers or look like degrees, or the
+        robot knows no uncertainty.
     CalibrationError
         If a calibration folder is not a whole calibration.
     MeasurementError
@@ -260,7 +277,7 @@ def forward_kinematics(
 
 def inverse_kinematics(
     robot: RobotLike,
-    T_base_tip: ArrayLike | str | Path,
+    T_base_tip: PosesLike,
     *,
     near: ArrayLike | None = None,
     all_branches: bool = False,
@@ -274,13 +291,14 @@ def inverse_kinematics(
     ----------
     robot
         See `forward_kinematics`.
-    T_base_tip : array_like, shape (n, 4, 4), or path
-        Poses of the tip link in the base link, metres; or a file with the columns ``x_mm, y_mm, z_mm, qw, qx, qy, qz``.
+    T_base_tip : array_like, shape (n, 4, 4), path, DataFrame or ForwardResult
+        Poses of the tip link in the base link, metres; or a file or table with the columns ``x_mm, y_mm, z_mm, qw, qx,
+        qy, qz``, as ``ForwardResult.to_frame`` makes it.
     near : array_like, shape (joints,), optional
         The solution nearest to these joints is taken, radians (metres for prismatic joints); those nearest to zero
         within the limits unless given.
     all_branches : bool
-        Every branch within the joint limits instead; for arms with a closed-form inverse.
+        Every branch within the joint limits instead, not with ``near``; for arms with a closed-form inverse.
     nominal : bool
         Nominal behaviour of a calibration.
     base_link, tip_link : str, optional
@@ -299,11 +317,15 @@ def inverse_kinematics(
         If a calibration folder is not a whole calibration.
     MeasurementError
         If a file of poses cannot be read.
+    OptionError
+        If both ``near`` and all branches are asked for.
     """
     from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
 
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
     model, arm = opened.robot, opened.nominal
+    if all_branches and near is not None:
+        raise OptionError("near: all branches are asked for, not the nearest: leave one of them out", parameter="near")
     T = _poses(T_base_tip)
     start = _start(arm, near)
     if all_branches:
@@ -361,21 +383,41 @@ def pose_table(robot: Robot, q: ArrayLike) -> pd.DataFrame:
     return poses_to_frame(robot.poses(q))
 
 
-def _joints(q: ArrayLike | str | Path, arm: Arm) -> FloatArray:
-    if isinstance(q, (str, Path)):
-        from irbcal.measurement import lists
+def _joints(q: JointsLike, arm: Arm) -> FloatArray:
+    import pandas as pd
 
+    from irbcal.measurement import lists
+    from irbcal.measurement.table import MeasurementSet
+
+    if isinstance(q, (str, PathLike, pd.DataFrame)):
         return lists.read_joints(q, arm.joint_columns)
-    return arm.check_joints(q)
+    if isinstance(q, MeasurementSet):
+        q.check_joints(arm)
+        return q.joints()
+    found = arm.check_joints(q.joints if isinstance(q, InverseJoints) else q)
+    if not np.isfinite(found).all():
+        row, joint = np.argwhere(~np.isfinite(found))[0]
+        raise RobotError(f"joints: row {row + 1} has no number for {arm.joint_names[joint]}", parameter="q")
+    return found
 
 
-def _poses(T_base_tip: ArrayLike | str | Path) -> FloatArray:
-    if isinstance(T_base_tip, (str, Path)):
-        from irbcal.measurement import lists
+def _poses(T_base_tip: PosesLike) -> FloatArray:
+    import pandas as pd
 
+    from irbcal.measurement import lists
+
+    if isinstance(T_base_tip, (str, PathLike, pd.DataFrame)):
         return lists.read_poses(T_base_tip)
-    T = np.asarray(T_base_tip, dtype=float)
-    return T[None] if T.shape == (4, 4) else T
+    try:
+        T = np.asarray(T_base_tip.T_base_tip if isinstance(T_base_tip, ForwardResult) else T_base_tip, dtype=float)
+    except (TypeError, ValueError):
+        T = np.zeros(0)
+    if T.ndim not in (2, 3) or T.shape[-2:] != (4, 4):
+        raise RobotError(
+            f"poses need shape (n, 4, 4), found {T.shape if T.size else shown(T_base_tip)}",
+            parameter="T_base_tip",
+        )
+    return T[None] if T.ndim == 2 else T
 
 
 def _start(arm: Arm, near: ArrayLike | None) -> FloatArray:

@@ -1,17 +1,26 @@
-"""Options of public functions: choices are checked in Python as on the command line, and old names still work."""
+"""Options of public functions: checked in Python as on the command line, one sentence each; old names still work."""
 
 from __future__ import annotations
 
 import functools
+import math
 import warnings
 from collections.abc import Callable, Sequence
-from typing import ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar, overload
 
 from irbcal.errors import OptionError
+
+if TYPE_CHECKING:
+    from irbcal.arrays import FloatArray
 
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T", bound=str)
+
+LARGEST_PLACE = 100.0
+"""Metres; a larger place or length in a robot cell is meant in millimetres."""
+MOST_POSES = 100_000
+"""Poses that can be asked for at a time."""
 
 
 def checked(parameter: str, found: str, choices: Sequence[T]) -> T:
@@ -26,6 +35,164 @@ def checked(parameter: str, found: str, choices: Sequence[T]) -> T:
         if choice == found:
             return choice
     raise OptionError.unknown(parameter, found, choices)
+
+
+@overload
+def number(
+    parameter: str, value: Any, low: float | None = None, high: float | None = None, whole: Literal[False] = False
+) -> float: ...
+
+
+@overload
+def number(parameter: str, value: Any, low: float | None = None, high: float | None = None, *, whole: bool) -> int: ...
+
+
+def number(
+    parameter: str, value: Any, low: float | None = None, high: float | None = None, whole: bool = False
+) -> float:
+    """The value of an option that is a number.
+
+    Parameters
+    ----------
+    parameter : str
+        Name of the option.
+    value
+        What was given.
+    low, high : float, optional
+        The smallest and the largest number that make sense.
+    whole : bool
+        Whether only whole numbers do.
+
+    Returns
+    -------
+    float or int
+
+    Raises
+    ------
+    OptionError
+        If it is no such number; texts are none.
+    """
+    if (
+        _is_number(value)
+        and (low is None or value >= low)
+        and (high is None or value <= high)
+        and (not whole or value == int(value))
+    ):
+        return int(value) if whole else float(value)
+    kind = "a whole number" if whole else "a number"
+    if low is not None and high is not None:
+        kind += f" from {low:.10g} to {high:.10g}"
+    elif low is not None:
+        kind += f" of at least {low:.10g}"
+    elif high is not None:
+        kind += f" of at most {high:.10g}"
+    raise OptionError(f"{parameter}: expected {kind}, found {shown(value)}", parameter=parameter)
+
+
+def seed(value: Any, parameter: str = "seed") -> int:
+    """A seed of random numbers: a whole number, not negative.
+
+    Raises
+    ------
+    OptionError
+        If it is none.
+    """
+    return number(parameter, value, 0, whole=True)
+
+
+def length(parameter: str, value: Any, low: float | None = None) -> float:
+    """The value of an option that is a length in metres.
+
+    Raises
+    ------
+    OptionError
+        If it is no number, is below ``low``, or beyond `LARGEST_PLACE`: then it is meant in millimetres.
+    """
+    metres = number(parameter, value, low)
+    _refuse_millimetres(parameter, metres)
+    return metres
+
+
+def place(parameter: str, value: Any, what: str = "x, y, z in metres", counts: Sequence[int] = (3,)) -> FloatArray:
+    """The value of an option that is a place, metres.
+
+    Parameters
+    ----------
+    parameter : str
+        Name of the option.
+    value : array_like
+        What was given: the place, and what else ``what`` says.
+    what : str
+        The expected numbers in words.
+    counts : sequence of int
+        How many numbers there may be.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    OptionError
+        If the numbers are others, or the place is beyond `LARGEST_PLACE`: then it is meant in millimetres.
+    """
+    import numpy as np
+
+    try:
+        numbers: FloatArray = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape not in [(count,) for count in counts] or not np.isfinite(numbers).all():
+        raise OptionError(f"{parameter}: expected {what}, found {shown(value)}", parameter=parameter)
+    _refuse_millimetres(parameter, *numbers[:3])
+    return numbers
+
+
+def names(parameter: str, value: Any) -> tuple[str, ...]:
+    """The value of an option that is a sequence of names; one text is refused, for it is a sequence of letters.
+
+    Raises
+    ------
+    OptionError
+        If it is no sequence of names.
+    """
+    if isinstance(value, str):
+        parts = [part.strip() for part in value.split(",")]
+        raise OptionError(
+            f"{parameter}: expected a sequence of names, found one text: give {shown(parts)}", parameter=parameter
+        )
+    try:
+        found = tuple(value)
+    except TypeError:
+        found = (None,)
+    if not all(isinstance(item, str) for item in found):
+        raise OptionError(f"{parameter}: expected a sequence of names, found {shown(value)}", parameter=parameter)
+    return found
+
+
+_LONGEST = 60
+
+
+def _is_number(value: Any) -> bool:
+    """Whether it is a finite real number, of Python or of numpy; truth values are none."""
+    from numbers import Real
+
+    return isinstance(value, Real) and type(value).__name__ not in ("bool", "bool_") and math.isfinite(value)
+
+
+def shown(value: Any) -> str:
+    """A value in a sentence: on one line, the beginning of a long one."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
+
+
+def _refuse_millimetres(parameter: str, *metres: float) -> None:
+    largest = max(metres, key=abs)
+    if abs(largest) > LARGEST_PLACE:
+        raise OptionError(
+            f"{parameter}: metres expected, at most {LARGEST_PLACE:g}, found {largest:g}: this looks like millimetres",
+            parameter=parameter,
+        )
 
 
 def renamed(**new_of_old: str) -> Callable[[Callable[P, R]], Callable[P, R]]:

@@ -1,10 +1,16 @@
 """A calibration, just made or loaded: the same by both ways, in its folder and in memory."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import irbcal
-from irbcal.errors import CalibrationError
+from irbcal.errors import CalibrationError, OptionError
+from irbcal.files import calibration_folder
+from irbcal.files.schema import Exclusion
+
+EXCLUDED = Exclusion(pose="1", target="smr1", reason="lost")
 
 
 @pytest.fixture(scope="module")
@@ -80,3 +86,40 @@ def test_what_a_calibration_does_not_have_is_said(made):
         made.colour  # noqa: B018
     assert made.model == "26"
     assert made.used_points(True)[0].poses == made.poses_heldout
+
+
+def test_the_report_of_a_loaded_calibration(made, tmp_path):
+    made.save(tmp_path)
+    loaded = irbcal.load(tmp_path)
+    assert irbcal.report(loaded) == {tmp_path: ("report.html",)}
+    for calibration in (made, made.record, None):
+        with pytest.raises(CalibrationError, match="save it first") as refused:
+            irbcal.report(calibration)
+        assert refused.value.parameter == "calibration"
+
+
+def test_only_figures_have_a_format(made, tmp_path):
+    made.save(tmp_path)
+    with pytest.raises(OptionError, match="format: only figures have one") as refused:
+        irbcal.report(tmp_path, format="svg")
+    assert refused.value.parameter == "format"
+
+
+def test_a_folder_without_a_name_is_refused(made):
+    with pytest.raises(CalibrationError, match="expected the name of a folder") as refused:
+        made.save("")
+    assert refused.value.parameter == "out"
+
+
+def test_what_was_left_out_is_said_in_words(made):
+    for poses, words in ((3, "Left out: 26 points (3 poses left out whole)"), (0, "Left out: 26 points")):
+        record = made.record.model_copy(update={"excluded": [EXCLUDED] * 26, "poses_excluded": poses})
+        saved = calibration_folder.Saved(Path("cal"), record, made.urdf)
+        assert words in irbcal.Calibration(saved=saved).verdict()
+
+
+def test_figures_show_themselves_only(made):
+    shown = [name for name in dir(made.plot) if not name.startswith("_")]
+    assert "record" not in shown
+    assert "errors_by_pose" in shown
+    assert len(repr(made.plot)) < 300

@@ -1,5 +1,6 @@
 """Forward and inverse kinematics by a robot's name: arrays and files, all kinds of robots, refusals."""
 
+import json
 import pickle
 import re
 
@@ -18,7 +19,7 @@ from support import (
 )
 
 import irbcal
-from irbcal.errors import MeasurementError, RobotError
+from irbcal.errors import IrbcalError, MeasurementError, OptionError, RobotError
 from irbcal.files import document, urdf
 from irbcal.files.opening import open_robot
 from irbcal.kinematics import forward_kinematics, inverse_kinematics, pose_table
@@ -139,7 +140,7 @@ def test_refusals(folder):
         (lambda: forward_kinematics("irb120", Q, uncertainty=True), "knows its uncertainty", "uncertainty"),
         (lambda: forward_kinematics(folder, Q, uncertainty=True, nominal=True), "uncertainty", "uncertainty"),
         (lambda: forward_kinematics(folder, np.degrees(Q)), "these look like degrees", "q"),
-        (lambda: forward_kinematics(folder, Q[:, :5]), "shape (n, 6), found (2, 5)", None),
+        (lambda: forward_kinematics(folder, Q[:, :5]), "shape (n, 6), found (2, 5)", "q"),
         (lambda: inverse_kinematics(folder, T, near=np.degrees(Q[0])), "these look like degrees", "q"),
         (lambda: inverse_kinematics(folder, T, near=Q), "near: expected 6 numbers (joint_1, ", "near"),
         (lambda: inverse_kinematics(folder, T, near=[np.nan] * 6), "near: expected 6 numbers", "near"),
@@ -172,3 +173,63 @@ def test_poses_as_a_table():
     table = pose_table(robot, np.zeros((1, 6)))
     np.testing.assert_allclose(table.iloc[0, :3], [815, 0, 1186.5], rtol=0, atol=1e-9)
     np.testing.assert_allclose(table.iloc[0, 3:], [np.sqrt(0.5), 0, np.sqrt(0.5), 0], rtol=0, atol=1e-12)
+
+
+def test_tables_of_joints_are_in_degrees_as_files_are(folder):
+    table = pd.DataFrame(np.degrees(Q), columns=[f"q{k}_deg" for k in range(1, 7)])
+    expected = forward_kinematics(folder, Q).T_base_tip
+    assert_same_poses(forward_kinematics(folder, table).T_base_tip, expected, 1e-12, 1e-12)
+    rows = table.assign(pose=["a", "b"], target="smr1", x_mm=1.0, y_mm=2.0, z_mm=3.0)
+    assert_same_poses(forward_kinematics(folder, irbcal.read_measurements(rows)).T_base_tip, expected, 1e-12, 1e-12)
+
+
+def test_what_one_direction_gives_the_other_takes(folder):
+    there = forward_kinematics(folder, Q)
+    for poses in (there, there.to_frame()):
+        back = inverse_kinematics(folder, poses, near=Q[0])
+        assert_same_poses(forward_kinematics(folder, back).T_base_tip, there.T_base_tip, 1e-8, 1e-8)
+
+
+def test_results_become_dicts_for_json(folder):
+    there = forward_kinematics(folder, Q, target="smr1")
+    found = json.loads(json.dumps(there.to_dict()))
+    assert (found["target"], found["tip"], len(found["rows"])) == ("smr1", there.tip, 2)
+    far = np.tile(np.eye(4), (1, 1, 1))
+    far[:, 0, 3] = 50.0
+    rows = json.loads(json.dumps(inverse_kinematics(folder, far).to_dict()))["rows"]
+    assert rows[0]["q1_deg"] is None
+    assert rows[0]["note"]
+
+
+@pytest.mark.parametrize(
+    ("q", "words"),
+    [
+        ([[0, 0, 0, np.nan, 0, 0]], "row 1 has no number for joint_4"),
+        ([[np.inf, 0, 0, 0, 0, 0]], "degrees|no number"),
+        ([["abc"]], "expected as an array of numbers"),
+        (None, "array of numbers|shape"),
+    ],
+)
+def test_joints_that_are_no_numbers_are_refused(q, words):
+    with pytest.raises(RobotError, match=words) as refused:
+        forward_kinematics("irb120", q)
+    assert refused.value.parameter == "q"
+
+
+@pytest.mark.parametrize("T", ["there_is_no_file.csv", np.eye(3), [["abc"]], None])
+def test_what_is_no_pose_is_refused(T):
+    with pytest.raises(IrbcalError, match=r"no such file|shape"):
+        inverse_kinematics("irb120", T)
+
+
+@pytest.mark.parametrize("robot", [None, 5])
+def test_what_is_no_robot_is_refused(robot):
+    with pytest.raises(RobotError, match=r"expected a robot .* found") as refused:
+        forward_kinematics(robot, Q)
+    assert refused.value.parameter == "robot"
+
+
+def test_all_branches_are_not_the_nearest():
+    with pytest.raises(OptionError, match="near: all branches are asked for") as refused:
+        inverse_kinematics("irb120", np.eye(4), near=Q[0], all_branches=True)
+    assert refused.value.parameter == "near"

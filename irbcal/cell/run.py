@@ -11,7 +11,7 @@ from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.measurement.points import PointSet
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """One measuring run as the tracker saw it.
 
@@ -49,6 +49,9 @@ class Run:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def __repr__(self) -> str:
+        return f"<Run: SIMULATED, {len(self.q)} poses, {int(self.asked.sum())} points of {', '.join(self.names)}>"
 
     def points(self, groups: Sequence[str] | NameArray | None = None) -> PointSet:
         """The targets that were seen, in the tracker's frame (references unused).

@@ -21,9 +21,12 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import CalibrationLike
 from irbcal.files.schema import Record
-from irbcal.measurement import lists
+from irbcal.measurement import lists, table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
+from irbcal.measurement.table import MeasurementSet
+from irbcal.options import MOST_POSES, names, number, place
+from irbcal.options import seed as check_seed
 from irbcal.summary import Speaks, Told
 from irbcal.validation.evaluation import statistics_table
 
@@ -105,6 +108,11 @@ class Simulated(Speaks):
             A row for each point asked for; ``simulated`` is ``yes`` in all. Positions that were lost are NaN.
         """
         return simulated_files.measurement_table(self.run, self.poses, self.cell.arm)
+
+    def measurements(self) -> MeasurementSet:
+        """The measurements as irbcal reads them from the measurement file: what `irbcal.calibrate` takes."""
+        data = self.to_frame().to_csv(index=False, lineterminator="\n").encode("utf-8")
+        return table.parse(data, f"SIMULATED measurements of {self.cell.arm.name}")
 
     def to_dict(self) -> dict[str, Any]:
         """What was simulated, ready for JSON; lengths in mm."""
@@ -206,14 +214,17 @@ def simulate(
 
     Examples
     --------
-    >>> irbcal.calibrate(simulate("irb1600", random=100).to_frame(), "irb1600")  # doctest: +SKIP
+    >>> irbcal.calibrate(simulate("irb1600", random=100), "irb1600")  # doctest: +SKIP
     """
     if (wanted is None) != (calibration is None):
         raise OptionError("wanted and calibration go together", parameter="wanted")
+    seed, robot_seed, wait = check_seed(seed), check_seed(robot_seed, "robot_seed"), number("wait", wait, 0)
     cell = _changed(open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed), only, without, also)
     cell = cell.with_targets(_targets(targets, cell.tool.names))
-    cell = cell if payload is None else cell.with_payload(payload)
-    cell = cell if tracker is None else cell.replace(tracker=cell.tracker.moved(_place(tracker)))
+    cell = cell if payload is None else cell.with_payload(number("payload", payload, 0))
+    if tracker is not None:
+        station = place("tracker", tracker, "x, y, z of the tracker in metres")
+        cell = cell.replace(tracker=cell.tracker.moved(station))
     poses = _poses(cell, plan, random, seed, wait)
     run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
     found = None
@@ -225,6 +236,7 @@ def simulate(
 
 def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> Cell:
     """The cell with the effects that are asked for."""
+    only, without, also = None if only is None else names("only", only), names("without", without), names("also", also)
     if only is not None and without:
         raise OptionError("only and without exclude each other", parameter="only")
     cell = cell.also(*also, *(only or ()))
@@ -236,25 +248,18 @@ def _poses(cell: Cell, plan: PosesLike | None, random: int | None, seed: int, wa
         raise OptionError("give either a plan or a number of random poses", parameter="plan")
     if random is None:
         return pose_list.taken(plan, cell.arm, wait)
-    return pose_list.drawn(cell, random, seed, wait)
+    return pose_list.drawn(cell, number("random", random, 1, MOST_POSES, whole=True), seed, wait)
 
 
-def _targets(wanted: int | Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+def _targets(wanted: int | Sequence[str], all_names: Sequence[str]) -> tuple[str, ...]:
     """Names of the targets to measure: the first so many, or those named."""
     if isinstance(wanted, str):
         wanted = (wanted,)
     if not isinstance(wanted, int):
-        return tuple(dict.fromkeys(wanted))
-    if not 1 <= wanted <= len(names):
-        raise OptionError(f"expected 1 to {len(names)} targets or names, found {wanted}", parameter="targets")
-    return tuple(names[:wanted])
-
-
-def _place(tracker: ArrayLike) -> FloatArray:
-    place = np.asarray(tracker, dtype=float)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise OptionError(f"expected x, y, z of the tracker in metres, found {tracker!r}", parameter="tracker")
-    return place
+        return tuple(dict.fromkeys(names("targets", wanted)))
+    if not 1 <= wanted <= len(all_names):
+        raise OptionError(f"expected 1 to {len(all_names)} targets or names, found {wanted}", parameter="targets")
+    return tuple(all_names[:wanted])
 
 
 def misses(run: Run, wanted: FloatArray, calibration: Record) -> FloatArray:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.wrong_calls import path_to_write, wrong_calls
 from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective
 
 STEPS = 6
@@ -18,7 +19,10 @@ def calibrate(
     robot: Annotated[
         str, typer.Option(help="URDF of the nominal robot, or a name: see irbcal robots.", show_default=False)
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the calibration.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(parser=path_to_write, metavar="PATH", help="Folder for the calibration.", show_default=False),
+    ],
     model: Annotated[
         Model | None,
         typer.Option(
@@ -51,8 +55,11 @@ def calibrate(
         bool, typer.Option("--as-poses", help="Turn three or more targets of each pose into one full pose.")
     ] = False,
     holdout: Annotated[
-        float, typer.Option(min=0.0, help="Poses kept from the fit to prove it: a fraction below 1, or a number.")
-    ] = 0.25,
+        float | None,
+        typer.Option(
+            min=0.0, help="Poses kept from the fit to prove it: a fraction below 1, or a number.", show_default="0.25"
+        ),
+    ] = None,
     split: Annotated[
         Literal["random", "last"], typer.Option(help="Which poses: drawn at random, or the last of the file.")
     ] = "random",
@@ -74,10 +81,6 @@ def calibrate(
     """Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report."""
     if power is not None and objective != "pnorm":
         raise typer.BadParameter("only --objective pnorm has a power", param_hint="--power")
-    if not holdout < 1 and not (holdout < 1e9 and holdout == int(holdout)):
-        raise typer.BadParameter(
-            f"expected a fraction below 1 or a whole number, found {holdout:g}", param_hint="--holdout"
-        )
     run(
         measurements,
         robot,
@@ -110,7 +113,8 @@ def run(measurements: Path, robot: str, out: Path, json: bool, links: dict[str, 
     from irbcal.files.calibration_folder import NAMES
 
     with made_folders(out, names=NAMES), show.progress(STEPS, quiet=json) as step:
-        calibration = identify(measurements, robot, progress=step, **options)
+        with wrong_calls():
+            calibration = identify(measurements, robot, progress=step, **options)
         step("checking with Pinocchio and yourdfpy, writing")
         calibration.save(out, **links)
     if json:

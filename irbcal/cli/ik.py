@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import grid
+from irbcal.cli.wrong_calls import wrong_calls
 
 
 def ik(
@@ -41,7 +42,8 @@ def ik(
     if near is not None:
         columns = opened.nominal.joint_columns
         start = grid.numbers(near, [len(columns)], "--near", columns) * opened.nominal.joint_units
-    found = inverse_kinematics(opened, poses, near=start, all_branches=all_branches)
+    with wrong_calls():
+        found = inverse_kinematics(opened, poses, near=start, all_branches=all_branches)
     grid.write(found.to_frame(), json)
     missing = len(found) - int(found.found.sum())
     if missing:

@@ -67,7 +67,7 @@ def iso9283(
     from irbcal.validation import iso9283_check
 
     if plan is not None:
-        _plan(plan, center, edge, inset, plane.value, near)
+        _plan(plan, measurements, center, edge, inset, plane.value, near)
         return
     if plot is not None:
         check_name(plot)
@@ -95,9 +95,17 @@ def iso9283(
 
 
 def _plan(
-    robot: str, center: str | None, edge: float | None, inset: float | None, plane: Any, near: str | None
+    robot: str,
+    measurements: Path | None,
+    center: str | None,
+    edge: float | None,
+    inset: float | None,
+    plane: Any,
+    near: str | None,
 ) -> None:
     """Print the test poses as CSV."""
+    if measurements is not None:
+        raise typer.BadParameter("--plan takes no measurements: leave one of them out", param_hint="MEASUREMENTS")
     import sys
 
     import numpy as np
@@ -109,13 +117,14 @@ def _plan(
 
     arm = urdf.read(robot).arm
     joints = None if near is None else np.array(grid.numbers(near, (len(arm.joint_names),), "--near"))
-    found = iso9283_check.iso9283_plan(
-        arm,
-        center=None if center is None else np.array(grid.numbers(center, (3,), "--center")) * MM,
-        edge=None if edge is None else edge * MM,
-        inset=FRACTION if inset is None else inset / 100,
-        plane=plane,
-        near=None if joints is None else joints * arm.joint_units,
-    )
+    with wrong_calls():
+        found = iso9283_check.iso9283_plan(
+            arm,
+            center=None if center is None else np.array(grid.numbers(center, (3,), "--center")) * MM,
+            edge=None if edge is None else edge * MM,
+            inset=FRACTION if inset is None else inset / 100,
+            plane=plane,
+            near=None if joints is None else joints * arm.joint_units,
+        )
     table = found.to_frame().set_index("pose").round(6) + 0.0  # no minus before zero
     table.to_csv(sys.stdout, float_format="%.6f")

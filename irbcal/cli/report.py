@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.wrong_calls import wrong_calls
 
 
 def report(
@@ -15,7 +16,7 @@ def report(
     figures: Annotated[
         Path | None, typer.Option(help="Folder for the figures as files of their own.", show_default=False)
     ] = None,
-    format: Annotated[Literal["png", "svg"], typer.Option(help="Of these figures.")] = "png",
+    format: Annotated[Literal["png", "svg"] | None, typer.Option(help="Of these figures.", show_default="png")] = None,
     data: Annotated[
         Path | None, typer.Option(help="Folder for the data behind figures and tables (CSV).", show_default=False)
     ] = None,
@@ -25,7 +26,7 @@ def report(
     from irbcal.calibration import load
     from irbcal.calibration import report as write
 
-    with show.progress(3, quiet=json) as step:
+    with wrong_calls(), show.progress(3, quiet=json) as step:
         folders = write(calibration, figures=figures, format=format, data=data, progress=step)
     if json:
         written = [str(folder / name) for folder, names in folders.items() for name in names]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -32,7 +31,7 @@ def verify(
         raise typer.BadParameter("give one of --urdf and --program", param_hint="--urdf")
     result = compare(calibration, urdf, program=program, base_link=base_link, tip_link=tip_link)
     if json:
-        show.print_json(asdict(result))
+        show.print_json(result.to_dict())
     else:
         show.say(f"{urdf or program}: {result.explanation}")
     if not result.is_calibration:

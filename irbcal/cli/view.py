@@ -47,6 +47,8 @@ def view(
     open_browser: Annotated[bool, typer.Option("--open", help="Open a browser.")] = False,
 ) -> None:
     """Look at the robot, measured and modelled points and magnified errors, pose by pose (served on 127.0.0.1 only)."""
+    if html is not None and port is not None:
+        raise typer.BadParameter("--html writes a page, it is not served: leave one of them out", param_hint="--port")
     from irbcal.cli import show
     from irbcal.viewer.view import view as look
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from irbcal.errors import OptionError
 
@@ -23,3 +24,12 @@ def wrong_calls(**options: str) -> Iterator[None]:
         name = error.parameter or ""
         hint = options.get(name, f"--{name.replace('_', '-')}") if name else None
         raise typer.BadParameter(str(error), param_hint=hint) from None
+
+
+def path_to_write(text: str | Path) -> Path:
+    """A path as typed; an empty text, such as of a shell variable that is not set, would be the current folder."""
+    import typer
+
+    if not str(text).strip():
+        raise typer.BadParameter("expected a name, found an empty text")
+    return Path(text)

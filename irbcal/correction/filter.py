@@ -22,6 +22,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
+from irbcal.options import shown
 from irbcal.units import MM
 
 
@@ -116,6 +117,11 @@ def correct(
 
 def _given(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
     """Frames from the caller, by names in lower case."""
+    if given is not None and not isinstance(given, Mapping):
+        raise OptionError(
+            f"{parameter}: expected frames by their names, a dict of (4, 4), found {shown(given)}",
+            parameter=parameter,
+        )
     out = {}
     for name, T in (given or {}).items():
         try:

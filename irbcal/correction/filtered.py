@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -100,6 +100,18 @@ class Filtered(Speaks):
                 "residual_mm": self.residual / MM,
             }
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was corrected and what was left, ready for JSON, in the units of files."""
+        return {
+            "program": self.source,
+            "written": None if self.written is None else str(self.written),
+            "fingerprint": self.fingerprint,
+            "expected_error_mm": None if self.expected_error is None else self.expected_error / MM,
+            "targets": self.to_frame().to_dict(orient="records"),
+            "left": [item._asdict() for item in self.left],
+            "notes": [note._asdict() for note in self.notes],
+        }
 
     def _in_units(self, q: FloatArray) -> FloatArray:
         return q / np.array([MM if name.endswith("_mm") else DEG for name in self.joint_columns])

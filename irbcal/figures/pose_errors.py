@@ -40,7 +40,7 @@ class DistanceStatistics(Protocol):
     max_mm: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ModelErrors:
     """Errors of one model on one set of poses.
 
@@ -70,13 +70,16 @@ class ModelErrors:
     def __post_init__(self) -> None:
         lock(self)
 
+    def __repr__(self) -> str:
+        return f"<ModelErrors: {len(self.distance)} points, mean {self.statistics.mean_mm:.3f} mm>"
+
     def mean_vector(self, pose: IntArray) -> FloatArray:
         """Mean error vector of each pose, shape (n, 3), metres."""
         assert self.vector is not None
         return _mean_by(pose, self.vector)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseErrors:
     """One set of poses, held out, fitted or measured later, as the models see it.
 
@@ -104,6 +107,9 @@ class PoseErrors:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def __repr__(self) -> str:
+        return f"<PoseErrors: {len(self.pose_names)} {self.name} poses, {len(self.pose)} points, {dict(self.models)!r}>"
 
     @property
     def proves(self) -> bool:

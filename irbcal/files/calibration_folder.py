@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeAlias
@@ -12,7 +13,9 @@ from pydantic import ValidationError
 from irbcal.atomic import write_together
 from irbcal.errors import CalibrationError
 from irbcal.files import joint_origins, urdf
+from irbcal.files.absurd_numbers import refuse_absurd
 from irbcal.files.schema import Record
+from irbcal.options import shown
 
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
 ORIGINS_NAME = "joint_origins.yaml"
@@ -32,7 +35,7 @@ CalibrationLike: TypeAlias = str | Path | Record | HoldsRecord
 """Whatever names a calibration: its folder, its record, or a result that holds one."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Saved:
     """A calibration folder as read, once.
 
@@ -48,6 +51,9 @@ class Saved:
     folder: Path
     record: Record
     urdf: bytes
+
+    def __repr__(self) -> str:
+        return f"<Saved {self.folder}: {self.record!r}>"
 
     def nominal_urdf(self) -> bytes:
         """The URDF with the joint origins from before the calibration."""
@@ -85,15 +91,31 @@ def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) ->
     )
 
 
+def folder_of(path: str | os.PathLike[str]) -> Path:
+    """The folder that is meant by a path: of its ``calibration.json``, too."""
+    path = Path(path)
+    return path.parent if path.name == JSON_NAME and not path.is_dir() else path
+
+
 def read(folder: str | Path) -> Saved:
     """Read a calibration folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder, or the ``calibration.json`` in it.
+
+    Returns
+    -------
+    Saved
 
     Raises
     ------
     CalibrationError
-        If a file is missing, damaged, or the URDF is not the one the calibration was written with.
+        If a file is missing or damaged, a number is absurd, or the URDF is not the one the calibration was written
+        with.
     """
-    folder = Path(folder)
+    folder = folder_of(folder)
     json_path, urdf_path = folder / JSON_NAME, folder / URDF_NAME
     try:
         record = Record.model_validate_json(json_path.read_bytes())
@@ -104,6 +126,7 @@ def read(folder: str | Path) -> Saved:
         raise CalibrationError(f"{where}: {first['msg']}", file=json_path, parameter=where) from None
     except OSError as error:
         raise CalibrationError(f"not a calibration folder: {error.strerror}", file=error.filename or folder) from None
+    refuse_absurd(record.model_dump(), json_path)
     if hashlib.sha256(urdf_bytes).hexdigest() != record.calibrated_urdf_sha256:
         raise CalibrationError(f"this is not the URDF that {JSON_NAME} was written with", file=urdf_path)
     return Saved(folder, record, urdf_bytes)
@@ -128,8 +151,16 @@ def opened(calibration: CalibrationLike) -> Record:
     Raises
     ------
     CalibrationError
-        As `read`.
+        As `read`, or if it is nothing of that kind.
     """
     if isinstance(calibration, Record):
         return calibration
-    return load(calibration) if isinstance(calibration, (str, Path)) else calibration.record
+    if isinstance(calibration, (str, os.PathLike)):
+        return load(calibration)
+    record = getattr(calibration, "record", None)
+    if not isinstance(record, Record):
+        raise CalibrationError(
+            f"expected a calibration folder or a loaded calibration, found {shown(calibration)}",
+            parameter="calibration",
+        )
+    return record

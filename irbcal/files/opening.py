@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 from typing import TypeAlias, Union
 
@@ -16,6 +17,7 @@ from irbcal.files.schema import Record
 from irbcal.files.urdf import UrdfArm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
+from irbcal.options import shown
 
 RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
 """Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot, `Opened`."""
@@ -98,7 +100,7 @@ def open_robot(
         if nominal or base_link or tip_link:
             raise RobotError(f"{robot.name}: this robot is open: choose its behaviour and links when it is opened")
         return robot
-    path = Path(robot) if isinstance(robot, (str, Path)) else None
+    path = calibration_folder.folder_of(robot) if isinstance(robot, (str, PathLike)) else None
     if path is not None and not path.is_dir():
         read = urdf.read(path, base_link, tip_link)
         file = robots.robot_file(path)
@@ -109,6 +111,11 @@ def open_robot(
         saved = calibration_folder.read(path)
         name, record, folder, text = str(path), saved.record, saved.folder, saved.urdf
     else:
+        if not isinstance(getattr(robot, "record", robot), Record):
+            raise RobotError(
+                f"expected a robot (URDF, name, calibration folder or loaded calibration), found {shown(robot)}",
+                parameter="robot",
+            )
         record = calibration_folder.opened(robot)
         name, folder = record.robot.name, getattr(robot, "folder", None)
         text = getattr(robot, "urdf", None)

@@ -9,7 +9,8 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from irbcal.errors import RobotError
+from irbcal.errors import OptionError, RobotError
+from irbcal.options import shown
 from irbcal.summary import Speaks, Table, Told
 
 if TYPE_CHECKING:
@@ -81,9 +82,24 @@ ROBOTS = {robot.name: robot.file for robot in NAMED if robot.source != EXAMPLES}
 
 @dataclass(frozen=True, repr=False)
 class RobotList(Speaks):
-    """The robots that are known by name."""
+    """The robots that are known by name: ``robots()["irb1600"]``, ``"ur5" in robots()``, ``for robot in robots()``."""
 
     robots: tuple[NamedRobot, ...]
+
+    def __len__(self) -> int:
+        return len(self.robots)
+
+    def __iter__(self) -> Iterator[NamedRobot]:
+        return iter(self.robots)
+
+    def __contains__(self, robot: object) -> bool:
+        return robot in self.robots or any(item.name == robot for item in self.robots)
+
+    def __getitem__(self, name: str) -> NamedRobot:
+        for item in self.robots:
+            if item.name == name:
+                return item
+        raise OptionError.unknown("name", name, [item.name for item in self.robots])
 
     def told(self) -> Sequence[Told]:
         """What ``irbcal robots`` prints."""
@@ -118,6 +134,8 @@ def urdf_folder() -> Path:
 
 def named(robot: str | Path) -> NamedRobot | None:
     """The robot of a name (shipped ones also with their variant and ending), unless there is a file of that name."""
+    if not isinstance(robot, (str, os.PathLike)):
+        raise RobotError(f"expected the path of a URDF or a robot's name, found {shown(robot)}", parameter="robot")
     if Path(robot).is_file():
         return None
     wanted = str(robot).lower()

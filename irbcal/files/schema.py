@@ -22,6 +22,22 @@ from irbcal.units import DEG, MM
 class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
+    def __repr__(self) -> str:
+        parts = (f"{name}={_short(getattr(self, name))}" for name in type(self).model_fields)
+        return f"<{type(self).__name__}: {', '.join(parts)}>"
+
+    __str__ = __repr__
+
+
+def _short(value: Any) -> str:
+    """A value for the interpreter: what holds many is counted."""
+    if isinstance(value, BaseModel):
+        return f"<{type(value).__name__}>"
+    if isinstance(value, (list, tuple, dict)) and len(value) > 4:
+        return f"<{len(value)} items>"
+    text = repr(value)
+    return text if len(text) <= 80 else text[:79] + "…"
+
 
 class Statistics(_Model):
     """Statistics of distances between measured and predicted points, mm."""
@@ -343,6 +359,13 @@ class Record(_Model):
     largest_link_shift_mm: float
     software: dict[str, str]
     seconds: float
+
+    def __repr__(self) -> str:
+        kind = "SIMULATED, " if self.simulated else ""
+        proof = "nothing held out" if self.heldout is None else f"held-out mean {self.heldout.all.mean_mm:.3f} mm"
+        return f"<Record of {self.robot.name}: {kind}model {self.model}, {proof}>"
+
+    __str__ = __repr__
 
     @property
     def programmed(self) -> bool:

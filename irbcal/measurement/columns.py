@@ -26,6 +26,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
+from irbcal.options import shown
 from irbcal.units import DEG, MM
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
@@ -85,6 +86,8 @@ def read(table: TableLike, required: Sequence[str]) -> Cells:
     MeasurementError
         If it cannot be read, lacks a column, names one twice or has no rows.
     """
+    if not isinstance(table, (str, PathLike, pd.DataFrame)):
+        raise MeasurementError(f"expected a file or a DataFrame, found {shown(table)}", parameter="table")
     if isinstance(table, pd.DataFrame):
         cells = _from_frame(table, required, FRAME)
         return Cells(_with_rows(cells, FRAME), FRAME, _digest(_canonical(cells)))
@@ -354,14 +357,21 @@ def check_sizes(table: pd.DataFrame, source: str) -> None:
     MeasurementError
         For the first such number.
     """
-    bounds = [
-        (name, -largest, largest, expected_joint(name))
-        for name in [*joint_columns(table.columns), *programmed_columns(table.columns, source)]
-        for largest in [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG]
-    ]
-    bounds += [(name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION]
+    check_joint_sizes(table, [*joint_columns(table.columns), *programmed_columns(table.columns, source)], source)
+    bounds = [(name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION]
     if "u95_mm" in table.columns:
         bounds.append(("u95_mm", 1e-6, LARGEST_POSITION_MM, "an uncertainty above zero in mm or nothing"))
+    _refuse_outside(table, bounds, source)
+
+
+def check_joint_sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> None:
+    """Refuse joints that no robot reaches; as `check_sizes`, for the joint columns ``names``."""
+    largest = [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG for name in names]
+    bounds = [(name, -most, most, expected_joint(name)) for name, most in zip(names, largest, strict=True)]
+    _refuse_outside(table, bounds, source)
+
+
+def _refuse_outside(table: pd.DataFrame, bounds: Sequence[tuple[str, float, float, str]], source: str) -> None:
     for name, low, high, expected in bounds:
         values = table[name].to_numpy()
         bad = (values < low) | (values > high)

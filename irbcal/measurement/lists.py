@@ -34,8 +34,11 @@ def read_joints(table: TableLike, joints: Sequence[str] = JOINTS) -> FloatArray:
     """
     cells, source, _ = columns.read(table, joints)
     joints = columns.commanded(cells.columns, joints, source)
-    values = [columns.numbers(cells, name, source, columns.expected_joint(name)) for name in joints]
-    return np.column_stack(values) * columns.joint_units(joints)
+    values = pd.DataFrame({"row": cells.index})
+    for name in joints:
+        values[name] = columns.numbers(cells, name, source, columns.expected_joint(name))
+    columns.check_joint_sizes(values, joints, source)
+    return values[list(joints)].to_numpy() * columns.joint_units(joints)
 
 
 def read_poses(table: TableLike) -> FloatArray:

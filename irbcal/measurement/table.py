@@ -14,7 +14,8 @@ the position plus one) and the column.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from os import PathLike
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -26,6 +27,7 @@ from irbcal.measurement.columns import ALL_JOINTS, POSITION, QUATERNION, TableLi
 from irbcal.measurement.own_tables import OwnTables
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
 from irbcal.modeling.arm import Arm
+from irbcal.options import shown
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
@@ -176,8 +178,18 @@ class MeasurementSet(OwnTables, Speaks):
         return told if lag is None else [*told, *lag.told()]
 
 
-MeasurementsLike: TypeAlias = TableLike | MeasurementSet
-"""What stands for measurements wherever they are asked for: a file, a DataFrame, or what `read` made of them."""
+@runtime_checkable
+class HoldsMeasurements(Protocol):
+    """A result that holds measurements, such as of a simulation or an import."""
+
+    def measurements(self) -> MeasurementSet:
+        """The measurements."""
+        ...
+
+
+MeasurementsLike: TypeAlias = TableLike | MeasurementSet | HoldsMeasurements
+"""What stands for measurements wherever they are asked for: a file, a DataFrame, what `read` made of them, or a result
+that holds them."""
 
 
 def read(source: MeasurementsLike) -> MeasurementSet:
@@ -185,9 +197,9 @@ def read(source: MeasurementsLike) -> MeasurementSet:
 
     Parameters
     ----------
-    source : str, Path, DataFrame or MeasurementSet
+    source : str, Path, DataFrame, MeasurementSet or a result that holds one
         CSV, or Parquet where pyarrow is installed; a DataFrame has the columns of the file, in degrees and
-        millimetres. A `MeasurementSet` is returned as it is.
+        millimetres. A `MeasurementSet` is returned as it is, so is that of a simulation or an import.
 
     Returns
     -------
@@ -200,6 +212,13 @@ def read(source: MeasurementsLike) -> MeasurementSet:
     """
     if isinstance(source, MeasurementSet):
         return source
+    if not isinstance(source, (str, PathLike, pd.DataFrame)):
+        if not isinstance(source, HoldsMeasurements):
+            raise MeasurementError(
+                f"expected measurements (a file, a DataFrame or a result that holds them), found {shown(source)}",
+                parameter="measurements",
+            )
+        return source.measurements()
     return _checked(*columns.read(source, REQUIRED))
 
 

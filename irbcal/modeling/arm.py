@@ -12,6 +12,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.joint_map import Stiffness
+from irbcal.options import shown
 from irbcal.units import DEG, MM
 
 LARGEST_TRAVEL = 50.0
@@ -191,10 +192,21 @@ class Arm:
 
     def check_shape(self, q: ArrayLike) -> FloatArray:
         """Refuse arrays, of joints or their speeds, that are not (n, joints) or (joints,); returns (n, joints)."""
-        q = np.atleast_2d(np.asarray(q, dtype=float))
+        if hasattr(q, "columns"):
+            raise RobotError(
+                f"joints of {self.name} are expected as an array in radians (metres), found a table: its columns may "
+                "be in degrees, irbcal.forward_kinematics takes tables",
+                parameter="q",
+            )
+        try:
+            q = np.atleast_2d(np.asarray(q, dtype=float))
+        except (TypeError, ValueError):
+            raise RobotError(
+                f"joints of {self.name} are expected as an array of numbers, found {shown(q)}", parameter="q"
+            ) from None
         joints = len(self.joint_names)
         if q.ndim != 2 or q.shape[1] != joints:
-            raise RobotError(f"joints of {self.name} need shape (n, {joints}), found {q.shape}")
+            raise RobotError(f"joints of {self.name} need shape (n, {joints}), found {q.shape}", parameter="q")
         return q
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from irbcal.cell.tracker import ACCEPTANCE
 from irbcal.errors import OptionError
 from irbcal.files.opening import RobotLike
 from irbcal.modeling.parameters import default_level
+from irbcal.options import number
 from irbcal.planning import choosing, plan_files
 from irbcal.planning.choosing import MOST_REFLECTORS, Step
 from irbcal.planning.home import home_joints
@@ -36,6 +38,7 @@ _SHOWN = {"axis": "axis moves", "iso_cube": "ISO cube", "all_range": "all range"
 _WHERE = {"cube": "in the cube", "range": "in the whole range"}
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan(Made, Speaks):
     """Poses to measure, in their order, and what they promise; attributes as `irbcal.planning.made.Made`."""
 
@@ -136,7 +139,7 @@ def plan(
     candidates: int = 2000,
     criterion: str = "position",
     volume: str = "both",
-    level: str | None = None,
+    level: str | int | None = None,
     targets: TargetsLike | None = None,
     tracker: ArrayLike | None = None,
     cube_centre: ArrayLike | None = None,
@@ -209,6 +212,7 @@ def plan(
     """
     if (cube_centre is None) != (cube_edge is None):
         raise OptionError("cube_centre and cube_edge go together", parameter="cube_centre")
+    number("optimal", optimal, 0, whole=True)
     usual = {"axis": FEW, "cube": 52, "all_range": 50} if not optimal else {}
     given = {"axis": axis, "cube": cube, "all_range": all_range}
     counts = {name: usual.get(name, 0) if value is None else value for name, value in given.items()}
@@ -218,7 +222,7 @@ def plan(
         candidates=candidates,
         criterion=criterion,
         volume=volume,
-        level=level,
+        level=None if level is None else str(level),
         noise=noise,
         imagined=imagined,
         wait_s=wait_s,

@@ -32,7 +32,7 @@ class Predicted:
     state: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Prediction:
     """What a plan promises, from the noise of the points alone: errors that no model describes are not in it.
 
@@ -51,6 +51,10 @@ class Prediction:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def __repr__(self) -> str:
+        single = sum(item.state == "identified" for item in self.parameters)
+        return f"<Prediction: {single} of {len(self.parameters)} parameters identified by themselves>"
 
     def position_std(self, q: FloatArray, target: str) -> FloatArray:
         """Standard deviations of a reflector's predicted positions: root of the summed variances of x, y and z.

@@ -20,6 +20,7 @@ from irbcal.files.urdf import UrdfArm
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
+from irbcal.options import length, names, place
 from irbcal.planning.conditions import CONDITIONS, SOLID, Setting
 from irbcal.planning.iso_cube import has_thesis_cube, iso_cube
 from irbcal.planning.reflectors import TargetsLike, reflectors
@@ -126,7 +127,7 @@ def open_scene(
     IrbcalError
         If an input is refused.
     """
-    for item in without:
+    for item in names("without", without):
         if item not in CONDITIONS:
             raise OptionError.unknown("without", item, tuple(CONDITIONS))
     opened = open_robot(robot, base_link=base_link, tip_link=tip_link)
@@ -138,8 +139,8 @@ def open_scene(
     arm = opened.robot.arm
     notes: list[str] = []
     T_world_base = _base(opened.robot, tracker, notes)
-    place = frames.inverse(T_world_base)[:3, 3]
-    seen = reflectors(opened.robot, targets, place)
+    station = frames.inverse(T_world_base)[:3, 3]
+    seen = reflectors(opened.robot, targets, station)
     on = tuple(item for item in CONDITIONS if item not in without)
     if seen.directions is None and "acceptance" in on:
         notes.append(
@@ -148,9 +149,9 @@ def open_scene(
     if min_height is None and has_thesis_cube(arm):
         min_height = IRB1600_HEIGHTS
     folders = [*package_dirs, *([opened.folder] if opened.folder else [])]
-    solids = _solids(opened.urdf_bytes, arm, place, folders, notes) if SOLID & set(on) else None
-    setting = Setting(opened.robot, seen, place, on, margin, acceptance, min_height, solids)
-    where = _cube(setting) if cube is None else (np.array(cube[0], dtype=float), float(cube[1]))
+    solids = _solids(opened.urdf_bytes, arm, station, folders, notes) if SOLID & set(on) else None
+    setting = Setting(opened.robot, seen, station, on, margin, acceptance, min_height, solids)
+    where = _cube(setting) if cube is None else (place("cube_centre", cube[0]), length("cube_edge", cube[1]))
     links, speed = (base_link, tip_link), _joint_speed(opened.urdf)
     return Scene(robot, links, tuple(package_dirs), setting, opened.nominal, T_world_base, where, speed, tuple(notes))
 
@@ -178,12 +179,7 @@ def _solids(
 def _base(robot: Robot, tracker: ArrayLike | None, notes: list[str]) -> FloatArray:
     """The base link in the frame of the expected coordinates."""
     if tracker is not None:
-        given = np.asarray(tracker, dtype=float)
-        if given.shape not in ((3,), (4,)) or not np.isfinite(given).all():
-            raise OptionError(
-                f"expected x, y, z of the tracker in metres and at will a turn in radians, found {tracker!r}",
-                parameter="tracker",
-            )
+        given = place("tracker", tracker, "x, y, z of the tracker in metres and at will a turn in radians", (3, 4))
         x, y, z, yaw = [*given, 0.0][:4]
         return frames.inverse(frames.from_xyz_angles([x, y, z, 0.0, 0.0, yaw]))
     if robot.targets:

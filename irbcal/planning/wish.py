@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.cell.cell import SECONDS_PER_POINT, WAIT_S
 from irbcal.errors import OptionError
+from irbcal.options import MOST_POSES, number
+from irbcal.options import seed as check_seed
 from irbcal.planning.information import CRITERIA, IMAGINED_SIZE, NOISE
 from irbcal.planning.sources import FEW, MANY
 
@@ -71,9 +73,17 @@ class Wish:
         if not (self.axis or self.cube or self.all_range or self.optimal):
             raise OptionError("the plan has no poses: ask for axis moves, cube, all-range or optimal poses")
         for name, least in (("cube", 0), ("all_range", 0), ("optimal", 0), ("candidates", 2), ("references", 0)):
+            number(name, getattr(self, name), whole=True)
             if getattr(self, name) < least:
                 raise OptionError(f"{name}: expected at least {least}, found {getattr(self, name)}", parameter=name)
+        check_seed(self.seed)
+        for name in ("cube", "all_range", "optimal", "candidates"):
+            number(name, getattr(self, name), high=MOST_POSES)
+        for name in ("wait_s", "payload_kg", "imagined"):
+            if getattr(self, name) is not None:
+                number(name.removesuffix("_kg"), getattr(self, name), 0)
         for name in ("noise", "speed"):
+            number(name, getattr(self, name))
             if not getattr(self, name) > 0:
                 raise OptionError(f"{name}: expected more than zero, found {getattr(self, name)}", parameter=name)
 

@@ -15,18 +15,21 @@ from irbcal.reports import evidence, report_figures
 from irbcal.reports.evidence import PoseSet
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plots:
     """The figures of a calibration; each shows itself in a notebook and has ``save(path)`` for PNG and SVG.
 
     Figures of poses take the held-out poses where there are any, else the fitted ones; ``fitted=True`` those.
     """
 
-    record: Record
+    _record: Record
+
+    def __repr__(self) -> str:
+        return f"<Figures of {self._record!r}>"
 
     @cached_property
     def _evidence(self) -> evidence.Evidence:
-        return evidence.gather(self.record)
+        return evidence.gather(self._record)
 
     def _of(self, draw: Callable[[PoseSet], Figure], fitted: bool, needs_places: bool = False) -> Picture:
         poses = self._evidence.sets[-1 if fitted else 0]
@@ -35,7 +38,7 @@ class Plots:
         return self._picture(draw(poses))
 
     def _picture(self, figure: Figure) -> Picture:
-        return Picture(figure, SIMULATED if self.record.simulated else "")
+        return Picture(figure, SIMULATED if self._record.simulated else "")
 
     def before_and_after(self) -> Picture:
         """Mean error, its interval and the largest error of both models."""
@@ -72,4 +75,4 @@ class Plots:
 
     def singular_values(self) -> Picture:
         """What the poses can show of the error parameters."""
-        return self._picture(report_figures.singular_values(self.record.observability))
+        return self._picture(report_figures.singular_values(self._record.observability))

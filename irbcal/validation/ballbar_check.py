@@ -15,6 +15,7 @@ from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import CalibrationLike
 from irbcal.measurement.columns import TableLike
+from irbcal.options import length, number, place
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import DEG, MM
 from irbcal.validation import ballbar_trace
@@ -202,8 +203,10 @@ def ballbar(
         raise OptionError.unknown("run", run, get_args(Run))
     if run == "fake" and not arcs:
         raise OptionError("fake targets were run in at least one arc", parameter="arcs")
-    if not 0 <= arcs <= MOST_ARCS:
+    if not 0 <= number("arcs", arcs, whole=True) <= MOST_ARCS:
         raise OptionError(f"a circle has up to {MOST_ARCS} arcs, found {arcs}", parameter="arcs")
+    bar, height = length("bar", bar), length("height", height)
+    tool = place("tool", tool, "x, y, z in metres and at will a unit quaternion", (3, 7))
     saved = calibration_folder.opened(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     if joints is None and len(nominal.joint_names) != len(CENTER_JOINTS):

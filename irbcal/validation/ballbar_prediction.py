@@ -24,7 +24,7 @@ SAMPLES = 720
 """Places on a circle at which errors are predicted."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Prediction:
     """What a ballbar is expected to show.
 
@@ -50,6 +50,10 @@ class Prediction:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def __repr__(self) -> str:
+        fake = "no fake targets" if self.corrected is None else f"fake targets in {self.arcs} arcs"
+        return f"<Prediction: {len(self.q)} places on the circle, {fake}, {len(self.reversals)} reversals>"
 
 
 def predict(

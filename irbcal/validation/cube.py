@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,6 +88,10 @@ class FivePoses(Speaks):
         table = pd.DataFrame(numbers, columns=columns)
         table.insert(0, "pose", POSES)
         return table
+
+    def to_dict(self) -> dict[str, Any]:
+        """The robot and the rows of `to_frame`, ready for JSON."""
+        return {"robot": self.arm.name, "poses": self.to_frame().to_dict(orient="records")}
 
     def told(self) -> Sequence[Told]:
         """The poses, one a row."""

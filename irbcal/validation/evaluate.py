@@ -22,7 +22,8 @@ from irbcal.measurement.registration import base_on
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.options import checked
+from irbcal.options import checked, place
+from irbcal.options import seed as check_seed
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
@@ -86,6 +87,9 @@ def evaluate(
         If an input is refused.
     """
     record = opened(calibration)
+    check_seed(seed)
+    if sphere is not None:
+        place("sphere", sphere, "x, y, z of the centre and the diameter in metres", (4,))
     if relative is not None:
         checked("relative", relative, RELATIVE)
     if frame_points is not None and relative != "three-points":

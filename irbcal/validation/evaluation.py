@@ -238,14 +238,17 @@ class Evaluation(Speaks):
         return told
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EvaluationPlots:
     """Figures of an evaluation; each shows itself in a notebook and has ``save(path)`` for PNG and SVG."""
 
-    evaluation: Evaluation
+    _evaluation: Evaluation
+
+    def __repr__(self) -> str:
+        return f"<Figures of {self._evaluation!r}>"
 
     def _picture(self, draw: Callable[[PoseErrors], Any]) -> Picture:
-        return Picture(draw(self.evaluation.errors), SIMULATED if self.evaluation.simulated else "")
+        return Picture(draw(self._evaluation.errors), SIMULATED if self._evaluation.simulated else "")
 
     def before_and_after(self) -> Picture:
         """Mean error and the largest error of both models."""

@@ -23,6 +23,7 @@ from irbcal.measurement import table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
+from irbcal.options import length, number, place
 from irbcal.summary import Speaks, Told
 from irbcal.validation.cube import FRACTION, PLANES, FivePoses, Plane, five_poses
 from irbcal.validation.path_check import PathCheck, path_accuracy
@@ -221,11 +222,16 @@ def iso9283_plan(
     Raises
     ------
     OptionError
-        If the plane is none.
+        If the plane is none, or a place or length is no number or not in metres.
     RobotError
         If there is no such robot or cube, or a pose is out of reach.
     """
     if plane not in PLANES:
         raise OptionError.unknown("plane", plane, tuple(PLANES))
+    inset = number("inset", inset, 0)
+    if center is not None:
+        center = place("center", center)
+    if edge is not None:
+        edge = length("edge", edge)
     arm = robot if isinstance(robot, Arm) else urdf.read(robot).arm
     return five_poses(arm, center, edge, near, plane, inset)

@@ -7,6 +7,8 @@ from typing import Literal, TypeAlias, get_args
 from irbcal.errors import OptionError
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.readings import read
+from irbcal.options import length as metres
+from irbcal.options import number
 from irbcal.units import MM
 from irbcal.validation.point_drift import PointDrift, drift
 from irbcal.validation.point_repeatability import PointRepeatability, repeatability
@@ -78,6 +80,9 @@ def tracker(
     """
     if check is not None and check not in CHECKS:
         raise OptionError.unknown("check", check, CHECKS)
+    band, rest = metres("band", band), number("rest", rest, 0)
+    if length is not None:
+        length = metres("length", length)
     check = check or kind(readings)
     if check == "repeat":
         return repeatability(readings)

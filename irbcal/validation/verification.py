@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from irbcal.correction.filter import fingerprint_of
 from irbcal.errors import OptionError, RobotError
@@ -25,7 +25,7 @@ POSES = 1000
 
 @dataclass(frozen=True, repr=False)
 class Verification(Speaks):
-    """Whether a URDF is the one of a calibration.
+    """Whether a URDF is the one of a calibration; true where it is.
 
     Attributes
     ----------
@@ -54,6 +54,13 @@ class Verification(Speaks):
     nominal_position_m: float
     explanation: str
 
+    def __bool__(self) -> bool:
+        return self.is_calibration
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``irbcal verify --json`` prints."""
+        return asdict(self)
+
     def told(self) -> Sequence[Told]:
         """One sentence."""
         return [self.explanation]
@@ -61,7 +68,7 @@ class Verification(Speaks):
 
 @dataclass(frozen=True, repr=False)
 class ProgramVerification(Speaks):
-    """Whether a program was corrected with a calibration.
+    """Whether a program bears the mark of a calibration; true where it does.
 
     Attributes
     ----------
@@ -75,6 +82,13 @@ class ProgramVerification(Speaks):
     is_calibration: bool
     fingerprint: Literal["same", "other", "absent"]
     explanation: str
+
+    def __bool__(self) -> bool:
+        return self.is_calibration
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``irbcal verify --json`` prints."""
+        return asdict(self)
 
     def told(self) -> Sequence[Told]:
         """One sentence."""
@@ -133,7 +147,7 @@ def _verify_program(record: Record, program: str | Path) -> ProgramVerification:
         "absent" if mark is None else "same" if mark == record.fingerprint else "other"
     )
     words = {
-        "same": "this program holds fake targets of this calibration",
+        "same": "this program bears the mark of this calibration (its targets are not checked)",
         "other": "this program holds fake targets of ANOTHER calibration: correct the original program anew",
         "absent": "this program bears no mark of irbcal: its targets were not corrected, or the mark was taken out",
     }[found]

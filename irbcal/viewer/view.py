@@ -13,6 +13,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -109,6 +110,7 @@ def view(
 setattr(view, "show", view)  # noqa: B010 - `irbcal.view.show` is what the function was called first
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class View(Speaks):
     """A scene and its page.
 
@@ -117,8 +119,7 @@ class View(Speaks):
     scene : irbcal.viewer.scene.Scene
     """
 
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
+    scene: Scene
 
     def __getstate__(self) -> dict[str, Any]:
         """For pickle: the page is made again."""

@@ -11,3 +11,9 @@ def test_points_are_the_targets_that_were_seen(cell, q):
     np.testing.assert_array_equal(points.xyz, run.xyz[:, :3][seen])
     assert set(points.groups) == {"g"}
     assert points.target_names == ("smr1", "smr2", "smr3")
+
+
+def test_a_run_is_printed_short(cell):
+    run = cell.measure(np.zeros((3, 6)))
+    assert repr(run).startswith("<Run: SIMULATED, 3 poses, ")
+    assert len(repr(run)) < 300

@@ -86,3 +86,32 @@ def test_the_robot_must_be_named():
         simulate(random=5)
     with pytest.raises(IrbcalError, match="robot file 'kuka' does not exist"):
         simulate("kuka", random=5)
+
+
+def test_a_simulation_is_measurements(simulated):
+    seen = table.read(simulated)
+    assert seen.simulated
+    np.testing.assert_array_equal(seen.positions(), table.read(simulated.to_frame()).positions())
+
+
+@pytest.mark.parametrize(
+    ("options", "parameter", "words"),
+    [
+        ({"random": 0}, "random", "a whole number from 1 to 100000, found 0"),
+        ({"random": -5}, "random", "found -5"),
+        ({"random": 99_999_999_999}, "random", "found 99999999999"),
+        ({"random": 3, "seed": -1}, "seed", "at least 0, found -1"),
+        ({"random": 3, "robot_seed": -1}, "robot_seed", "at least 0, found -1"),
+        ({"random": 3, "payload": "x"}, "payload", "a number of at least 0, found 'x'"),
+        ({"random": 3, "payload": -3}, "payload", "found -3"),
+        ({"random": 3, "wait": -1}, "wait", "found -1"),
+        ({"random": 3, "tracker": (1550, 1633, 1507)}, "tracker", "metres expected, .* looks like millimetres"),
+        ({"random": 3, "only": "backlash"}, "only", r"one text: give \['backlash'\]"),
+        ({"random": 3, "without": "backlash"}, "without", "one text"),
+        ({"random": 3, "targets": [1]}, "targets", "a sequence of names"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options, parameter, words):
+    with pytest.raises(OptionError, match=f"{parameter}: .*{words}") as refused:
+        simulate("irb1600", **options)
+    assert refused.value.parameter == parameter

@@ -2,7 +2,9 @@
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
+from irbcal.cli.main import app
 from irbcal.cli.wrong_calls import wrong_calls
 from irbcal.errors import MeasurementError, OptionError
 
@@ -23,3 +25,27 @@ def test_options_are_named():
 def test_other_refusals_stay_what_they_are():
     with pytest.raises(MeasurementError, match="too few"), wrong_calls():
         raise MeasurementError("too few")
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        (["calibrate", "m.csv", "--robot", "irb1600", "--out", ""], "--out"),
+        (["calibrate", "m.csv", "--robot", "irb1600", "--out", "o", "--free", "gain2", "--hold", "gain2"], "--hold"),
+        (
+            ["calibrate", "m.csv", "--robot", "irb1600", "--out", "o", "--verify", "v.csv", "--holdout", "0.2"],
+            "--holdout",
+        ),
+        (["iso9283", "m.csv", "--plan", "irb1600"], "MEASUREMENTS"),
+        (["ik", "irb1600", "--poses", "p.csv", "--near", "0,0,0,0,0,0", "--all-branches"], "--near"),
+        (["report", "cal", "--format", "svg"], "--format"),
+        (["simulate", "--robot", "irb1600", "--random", "99999999999", "--out", "m.csv"], "--random"),
+        (["simulate", "--robot", "irb1600", "--random", "9", "--tracker", "2e9,0,0", "--out", "m.csv"], "--tracker"),
+    ],
+)
+def test_contradictions_and_absurd_values_are_wrong_calls(words, option, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2
+    assert option in done.output
+    assert list(tmp_path.iterdir()) == []

@@ -282,3 +282,10 @@ def test_arms_without_a_closed_form_need_joints(robots, tmp_path):
     )
     with pytest.raises(RobotError, match="has no closed-form inverse"):
         filter_program(robot, skewed, table.read(tmp_path / "p.csv"), "f")
+
+
+@pytest.mark.parametrize("option", ["tool", "wobj"])
+def test_frames_come_with_their_names(option, calibration, job):
+    with pytest.raises(OptionError, match=f"{option}: expected frames by their names") as refused:
+        correct(calibration, job, **{option: [1, 2]})
+    assert refused.value.parameter == option

@@ -1,5 +1,6 @@
 """What a corrected program says of itself."""
 
+import json
 import pickle
 from pathlib import Path
 
@@ -72,3 +73,13 @@ def test_results_are_locked_and_pickle():
         found.q[0, 0] = 1.0
     again = pickle.loads(pickle.dumps(found))
     assert again.summary() == found.summary()
+
+
+def test_it_becomes_a_dict_for_json():
+    found = filtered(2, left=(Left("p", 4, "out of reach"),), notes=(Note(7, "speed"),), expected_error=0.2 * MM)
+    data = json.loads(json.dumps(found.to_dict()))
+    assert [row["target"] for row in data["targets"]] == ["t0 [red]", "t1 [red]"]
+    assert data["left"][0]["reason"] == "out of reach"
+    assert data["notes"][0]["text"] == "speed"
+    assert data["expected_error_mm"] == pytest.approx(0.2)
+    assert data["written"] is None

@@ -7,6 +7,7 @@ import pytest
 
 import irbcal
 from irbcal.errors import CalibrationError
+from irbcal.files import calibration_folder
 
 
 def test_urdf_with_world_and_target_links_needs_no_other_file_than_the_joint_map(outcome, folder):
@@ -64,3 +65,18 @@ def test_not_a_calibration_folder(tmp_path):
 
 def content(folder):
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def test_the_file_in_the_folder_names_the_folder(folder):
+    found = irbcal.load(folder / "calibration.json")
+    assert found.folder == folder
+    assert len(repr(found.saved)) < 300
+
+
+@pytest.mark.parametrize("calibration", [None, 5, ["my-robot"]])
+def test_what_is_no_calibration_is_refused(calibration):
+    with pytest.raises(
+        CalibrationError, match="expected a calibration folder or a loaded calibration, found"
+    ) as refused:
+        calibration_folder.opened(calibration)
+    assert refused.value.parameter == "calibration"

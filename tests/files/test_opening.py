@@ -94,3 +94,7 @@ def test_what_cannot_be_opened(folder, tmp_path):
             open_robot(source, tip_link="flange")
         assert str(caught.value).lower().startswith(name.lower())
         assert caught.value.parameter == "tip_link"
+
+
+def test_the_file_in_a_calibration_folder_is_the_calibration(folder):
+    assert open_robot(folder / "calibration.json").record == irbcal.load(folder).record

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 import yourdfpy
 
+from irbcal.errors import OptionError, RobotError
 from irbcal.files import robots, urdf
 
 LIMITS_DEG = {
@@ -58,3 +59,22 @@ def test_masses():
     text = robots.robot_file("irb1600").read_text()
     assert "estimated" in text
     assert "unconfirmed by the maker" in text
+
+
+def test_the_list_of_robots_is_a_collection():
+    found = robots.robots()
+    assert len(found) == len(found.to_frame())
+    assert [robot.name for robot in found] == list(found.to_frame()["name"])
+    assert "irb120" in found
+    assert found["irb120"] in found
+    assert "irb999" not in found
+    with pytest.raises(OptionError, match=r"name: expected irb1600, .*, found 'irb999'") as refused:
+        found["irb999"]
+    assert refused.value.parameter == "name"
+
+
+@pytest.mark.parametrize("robot", [None, 5])
+def test_what_is_no_name_is_refused(robot):
+    with pytest.raises(RobotError, match="expected the path of a URDF or a robot's name, found") as refused:
+        urdf.read(robot)
+    assert refused.value.parameter == "robot"

@@ -48,3 +48,11 @@ def test_known_targets(tmp_path):
         lists.read_targets(write(tmp_path, "target,x_mm,y_mm,z_mm", "a,1,2,3", "a,1,2,3"))
     assert (caught.value.row, caught.value.column) == (3, "target")
     assert str(caught.value).endswith("m.csv: row 3, column target: 'a' stands there more than once")
+
+
+def test_absurd_joints_of_a_file_are_refused_with_their_place(tmp_path):
+    path = tmp_path / "q.csv"
+    path.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n1,2,3,4,5,6\n1,2,3,4,1e300,6\n")
+    with pytest.raises(MeasurementError, match=r"row 3, column q5_deg: .* found 1e\+300") as refused:
+        lists.read_joints(path)
+    assert (refused.value.row, refused.value.column) == (3, "q5_deg")

@@ -231,7 +231,7 @@ def test_a_data_frame_without_a_column_and_what_is_no_table(tmp_path):
     with pytest.raises(MeasurementError) as caught:
         table.read(frame.drop(columns="q3_deg"))
     assert str(caught.value).startswith("<DataFrame>: missing column q3_deg; found pose, q1_deg")
-    with pytest.raises(TypeError):
+    with pytest.raises(MeasurementError, match=r"expected measurements .*, found array"):
         table.read(np.zeros((3, 3)))
 
 
@@ -281,3 +281,22 @@ def test_measurements_travel_and_speak(tmp_path):
     assert "<table>" in seen._repr_html_()
     with pytest.raises(AttributeError, match="no attribute 'tabel'"):
         _ = seen.tabel
+
+
+def test_results_that_hold_measurements_are_measurements(tmp_path):
+    class Holder:
+        def __init__(self, held):
+            self.held = held
+
+        def measurements(self):
+            return self.held
+
+    seen = table.read(write(tmp_path, HEADER, ROW))
+    assert table.read(Holder(seen)) is seen
+
+
+@pytest.mark.parametrize("source", [None, 5, ["a.csv"]])
+def test_what_holds_no_measurements_is_refused(source):
+    with pytest.raises(MeasurementError, match=r"expected measurements .* found") as refused:
+        table.read(source)
+    assert refused.value.parameter == "measurements"

@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pandas as pd
 import pytest
 from support import TARGETS, arm, assert_same_poses, random_robot
 
@@ -78,3 +79,13 @@ def test_what_a_robot_says_of_itself():
     assert "no joint map" in repr(Robot(arm()))
     many = robot.replace(targets={f"t{k}": np.zeros(3) for k in range(1000)})
     assert max(map(len, map(repr, (robot, many, robot.arm, robot.table, robot.joint_map)))) < 500
+
+
+def test_tables_and_texts_are_no_joints():
+    table = pd.DataFrame([[90.0, 0, 0, 0, 0, 0]], columns=[f"q{k}_deg" for k in range(1, 7)])
+    with pytest.raises(RobotError, match=r"expected as an array in radians .* found a table") as refused:
+        Robot(arm()).poses(table)
+    assert refused.value.parameter == "q"
+    with pytest.raises(RobotError, match="expected as an array of numbers, found 'abc'") as refused:
+        Robot(arm()).poses("abc")
+    assert refused.value.parameter == "q"

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pandas as pd
@@ -152,3 +153,16 @@ def test_wrong_options_are_refused_by_name(options, parameter, sentence):
 def test_the_robot_must_be_named():
     with pytest.raises(TypeError):
         plan()
+
+
+def test_a_plan_takes_no_new_attributes_and_its_prediction_is_printed_short():
+    found = plan("irb1600", axis=0, cube=6, all_range=6, level=11, without=("collision", "sight", "way"))
+    assert found.wish.level == "11"
+    with pytest.raises(FrozenInstanceError):
+        found.more = 1
+    assert 10 < len(repr(found.prediction)) < 200
+
+
+def test_how_many_are_best_is_a_number():
+    with pytest.raises(OptionError, match="optimal: expected a whole number of at least 0, found 'x'"):
+        plan("irb1600", optimal="x")

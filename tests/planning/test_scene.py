@@ -2,6 +2,7 @@
 
 import pytest
 
+from irbcal.errors import OptionError
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.scene import open_scene
 from irbcal.units import DEG
@@ -13,3 +14,18 @@ def test_the_tracker_stands_where_it_is_said_to_stand():
     # its x axis points along y of the base: what is 1 m from it along y is at (1, 0, 0)
     assert scene.T_world_base @ [2.0, 2.0, 0.5, 1.0] == pytest.approx([1.0, 0.0, 0.0, 1.0])
     assert not any("--tracker" in note for note in scene.notes)
+
+
+@pytest.mark.parametrize(
+    ("options", "parameter"),
+    [({"tracker": (2000, 1000, 500)}, "tracker"), ({"cube": ((1000, 0, 900), 0.4)}, "cube_centre")],
+)
+def test_places_in_millimetres_are_refused(options, parameter):
+    with pytest.raises(OptionError, match=f"{parameter}: metres expected, .* looks like millimetres") as refused:
+        open_scene("irb1600", without=SOLID, **options)
+    assert refused.value.parameter == parameter
+
+
+def test_conditions_are_a_sequence():
+    with pytest.raises(OptionError, match=r"without: .* one text: give \['sight'\]"):
+        open_scene("irb1600", without="sight")

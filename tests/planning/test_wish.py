@@ -17,3 +17,13 @@ def test_numbers_below_the_least_are_refused(name, value):
     with pytest.raises(OptionError, match=f"{name}: expected ") as refusal:
         Wish(**{name: value})
     assert refusal.value.parameter == name
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("seed", -1), ("optimal", "x"), ("cube", 99_999_999_999), ("cube", 1.5), ("wait_s", -1), ("speed", "x")],
+)
+def test_what_is_no_number_or_too_large_is_refused(name, value):
+    with pytest.raises(OptionError, match=f"{name}: expected a .*found") as refused:
+        Wish(**{name: value})
+    assert refused.value.parameter == name

@@ -83,3 +83,20 @@ def test_joints_of_another_arm(record):
         ballbar(record, joints=[0.0, 0.0])
     with pytest.raises(RobotError, match="along its normal"):
         ballbar(record, start=(0, 0, 2))
+
+
+@pytest.mark.parametrize(
+    ("options", "parameter", "words"),
+    [
+        ({"bar": 150}, "bar", "metres expected, at most 100, found 150: this looks like millimetres"),
+        ({"bar": "150"}, "bar", "expected a number, found '150'"),
+        ({"height": 180}, "height", "looks like millimetres"),
+        ({"tool": (0, 65, 149)}, "tool", "looks like millimetres"),
+        ({"tool": (0, 0.065)}, "tool", "expected x, y, z in metres"),
+        ({"arcs": "6"}, "arcs", "expected a whole number"),
+    ],
+)
+def test_sizes_are_numbers_in_metres(record, options, parameter, words):
+    with pytest.raises(OptionError, match=words) as refused:
+        ballbar(record, **options)
+    assert refused.value.parameter == parameter

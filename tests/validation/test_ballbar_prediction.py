@@ -151,3 +151,9 @@ def test_circles_out_of_reach_are_refused():
     path = circle(nominal, np.radians([0, 0, 0, 0, 90, 0]), 1.2)
     with pytest.raises(RobotError, match="does not reach"):
         predict(path, Robot(nominal), nominal, np.zeros(6), 0)
+
+
+def test_it_is_printed_short():
+    nominal = arm()
+    q = np.radians([0, 0, 0, 0, 90.0, 0])
+    assert 10 < len(repr(predict(circle(nominal, q, 0.15), Robot(nominal), nominal, q))) < 200

@@ -1,5 +1,7 @@
 """The test cube against the thesis's test poses, and the plan as a table."""
 
+import json
+
 import numpy as np
 import pytest
 from support import arm
@@ -42,3 +44,9 @@ def test_five_poses_of_other_cubes_and_robots():
         cube.five_poses(irb120, [0.6, 0, 0.3], 0.6)
     with pytest.raises(RobotError, match="inclined planes"):
         cube.five_poses(irb120, plane="z=0")
+
+
+def test_the_poses_become_a_dict_for_json():
+    found = json.loads(json.dumps(cube.five_poses(arm()).to_dict()))
+    assert found["robot"] == arm().name
+    assert [row["pose"] for row in found["poses"]] == list(cube.POSES)

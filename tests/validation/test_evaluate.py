@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli.main import app
-from irbcal.errors import MeasurementError
+from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.files import robots
 from irbcal.measurement import table
 from irbcal.units import MM
@@ -120,3 +120,30 @@ def test_expected_against_verified(program, demo_calibration, verification, tmp_
     assert "verified poses left out" in text
     assert "not its fake targets" not in text
     assert "not its fake targets" in program("evaluate", demo_calibration, verification, "--verified", verification)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"seed": -1}, "seed: expected a whole number of at least 0, found -1"),
+        ({"sphere": (0, 0, 0)}, "sphere: expected x, y, z of the centre and the diameter in metres"),
+        ({"sphere": (1000, 0, 900, 400)}, "sphere: metres expected, .* looks like millimetres"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(demo_calibration, verification, options, words):
+    with pytest.raises(OptionError, match=words) as refused:
+        irbcal.evaluate(demo_calibration, verification, **options)
+    assert refused.value.parameter == next(iter(options))
+
+
+def test_what_is_no_calibration_is_refused(verification):
+    with pytest.raises(CalibrationError, match="found None") as refused:
+        irbcal.evaluate(None, verification)
+    assert refused.value.parameter == "calibration"
+
+
+def test_errors_and_figures_are_printed_short_and_show_themselves_only(demo_calibration, verification):
+    found = irbcal.evaluate(demo_calibration, verification)
+    for part in (found.errors, *found.errors.models.values(), found.plot):
+        assert 10 < len(repr(part)) < 500
+    assert "evaluation" not in [name for name in dir(found.plot) if not name.startswith("_")]

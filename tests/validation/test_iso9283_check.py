@@ -125,3 +125,19 @@ def test_plan_of_a_robot():
         iso9283_plan("irb1600", plane="z=0")
     with pytest.raises(RobotError):
         iso9283_plan("irb1600", inset=0.5)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"center": (0, 0)}, r"center: expected x, y, z in metres, found \(0, 0\)"),
+        ({"center": (1000, 0, 900)}, "center: metres expected, .* looks like millimetres"),
+        ({"edge": 400}, "edge: metres expected, .* looks like millimetres"),
+        ({"edge": "x"}, "edge: expected a number, found 'x'"),
+        ({"inset": -0.1}, "inset: expected a number of at least 0"),
+    ],
+)
+def test_the_cube_is_given_in_metres(options, words):
+    with pytest.raises(OptionError, match=words) as refused:
+        iso9283_plan("irb1600", **options)
+    assert refused.value.parameter == next(iter(options))

@@ -70,3 +70,18 @@ def test_options(tmp_path):
     assert refused.value.parameter == "length"
     with pytest.raises(OptionError, match="check: expected bar, repeat, drift or settle, found 'ball'"):
         tracker(path, check="ball")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"length": 1050.688}, "metres expected, at most 100, found 1050.69: this looks like millimetres"),
+        ({"length": "1"}, "expected a number, found '1'"),
+        ({"band": 200}, "looks like millimetres"),
+        ({"rest": -1}, "at least 0, found -1"),
+    ],
+)
+def test_sizes_are_numbers_in_metres(tmp_path, options, words):
+    with pytest.raises(OptionError, match=words) as refused:
+        tracker(file_of(tmp_path, "bar"), **options)
+    assert refused.value.parameter == next(iter(options))

@@ -130,3 +130,21 @@ def test_verify_needs_one_thing_to_compare(folders, tmp_path):
             verify(folders[0], **given)
     with pytest.raises(ProgramError):
         verify(folders[0], program=tmp_path / "none.mod")
+
+
+def test_a_verification_is_true_where_it_is_the_calibration(folders):
+    own, other = (verify(folders[0], folder / "calibrated.urdf") for folder in folders)
+    assert own
+    assert not other
+    assert json.loads(json.dumps(own.to_dict()))["geometry"] == "calibrated"
+
+
+def test_only_the_mark_of_a_program_is_looked_at(folders, tmp_path):
+    job = tmp_path / "job.csv"
+    job.write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,-10,20,15,40,-30\n")
+    irbcal.correct(folders[0], job, out=tmp_path / "new.csv")
+    own, other = (verify(folder, program=tmp_path / "new.csv") for folder in folders)
+    assert own
+    assert not other
+    assert own.explanation == "this program bears the mark of this calibration (its targets are not checked)"
+    assert own.to_dict()["fingerprint"] == "same"

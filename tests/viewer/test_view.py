@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pandas as pd
@@ -169,3 +170,17 @@ def test_refusals_name_their_option(options, error, parameter):
     with pytest.raises(error) as caught:
         irbcal.view("irb120", **options)
     assert caught.value.parameter == parameter
+
+
+@pytest.mark.parametrize("name", ["html", "scene", "more"])
+def test_a_view_stays_as_it_is(view, name):
+    with pytest.raises(FrozenInstanceError):
+        setattr(view, name, "x")
+
+
+def test_a_page_that_is_written_has_no_port(cell, tmp_path):
+    words = ["view", str(cell / "cal"), "--html", str(tmp_path / "v.html"), "--port", "8161"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2
+    assert "--port" in done.output
+    assert not (tmp_path / "v.html").exists()

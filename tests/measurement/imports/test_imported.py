@@ -108,3 +108,8 @@ def test_words(robodk, tmp_path):
     assert "There is no target none to rename" in found.summary()
     assert "units: {joints: deg, lengths: mm}" in found.summary()
     assert "<table>" in found._repr_html_()
+
+
+def test_an_import_is_measurements(robodk, tmp_path):
+    found = import_measurements(robodk, as_="robodk")
+    assert table.read(found).sha256 == found.measurements().sha256
