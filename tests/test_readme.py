@@ -2,15 +2,16 @@
 
 import re
 import runpy
-import subprocess
-import sys
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support import assert_same_poses
+from typer.main import get_command
 
 import irbcal
+from irbcal.cli.main import app
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -28,48 +29,35 @@ def test_tables_are_those_that_the_script_makes(name):
     assert np.abs(numbers[0] - numbers[1]).max(initial=0.0) < 0.003
 
 
-def test_every_option_in_it_exists():
-    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", README)) - {"--check"}
-    known = ""
-    for command in (
-        "calibrate",
-        "evaluate",
-        "import",
-        "report",
-        "study",
-        "plan",
-        "simulate",
-        "iso9283",
-        "tracker",
-        "ballbar",
-        "joints",
-        "verify",
-        "view",
-        "fk",
-        "ik",
-        "filter",
-        "demo",
-    ):
-        done = subprocess.run(
-            [sys.executable, "-m", "irbcal", command, "--help"], capture_output=True, text=True, check=True
-        )
-        known += done.stdout
-    missing = {option for option in named if option not in known}
-    assert missing == set()
+def test_every_option_and_command_in_it_exists():
+    commands = get_command(app).commands
+    known = {option for command in commands.values() for p in command.params for option in (*p.opts, *p.secondary_opts)}
+    known |= {"--install-completion", "--check"}
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]+", README))
+    assert named - known == set()
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+    lines = "\n".join(text for kind, text in blocks if not kind)
+    called = {*re.findall(r"^irbcal ([a-z0-9]+)", lines, re.MULTILINE), *re.findall(r"`irbcal ([a-z0-9]+)", README)}
+    assert called - set(commands) == set()
+    assert {name for name, command in commands.items() if not command.hidden} - called == set(), "told nowhere"
 
 
 def test_its_python_examples_run_one_after_the_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    outcome = irbcal.calibrate(ROOT / "irbcal" / "data" / "demo_identification.csv", "irb1600")
-    irbcal.save(outcome, "my-robot")
+    shutil.copy(ROOT / "irbcal" / "data" / "demo_identification.csv", "measured.csv")
+    irbcal.save(irbcal.calibrate("measured.csv", "irb1600"), "my-robot")
     names = {}
     examples = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    assert len(examples) == 3
+    assert len(examples) == 4
     exec(examples[0], names)
     assert np.abs(names["robot"].joint_map.commanded(names["theta"]) - names["q"]).max() < 1e-13
     exec(examples[1], names)
-    assert_same_poses(names["planning"].placement(names["q"]), names["robot"].poses(names["q"]), 1e-12, 1e-12)
+    assert Path("errors.png").read_bytes().startswith(b"\x89PNG")
+    assert names["evaluation"].calibrated["n"] == len(names["evaluation"].to_frame())
+    assert irbcal.load("my-robot-2").model == "34"
     exec(examples[2], names)
+    assert_same_poses(names["planning"].placement(names["q"]), names["robot"].poses(names["q"]), 1e-12, 1e-12)
+    exec(examples[3], names)
     assert names["visual"].ngeoms >= 7
     assert len(names["robot"].link_map) >= 8
 

@@ -13,6 +13,7 @@ from irbcal.cell.cell import Cell
 from irbcal.cell.pose_list import PoseList
 from irbcal.cell.run import Run
 from irbcal.measurement.columns import POSITION
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
@@ -64,8 +65,6 @@ def files(run: Run, poses: PoseList, cell: Cell, out: str | Path, robot: str) ->
     dict of str to bytes
         File name -> content.
     """
-    from scipy.spatial.transform import Rotation
-
     out = Path(out)
     data = measurement_table(run, poses, cell.arm).to_csv(index=False, lineterminator="\n").encode()
     document = {
@@ -83,8 +82,8 @@ def files(run: Run, poses: PoseList, cell: Cell, out: str | Path, robot: str) ->
         "unseen": run.unseen,
         "poses_are": "true tip poses in the base link, in the order of the run: x_mm, y_mm, z_mm, qw, qx, qy, qz",
     }
-    xyzw = Rotation.from_matrix(run.T_base_tip[:, :3, :3]).as_quat(canonical=True)
-    rows = np.round(np.column_stack([run.T_base_tip[:, :3, 3] / MM, xyzw[:, 3], xyzw[:, :3]]), 9).tolist()
+    quaternions = frames.quaternion_from_matrix(run.T_base_tip[:, :3, :3])
+    rows = np.round(np.column_stack([run.T_base_tip[:, :3, 3] / MM, quaternions]), 9).tolist()
     shown = ",\n".join(f"  {row}" for row in rows)
     truth = json.dumps(document, indent=1, ensure_ascii=False).removesuffix("\n}")
     return {out.name: data, truth_name(out): f'{truth},\n "poses": [\n{shown}\n ]\n}}\n'.encode()}

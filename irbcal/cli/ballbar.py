@@ -43,8 +43,8 @@ def ballbar(
     """Radial errors of a circle as a ballbar shows them: nominal targets, fake targets, measured; joint reversals."""
     import numpy as np
 
+    from irbcal.figures.drawn_figure import check_name
     from irbcal.files import calibration_folder
-    from irbcal.files.drawn_figure import check_name
     from irbcal.units import DEG, MM
     from irbcal.validation import ballbar_check
 

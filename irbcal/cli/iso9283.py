@@ -62,7 +62,7 @@ def iso9283(
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Accuracy and repeatability of poses, distances and paths, drift and stabilisation, after ISO 9283:1998."""
-    from irbcal.files.drawn_figure import check_name
+    from irbcal.figures.drawn_figure import check_name
     from irbcal.units import MM
     from irbcal.validation import iso9283_check
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
+from irbcal.modeling import frames
 from irbcal.units import MM
 
 DECIMALS = 6
@@ -73,14 +74,12 @@ def numbers_from_poses(T: ArrayLike, near: FloatArray | None = None) -> FloatArr
     ValueError
         If a transform is not rigid.
     """
-    from scipy.spatial.transform import Rotation
-
     poses = np.asarray(T, dtype=float).reshape(-1, 4, 4)
     R = poses[:, :3, :3]
     rigid = np.isfinite(poses).all() and np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(initial=0.0) < 1e-6
     if not rigid or (np.linalg.det(R) < 0).any() or (poses[:, 3] != [0, 0, 0, 1]).any():
         raise ValueError("expected rigid transforms")
-    quaternion = Rotation.from_matrix(R).as_quat()[:, [3, 0, 1, 2]]
+    quaternion = frames.quaternion_from_matrix(R)
     sign = quaternion[:, 0] if near is None else (quaternion * near).sum(axis=1)
     quaternion *= np.where(sign < 0, -1.0, 1.0)[:, None]
     return np.column_stack([poses[:, :3, 3] / MM, quaternion])

@@ -206,8 +206,8 @@ def _difference(table: dhm.DHMTable, nominal: dhm.DHMTable) -> dhm.DHMTable:
         change: FloatArray = getattr(table, name) - getattr(nominal, name)
         return change if name in LENGTHS else wrapped(change)
 
-    alpha, a, theta, d, *rest = (difference(name) for name in COLUMNS)
-    return dhm.DHMTable(alpha, a, theta, d, *rest)
+    alpha, a, theta, d, beta = (difference(name) for name in COLUMNS)
+    return dhm.DHMTable(alpha, a, theta, d, beta)
 
 
 def _check_arm(arm: Arm, corrections: dhm.DHMTable) -> None:

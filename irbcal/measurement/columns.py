@@ -25,6 +25,7 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
+from irbcal.modeling import frames
 from irbcal.units import DEG, MM
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
@@ -369,16 +370,9 @@ def check_quaternions(table: pd.DataFrame, source: str) -> None:
 
 def rotations(table: pd.DataFrame) -> FloatArray | None:
     """Orientations of a table's rows, shape (rows, 3, 3), NaN where there is none; None without quaternion columns."""
-    from scipy.spatial.transform import Rotation
-
     if QUATERNION[0] not in table.columns:
         return None
-    w, x, y, z = table[QUATERNION].to_numpy().T
-    have = np.isfinite(w)
-    out = np.full((len(w), 3, 3), np.nan)
-    if have.any():
-        out[have] = Rotation.from_quat(np.column_stack([x, y, z, w])[have]).as_matrix()
-    return out
+    return frames.matrix_from_quaternion(table[QUATERNION].to_numpy(dtype=float))
 
 
 # --- where the cells come from ------------------------------------------------------------------------------

@@ -172,7 +172,6 @@ class PointSet(Speaks):
             ``z_mm`` in the measuring frame and, where measured, ``u95_mm`` and ``qw``, ``qx``, ``qy``, ``qz``.
         """
         import pandas as pd
-        from scipy.spatial.transform import Rotation
 
         columns: dict[str, NDArray[Any]] = {"pose": self.pose_ids[self.pose], "group": self.groups[self.pose]}
         columns |= {f"q{k}": angle for k, angle in enumerate(self.joints().T, 1)}
@@ -181,10 +180,7 @@ class PointSet(Speaks):
         if self.u95 is not None:
             columns["u95_mm"] = self.u95 / MM
         if self.rotation is not None:
-            quaternion, have = np.full((len(self), 4), np.nan), self.oriented()
-            if have.any():
-                xyzw = Rotation.from_matrix(self.rotation[have]).as_quat(canonical=True)
-                quaternion[have] = np.roll(xyzw, 1, axis=1)
+            quaternion = frames.quaternion_from_matrix(self.rotation)
             columns |= dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
         return pd.DataFrame(columns)
 

@@ -85,18 +85,19 @@ def identify(stage: Stage, repetition: Repetition) -> tuple[list[tuple[str, Robo
         return [("axes", robot, distances(robot, points).max())], None
     axes, *counts = shares(repetition.measures)
     seed = repetition.seed(stage.settings)
-    level, method = checked("model", repetition.model, LEVELS), stage.settings.method
+    course = repetition == COURSE
+    level = "34" if course else checked("model", repetition.model, LEVELS)
+    method = "nelder-mead" if course else stage.settings.method
     areas: Mapping[str, PointSet] = stage.identification
     watched = None
-    if repetition == COURSE:
-        level, method = "34", "nelder-mead"
+    if course:
         watched, areas = _set_aside(areas, seed)
     points = choice(stage.axes.get(axes), areas, counts, seed)
     fit = fitted(arm, points, level, first.targets, watched=watched, **METHODS[method])
     models = [(method, fit)] + ([] if fit.least_squares is None else [("least-squares", fit.least_squares)])
     found = [(name, f.robot, distances(f.robot, points).max()) for name, f in models]
-    course = fit.history.to_frame() if watched is not None and fit.history is not None else None
-    return [(name, robot.replace(targets=first.targets), largest) for name, robot, largest in found], course
+    history = fit.history.to_frame() if watched is not None and fit.history is not None else None
+    return [(name, robot.replace(targets=first.targets), largest) for name, robot, largest in found], history
 
 
 def _set_aside(areas: Mapping[str, PointSet], seed: int) -> tuple[dict[str, PointSet], dict[str, PointSet]]:

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import lock
 from irbcal.errors import OptionError
+from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import CalibrationLike
-from irbcal.files.drawn_figure import DrawnFigure
 from irbcal.measurement.columns import TableLike
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import DEG, MM

@@ -143,7 +143,7 @@ def _cuts(path: FloatArray, commanded: FloatArray, along: FloatArray) -> tuple[I
 def _between(path: FloatArray, at: IntArray, share: FloatArray) -> FloatArray:
     """Places of the cuts, shape (m, 3); NaN for none."""
     start = np.maximum(at, 0)
-    place = path[start] + share[:, None] * (path[np.minimum(start + 1, len(path) - 1)] - path[start])
+    place = path[start] + share[:, None] * (path[start + 1] - path[start])
     return np.where(at[:, None] >= 0, place, np.nan)
 
 

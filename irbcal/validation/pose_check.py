@@ -16,7 +16,7 @@ import numpy as np
 
 from irbcal.arrays import lock
 from irbcal.errors import MeasurementError
-from irbcal.files.drawn_figure import DrawnFigure
+from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.files.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.columns import TableLike

@@ -48,10 +48,11 @@ def test_links_of_a_urdf_can_be_chosen():
 
 
 def test_folder_record_and_result_are_the_same_calibration(folder):
-    record = irbcal.load(folder)
+    loaded = irbcal.load(folder)
+    record = loaded.record
     q = arm().random_joints(20, 2)
     expected = record.robot_calibrated().poses(q)
-    for source in (folder, str(folder), record, SimpleNamespace(record=record)):
+    for source in (folder, str(folder), loaded, record, SimpleNamespace(record=record)):
         opened = open_robot(source)
         assert opened.record.fingerprint == record.fingerprint
         assert_same_poses(opened.robot.poses(q), expected, 0.0, 0.0)
@@ -60,7 +61,9 @@ def test_folder_record_and_result_are_the_same_calibration(folder):
         theta = opened.robot.joint_map.effective(q)
         assert_same_poses(opened.urdf.arm.forward(theta), expected, 1e-9, 1e-9)
         assert_same_poses(opened.nominal_urdf.arm.forward(q), arm().forward(q), 1e-9, 1e-9)
-        assert opened.folder == (folder if isinstance(source, (str, type(folder))) else robots.urdf_folder())
+        assert opened.folder == (
+            folder if source is loaded or isinstance(source, (str, type(folder))) else robots.urdf_folder()
+        )
 
 
 def test_the_nominal_behaviour_of_a_calibration(folder):
@@ -74,7 +77,7 @@ def test_the_nominal_behaviour_of_a_calibration(folder):
 
 
 def test_a_loaded_calibration_of_another_robot_has_no_urdf(folder):
-    record = irbcal.load(folder)
+    record = irbcal.load(folder).record
     foreign = record.model_copy(update={"robot": record.robot.model_copy(update={"urdf_sha256": "0" * 64})})
     opened = open_robot(foreign)
     assert (opened.folder, opened.urdf, opened.urdf_bytes, opened.nominal_urdf) == (None, None, None, None)
@@ -82,7 +85,7 @@ def test_a_loaded_calibration_of_another_robot_has_no_urdf(folder):
 
 
 def test_what_cannot_be_opened(folder, tmp_path):
-    with pytest.raises(RobotError, match=r"robot file 'nothing\.urdf' does not exist; shipped robots are irb1600"):
+    with pytest.raises(RobotError, match=r"robot file 'nothing\.urdf' does not exist; robots by name are irb1600"):
         open_robot("nothing.urdf")
     with pytest.raises(CalibrationError, match="not a calibration folder"):
         open_robot(tmp_path)

@@ -223,7 +223,7 @@ def test_model_of_a_calibration_folder(tmp_path):
     moved = loaded.placement(q)[:, :3, 3] - model.placement(q)[:, :3, 3]
     assert 0.1e-3 < np.linalg.norm(moved, axis=1).max() < 0.6e-3
     assert_same_model(CalibratedModel.load(irbcal.load(tmp_path)), model, q)  # the IRB 1600's URDF can be made again
-    foreign = irbcal.load(tmp_path)
+    foreign = irbcal.load(tmp_path).record
     foreign = foreign.model_copy(update={"robot": foreign.robot.model_copy(update={"urdf_sha256": "0" * 64})})
     with pytest.raises(CalibrationError, match="does not hold the robot's URDF: give its folder"):
         CalibratedModel.load(foreign)

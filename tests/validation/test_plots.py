@@ -5,7 +5,7 @@ import pytest
 
 from irbcal.correction.joints_along import Reversal
 from irbcal.figures import colours
-from irbcal.files.drawn_figure import DrawnFigure
+from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.validation import plots
 from irbcal.validation.path_check import PathCheck
 from irbcal.validation.path_criteria import PathErrors

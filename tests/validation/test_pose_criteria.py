@@ -67,6 +67,16 @@ def test_variation_and_distance_by_hand():
     assert pose_criteria.distance_accuracy(one, two)[0] is None
 
 
+def test_drift_from_a_first_set_that_is_off_already():
+    square = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    found = pose_criteria.drift([3 * square + np.array([1, 2, 2]), square + np.array([1, 2, 8])], np.array([1.0, 2, 0]))
+    assert pytest.approx([2, 8]) == found.AP
+    assert found.shift == pytest.approx([0, 6])
+    assert (found.dAP, found.dRP) == (pytest.approx(6), pytest.approx(-2))
+    with pytest.raises(ValueError, match="read-only"):
+        found.RP[0] = 0.0
+
+
 def test_drift_by_hand():
     square = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     found = pose_criteria.drift([square, 2 * square + [0, 0, 3], 3 * square + [0, 0, 4]], np.zeros(3))

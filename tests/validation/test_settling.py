@@ -48,3 +48,23 @@ def test_stabilisation_of_a_damped_oscillation():
 def test_final_position_needs_late_readings():
     with pytest.raises(MeasurementError, match="end at 5 s"):
         settling.final_position(np.array([0.0, 5.0]), np.zeros((2, 3)), 10.0)
+
+
+def test_final_position_is_the_mean_of_the_first_late_readings():
+    """Annex V: a hundred, from ten seconds on."""
+    time = np.arange(0, 20, 0.05)
+    xyz = series(np.where(time < 10, 50.0, time))
+    late = time[time >= 10]
+    assert settling.final_position(time, xyz)[0] == pytest.approx(late[:100].mean())
+    assert settling.final_position(time, xyz, 15.0, 3)[0] == pytest.approx(15.05)
+    assert settling.final_position(np.array([0.0, 10.0]), series(np.array([1.0, 2.0])))[0] == 2.0, "at ten seconds, too"
+
+
+def test_the_edge_of_the_band_is_inside():
+    time = np.arange(4.0)
+    found = settling.stabilisation(time, series(np.array([3.0, 1.0, 0.0, 1.0])), np.zeros(3), 1.0)
+    assert (found.first_entry, found.settled) == (1.0, 1.0)
+    assert (found.overshoot, found.largest) == (0.0, 1.0)
+    assert found.instant.tolist() == time.tolist()
+    with pytest.raises(ValueError, match="read-only"):
+        found.distance[0] = 0.0

@@ -3,7 +3,7 @@
 import pytest
 
 from irbcal.errors import CalibrationError, IrbcalError
-from irbcal.files.drawn_figure import DrawnFigure, check_name
+from irbcal.figures.drawn_figure import DrawnFigure, check_name
 
 
 def draw(figure, height):
