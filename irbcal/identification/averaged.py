@@ -179,10 +179,12 @@ class AveragedFit(Speaks):
         ranges = ", ".join(
             f"joint {j + 1} {low[j]:.1f} to {high[j]:.1f} {'mm' if slides[j] else 'deg'}" for j in range(len(units))
         )
-        warm = [
-            "The arm drifted as it warmed up, with a time constant of "
-            f"{found.tau:.0f} poses: the calibration is that of the warm arm, so that the first poses miss it by more."
-        ] * (found.tau is not None)
+        warm = []
+        if found.tau is not None:
+            warm.append(
+                f"The arm drifted as it warmed up, with a time constant of {found.tau:.0f} poses: the calibration is "
+                "that of the warm arm, so that the first poses miss it by more."
+            )
         return [
             *found.gear_sentences(),
             *warm,
@@ -197,7 +199,14 @@ class AveragedFit(Speaks):
             f"{found.nominal.name}, model auto: {self.rank} of {self.parameter_count} parameters determined by "
             f"{found.poses} poses (fitted rms {self.rms / MM:.3f} mm)"
         )
-        return (headline, self.explanation(), models_table(found), groups_table(found), *self.sentences())
+        return (headline, self.explanation(), self._models(), self._groups(), *self.sentences())
+
+    def _models(self) -> Table:
+        rows = self.evidence.dictionaries
+        return models_table([(r.name, r.terms, r.log_evidence, r.weight, _mm(r.sigma), _mm(r.loo)) for r in rows])
+
+    def _groups(self) -> Table:
+        return groups_table([(g.name, g.terms, g.seen, g.size) for g in self.evidence.groups])
 
     def to_frame(self) -> pd.DataFrame:
         """The parameters, a row each: name, value, unit, std, state and reason."""
@@ -206,25 +215,31 @@ class AveragedFit(Speaks):
         return pd.DataFrame([asdict(row) for row in self.parameters()])
 
 
-def models_table(found: EvidenceFit) -> Table:
-    """The error models compared: columns, evidence, weight and leave-one-out error."""
-    rows = tuple(
-        (row.name, row.terms, round(row.log_evidence, 1), f"{row.weight:.3f}", _mm(row.sigma), _mm(row.loo))
-        for row in found.dictionaries
+def models_table(rows: Sequence[tuple[str, int, float, float, float | None, float | None]]) -> Table:
+    """The error models compared, as a table for people.
+
+    Parameters
+    ----------
+    rows : sequence of (name, terms, log evidence, weight, sigma, leave-one-out error)
+        The errors in millimetres, None for models without weight.
+    """
+    cells = tuple(
+        (name, terms, f"{evidence:.1f}", f"{weight:.3f}", sigma, loo)
+        for name, terms, evidence, weight, sigma, loo in rows
     )
-    bold = frozenset(k for k, row in enumerate(found.dictionaries) if row.weight > 0.0)
     columns = ("error model", "terms", "log evidence", "weight", "sigma (mm)", "leave one out (mm)")
-    return Table("Error models compared by their evidence", columns, rows, bold=bold)
+    bold = frozenset(k for k, row in enumerate(rows) if row[3] > 0.0)
+    return Table("Error models compared by their evidence", columns, cells, digits=4, bold=bold)
 
 
-def groups_table(found: EvidenceFit) -> Table:
-    """Groups of terms: how many coefficients the data determine, and their prior size."""
-    rows = tuple((group.name, group.terms, round(group.seen, 1), round(group.size, 3)) for group in found.groups)
-    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), rows)
+def groups_table(rows: Sequence[tuple[str, int, float, float]]) -> Table:
+    """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
+    cells = tuple((name.replace("_", " "), terms, f"{seen:.1f}", size) for name, terms, seen, size in rows)
+    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), cells)
 
 
 def _mm(length: float | None) -> float | None:
-    return None if length is None else round(length / MM, 4)
+    return None if length is None else length / MM
 
 
 def _row(name: str, value: float, std: float, unit: str) -> ParameterReport:

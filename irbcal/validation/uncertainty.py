@@ -6,6 +6,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.files.schema import Record
+from irbcal.identification.evidence_fit import HISTORY
 from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.joint_map import JointMap
@@ -83,6 +84,9 @@ def _of_terms(
     p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], place)
     here = Situation(nominal, motion, joint_map.terms.gravity)
     C = np.array(calibration.covariance)
+    # what depends on the last move is zero in the prediction: its size joins the uncertainty
+    sizes = [c * c if t.basis in HISTORY else 0.0 for t, c in zip(terms, joint_map.terms.coefficients, strict=True)]
+    C[-len(sizes) :, -len(sizes) :] += np.diag(sizes)
     flat = len(C) - len(constants) - len(terms)
     J = np.zeros((len(C), 3, n))
     if target is not None:
@@ -94,7 +98,9 @@ def _of_terms(
             J[at : at + 3] = path.tip[:3]
     for some, start, constant in ((constants, flat, True), (terms, flat + len(constants), False)):
         columns = chain.point_columns(path, p, pose, constant)
-        J[start : start + len(some)] = term_columns(some, columns, basis_values(some, here), pose)
+        values = basis_values(some, here)
+        values[[term.basis in HISTORY for term in some]] = 1.0
+        J[start : start + len(some)] = term_columns(some, columns, values, pose)
     if target is not None:
         J = np.einsum("ij,kjn->kin", robot.T_world_base[:3, :3], J)
     spread = np.einsum("kin,kin->ni", J, (C @ J.reshape(len(C), -1)).reshape(J.shape))
