@@ -183,10 +183,10 @@ def _numbers(joint_map: AnyJointMap) -> list[Any]:
 
 
 def _covariance(fit: Fit | AveragedFit) -> list[list[float]]:
-    """Of an average, which has hundreds of terms, with six digits."""
+    """Of an average, which has hundreds of terms, with nine digits."""
     if not isinstance(fit, AveragedFit):
         return fit.solution.information.covariance().tolist()
-    return [[float(f"{value:.6g}") for value in row] for row in fit.covariance()]
+    return [[float(f"{value:.9g}") for value in row] for row in fit.covariance()]
 
 
 def _errors(robot: Robot, points: PointSet) -> Errors | None:
