@@ -28,7 +28,8 @@ from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses, in_frame_of
-from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.reading_lag import mixed_use
+from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.options import checked
@@ -57,7 +58,7 @@ class Options:
     holdout: float = 0.25
     split: str = "random"
     seed: int = 0
-    verify: Any = None
+    verify: MeasurementsLike | None = None
     base_link: str | None = None
     tip_link: str | None = None
     method: str = "least-squares"
@@ -155,7 +156,7 @@ def split(points: PointSet, holdout: float, order: str = "random", seed: int = 0
 
 
 def run(
-    measurements: table.MeasurementsLike, robot: str | Path, options: Options, progress: Progress | None = None
+    measurements: MeasurementsLike, robot: str | Path, options: Options, progress: Progress | None = None
 ) -> Outcome:
     """The main job: read, clean, divide, identify, doubt; parameters and errors as `irbcal.calibrate`."""
     started = time.perf_counter()
@@ -224,7 +225,7 @@ def _identified(
     )
 
 
-def _prepared(measurements: table.MeasurementsLike, arm: Arm, options: Options) -> _Prepared:
+def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Prepared:
     seen = _read(measurements, arm)
     cleaned = cleaning.clean(seen)
     points, excluded = _without_gross_errors(arm, cleaned, seen.source)
@@ -247,12 +248,13 @@ def _prepared(measurements: table.MeasurementsLike, arm: Arm, options: Options) 
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
     notes += [f"{Path(check.source).name}: {note}" for note in other.notes]
+    notes += mixed_use(seen.programmed, check.programmed, check.source)
     poses = seen.poses + check.poses
     fit_points = points.select(moves) if by_axes else points
     return _Prepared(seen, fit_points, heldout, excluded + left_out, notes, poses, references, shape, check)
 
 
-def _read(measurements: table.MeasurementsLike, arm: Arm) -> MeasurementSet:
+def _read(measurements: MeasurementsLike, arm: Arm) -> MeasurementSet:
     seen = table.read(measurements)
     seen.check_joints(arm)
     return seen

@@ -61,4 +61,5 @@ def motion_of(cell, joints, wait_s=4.0, time_s=0.0):
         still,
         still,
         np.zeros(6, dtype=bool),
+        np.diff(joints, axis=0, prepend=np.zeros((1, 6))),
     )

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.cell.effect import Effect, Motion, Shot
-from irbcal.cell.effects import NAMES, check_names
+from irbcal.cell.effects import ALL, MORE, check_names
 from irbcal.cell.gravity import torques_and_origins
 from irbcal.cell.masses import Bodies
 from irbcal.cell.run import Run
@@ -106,7 +106,16 @@ class Cell:
         """The cell with one effect's parameters changed, or the effect switched on."""
         check_names([effect.name])
         others = {item.name: item for item in self.effects} | {effect.name: effect}
-        return replace(self, effects=tuple(others[name] for name in NAMES if name in others))
+        return replace(self, effects=tuple(others[name] for name in (item.name for item in ALL) if name in others))
+
+    def also(self, *names: str) -> Cell:
+        """The cell with these of the effects switched on that shipped cells leave off."""
+        check_names(names)
+        cell = self
+        for effect in MORE:
+            if effect.name in names and effect.name not in cell.on:
+                cell = cell.with_effect(effect())
+        return cell
 
     def with_payload(self, kilograms: float) -> Cell:
         """The cell with another payload at the tool's centre of mass."""
@@ -192,7 +201,7 @@ class Cell:
         begin = np.zeros(joints.shape[1]) if start is None else np.asarray(start, dtype=float)
         waits = np.broadcast_to(np.asarray(wait_s, dtype=float), (n,))
         stopped, time_s = self._times(joints, begin, waits, everything)
-        T, origins = self._tips(joints, begin, stopped, waits, run)
+        T, origins, motion = self._tips(joints, begin, stopped, waits, run)
         shot = self._shot(T, origins, time_s)
         xyz = frames.apply(self.tracker.T_tracker_base, shot.xyz)
         lost = ~everything
@@ -204,24 +213,32 @@ class Cell:
                 unseen[effect.name] = int((mask & ~lost).sum())
                 lost = lost | mask
         xyz[lost] = np.nan
-        return Run(joints, T, xyz, everything, names, len(tool.names), time_s, unseen, tool.payload_kg)
+        readings = self._readings(motion, run)
+        return Run(joints, T, xyz, everything, names, len(tool.names), time_s, unseen, tool.payload_kg, readings)
+
+    def _readings(self, motion: Motion, run: int) -> FloatArray | None:
+        """The joints as the controller reads them; None where no effect changes them."""
+        changes = [effect.readings(motion, self._stream(effect, run)) for effect in self.effects]
+        found = [change for change in changes if change is not None]
+        return motion.q + sum(found) if found else None
 
     def _tips(
         self, q: FloatArray, start: FloatArray, stopped: FloatArray, waits: FloatArray, run: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Where the tip really stands in each pose (n, 4, 4), and the joints' origins (n, joints + 1, 3)."""
+    ) -> tuple[FloatArray, FloatArray, Motion]:
+        """Where the tip really stands (n, 4, 4), the joints' origins (n, joints + 1, 3), and the motion there."""
         arm, joint_map = self.true_arm(), self.true_joint_map()
         torque, origins = torques_and_origins(arm, self.loaded(), q)
         theta = joint_map.effective(q)
         stiffness = theta - replace(joint_map, stiffness=np.zeros(2)).effective(q)
-        motion = Motion(q, directions(q, start), stopped, waits, torque, stiffness, arm.table.prismatic)
+        move = np.diff(q, axis=0, prepend=start[None])
+        motion = Motion(q, directions(q, start), stopped, waits, torque, stiffness, arm.table.prismatic, move)
         for effect in self.effects:
             change = effect.joints(motion, self._stream(effect, run))
             theta = theta if change is None else theta + change
         T = arm.forward(theta)
         for effect in self.effects:
             T = effect.tips(T, motion)
-        return T, origins
+        return T, origins, motion
 
     def visible(self, q: FloatArray) -> BoolArray:
         """Which targets the tracker sees with the effect ``visibility`` alone, as far as the nominal robot tells.

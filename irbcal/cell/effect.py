@@ -35,6 +35,8 @@ class Motion:
     stiffness : ndarray, shape (n, joints)
         What the joint map's two numbers say that gravity does, radians.
     prismatic : ndarray of bool, shape (joints,)
+    move : ndarray, shape (n, joints)
+        Commanded joints minus those of the stop before.
     """
 
     q: FloatArray
@@ -44,6 +46,7 @@ class Motion:
     torque: FloatArray
     stiffness: FloatArray
     prismatic: BoolArray
+    move: FloatArray
 
     def __post_init__(self) -> None:
         lock(self)
@@ -93,6 +96,10 @@ class Effect:
 
     def joints(self, motion: Motion, rng: np.random.Generator) -> FloatArray | None:
         """What is added to the effective joints, shape (n, joints); None for nothing."""
+        return None
+
+    def readings(self, motion: Motion, rng: np.random.Generator) -> FloatArray | None:
+        """What is added to the commanded joints in the controller's readings, shape (n, joints); None for nothing."""
         return None
 
     def tips(self, T: FloatArray, motion: Motion) -> FloatArray:

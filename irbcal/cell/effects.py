@@ -1,11 +1,11 @@
-"""All effects of the virtual cell, by name and in the order in which they act."""
+"""All effects of the virtual cell, by name and in the order in which they act; those that shipped cells leave off."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from irbcal.cell.effect import Effect
-from irbcal.cell.robot_effects import Backlash, Compliance, Harmonics, Repeatability, Settling, Tilt, WarmUp
+from irbcal.cell.robot_effects import Backlash, Compliance, Harmonics, ReadingLag, Repeatability, Settling, Tilt, WarmUp
 from irbcal.cell.tracker_effects import Drift, Lost, Noise, Visibility
 from irbcal.errors import MeasurementError
 
@@ -22,9 +22,15 @@ EFFECTS: tuple[type[Effect], ...] = (
     Visibility,
     Lost,
 )
-"""All effects in the order in which they act."""
+"""The effects of the shipped cells in the order in which they act."""
+
+MORE: tuple[type[Effect], ...] = (ReadingLag,)
+"""Effects that the shipped cells leave off: `irbcal.cell.cell.Cell.also` switches them on."""
+
+ALL = EFFECTS + MORE
 
 NAMES = tuple(effect.name for effect in EFFECTS)
+"""Names of the effects of the shipped cells."""
 
 
 def check_names(names: Iterable[str]) -> None:
@@ -36,5 +42,6 @@ def check_names(names: Iterable[str]) -> None:
         The sentence lists the names.
     """
     for name in names:
-        if name not in NAMES:
-            raise MeasurementError(f"unknown effect {name!r}: effects are {', '.join(NAMES)}", parameter="effect")
+        known = [effect.name for effect in ALL]
+        if name not in known:
+            raise MeasurementError(f"unknown effect {name!r}: effects are {', '.join(known)}", parameter="effect")

@@ -134,7 +134,8 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
     ----------
     table : str, Path or DataFrame
         CSV with the arm's joint columns; optional columns ``pose``, ``group``, ``cycle``, ``targets`` (names with
-        spaces or semicolons between them) and ``wait_s``. Others are not looked at.
+        spaces or semicolons between them) and ``wait_s``. Where there are programmed joints (``c1_deg`` …) beside the
+        joint columns, they are what is commanded. Others are not looked at.
     arm : Arm
     wait_s : float
         Where the file does not say.
@@ -150,7 +151,7 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
     """
     raw, source, digest = columns.read(table, arm.joint_columns)
     joints = []
-    for name in arm.joint_columns:
+    for name in columns.commanded(raw.columns, arm.joint_columns, source):
         expected = columns.expected_joint(name)
         values = columns.numbers(raw, name, source, expected)
         largest = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG

@@ -32,6 +32,8 @@ class Run:
     unseen : dict of str to int
         How many of the points asked for were lost to each effect.
     payload_kg : float
+    readings : ndarray, shape (n, joints), optional
+        Joints as the controller read them, where these are not the commanded ones.
     """
 
     q: FloatArray
@@ -43,6 +45,7 @@ class Run:
     time_s: FloatArray
     unseen: dict[str, int]
     payload_kg: float
+    readings: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)

@@ -27,7 +27,8 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Text and numbers as they are written: joints with 6 decimals, positions with 4 (0.1 um).
+        Text and numbers as they are written: joints with 6 decimals, positions with 4 (0.1 um). Where the robot's
+        readings are not its commands, the commands stand beside them (``c1_deg`` …).
     """
     import pandas as pd
 
@@ -36,8 +37,11 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     columns: dict[str, Any] = {"pose": poses.pose[row]}
     for name, values in poses.extra.items():
         columns[name] = values[row]
-    joints = np.round(poses.q / units, 6) + 0.0
+    commands = np.round(poses.q / units, 6) + 0.0
+    joints = commands if run.readings is None else np.round(run.readings / units, 6) + 0.0
     columns |= {name: joints[row, j] for j, name in enumerate(arm.joint_columns)}
+    if run.readings is not None:
+        columns |= {f"c{name[1:]}": commands[row, j] for j, name in enumerate(arm.joint_columns)}
     columns["target"] = np.array(run.names, dtype=object)[point]
     xyz = np.round(run.xyz[row, point] / MM, 4) + 0.0
     columns |= {name: xyz[:, k] for k, name in enumerate(POSITION)}

@@ -157,6 +157,7 @@ def simulate(
     payload: float | None = None,
     only: Sequence[str] | None = None,
     without: Sequence[str] = (),
+    also: Sequence[str] = (),
     targets: int | Sequence[str] = 3,
     tracker: ArrayLike | None = None,
     wait: float = WAIT_S,
@@ -181,6 +182,8 @@ def simulate(
         Mass on the flange, kg; 3 unless given, less for smaller arms.
     only, without : sequence of str, optional
         Only these effects (none at all if empty), or all but these; names as in `irbcal.cell.effects.NAMES`.
+    also : sequence of str, optional
+        Effects to switch on that are off otherwise: ``reading_lag``.
     targets : int or sequence of str
         How many of the tool's nine reflectors, or their names.
     tracker : array_like, shape (3,), optional
@@ -208,7 +211,7 @@ def simulate(
     """
     if (wanted is None) != (calibration is None):
         raise OptionError("wanted and calibration go together", parameter="wanted")
-    cell = _changed(open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed), only, without)
+    cell = _changed(open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed), only, without, also)
     cell = cell.with_targets(_targets(targets, cell.tool.names))
     cell = cell if payload is None else cell.with_payload(payload)
     cell = cell if tracker is None else cell.replace(tracker=cell.tracker.moved(_place(tracker)))
@@ -221,11 +224,12 @@ def simulate(
     return Simulated(str(robot), cell, poses, run, found)
 
 
-def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str]) -> Cell:
+def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> Cell:
     """The cell with the effects that are asked for."""
     if only is not None and without:
         raise OptionError("only and without exclude each other", parameter="only")
-    return (cell if only is None else cell.only(*only)).without(*without)
+    cell = cell.also(*also, *(only or ()))
+    return (cell if only is None else cell.only(*only, *also)).without(*without)
 
 
 def _poses(cell: Cell, plan: PosesLike | None, random: int | None, seed: int, wait: float) -> PoseList:

@@ -35,6 +35,9 @@ _Payload = Annotated[
 ]
 _Only = Annotated[list[str] | None, typer.Option(help="Only this effect (repeat for more); none: no effect at all.")]
 _Without = Annotated[list[str] | None, typer.Option(help="All effects but this one (repeat for more).")]
+_Also = Annotated[
+    list[str] | None, typer.Option(help="An effect that is off otherwise: reading_lag (repeat for more).")
+]
 _Targets = Annotated[
     str, typer.Option(help="How many of the tool's nine reflectors, or their names with commas between them.")
 ]
@@ -65,6 +68,7 @@ def simulate(
     payload: _Payload = None,
     only: _Only = None,
     without: _Without = None,
+    also: _Also = None,
     targets: _Targets = "3",
     tracker: _Tracker = None,
     wait: _Wait = 4.0,
@@ -106,6 +110,7 @@ def simulate(
             payload=payload,
             only=None if not only else () if only == ["none"] else only,
             without=without or (),
+            also=also or (),
             targets=int(targets) if targets.isdigit() else [name.strip() for name in targets.split(",")],
             tracker=place,
             wait=wait,
@@ -124,13 +129,13 @@ def simulate(
 
 
 def _list(json: bool) -> None:
-    from irbcal.cell.effects import EFFECTS
+    from irbcal.cell.effects import ALL
 
     if json:
-        show.print_json([{"name": e.name, "summary": e.summary, "parameters": e().parameters()} for e in EFFECTS])
+        show.print_json([{"name": e.name, "summary": e.summary, "parameters": e().parameters()} for e in ALL])
         return
-    width = max(len(effect.name) for effect in EFFECTS)
-    show.tell([f"{effect.name:{width}}  {effect.summary}" for effect in EFFECTS])
+    width = max(len(effect.name) for effect in ALL)
+    show.tell([f"{effect.name:{width}}  {effect.summary}" for effect in ALL])
 
 
 def _place(text: str | None) -> list[float] | None:

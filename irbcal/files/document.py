@@ -296,7 +296,7 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
     files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
     joint_origins = _joint_origins(outcome.urdf, robot.arm)
     fingerprint = _fingerprint(joint_origins, robot.joint_map, files)
-    data = [DataFile(file=Path(item.source).name, sha256=item.sha256) for item in files]
+    data = [DataFile(file=Path(item.source).name, sha256=item.sha256, programmed=item.programmed) for item in files]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
     simulated = any(item.simulated for item in files)
     urdf_bytes = urdf.to_bytes(

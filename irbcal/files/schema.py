@@ -234,10 +234,11 @@ class Observability(Section):
 
 
 class DataFile(Section):
-    """A data file and its fingerprint."""
+    """A data file and its fingerprint; ``programmed``: it has programmed joints, which the model takes."""
 
     file: str
     sha256: str
+    programmed: bool = False
 
 
 class Check(Section):
@@ -298,6 +299,11 @@ class Record(Section):
     largest_link_shift_mm: float
     software: dict[str, str]
     seconds: float
+
+    @property
+    def programmed(self) -> bool:
+        """Whether it was made from programmed joints, not from joint readings."""
+        return bool(self.data) and self.data[0].programmed
 
     @model_validator(mode="after")
     def _points_of_known_poses(self) -> Record:

@@ -33,6 +33,7 @@ from irbcal.measurement import table
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.last_moves import last_moves
 from irbcal.measurement.points import PointSet
+from irbcal.measurement.reading_lag import ReadingLag, mixed_use
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import parameters
 from irbcal.modeling.arm import Arm
@@ -74,6 +75,8 @@ class JointBehaviour(Speaks):
         stiffness model is not for this arm.
     plots : tuple of str
         Files of the figures that were written.
+    reading_lag : ReadingLag or None
+        How joint readings differ from programmed joints; None without programmed joints.
     """
 
     source: str
@@ -84,6 +87,7 @@ class JointBehaviour(Speaks):
     notes: tuple[str, ...] = ()
     stiffness_geometry: tuple[Sequence[float] | FloatArray, Stiffness] | None = None
     plots: tuple[str, ...] = ()
+    reading_lag: ReadingLag | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -109,6 +113,7 @@ class JointBehaviour(Speaks):
         ]
         if self.excluded:
             out += [f"Left out: {len(self.excluded)} points", *left_out(self.excluded)]
+        out += [] if self.reading_lag is None else self.reading_lag.told()
         out += [f"Note: {note}" for note in self.notes]
         return [*out, *(f"Written to {name}" for name in self.plots)]
 
@@ -224,6 +229,7 @@ def joints(
         frequency=periods,
         simulated=model.simulated,
     )
+    found = replace(found, notes=(*found.notes, *model.notes))
     if plots is None:
         return found
     from irbcal.atomic import write_together
@@ -260,6 +266,7 @@ class _Model(NamedTuple):
     nominal: Arm | None = None
     references: Mapping[str, FloatArray] | None = None
     simulated: bool = False
+    notes: Sequence[str] = ()
 
 
 def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None, seen: MeasurementSet) -> _Model:
@@ -269,7 +276,8 @@ def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None, 
         saved = calibration_folder.opened(calibration)
         seen.check_joints(saved.arm())
         nominal = saved.arm(calibrated=False)
-        return _Model(saved.robot_calibrated(), nominal, saved.reference_places() or None, saved.simulated)
+        notes = mixed_use(saved.programmed, seen.programmed, seen.source)
+        return _Model(saved.robot_calibrated(), nominal, saved.reference_places() or None, saved.simulated, notes)
     if robot is None:
         return _Model()
     if isinstance(robot, Arm):
@@ -351,7 +359,10 @@ def analyse(
         with suppress(RobotError):
             geometry = nominal.stiffness_geometry()
     is_simulated = bool(measurements.simulated or simulated)
-    return JointBehaviour(source, is_simulated, tuple(moves), residuals, tuple(excluded), tuple(notes), geometry)
+    lag = measurements.reading_lag()
+    return JointBehaviour(
+        source, is_simulated, tuple(moves), residuals, tuple(excluded), tuple(notes), geometry, reading_lag=lag
+    )
 
 
 def _cleaned(

@@ -37,7 +37,8 @@ def as_dict(found: JointBehaviour) -> dict[str, Any]:
     -------
     dict
         ``source``, ``simulated``, ``moves`` (by joint: series with errors, terms), ``residuals`` (terms, halves,
-        approach, needed; None without a robot), ``verdict`` (sentences), ``excluded``, ``notes``, ``plots`` (files).
+        approach, needed; None without a robot), ``verdict`` (sentences), ``excluded``, ``notes``, ``plots`` (files);
+        where there are programmed joints, ``reading_lag``.
     """
     from irbcal.joint_behaviour.verdict import verdict
 
@@ -51,6 +52,7 @@ def as_dict(found: JointBehaviour) -> dict[str, Any]:
         "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in found.excluded],
         "notes": list(found.notes),
         "plots": list(found.plots),
+        **({} if found.reading_lag is None else {"reading_lag": found.reading_lag.to_dict()}),
     }
 
 

@@ -40,6 +40,7 @@ FRAME = "<DataFrame>"
 """What messages call a table that is no file."""
 
 _JOINT = re.compile(r"q([1-9]\d?)_(?:deg|mm)")
+_PROGRAMMED = re.compile(r"c([1-9]\d?)_(?:deg|mm)")
 _ABSENT = ["", "nan", "<na>", "none"]
 _LONGEST_NAME, _MOST_NAMES = 40, 40
 
@@ -206,6 +207,46 @@ def joint_columns(names: Iterable[str]) -> list[str]:
     return columns
 
 
+def commanded(names: Iterable[str], joints: Sequence[str], source: str) -> list[str]:
+    """The columns that hold what joints were sent to: programmed joints where there are any, else the joint columns."""
+    return [f"c{name[1:]}" for name in joints] if programmed_columns(names, source) else list(joints)
+
+
+def programmed_columns(names: Iterable[str], source: str) -> list[str]:
+    """Columns of programmed joints (``c1_deg`` …) among column names, in the order of the joints; none or all.
+
+    Parameters
+    ----------
+    names : iterable of str
+    source : str
+        File name for messages.
+
+    Returns
+    -------
+    list of str
+        Empty where there are none.
+
+    Raises
+    ------
+    MeasurementError
+        If they are not those of the joint columns.
+    """
+    names = list(names)
+    found = [name for name in names if _PROGRAMMED.fullmatch(name)]
+    expected = [f"c{name[1:]}" for name in joint_columns(names)]
+    if not found or set(found) == set(expected):
+        return expected if found else []
+    missing = [name for name in expected if name not in found]
+    strange = [name for name in found if name not in expected]
+    which = f"missing column {', '.join(missing)}" if missing else f"there is a column {strange[0]}"
+    of = f"({expected[0]} … {expected[-1]})" if expected else "(there are no joint columns)"
+    raise MeasurementError(
+        f"{which}: programmed joints are for all joints {of} or for none, found {listed(found)}",
+        file=source,
+        row=header_row(source),
+    )
+
+
 def joint_units(columns: Iterable[str]) -> FloatArray:
     """What one unit of each joint column is in radians or metres, shape (columns,)."""
     return np.array([MM if name.endswith("_mm") else DEG for name in columns])
@@ -213,7 +254,8 @@ def joint_units(columns: Iterable[str]) -> FloatArray:
 
 def expected_joint(name: str) -> str:
     """What a joint column should hold, for messages."""
-    return "a joint's travel in mm" if name.endswith("_mm") else "a joint angle in degrees"
+    programmed = "programmed " if name.startswith("c") else ""
+    return f"a joint's {programmed}travel in mm" if name.endswith("_mm") else f"a {programmed}joint angle in degrees"
 
 
 def numbers(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bool = False) -> FloatArray:
@@ -314,7 +356,7 @@ def check_sizes(table: pd.DataFrame, source: str) -> None:
     """
     bounds = [
         (name, -largest, largest, expected_joint(name))
-        for name in joint_columns(table.columns)
+        for name in [*joint_columns(table.columns), *programmed_columns(table.columns, source)]
         for largest in [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG]
     ]
     bounds += [(name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION]

@@ -19,7 +19,8 @@ def read_joints(table: TableLike, joints: Sequence[str] = JOINTS) -> FloatArray:
     ----------
     table : str, Path or DataFrame
     joints : sequence of str
-        The columns, ``arm.joint_columns``; ``q1_deg`` to ``q6_deg`` unless given.
+        The columns, ``arm.joint_columns``; ``q1_deg`` to ``q6_deg`` unless given. Where the table has programmed joints
+        beside them (``c1_deg`` …), these are taken.
 
     Returns
     -------
@@ -32,6 +33,7 @@ def read_joints(table: TableLike, joints: Sequence[str] = JOINTS) -> FloatArray:
         If the table cannot be read or does not keep the format.
     """
     cells, source, _ = columns.read(table, joints)
+    joints = columns.commanded(cells.columns, joints, source)
     values = [columns.numbers(cells, name, source, columns.expected_joint(name)) for name in joints]
     return np.column_stack(values) * columns.joint_units(joints)
 

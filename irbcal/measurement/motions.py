@@ -13,6 +13,8 @@ from irbcal.modeling.terms.situation import Motion
 def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     """Joints, last moves and order of points' poses, from the order of the file that they come from.
 
+    Without programmed joints the file's readings stand for them, and may lag.
+
     Parameters
     ----------
     measurements : MeasurementSet
@@ -38,7 +40,7 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
         if rows:
             elapsed[k] = np.mean(rows)
             move[k] = _same(whole.moves[rows])
-    return Motion(points.q, move, elapsed, readings=True)
+    return Motion(points.q, move, elapsed, readings=not measurements.programmed)
 
 
 def _same(moves: FloatArray) -> FloatArray:

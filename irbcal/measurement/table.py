@@ -2,12 +2,14 @@
 
 A measurement file, or a DataFrame, has the columns::
 
-    pose,q1_deg,...,q6_deg,target,x_mm,y_mm,z_mm[,group,payload_kg,time_s,cycle,u95_mm,qw,qx,qy,qz,...]
+    pose,q1_deg,...,q6_deg,target,x_mm,y_mm,z_mm[,c1_deg,...,c6_deg,group,payload_kg,time_s,cycle,u95_mm,qw,qx,qy,qz,...]
 
-Arms with another number of joints have as many columns; the travel of a prismatic joint is ``q1_mm``. Column order is
-free and unknown columns are kept. A position that is empty, NaN or exactly 0,0,0 is a lost point. A column
-``simulated`` (yes) marks data that no tracker measured. Errors name the file, the row (line of the file, the header
-being line 1; in a DataFrame the position plus one) and the column.
+Arms with another number of joints have as many columns; the travel of a prismatic joint is ``q1_mm``. Where there are
+``c1_deg`` … (``c1_mm``), these are the programmed joints: they are what models take, and ``q1_deg`` … are the
+controller's readings. Without them the readings stand for the programmed joints. Column order is free and unknown
+columns are kept. A position that is empty, NaN or exactly 0,0,0 is a lost point. A column ``simulated`` (yes) marks
+data that no tracker measured. Errors name the file, the row (line of the file, the header being line 1; in a DataFrame
+the position plus one) and the column.
 """
 
 from collections.abc import Sequence
@@ -22,6 +24,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import columns
 from irbcal.measurement.columns import ALL_JOINTS, POSITION, QUATERNION, TableLike
 from irbcal.measurement.own_tables import OwnTables
+from irbcal.measurement.reading_lag import ReadingLag, reading_lag
 from irbcal.modeling.arm import Arm
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
@@ -76,11 +79,43 @@ class MeasurementSet(OwnTables, Speaks):
         """Columns of joint values, in the order of the joints."""
         return columns.joint_columns(self._rows.columns)
 
+    @property
+    def programmed_columns(self) -> list[str]:
+        """Columns of programmed joints, in the order of the joints; empty where there are none."""
+        return columns.programmed_columns(self._rows.columns, self.source)
+
+    @property
+    def programmed(self) -> bool:
+        """Whether there are programmed joints beside the readings."""
+        return bool(self.programmed_columns)
+
     def joints(self) -> FloatArray:
-        """Joints of each pose in the order of the file, shape (n, joints), radians (metres from columns in mm)."""
-        names = self.joint_columns
+        """Joints of each pose that models take: the programmed ones where there are any, else the readings.
+
+        In the order of the file, shape (n, joints), radians (metres from columns in mm).
+        """
+        return self._of_poses(self.programmed_columns or self.joint_columns)
+
+    def readings(self) -> FloatArray:
+        """Joint readings (``q1_deg`` …) of each pose, shape and units as `joints`."""
+        return self._of_poses(self.joint_columns)
+
+    def _of_poses(self, names: list[str]) -> FloatArray:
         first = self._rows.groupby("pose_index", sort=True)[names].first().to_numpy()
         return first * columns.joint_units(names)
+
+    def reading_lag(self) -> ReadingLag | None:
+        """How the readings differ from the programmed joints, and whether they lag; None without programmed joints."""
+        if not self.programmed:
+            return None
+        poses = self._rows.groupby("pose_index", sort=True)
+        groups = poses["group"].first().to_numpy(dtype=object) if "group" in self._rows.columns else None
+        return reading_lag(self.readings(), self.joints(), self.programmed_columns, groups)
+
+    def joint_notes(self) -> list[str]:
+        """What the user should know of the joints that models take, in sentences; nothing without programmed joints."""
+        lag = self.reading_lag()
+        return [] if lag is None else lag.notes(self.source)
 
     def check_joints(self, arm: Arm) -> None:
         """Refuse joint columns that are not those of an arm.
@@ -119,12 +154,12 @@ class MeasurementSet(OwnTables, Speaks):
 
     def to_frame(self) -> pd.DataFrame:
         """The table in the columns of a measurement file (degrees and millimetres), for `read` or ``to_csv``."""
-        first = ["pose", *self.joint_columns, "target", *POSITION]
+        first = ["pose", *self.joint_columns, *self.programmed_columns, "target", *POSITION]
         rest = [name for name in self._rows.columns if name not in (*first, "row", "pose_index")]
         return self._rows[[*first, *rest]].copy()
 
     def told(self) -> Sequence[Told]:
-        """Counts of rows, poses and lost points; tables of targets and of groups."""
+        """Counts of rows, poses and lost points; tables of targets, of groups and of programmed joints."""
         lost = np.isnan(self.positions()).any(axis=1)
         counts = f"{len(self)} rows, {self.poses} poses, {int(lost.sum())} lost points"
         text = f"{self.source}: {counts}{', SIMULATED' if self.simulated else ''}"
@@ -137,7 +172,8 @@ class MeasurementSet(OwnTables, Speaks):
         if "group" in self._rows.columns:
             counted = self._rows.groupby("group", sort=False)["pose_index"].nunique()
             told.append(Table("Groups", ("group", "poses"), tuple((str(name), int(n)) for name, n in counted.items())))
-        return told
+        lag = self.reading_lag()
+        return told if lag is None else [*told, *lag.told()]
 
 
 MeasurementsLike: TypeAlias = TableLike | MeasurementSet
@@ -193,7 +229,7 @@ def parse(data: bytes, source: str) -> MeasurementSet:
 
 def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
     table = pd.DataFrame({"row": cells.index})
-    for name in columns.joint_columns(cells.columns):
+    for name in [*columns.joint_columns(cells.columns), *columns.programmed_columns(cells.columns, source)]:
         table[name] = columns.numbers(cells, name, source, columns.expected_joint(name))
     for name in POSITION:
         table[name] = columns.numbers(cells, name, source, "a position in mm or nothing", lost=True)
@@ -214,23 +250,30 @@ def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
 
 
 def _pose_index(table: pd.DataFrame, source: str) -> IntArray:
-    """Number poses in the order of the file; one pose (and cycle) has one set of joints."""
+    """Number poses in the order of the file; one pose (and cycle) has one set of joints, read and programmed."""
     key: Any = table["pose"]
     if "cycle" in table.columns:
         key = key + " / " + table["cycle"].astype(str)
     index = pd.factorize(key)[0]
-    names = columns.joint_columns(table.columns)
-    joints = table[names].to_numpy()
     first = np.unique(index, return_index=True)[1]
-    differ = np.abs(joints - joints[first][index]).max(axis=1) > 1e-6
+    programmed = columns.programmed_columns(table.columns, source)
+    for names, what in ((columns.joint_columns(table.columns), "joints"), (programmed, "programmed joints")):
+        if names:
+            _check_same(table, names, what, first[index], source)
+    return index
+
+
+def _check_same(table: pd.DataFrame, names: list[str], what: str, first: IntArray, source: str) -> None:
+    """Refuse a row whose joints are not those of its pose's first row."""
+    joints = table[names].to_numpy()
+    differ = np.abs(joints - joints[first]).max(axis=1) > 1e-6
     if differ.any():
         k = int(np.flatnonzero(differ)[0])
-        joint = int(np.argmax(np.abs(joints[k] - joints[first[index[k]]])))
+        joint = int(np.argmax(np.abs(joints[k] - joints[first[k]])))
         raise MeasurementError(
-            f"expected the joints of pose {table['pose'][k]} as in row {table['row'][first[index[k]]]}, "
+            f"expected the {what} of pose {table['pose'][k]} as in row {table['row'][first[k]]}, "
             f"found {joints[k, joint]:g}",
             file=source,
             row=int(table["row"][k]),
             column=names[joint],
         )
-    return index

@@ -17,6 +17,7 @@ from irbcal.files.schema import Record
 from irbcal.identification import outliers
 from irbcal.measurement import table
 from irbcal.measurement.points import PointSet, distances, rotation_distances
+from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.registration import base_on
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
@@ -175,8 +176,9 @@ def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Pr
 
 
 def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
-    notes = tuple(ready.notes)
-    if ready.measurements.sha256 in {item.sha256 for item in record.data}:
+    seen = ready.measurements
+    notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
+    if seen.sha256 in {item.sha256 for item in record.data}:
         notes += ("This file was used for the calibration: fitted poses among these are no proof of accuracy.",)
     return (*notes, *_outside_ranges(ready.points, record))
 

@@ -41,3 +41,13 @@ def test_stops_that_cannot_be_told_apart_have_no_move():
     assert not motion.moves[twice].any()
     other = np.flatnonzero((np.abs(motion.q - q[2]) < 1e-12).all(axis=1))
     assert np.abs(motion.moves[other] - (q[2] - q[1])).max() < 1e-12
+
+
+def test_programmed_joints_are_no_readings():
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, (5, 6))
+    frame = rows(q + 1e-4)
+    frame[[f"c{k}_deg" for k in range(1, 7)]] = np.degrees(q)
+    seen = table.read(frame)
+    motion = motion_of(seen, cleaning.clean(seen).points)
+    assert not motion.readings
+    assert np.abs(motion.moves[1:] - np.diff(q, axis=0)).max() < 1e-12

@@ -9,9 +9,9 @@ import pytest
 from support import arm, measured, outcome_of, random_robot, write_measurements
 
 import irbcal
-from irbcal.errors import RobotError
+from irbcal.errors import OptionError, ProgramError, RobotError
 from irbcal.files import calibration_folder, urdf
-from irbcal.validation.verification import verify_bytes
+from irbcal.validation.verification import verify, verify_bytes
 
 
 @pytest.fixture(scope="module")
@@ -107,3 +107,26 @@ def test_command_line(folders):
     done = run(folders[0], "--urdf", folders[0] / "nothing.urdf")
     assert done.returncode == 1
     assert done.stderr.strip().endswith("nothing.urdf: cannot read this file: No such file or directory")
+
+
+def test_a_program_bears_the_mark_of_its_calibration(folders, tmp_path):
+    (tmp_path / "job.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,20,-30,40,50,60\n")
+    module = "MODULE job\n  CONST jointtarget p:=[[10,20,-30,40,50,60],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
+    (tmp_path / "job.mod").write_text(module + "  PROC main()\n    MoveAbsJ p,v100,fine,tool0;\n  ENDPROC\nENDMODULE\n")
+    for name in ("job.csv", "job.mod"):
+        plain = verify(folders[0], program=tmp_path / name)
+        assert (plain.is_calibration, plain.fingerprint) == (False, "absent")
+        corrected = tmp_path / f"corrected_{name}"
+        irbcal.correct(folders[0], tmp_path / name, out=corrected)
+        own, other = (verify(folder, program=corrected) for folder in folders)
+        assert (own.is_calibration, own.fingerprint) == (True, "same")
+        assert (other.is_calibration, other.fingerprint) == (False, "other")
+        assert "ANOTHER calibration" in other.explanation
+
+
+def test_verify_needs_one_thing_to_compare(folders, tmp_path):
+    for given in ({}, {"urdf": folders[0] / "calibrated.urdf", "program": "job.mod"}):
+        with pytest.raises(OptionError, match="one of them"):
+            verify(folders[0], **given)
+    with pytest.raises(ProgramError):
+        verify(folders[0], program=tmp_path / "none.mod")

@@ -60,12 +60,14 @@ class Columns(_Model):
     """Columns by name, or by number from 1 (from -1 backwards).
 
     ``position`` is three columns, or three for each of several targets that share a row. ``name`` is one column or
-    several (joined with ``::``) that ``names`` takes apart. ``keep`` hands columns on under new names. ``optional``
-    lists those that are used only where the file has them.
+    several (joined with ``::``) that ``names`` takes apart. ``programmed`` are the joints that the program asked for,
+    where ``joints`` are readings: in the units and by the rules of the joints. ``keep`` hands columns on under new
+    names. ``optional`` lists those that are used only where the file has them.
     """
 
     position: Three | dict[Name, Three]
     joints: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
+    programmed: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
     orientation: Annotated[list[Column], Field(min_length=3, max_length=4)] | None = None
     pose: Column | None = None
     target: Column | None = None
@@ -76,7 +78,7 @@ class Columns(_Model):
     u95: Column | None = None
     payload: Column | None = None
     keep: Annotated[dict[Name, Column], Field(max_length=50)] = {}
-    optional: list[Literal["orientation", "target", "group", "cycle", "time", "u95", "payload"]] = []
+    optional: list[Literal["programmed", "orientation", "target", "group", "cycle", "time", "u95", "payload"]] = []
 
 
 class Units(_Model):
@@ -156,9 +158,10 @@ class Fixed(_Model):
 
 
 class JointsFileColumns(_Model):
-    """Columns of the joints file."""
+    """Columns of the joints file; ``programmed`` as in `Columns`."""
 
     joints: Annotated[list[Column], Field(min_length=1, max_length=20)]
+    programmed: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
     pose: Column | None = None
     group: Column | None = None
 
@@ -243,8 +246,19 @@ class ImportMap(_Model):
         return self
 
     @model_validator(mode="after")
+    def _as_many_programmed_joints(self) -> ImportMap:
+        files = [("columns", self.columns), ("joints_file.columns", self.joints_file and self.joints_file.columns)]
+        for place, columns in files:
+            if columns and columns.programmed and len(columns.programmed) != len(columns.joints or ()):
+                raise ValueError(
+                    f"{place}.programmed: expected a column for each of the {len(columns.joints or ())} columns of "
+                    f"joints, found {len(columns.programmed)}"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _kept_columns_are_new(self) -> ImportMap:
-        taken = [name for name in self.columns.keep if name in RESERVED or re.fullmatch(r"q\d+_(deg|mm)", name)]
+        taken = [name for name in self.columns.keep if name in RESERVED or re.fullmatch(r"[qc]\d+_(deg|mm)", name)]
         if taken:
             raise ValueError(
                 f"columns.keep: expected a new name for the column, found {taken[0]!r}, which has a meaning"

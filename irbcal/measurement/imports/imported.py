@@ -106,7 +106,12 @@ class Imported(OwnTables, Speaks):
             place = MeasurementError("", file=source, row=error.row, column=error.column)
             reason = str(error).removeprefix(f"{place}: ")
             raise MeasurementError(reason, file=first, row=int(row), column=error.column) from None
-        names = [*seen.joint_columns, *POSITION, *(name for name in QUATERNION if name in own.columns)]
+        names = [
+            *seen.joint_columns,
+            *seen.programmed_columns,
+            *POSITION,
+            *(name for name in QUATERNION if name in own.columns),
+        ]
         same = np.isclose(seen.table[names], own[names], rtol=0, atol=1e-6, equal_nan=True)
         if len(seen) != len(own) or not same.all():
             raise MeasurementError("the measurement file would not hold the numbers that were understood", file=source)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from irbcal.arrays import IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import joint_columns
+from irbcal.measurement.columns import joint_columns, programmed_columns
 from irbcal.measurement.imports import dialect
 from irbcal.measurement.imports.column_map import Column, Dialect, ImportMap
 from irbcal.measurement.imports.dialect import short
@@ -42,7 +42,7 @@ def join(frame: pd.DataFrame, path: str | PathLike[str], import_map: ImportMap) 
     joints = _read_joints(path, import_map)
     warnings: list[str] = []
     how = import_map.join or ("name" if import_map.names_poses and "pose" in joints.columns else "order")
-    columns = joint_columns(joints.columns)
+    columns = joint_columns(joints.columns) + programmed_columns(joints.columns, str(path))
     if how == "name":
         place = _places_by_name(frame, joints, path)
     else:
@@ -115,14 +115,17 @@ def _read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFra
     given = import_map.joints_file
     text = dialect.read(path, given.file if given else Dialect())
     names: Sequence[Column]
+    programmed: Sequence[Column]
     units: str | Sequence[str]
     pose: Column | None
     group: Column | None
     if given:
         names, units, pose, group = given.columns.joints, given.units.joints, given.columns.pose, given.columns.group
+        programmed = given.columns.programmed or ()
     else:
         header = text.names or ()
         names = columns = joint_columns(header)
+        programmed = programmed_columns(header, str(path))
         units = [name.rpartition("_")[2] for name in columns]
         pose, group = ("pose" if "pose" in header else None), ("group" if "group" in header else None)
         if not names:
@@ -133,8 +136,11 @@ def _read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFra
                 row=text.header_line,
             )
     places = [text.find(name, f"joint {k}") for k, name in enumerate(names, 1)]
-    text = text.with_decimal(places)
+    asked = [text.find(name, f"programmed joint {k}") for k, name in enumerate(programmed, 1)]
+    text = text.with_decimal([*places, *asked])
     frame = pd.DataFrame(joint_values(text, places, units))
+    if asked:
+        frame = frame.assign(**joint_values(text, asked, units, "c"))
     frame[ROW] = text.lines
     for key, column in (("pose", pose), ("group", group)):
         if column is not None:

@@ -89,7 +89,8 @@ class Part:
         self.positions = [[text.find(name, "the position") for name in triple] for triple in triples.values()]
         self.target_names = list(triples)
         self.joints = [text.find(name, f"joint {k}") for k, name in enumerate(columns.joints or (), 1)]
-        numeric = [k for places in (self.joints, *self.positions) for k in places]
+        self.programmed = self._programmed(text)
+        numeric = [k for places in (self.joints, self.programmed, *self.positions) for k in places]
         double = [text.label(k) for k in numeric if numeric.count(k) > 1]
         if double:
             raise MeasurementError(
@@ -102,6 +103,13 @@ class Part:
         self.table = text.with_decimal([*numeric, *(self.orientation or ())])
         self.source = text.source
         self.file_fields = self._from_file_name()
+
+    def _programmed(self, text: TextTable) -> list[int]:
+        """Places of the programmed joints; none where the map has none, or the file where they are optional."""
+        columns, optional = self.map.columns.programmed or (), self._optional("programmed")
+        found = [text.find(name, f"programmed joint {k}", optional) for k, name in enumerate(columns, 1)]
+        places = [k for k in found if k is not None]
+        return places if len(places) == len(found) else []
 
     def frame(self, number: int) -> pd.DataFrame:
         """Rows of the output; ``number`` poses were counted before this file."""
@@ -182,7 +190,8 @@ class Part:
     def _joint_values(self) -> dict[str, FloatArray]:
         if not self.joints:
             return {}
-        return joint_values(self.table, self.joints, self.units.joints)
+        found = joint_values(self.table, self.joints, self.units.joints)
+        return found | joint_values(self.table, self.programmed, self.units.joints, "c") if self.programmed else found
 
     def _pose_values(self, places: Sequence[int]) -> dict[str, FloatArray]:
         """Position and orientation of one target, NaN where lost."""
@@ -354,8 +363,10 @@ def take_apart(names: pd.Series, patterns: Sequence[str], source: str, rows: Int
     raise refusal(worst, f"a name such as {' or '.join(patterns)}")
 
 
-def joint_values(text: TextTable, places: Sequence[int], units: str | Sequence[str]) -> dict[str, FloatArray]:
-    """Joint columns of a file in degrees and mm, dict of name to values."""
+def joint_values(
+    text: TextTable, places: Sequence[int], units: str | Sequence[str], letter: str = "q"
+) -> dict[str, FloatArray]:
+    """Joint columns of a file in degrees and mm, dict of name to values; those of programmed joints begin with c."""
     units = [units] * len(places) if isinstance(units, str) else units
     if len(units) != len(places):
         raise MeasurementError(
@@ -368,7 +379,7 @@ def joint_values(text: TextTable, places: Sequence[int], units: str | Sequence[s
         turns = unit in ANGLE_DEG
         what = "a joint angle" if turns else "a joint's travel"
         factor = ANGLE_DEG[unit] if turns else LENGTH_MM[unit]
-        out[f"q{number}_{'deg' if turns else 'mm'}"] = text.numbers(k, f"{what} in {unit}") * factor
+        out[f"{letter}{number}_{'deg' if turns else 'mm'}"] = text.numbers(k, f"{what} in {unit}") * factor
     return out
 
 

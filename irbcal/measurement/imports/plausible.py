@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import POSITION, joint_columns
+from irbcal.measurement.columns import POSITION, joint_columns, programmed_columns
 from irbcal.measurement.imports.column_map import ImportMap
 from irbcal.measurement.imports.part import ANGLE_DEG, LENGTH_MM, ROW, SOURCE
 from irbcal.measurement.imports.poses import SAME_JOINTS, pose_keys
@@ -24,7 +24,9 @@ ENOUGH = 3
 def check_joint_sizes(frame: pd.DataFrame, source: str, units: str | Sequence[str], import_map: ImportMap) -> None:
     """Refuse joints (as read, in degrees and mm) whose size contradicts the declared units."""
     columns = joint_columns(frame.columns)
-    units = [units] * len(columns) if isinstance(units, str) else units
+    units = [units] * len(columns) if isinstance(units, str) else list(units)
+    programmed = programmed_columns(frame.columns, source)
+    columns, units = columns + programmed, units * 2 if programmed else units
     if import_map.trust_units or len(frame[columns].drop_duplicates()) < ENOUGH:
         return
     for unit, other in (("deg", "rad"), ("rad", "deg")):

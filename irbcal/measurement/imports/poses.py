@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import joint_columns
+from irbcal.measurement.columns import joint_columns, programmed_columns
 from irbcal.measurement.imports.column_map import ImportMap
 from irbcal.measurement.imports.dialect import short
 from irbcal.measurement.imports.part import ROW, SOURCE
@@ -58,22 +58,27 @@ def apply_joint_rules(frame: pd.DataFrame, import_map: ImportMap) -> None:
     if sliding:
         raise MeasurementError(f"the map: joints.offsets_deg: expected 0 for joint {sliding[0] + 1}, which slides")
     signs = np.array(rules.signs if rules.signs is not None else np.ones(n))
-    frame[columns] = (frame[columns].to_numpy() @ matrix.T) * signs + offsets
+    for names in (columns, programmed_columns(frame.columns, frame[SOURCE].iloc[0])):
+        if names:
+            frame[names] = (frame[names].to_numpy() @ matrix.T) * signs + offsets
 
 
 def check_one_pose_one_joints(frame: pd.DataFrame) -> None:
     """Refuse a pose (of a cycle) whose rows have different joints."""
     index = pd.factorize(pose_keys(frame))[0]
     first = np.unique(index, return_index=True)[1][index]
-    q = frame[joint_columns(frame.columns)].to_numpy()
+    programmed = programmed_columns(frame.columns, frame[SOURCE].iloc[0])
+    q = frame[joint_columns(frame.columns) + programmed].to_numpy()
     off = np.abs(q - q[first])
     if (off > SAME_JOINTS).any():
         k = int(np.flatnonzero((off > SAME_JOINTS).any(axis=1))[0])
         joint = int(off[k].argmax())
         row, other = frame.iloc[k], frame.iloc[first[k]]
+        count = q.shape[1] - len(programmed)
+        what, number = ("joints", joint + 1) if joint < count else ("programmed joints", joint + 1 - count)
         raise MeasurementError(
-            f"expected the joints of pose {short(row['pose'])} as in row {other[ROW]} of {other[SOURCE]} "
-            f"(joint {joint + 1}: {q[first[k], joint]:.6g}), found {q[k, joint]:.6g}",
+            f"expected the {what} of pose {short(row['pose'])} as in row {other[ROW]} of {other[SOURCE]} "
+            f"(joint {number}: {q[first[k], joint]:.6g}), found {q[k, joint]:.6g}",
             file=row[SOURCE],
             row=int(row[ROW]),
         )

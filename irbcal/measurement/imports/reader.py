@@ -17,7 +17,7 @@ from pathlib import Path
 import pandas as pd
 
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement.columns import POSITION, QUATERNION, joint_columns
+from irbcal.measurement.columns import POSITION, QUATERNION, joint_columns, programmed_columns
 from irbcal.measurement.imports import dialect, poses
 from irbcal.measurement.imports.column_map import ImportMap
 from irbcal.measurement.imports.imported import Imported, refuse_sources
@@ -46,7 +46,8 @@ def import_measurements(
     out : str or Path, optional
         Measurement file to write (CSV), whole or not at all. Without it, nothing is written.
     joints : str or Path, optional
-        Joints file for sources that hold points only: ``q1_deg`` … and, optional, ``pose`` and ``group``.
+        Joints file for sources that hold points only: ``q1_deg`` … and, optional, ``c1_deg`` …, ``pose`` and
+        ``group``.
     set_ : dict, or sequence of str
         Changes of the map, such as ``{"units.lengths": "mm"}`` or ``["units.lengths=mm"]``.
     dry_run : bool
@@ -93,8 +94,8 @@ def understand(
         Files of one kind.
     import_map : ImportMap
     joints : str or Path, optional
-        Joints file for sources that hold points only: in irbcal's own format (``q1_deg`` …, optional ``pose`` and
-        ``group``), unless ``joints_file`` of the map says otherwise.
+        Joints file for sources that hold points only: in irbcal's own format (``q1_deg`` …, optional ``c1_deg`` …,
+        ``pose`` and ``group``), unless ``joints_file`` of the map says otherwise.
 
     Returns
     -------
@@ -134,7 +135,8 @@ def understand(
     warnings += poses.name_groups(frame, import_map)
     check_reach(frame, import_map)
     warnings += strange(frame)
-    order = ["pose", *joint_columns(frame.columns), "target", *POSITION]
+    programmed = programmed_columns(frame.columns, str(sources[0]))
+    order = ["pose", *joint_columns(frame.columns), *programmed, "target", *POSITION]
     order += [
         name for name in ("group", "cycle", "u95_mm", *QUATERNION, "time_s", "payload_kg") if name in frame.columns
     ]

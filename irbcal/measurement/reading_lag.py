@@ -1,0 +1,276 @@
+"""Joint readings beside programmed joints: how far they differ, and whether the arm still moved when they were taken.
+
+A controller that reads its joints as a motion ends, before the arm stands still, reports all of them behind by one and
+the same share of the last move: reading minus command = -s D with one s for each pose, D the last programmed move of
+all joints. A calibration that takes such readings for the joints errs by s D; programs run at the programmed joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.measurement.columns import joint_units
+from irbcal.summary import Speaks, Table, Told
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ENOUGH = 10
+"""Poses with a known last move from which on the readings are judged."""
+
+SHOWN = 0.8
+"""Share of the differences' variance that the other joints must foretell. Noise leaves it at or below zero,
+readings that are off by a constant or by a share of the joint itself (a gear ratio) below 0.6."""
+
+BESIDE = 0.1
+"""A pose counts for a joint if the others, which tell the factor, moved by this share of its own move or more."""
+
+NORMAL_95 = 1.96
+"""Half-width of a 95 % interval in standard errors."""
+
+VERDICT = "the readings were taken before the arm stood still"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReadingLag(Speaks):
+    """What the last move says about joint readings that are not what was programmed.
+
+    The factor s of a pose is the least-squares one of all its joints. It is fitted to what it explains, so one joint
+    alone would always be explained. Therefore each joint is also foretold: by the factor of the other joints of the
+    pose, times its own last move; poses in which the others hardly moved do not count (`BESIDE`).
+
+    Attributes
+    ----------
+    columns : tuple of str
+        Those of the programmed joints.
+    difference : ndarray, shape (n, joints)
+        Reading minus command of each pose, radians (metres for prismatic joints).
+    factor : ndarray, shape (n,)
+        s: the share of the last move that the readings lag behind; NaN where the last move is unknown or none.
+    explained : ndarray, shape (joints,)
+        Share of each joint's variance (about zero) that the last move times the pose's factor explains; NaN: unknown.
+    explained_by_move : float
+        The same of all joints.
+    foretold : ndarray, shape (joints,)
+        Share of each joint's variance that the factor of the other joints foretells; NaN: unknown.
+    foretold_by_others : float
+        The same of all joints.
+    slope, slope_interval : ndarray, shape (joints,)
+        Regression of each joint's difference on what the others foretell, 1 if it lags like them, and the half-width of
+        its 95 % interval; NaN: unknown.
+    """
+
+    columns: tuple[str, ...]
+    difference: FloatArray
+    factor: FloatArray
+    explained: FloatArray
+    explained_by_move: float
+    foretold: FloatArray
+    foretold_by_others: float
+    slope: FloatArray
+    slope_interval: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def before_standstill(self) -> bool:
+        """Whether the data show that the readings were taken before the arm stood still.
+
+        The rule: at least `ENOUGH` poses with a factor, half of them or more with readings behind the command (none
+        ahead), and the other joints foretell at least the share `SHOWN` of the variance.
+        """
+        known = self.factor[np.isfinite(self.factor)]
+        return len(known) >= ENOUGH and float(np.median(known)) > 0.0 and self.foretold_by_others >= SHOWN
+
+    def notes(self, source: str) -> list[str]:
+        """What the user of a file should know, in sentences.
+
+        Parameters
+        ----------
+        source : str
+            The file.
+
+        Returns
+        -------
+        list of str
+        """
+        takes = f"The model takes the programmed joints ({self.columns[0]} …) of {Path(source).name}"
+        if not self.difference.any():
+            return [f"{takes}; its joint readings are equal to them."]
+        size = np.abs(self.difference) / joint_units(self.columns)
+        parts = []
+        for unit, ending in (("degrees", "_deg"), ("mm", "_mm")):
+            mine = [name.endswith(ending) for name in self.columns]
+            if any(mine):
+                parts.append(f"{size[:, mine].max():.2g} {unit} (median {np.median(size[:, mine]):.2g})")
+        notes = [f"{takes}; its joint readings differ by up to {' and '.join(parts)}."]
+        if np.isfinite(self.foretold_by_others):
+            shares = ", ".join("–" if np.isnan(share) else f"{100 * share:.0f}" for share in self.explained)
+            verdict = VERDICT if self.before_standstill else f"it is not shown that {VERDICT}"
+            notes.append(
+                f"One factor for each pose (median {_median(self.factor):.2g}) times the last move explains "
+                f"{100 * self.explained_by_move:.0f} % of the variance of reading minus command, joint by joint "
+                f"{shares} %; the factor of a pose's other joints foretells "
+                f"{100 * self.foretold_by_others:.0f} %: {verdict}."
+            )
+        return notes
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers, None where unknown; degrees and millimetres."""
+        size = np.abs(self.difference) / joint_units(self.columns)
+        return {
+            "columns": list(self.columns),
+            "median": np.median(size, axis=0).tolist(),
+            "largest": size.max(axis=0).tolist(),
+            "explained": [_known(value) for value in self.explained],
+            "explained_by_move": _known(self.explained_by_move),
+            "foretold": [_known(value) for value in self.foretold],
+            "foretold_by_others": _known(self.foretold_by_others),
+            "slope": [_known(value) for value in self.slope],
+            "slope_interval": [_known(value) for value in self.slope_interval],
+            "median_factor": _known(_median(self.factor)),
+            "before_standstill": self.before_standstill,
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each pose: ``factor`` and reading minus command of each joint, degrees (millimetres)."""
+        import pandas as pd
+
+        values = self.difference / joint_units(self.columns)
+        names = [f"q{name[1:]}_minus_command" for name in self.columns]
+        return pd.DataFrame({"factor": self.factor} | dict(zip(names, values.T, strict=True)))
+
+    def told(self) -> Sequence[Told]:
+        """A table joint by joint, and the verdict."""
+        size = np.abs(self.difference) / joint_units(self.columns)
+        rows = tuple(
+            (
+                name,
+                float(np.median(size[:, j])),
+                float(size[:, j].max()),
+                _known(self.explained[j]),
+                _known(self.foretold[j]),
+                _known(self.slope[j]),
+                _known(self.slope_interval[j]),
+            )
+            for j, name in enumerate(self.columns)
+        )
+        heads = ("joint", "median", "largest", "share by last move", "share by other joints", "slope", "±")
+        verdict = VERDICT if self.before_standstill else f"It is not shown that {VERDICT}"
+        return [
+            Table("Joint readings minus programmed joints, degrees or mm", heads, rows, digits=4),
+            f"{verdict[0].upper()}{verdict[1:]}.",
+        ]
+
+
+def reading_lag(
+    readings: ArrayLike, programmed: ArrayLike, columns: Sequence[str], groups: NameArray | None = None
+) -> ReadingLag:
+    """Compare joint readings with programmed joints.
+
+    Parameters
+    ----------
+    readings, programmed : array_like, shape (n, joints)
+        Of each pose in the order in which the robot visited them, radians (metres for prismatic joints).
+    columns : sequence of str
+        Columns of the programmed joints: they tell the unit in which joints that turn and slide are weighed.
+    groups : ndarray of str, shape (n,), optional
+        The move to the first pose of a group is not known.
+
+    Returns
+    -------
+    ReadingLag
+    """
+    commands = np.asarray(programmed, dtype=float)
+    difference = np.asarray(readings, dtype=float) - commands
+    units = joint_units(columns)
+    fresh = np.r_[True, np.zeros(len(commands) - 1, dtype=bool) if groups is None else groups[1:] != groups[:-1]]
+    D = np.diff(commands, axis=0, prepend=commands[:1]) / units
+    e = difference / units
+    known = ~fresh & D.any(axis=1)
+    factor = np.full(len(e), np.nan)
+    e, D = e[known], D[known]
+    squares, product = D**2, e * D
+    factor[known] = -product.sum(axis=1) / squares.sum(axis=1)
+    left = e + factor[known][:, None] * D
+    others = squares.sum(axis=1, keepdims=True) - squares
+    counts: BoolArray = (others > 0.0) & (others >= BESIDE**2 * squares)
+    foretold = (product.sum(axis=1, keepdims=True) - product) / np.where(counts, others, 1.0) * D
+    slope, interval = _slopes(e, foretold, counts)
+    return ReadingLag(
+        tuple(columns),
+        difference,
+        factor,
+        np.array([_share(e[:, j], left[:, j]) for j in range(e.shape[1])]),
+        _share(e, left),
+        np.array([_share(e[m, j], (e - foretold)[m, j]) for j, m in enumerate(counts.T)]),
+        _share(e[counts], (e - foretold)[counts]),
+        slope,
+        interval,
+    )
+
+
+def mixed_use(made_from_programmed: bool, programmed: bool, source: str) -> list[str]:
+    """A note where a calibration and the measurements that it meets do not take the same joints.
+
+    Parameters
+    ----------
+    made_from_programmed : bool
+        Whether the calibration was made from programmed joints.
+    programmed : bool
+        Whether the measurements have them.
+    source : str
+        The measurements' file.
+
+    Returns
+    -------
+    list of str
+    """
+    name = Path(source).name
+    if made_from_programmed and not programmed:
+        return [
+            f"{name} has joint readings only, while the calibration was made from programmed joints: if its readings "
+            "were taken before the arm stood still, the errors are larger here than in programs."
+        ]
+    if programmed and not made_from_programmed:
+        return [
+            f"{name} has programmed joints, while the calibration was made from joint readings: if these were taken "
+            "before the arm stood still, a calibration from programmed joints is better."
+        ]
+    return []
+
+
+def _share(values: FloatArray, left: FloatArray) -> float:
+    """Share of the values' variance about zero that is not left; NaN without any."""
+    total = float((values**2).sum())
+    return 1.0 - float((left**2).sum()) / total if total > 0.0 else float("nan")
+
+
+def _slopes(e: FloatArray, foretold: FloatArray, counts: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Slope through zero of each joint's difference on what is foretold, and half its 95 % interval.
+
+    The interval allows for residuals of any size from pose to pose (White's standard errors).
+    """
+    x = np.where(counts, foretold, 0.0)
+    squares = (x**2).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = np.where(squares > 0.0, (x * e).sum(axis=0) / squares, np.nan)
+        error = np.sqrt((x**2 * (e - x * slope) ** 2).sum(axis=0)) / squares
+    return slope, NORMAL_95 * error
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
