@@ -59,12 +59,7 @@ def with_payload(
     """
     import pinocchio as pin
 
-    if not isinstance(joint_map, JointMap):
-        raise RobotError(
-            "the effect of another payload follows from the stiffness of the thesis's levels, which this joint map of "
-            "terms has not: calibrate with model 34 or 34b, or with the payload that the robot will carry",
-            parameter="delta_kg",
-        )
+    joint_map = _of_the_thesis(joint_map)
     if not arm.six_revolute:
         raise RobotError(f"the arm-stiffness model is for six revolute joints, {arm.name} has others")
     theta = np.zeros(6)
@@ -103,3 +98,13 @@ def with_payload(
     guess = replace(Stiffness.guess(L_1, L_2), L_G1=L_G1, m=fore / upper)
     lever = float(along_fore @ payload), float(across_fore @ payload)
     return joint_map.with_payload(guess, delta_kg, upper, *lever)
+
+
+def _of_the_thesis(joint_map: AnyJointMap) -> JointMap:
+    if not isinstance(joint_map, JointMap):
+        raise RobotError(
+            "the effect of another payload follows from the stiffness of the thesis's levels, which this joint map of "
+            "terms has not: calibrate with model 34 or 34b, or with the payload that the robot will carry",
+            parameter="delta_kg",
+        )
+    return joint_map
