@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -16,6 +16,7 @@ from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
 from irbcal.files.outcome import Outcome
 from irbcal.identification import outliers
+from irbcal.identification.averaged import AveragedFit, identify_averaged
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
 from irbcal.identification.fit import identify
@@ -24,6 +25,7 @@ from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
 from irbcal.measurement import cleaning, lists, table
 from irbcal.measurement.cleaning import Cleaned, Exclusion
+from irbcal.measurement.motions import motion_of
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.reading_lag import mixed_use
@@ -84,6 +86,20 @@ class Options:
         ):
             if value not in choices:
                 raise OptionError.unknown(name, value, [choice for choice in choices if choice is not None])
+        if self.model == "auto":
+            for option, given, own in (
+                ("method", method_of(self.method), "least-squares"),
+                ("objective", self.objective, "rms"),
+                ("loss", self.loss, "linear"),
+                ("free", tuple(self.free), ()),
+                ("hold", tuple(self.hold), ()),
+            ):
+                if given != own:
+                    raise OptionError(
+                        f"{option}: model auto averages error models by their evidence and takes no {option}: choose "
+                        "a level, such as 34, for that",
+                        parameter=option,
+                    )
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -185,22 +201,11 @@ def run(
     nominal = identify(arm, ready.fit, "nominal", known_targets=known)
     _refuse_orientations(nominal, ready.fit, source)
     choice, model = None, default_level(arm) if options.model is None else str(options.model)
-    if model == "auto":
+    if model == "best-level":
         choice = choose_level(arm, ready.fit, options.seed, progress=say, known_targets=known)
         model = choice.level
     say(f"identifying model {model}")
-    fit = identify_by(
-        arm,
-        ready.fit,
-        checked("model", model, LEVELS),
-        method_of(options.method),
-        checked("objective", options.objective, OBJECTIVES),
-        options.power,
-        checked("loss", options.loss, LOSSES),
-        known_targets=known,
-        parameters=selected_parameters(model, options.free, options.hold, arm),
-        watched=_groups(ready.heldout),
-    )
+    fit = _identified(arm, ready, model, options, known, say)
     unseen = [name for name in ready.heldout.target_names if name not in fit.robot.targets]
     if unseen:
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
@@ -218,8 +223,34 @@ def run(
         dict(ready.references),
         dict(ready.tool_shape),
         choice,
-        tuple(ready.notes + _doubts(nominal, fit, ready.fit, ready.heldout)),
+        tuple(ready.notes + _doubts(nominal, fit, ready.fit, ready.heldout) + _worth_knowing(fit, ready)),
         time.perf_counter() - started,
+    )
+
+
+def _identified(
+    arm: Arm,
+    ready: _Prepared,
+    model: str,
+    options: Options,
+    known: Mapping[str, FloatArray] | None,
+    say: Progress,
+) -> Fit | AveragedFit:
+    """The fit of a level, or the average of error models."""
+    if model == "auto":
+        motion = motion_of(ready.measurements, ready.fit)
+        return identify_averaged(arm, ready.fit, motion, known, options.seed, say)
+    return identify_by(
+        arm,
+        ready.fit,
+        checked("model", model, LEVELS),
+        method_of(options.method),
+        checked("objective", options.objective, OBJECTIVES),
+        options.power,
+        checked("loss", options.loss, LOSSES),
+        known_targets=known,
+        parameters=selected_parameters(model, options.free, options.hold, arm),
+        watched=_groups(ready.heldout),
     )
 
 
@@ -304,11 +335,38 @@ def _refuse_orientations(nominal: Fit, points: PointSet, source: str) -> None:
         )
 
 
-def _doubts(nominal: Fit, fit: Fit, fit_points: PointSet, heldout: PointSet) -> list[str]:
+def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
+    """Of an average: gears, joint ranges, whether its intervals hold, and whether readings lag."""
+    if not isinstance(fit, AveragedFit):
+        return []
+    notes = fit.sentences()
+    heldout = ready.heldout
+    if heldout.poses:
+        notes.append(
+            f"{fit.coverage(heldout):.0%} of the coordinates of held-out points lie within the intervals that are "
+            "predicted to hold 95 %."
+        )
+    lag = fit.lag()
+    if lag is None:
+        return notes
+    note = (
+        f"The joints of this file are readings from before the arm stood still: with a share of the last move free in "
+        f"each pose residuals fall by a factor of {fit.evidence.readings_gain:.1f}. The model is right at programmed "
+        "joints; errors at these readings are mostly theirs."
+    )
+    if heldout.poses:
+        motion = motion_of(ready.measurements if ready.verification is None else ready.verification, heldout)
+        at_programmed = replace(heldout, q=lag.programmed(fit.evidence, motion))
+        mean = float(distances(fit.robot, at_programmed).mean())
+        note += f" At joints estimated from the readings the held-out mean is {mean / MM:.3f} mm."
+    return [*notes, note]
+
+
+def _doubts(nominal: Fit, fit: Fit | AveragedFit, fit_points: PointSet, heldout: PointSet) -> list[str]:
     """What should make the user doubt the result, in sentences."""
     doubts = []
-    equations = 3 * fit.problem.rows
-    if fit.level != "nominal" and equations < FEW_EQUATIONS * fit.rank:
+    equations = 3 * nominal.problem.rows
+    if not isinstance(fit, AveragedFit) and fit.level != "nominal" and equations < FEW_EQUATIONS * fit.rank:
         doubts.append(
             f"Only {equations} equations for {fit.rank} identified combinations: measure more poses or choose a "
             "smaller model."
@@ -318,7 +376,7 @@ def _doubts(nominal: Fit, fit: Fit, fit_points: PointSet, heldout: PointSet) -> 
             f"The nominal robot misses the fitted points by {nominal.rms / MM:.3g} mm (rms), far more than industrial "
             "robots do: something other than the robot is wrong (references, joints, robot file)."
         )
-    if fit is not nominal and fit.level != "nominal" and heldout.poses:
+    if fit.level != "nominal" and heldout.poses:
         before, after = (distances(item.robot, heldout).mean() for item in (nominal, fit))
         if after >= before:
             doubts.append(

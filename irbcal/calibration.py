@@ -14,8 +14,10 @@ from irbcal.calibrating import Options, Progress
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, Saved
+from irbcal.files.choice_section import EvidenceChoice
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import Errors, Parameter, Record
+from irbcal.identification.averaged import groups_table, models_table
 from irbcal.measurement.cleaning import left_out
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
@@ -145,7 +147,9 @@ class Calibration(Speaks):
 
     def told(self) -> Sequence[Told]:
         """What ``irbcal calibrate`` prints, and the parameters."""
-        return [*self.verdict(), self.parameter_table()]
+        evidence = self.record.evidence
+        groups = [] if evidence is None else [(g.name, g.terms, g.seen, g.size) for g in evidence.groups]
+        return [*self.verdict(), *([groups_table(groups)] if groups else []), self.parameter_table()]
 
     def verdict(self) -> list[Told]:
         """Errors before and after, what was identified, what was held or left out, and what to doubt."""
@@ -164,6 +168,12 @@ class Calibration(Speaks):
         )
         if r.choice:
             told.append(r.choice.explanation)
+        if isinstance(r.choice, EvidenceChoice):
+            rows = [
+                (row.name, row.terms, row.log_evidence, row.weight, row.sigma_mm, row.leave_one_out_mm)
+                for row in r.choice.table
+            ]
+            told.append(models_table(rows))
         told += [f"  held: {sentence}" for sentence in r.held]
         if r.excluded:
             whole = f" ({r.poses_excluded} poses left out whole)" if r.poses_excluded else ""
@@ -284,7 +294,8 @@ def calibrate(
         URDF file or a robot's name, see `irbcal.robots`.
     model : str, optional
         Level: ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement``
-        (any serial arm); or ``auto``: chosen by cross-validation over the poses of the fit. By default ``34``, and
+        (any serial arm); ``auto``: the average of many error models by their evidence, docs/calibration-auto.md; or
+        ``best-level``: the level that cross-validation over the poses of the fit chooses. By default ``34``, and
         ``placement`` for arms that have not six revolute joints.
     holdout : float or int
         Fraction or number of poses that the fit does not see: 0.25 unless given; not with ``verify``.

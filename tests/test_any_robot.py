@@ -261,7 +261,7 @@ def test_arms_not_built_like_the_thesis_get_the_general_model(name, tmp_path):
     rng = np.random.default_rng(5)
     robot = random_robot(arm, "placement", rng, size=0.1)
     data = write_measurements(tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), 1e-5, rng))
-    for model in (None, "auto"):
+    for model in (None, "best-level"):
         outcome = outcome_of(data, example_robot(file), model, base_link=base, tip_link=tip)
         assert outcome.fit.level == "placement"
         assert distances(outcome.fit.robot, outcome.heldout_points).mean() < 4e-5

@@ -25,6 +25,7 @@ from irbcal.measurement import lists, table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling.joint_map import JointMap
 from irbcal.options import MOST_POSES, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.summary import Speaks, Told
@@ -292,9 +293,7 @@ def misses(run: Run, wanted: FloatArray, calibration: Record) -> FloatArray:
             f"the wanted program has {len(wanted)} poses, the simulated one {len(run.q)}", parameter="wanted"
         )
     robot = calibration.robot_calibrated()
-    robot = robot.replace(
-        arm=calibration.arm(calibrated=False), joint_map=type(robot.joint_map)(np.zeros(wanted.shape[1]))
-    )
+    robot = robot.replace(arm=calibration.arm(calibrated=False), joint_map=JointMap(np.zeros(wanted.shape[1])))
     xyz, places = run.xyz[:, : run.targets], calibration.reference_places()
     found = places and register(run.xyz[:, run.targets :], run.names[run.targets :], "simulated points", places)
     if found:

@@ -26,8 +26,8 @@ def calibrate(
     model: Annotated[
         Model | None,
         typer.Option(
-            help="Level of the error model (thesis, section 5.4); offsets, placement: for any arm; auto: by "
-            "cross-validation.",
+            help="Level of the error model (thesis, section 5.4); offsets, placement: for any arm; auto: the "
+            "average of many models by their evidence; best-level: chosen by cross-validation.",
             show_default="34; placement for other arms than six revolute joints",
         ),
     ] = None,

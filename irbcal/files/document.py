@@ -16,13 +16,13 @@ import numpy as np
 from irbcal import __version__
 from irbcal.arrays import FloatArray
 from irbcal.files import urdf, urdf_check
+from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
+from irbcal.files.joint_map_section import section_of
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import (
-    Choice,
     Correlation,
     DataFile,
     Errors,
-    JointMapSection,
     JointOrigin,
     Objective,
     Observability,
@@ -35,9 +35,9 @@ from irbcal.files.schema import (
     Record,
     RobotSection,
     Row,
-    TestVector,
 )
 from irbcal.files.urdf import UrdfArm
+from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.history import History
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice as LevelChoice
@@ -48,12 +48,12 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
-from irbcal.modeling.joint_map import FORMULA, JointMap
+from irbcal.modeling.joint_map import AnyJointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.units import DEG, MM
 
 SCHEMA = "irbcal-calibration-1"
-TEST_VECTORS = 5
 NORMAL_95 = 1.959964
 PLACE_DIGITS, JOINT_DIGITS, QUATERNION_DIGITS = 6, 9, 12
 """Decimals of measured places (mm), joints (degrees, mm) and quaternions: far below what is measured."""
@@ -85,7 +85,7 @@ def _placement(robot: Robot) -> Placement:
     return Placement(base=_pose(robot.T_world_base), targets=targets, target_quaternions=quaternions)
 
 
-def _objective(fit: Fit) -> Objective:
+def _objective(fit: Fit | AveragedFit) -> Objective:
     bound = fit.lower_bound
     return Objective(
         name=fit.objective,
@@ -94,7 +94,7 @@ def _objective(fit: Fit) -> Objective:
     )
 
 
-def _parameters(fit: Fit) -> list[Parameter]:
+def _parameters(fit: Fit | AveragedFit) -> list[Parameter]:
     return [
         Parameter(
             **vars(row),
@@ -105,7 +105,9 @@ def _parameters(fit: Fit) -> list[Parameter]:
     ]
 
 
-def _observability(fit: Fit) -> Observability:
+def _observability(fit: Fit | AveragedFit) -> Observability:
+    if isinstance(fit, AveragedFit):  # nothing is held: how much was seen stands with the groups of terms
+        return Observability(singular_values_mm=[], seen=fit.rank, indices={}, correlations=[])
     information = fit.solution.information
     names = [p.name for p in fit.problem.parameters]
     return Observability(
@@ -118,7 +120,9 @@ def _observability(fit: Fit) -> Observability:
     )
 
 
-def _choice(choice: LevelChoice | None) -> Choice | None:
+def _choice(choice: LevelChoice | None, fit: Fit | AveragedFit) -> Choice | EvidenceChoice | None:
+    if isinstance(fit, AveragedFit):
+        return EvidenceChoice.of(fit)
     if choice is None:
         return None
     return Choice(level=choice.level, table=[vars(row) for row in choice.table], explanation=choice.explanation)
@@ -129,36 +133,6 @@ def _history(history: History | None) -> dict[str, list[float]]:
         return {}
     columns = history.to_frame()
     return {str(name): [float(value) for value in columns[name]] for name in columns.columns}
-
-
-def _joint_map_section(joint_map: JointMap, arm: Arm) -> JointMapSection:
-    q = arm.random_joints(TEST_VECTORS, seed=1)
-    vectors = [
-        TestVector(commanded=row.tolist(), effective=effective.tolist())
-        for row, effective in zip(q, joint_map.effective(q), strict=True)
-    ]
-    a1, b1, a2, b2 = joint_map.fourier
-    equations = [f"theta_i = q_i + gain_i q_i for i = 1 ... {len(arm.joint_names)} (radians, metres)"]
-    if arm.six_revolute:
-        equations += [
-            "theta_2 += A sin(q_2 + phi2) + B sin(q_2 + q_3 + phi3)",
-            "theta_3 += B sin(q_2 + q_3 + phi3)",
-            "theta_6 += a1 cos(q_6) + b1 sin(q_6) + a2 cos(2 q_6) + b2 sin(2 q_6)",
-        ]
-    return JointMapSection(
-        formula=FORMULA,
-        equations=equations,
-        gain=joint_map.gain.tolist(),
-        stiffness_A_rad=joint_map.stiffness[0],
-        stiffness_B_rad=joint_map.stiffness[1],
-        phi2_rad=joint_map.phases[0],
-        phi3_rad=joint_map.phases[1],
-        fourier_a1_rad=a1,
-        fourier_b1_rad=b1,
-        fourier_a2_rad=a2,
-        fourier_b2_rad=b2,
-        test_vectors=vectors,
-    )
 
 
 def _limits(values: FloatArray, units: FloatArray) -> list[float | None]:
@@ -192,14 +166,27 @@ def _joint_origins(urdf_arm: UrdfArm, corrected: Arm) -> list[JointOrigin]:
     ]
 
 
-def _fingerprint(joint_origins: list[JointOrigin], joint_map: JointMap, files: Sequence[MeasurementSet]) -> str:
+def _fingerprint(joint_origins: list[JointOrigin], joint_map: AnyJointMap, files: Sequence[MeasurementSet]) -> str:
     """Of all that makes a calibration: geometry, joint map and data."""
     content = [
         [[item.joint, item.calibrated.xyz_m, item.calibrated.rpy_rad] for item in joint_origins],
-        [getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")],
+        _numbers(joint_map),
         [item.sha256 for item in files],
     ]
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]
+
+
+def _numbers(joint_map: AnyJointMap) -> list[Any]:
+    if isinstance(joint_map, TermJointMap):
+        return [joint_map.terms.to_json()]
+    return [getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")]
+
+
+def _covariance(fit: Fit | AveragedFit) -> list[list[float]]:
+    """Of an average, which has hundreds of terms, with nine digits."""
+    if not isinstance(fit, AveragedFit):
+        return fit.solution.information.covariance().tolist()
+    return [[float(f"{value:.9g}") for value in row] for row in fit.covariance()]
 
 
 def _errors(robot: Robot, points: PointSet) -> Errors | None:
@@ -332,15 +319,16 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         model=fit.level,
         method=fit.method,
         objective=_objective(fit),
-        choice=_choice(outcome.choice),
+        choice=_choice(outcome.choice, fit),
+        evidence=EvidenceSection.of(fit.evidence) if isinstance(fit, AveragedFit) else None,
         rank=fit.rank,
         parameter_count=fit.parameter_count,
         parameters=_parameters(fit),
-        covariance=fit.solution.information.covariance().tolist(),
+        covariance=_covariance(fit),
         held=fit.held(),
         observability=_observability(fit),
         history=_history(fit.history),
-        joint_map=_joint_map_section(robot.joint_map, robot.arm),
+        joint_map=section_of(robot.joint_map, robot.arm),
         placement=_placement(robot),
         placement_nominal=_placement(outcome.nominal.robot),
         tool_shape_mm=_in_mm(outcome.tool_shape),

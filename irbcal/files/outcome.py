@@ -7,6 +7,7 @@ from pathlib import Path
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.files.urdf import UrdfArm
+from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice
 from irbcal.measurement.cleaning import Exclusion
@@ -23,8 +24,10 @@ class Outcome:
     urdf : UrdfArm
         The nominal robot as read.
     robot_file : Path
-    fit, nominal : Fit
-        The level asked for, and base and tool alone, both on the poses of the fit.
+    fit : Fit or AveragedFit
+        The level asked for, or model ``auto``.
+    nominal : Fit
+        Base and tool alone, on the poses of the fit, too.
     fit_points, heldout_points : PointSet
         ``heldout_points`` may be empty.
     measurements : MeasurementSet
@@ -44,7 +47,7 @@ class Outcome:
 
     urdf: UrdfArm
     robot_file: Path
-    fit: Fit
+    fit: Fit | AveragedFit
     nominal: Fit
     fit_points: PointSet
     heldout_points: PointSet

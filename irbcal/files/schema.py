@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
-from pydantic_core import PydanticUndefined
+from pydantic import Field, StringConstraints, model_validator
 
 from irbcal.arrays import FloatArray
+from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
+from irbcal.files.joint_map_section import JointMapSection, TermMapSection
+from irbcal.files.section import Section
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -19,27 +21,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-    def __repr__(self) -> str:
-        parts = (f"{name}={_short(getattr(self, name))}" for name in type(self).model_fields)
-        return f"<{type(self).__name__}: {', '.join(parts)}>"
-
-    __str__ = __repr__
-
-
-def _short(value: Any) -> str:
-    """A value for the interpreter: what holds many is counted."""
-    if isinstance(value, BaseModel):
-        return f"<{type(value).__name__}>"
-    if isinstance(value, (list, tuple, dict)) and len(value) > 4:
-        return f"<{len(value)} items>"
-    text = repr(value)
-    return text if len(text) <= 80 else text[:79] + "…"
-
-
-class Statistics(_Model):
+class Statistics(Section):
     """Statistics of distances between measured and predicted points, mm."""
 
     n: int
@@ -50,7 +32,7 @@ class Statistics(_Model):
     rms_mm: float
 
 
-class Row(_Model):
+class Row(Section):
     """One row of a DHM table; ``beta`` is Hayati's tilt about y, ``b`` a shift along y."""
 
     alpha_deg: float
@@ -61,7 +43,7 @@ class Row(_Model):
     b_mm: float
 
 
-class Pose(_Model):
+class Pose(Section):
     """A frame: position and unit quaternion, scalar first."""
 
     x_mm: float
@@ -73,7 +55,7 @@ class Pose(_Model):
     qz: float
 
 
-class RobotSection(_Model):
+class RobotSection(Section):
     """The arm: names, limits (null where there is none) and the constant frames around the DHM chain.
 
     Joint types are ``revolute`` and ``prismatic``; limits are in degrees and mm.
@@ -94,7 +76,7 @@ class RobotSection(_Model):
     dhm_calibrated: list[Row]
 
 
-class Origin(_Model):
+class Origin(Section):
     """A joint frame in its parent link, as URDF has it: metres, and radians about fixed axes."""
 
     xyz_m: list[float]
@@ -110,7 +92,7 @@ class Origin(_Model):
         return frames.transform(frames.matrix_from_rpy(np.array(self.rpy_rad)), self.xyz_m)
 
 
-class JointOrigin(_Model):
+class JointOrigin(Section):
     """Nominal and calibrated origin of one joint of the chain; ``link`` is its child link."""
 
     joint: str
@@ -119,7 +101,7 @@ class JointOrigin(_Model):
     calibrated: Origin
 
 
-class Parameter(_Model):
+class Parameter(Section):
     """One identified, tied or held parameter; ``low`` to ``high`` is its 95 % interval."""
 
     name: str
@@ -132,31 +114,7 @@ class Parameter(_Model):
     reason: str
 
 
-class TestVector(_Model):
-    """Commanded joints and the effective joints they give, radians (metres for prismatic joints)."""
-
-    commanded: list[float]
-    effective: list[float]
-
-
-class JointMapSection(_Model):
-    """The joint map, complete enough to be implemented elsewhere."""
-
-    formula: Literal["irbcal-joint-map-1"]
-    equations: list[str]
-    gain: list[float]
-    stiffness_A_rad: float
-    stiffness_B_rad: float
-    phi2_rad: float
-    phi3_rad: float
-    fourier_a1_rad: float
-    fourier_b1_rad: float
-    fourier_a2_rad: float
-    fourier_b2_rad: float
-    test_vectors: list[TestVector]
-
-
-class Placement(_Model):
+class Placement(Section):
     """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
 
     base: Pose
@@ -164,7 +122,7 @@ class Placement(_Model):
     target_quaternions: dict[str, list[float]]
 
 
-class RotationStatistics(_Model):
+class RotationStatistics(Section):
     """Statistics of the angles between measured and predicted target frames, degrees."""
 
     n: int
@@ -173,7 +131,7 @@ class RotationStatistics(_Model):
     max_deg: float
 
 
-class Errors(_Model):
+class Errors(Section):
     """Statistics of one set of poses, all points, by target and by group; of orientations where measured."""
 
     all: Statistics
@@ -182,7 +140,7 @@ class Errors(_Model):
     per_group: dict[str, Statistics]
 
 
-class PointTable(_Model):
+class PointTable(Section):
     """Every used point, column by column: what the report's figures are drawn from.
 
     ``row`` counts the poses of `PoseTable`; places are in the measuring frame; uncertainties and orientations (unit
@@ -195,28 +153,28 @@ class PointTable(_Model):
     heldout: list[bool]
     nominal_mm: list[float]
     calibrated_mm: list[float]
-    row: list[int] = []
-    x_mm: list[float] = []
-    y_mm: list[float] = []
-    z_mm: list[float] = []
-    u95_mm: list[float | None] = []
-    qw: list[float | None] = []
-    qx: list[float | None] = []
-    qy: list[float | None] = []
-    qz: list[float | None] = []
+    row: list[int] = Field(default_factory=list)
+    x_mm: list[float] = Field(default_factory=list)
+    y_mm: list[float] = Field(default_factory=list)
+    z_mm: list[float] = Field(default_factory=list)
+    u95_mm: list[float | None] = Field(default_factory=list)
+    qw: list[float | None] = Field(default_factory=list)
+    qx: list[float | None] = Field(default_factory=list)
+    qy: list[float | None] = Field(default_factory=list)
+    qz: list[float | None] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _of_one_length(self) -> PointTable:
         n = len(self.pose)
         for name in type(self).model_fields:
             column: list[Any] = getattr(self, name)
-            added_later = type(self).model_fields[name].default is not PydanticUndefined
+            added_later = not type(self).model_fields[name].is_required()
             if len(column) != n and not (added_later and not column):
                 raise ValueError(f"column {name} has {len(column)} values for {n} points")
         return self
 
 
-class PoseTable(_Model):
+class PoseTable(Section):
     """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
 
     ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
@@ -238,7 +196,7 @@ class PoseTable(_Model):
         return self
 
 
-class Exclusion(_Model):
+class Exclusion(Section):
     """A point that was left out, with the reason."""
 
     pose: str
@@ -246,7 +204,7 @@ class Exclusion(_Model):
     reason: str
 
 
-class Objective(_Model):
+class Objective(Section):
     """What was minimised and what was reached."""
 
     name: Literal["rms", "max", "pnorm"]
@@ -254,7 +212,7 @@ class Objective(_Model):
     lower_bound_mm: float | None
 
 
-class Correlation(_Model):
+class Correlation(Section):
     """Two parameters that the data can hardly tell apart."""
 
     first: str
@@ -262,7 +220,7 @@ class Correlation(_Model):
     coefficient: float
 
 
-class Observability(_Model):
+class Observability(Section):
     """What the poses can show of the error parameters, base and targets eliminated.
 
     Singular values (mm) are those of the Jacobian scaled by plausible sizes; ``indices`` are O1 to O5 and the condition
@@ -275,26 +233,7 @@ class Observability(_Model):
     correlations: list[Correlation]
 
 
-class Candidate(_Model):
-    """A level in the comparison by cross-validation."""
-
-    level: str
-    mean_mm: float | None
-    gain_mm: float | None
-    gain_std_mm: float | None
-    chosen: bool
-    refused: str
-
-
-class Choice(_Model):
-    """How the level was chosen."""
-
-    level: str
-    table: list[Candidate]
-    explanation: str
-
-
-class DataFile(_Model):
+class DataFile(Section):
     """A data file and its fingerprint; ``programmed``: it has programmed joints, which the model takes."""
 
     file: str
@@ -302,7 +241,7 @@ class DataFile(_Model):
     programmed: bool = False
 
 
-class Check(_Model):
+class Check(Section):
     """Largest disagreement with Pinocchio and yourdfpy on the written URDF."""
 
     position_m: float
@@ -311,7 +250,7 @@ class Check(_Model):
     yourdfpy_poses: int = 0
 
 
-class Record(_Model):
+class Record(Section):
     """Content of ``calibration.json``.
 
     ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map and the data files.
@@ -329,7 +268,8 @@ class Record(_Model):
     model: str
     method: str
     objective: Objective
-    choice: Choice | None
+    choice: Choice | EvidenceChoice | None
+    evidence: EvidenceSection | None = None
     rank: int
     parameter_count: int
     parameters: list[Parameter]
@@ -337,7 +277,7 @@ class Record(_Model):
     held: list[str]
     observability: Observability
     history: dict[str, list[float]]
-    joint_map: JointMapSection
+    joint_map: Annotated[JointMapSection | TermMapSection, Field(union_mode="left_to_right")]
     placement: Placement
     placement_nominal: Placement
     references_mm: dict[str, list[float]]
@@ -408,13 +348,7 @@ class Record(_Model):
 
     def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints."""
-        j = self.joint_map
-        joint_map = JointMap(
-            np.array(j.gain),
-            np.array([j.stiffness_A_rad, j.stiffness_B_rad]),
-            np.array([j.phi2_rad, j.phi3_rad]),
-            np.array([j.fourier_a1_rad, j.fourier_b1_rad, j.fourier_a2_rad, j.fourier_b2_rad]),
-        )
+        joint_map = self.joint_map.joint_map(self.arm(calibrated=False))
         return Robot(self.arm(), joint_map, *_placed(self.placement))
 
     def robot_nominal(self) -> Robot:

@@ -24,8 +24,8 @@ Loss: TypeAlias = Literal["linear", "soft_l1", "huber"]
 
 RobustLoss: TypeAlias = Literal["soft_l1", "huber"]
 
-Model: TypeAlias = Literal["nominal", "11", "16", "26", "34", "34b", "offsets", "placement", "auto"]
-"""A level, or that which cross-validation chooses."""
+Model: TypeAlias = Literal["nominal", "11", "16", "26", "34", "34b", "offsets", "placement", "auto", "best-level"]
+"""A level; the average of error models by their evidence (``auto``); or the level that cross-validation chooses."""
 
 Parallel: TypeAlias = Literal["hayati", "forced"]
 """What becomes of nearly parallel axes: the tilt between them is kept, or they get one direction."""

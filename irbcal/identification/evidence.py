@@ -65,7 +65,7 @@ def identify_evidence(
     terms : str
         ``joint-map`` or ``all``, see `irbcal.identification.dictionaries`.
     gear_scan : bool
-        Look for single high harmonics.
+        Look for single high harmonics, unless the best dictionary has long series of them.
     seed : int
         Of the poses on which dictionaries are compared where there are more than `COMPARED`.
     known_targets : dict of str to ndarray, shape (3,), optional
@@ -222,7 +222,9 @@ class _Work:
     def scan(self, say: Progress) -> list[gear_scan.Found]:
         """Frequencies beyond the best dictionary; their terms join the superset and all dictionaries with weight."""
         best = max(self.compared, key=lambda item: item.weight)
-        if best.by_fit is None:
+        if best.by_fit is None or best.dictionary.bands:
+            # beside long series single harmonics are accidents: on a UR10 they took the held-out mean from 0.134 to
+            # 0.141 mm and the intervals' coverage from 96 to 92 %
             return []
         part = self.sums.part(best.dictionary.columns(self.linear.flat))
         found = gear_scan.scan(self.linear, best.dictionary, part, (best.by_evidence, best.by_fit), say)

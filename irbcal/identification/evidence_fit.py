@@ -317,16 +317,17 @@ class EvidenceFit(Speaks):
 
     def gear_sentences(self) -> list[str]:
         """What the scan found, in words."""
+        return [
+            f"Joint {gear.joint + 1} swings by {self.amplitude(gear) / DEG:.4f} degrees {gear.cycles_per_turn} times a "
+            f"turn (chi2 {gear.chi2:.0f})."
+            for gear in self.gears
+        ]
+
+    def amplitude(self, gear: GearFound) -> float:
+        """By how much a gear turns its joint to and fro, radians."""
         by_name = {t.name: c for t, c in zip(self.terms, self.coefficients, strict=True)}
-        out = []
-        for gear in self.gears:
-            pair = [by_name[f"rz{gear.joint + 1} {wave} {gear.cycles_per_turn}"] for wave in ("cos", "sin")]
-            size = float(np.hypot(*pair))
-            out.append(
-                f"Joint {gear.joint + 1} swings by {size / DEG:.4f} degrees {gear.cycles_per_turn} times a turn "
-                f"(chi2 {gear.chi2:.0f})."
-            )
-        return out
+        pair = [by_name[f"rz{gear.joint + 1} {wave} {gear.cycles_per_turn}"] for wave in ("cos", "sin")]
+        return float(np.hypot(*pair))
 
     def poses_at(self, q: FloatArray, previous: FloatArray | None = None) -> FloatArray:
         """Tip poses in the base link at commanded joints (n, joints), shape (n, 4, 4)."""

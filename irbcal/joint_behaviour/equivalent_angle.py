@@ -70,7 +70,8 @@ def predicted_series(series: Series, robot: Robot, stiffness: ArrayLike) -> Floa
         Radians, zero where the measured ones are.
     """
     points = series.points
-    phases = robot.joint_map.phases
+    own = robot.joint_map
+    phases = own.phases if isinstance(own, JointMap) else JointMap().phases
     bent = robot.replace(joint_map=JointMap(np.zeros(points.q.shape[1]), np.asarray(stiffness, dtype=float), phases))
     modelled = replace(points, xyz=points.predicted(bent))
     return one_series(modelled, np.full(points.poses, np.nan), series.joint, series.name).angle

@@ -8,7 +8,7 @@ other poses; both follow from the hat matrix without fitting again.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,7 @@ from irbcal.identification.residuals import Problem, State
 from irbcal.joint_behaviour.terms import Kind, Term, quantile
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import parameters
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 
 UNSEEN = 1e-6
@@ -55,8 +56,11 @@ class Linearised:
         maps = [name for name in parameters.all_names(arm) if not name.startswith("delta_")]
         names = list(dict.fromkeys([*geometry, *turns, *maps]))
         chosen = tuple(parameters.parameter(name) for name in names)
-        held = [getattr(robot.joint_map, p.kind)[p.index] if p.name in maps else 0.0 for p in chosen]
-        problem = Problem(arm, points, chosen, robot.joint_map.phases)
+        own, seen = robot.joint_map, points
+        if not isinstance(own, JointMap):  # a map of other terms: held as it is, the thesis's terms come on top of it
+            seen, own = replace(points, q=own.effective(points.q)), JointMap(np.zeros(joints))
+        held = [getattr(own, p.kind)[p.index] if p.name in maps else 0.0 for p in chosen]
+        problem = Problem(arm, seen, chosen, own.phases)
         targets = np.array([robot.targets[name] for name in points.target_names])
         rotations = np.array([robot.target_rotations.get(name, np.eye(3)) for name in points.target_names])
         state = State(robot.T_world_base, targets, np.array(held), rotations)
@@ -73,7 +77,7 @@ class Linearised:
         self.maps = {name: column[name] for name in maps}
         self.value = {p.name: value for p, value in zip(chosen, held, strict=True) if p.name in maps}
         self.geometry = np.column_stack([J[:, : problem.outer], *(column[name] for name in geometry)])
-        active = {p.kind for p in chosen if p.name in maps and getattr(robot.joint_map, p.kind).any()}
+        active = {p.kind for p in chosen if p.name in maps and getattr(own, p.kind).any()}
         self.active = [p.name for p in chosen if p.name in maps and p.kind in active]
         self.beside = np.zeros((len(self.r), 0))
         self._bases: dict[tuple[tuple[str, ...], bool] | None, FloatArray] = {}

@@ -21,6 +21,7 @@ The four stiffness parameters of the thesis act through ``A`` and ``B`` alone
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -138,6 +139,44 @@ class Stiffness:
         return replace(changed, delta_L=float((self.L_1 + self.L_2) * np.sin(angle)))
 
 
+class AnyJointMap(Protocol):
+    """From commanded to effective joints: the thesis's `JointMap`, or a sum of terms.
+
+    A sum of terms is an `irbcal.modeling.terms.term_joint_map.TermJointMap`. ``previous`` is the stop before, as
+    commanded: maps that have no use for it ignore it, the others take the last move as unknown where it is not given.
+    """
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether effective and commanded joints are the same."""
+        ...
+
+    @property
+    def in_words(self) -> str:
+        """What the map does, in a few words."""
+        ...
+
+    def effective(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+        """Effective joints, shape (n, joints)."""
+        ...
+
+    def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+        """Derivative of the effective by the commanded joints, shape (n, joints, joints)."""
+        ...
+
+    def jacobian_derivative(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
+        """Time derivative of `jacobian` at joint speeds ``dq``, shape (n, joints, joints)."""
+        ...
+
+    def commanded(self, theta: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+        """Commanded joints that give effective ones, shape (n, joints)."""
+        ...
+
+    def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """A box of effective joints whose commands all respect joint limits."""
+        ...
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class JointMap:
     """Commanded to effective joints; stiffness and Fourier series are for arms with six revolute joints.
@@ -193,13 +232,15 @@ class JointMap:
         ]
         return f"joint map with {', '.join(parts)}"
 
-    def effective(self, q: ArrayLike) -> FloatArray:
+    def effective(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
         """Effective joints: the formula of this module (Nubiola 2011, eqs. 3.31, 5.8, 5.14 and 5.15).
 
         Parameters
         ----------
         q : ndarray, shape (n, joints)
             Commanded joints, radians (metres for prismatic joints).
+        previous : ndarray, optional
+            The stop before, see `AnyJointMap`: this map does not depend on it, here and below.
 
         Returns
         -------
@@ -217,7 +258,7 @@ class JointMap:
             theta[:, 5] += self.fourier @ fourier_terms(q)
         return theta
 
-    def jacobian(self, q: ArrayLike) -> FloatArray:
+    def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
         """Derivative of the effective by the commanded angles.
 
         Parameters
@@ -343,7 +384,7 @@ class JointMap:
         stiffness = np.array([A, np.copysign(np.hypot(B, C), B)])
         return replace(self, stiffness=stiffness, phases=self.phases + np.array([0.0, turn]))
 
-    def commanded(self, theta: ArrayLike) -> FloatArray:
+    def commanded(self, theta: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
         """Commanded angles that give these effective angles: the inverse of `effective`.
 
         Newton's iteration with the exact Jacobian; the map is within a few milliradians of the identity,

@@ -13,7 +13,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.joint_map import AnyJointMap, JointMap
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,7 +27,8 @@ class Robot:
     ----------
     arm : Arm
         Geometry (nominal or calibrated).
-    joint_map : JointMap
+    joint_map : JointMap or TermJointMap
+        The thesis's, or a sum of terms.
     T_world_base : ndarray, shape (4, 4)
         The base link in the measuring frame ("world").
     targets : dict of str to ndarray, shape (3,)
@@ -37,7 +38,7 @@ class Robot:
     """
 
     arm: Arm
-    joint_map: JointMap = field(default_factory=JointMap)
+    joint_map: AnyJointMap = field(default_factory=JointMap)
     T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
     targets: Mapping[str, FloatArray] = field(default_factory=dict)
     target_rotations: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -75,9 +76,12 @@ class Robot:
         """
         return self.forward(self.arm.check_joints(q))
 
-    def forward(self, q: ArrayLike) -> FloatArray:
-        """As `poses`, of joints (n, joints) that may be anything: for iterations, and for trying other units."""
-        return self.arm.forward(self.joint_map.effective(q))
+    def forward(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+        """As `poses`, of joints (n, joints) that may be anything: for iterations, and for trying other units.
+
+        With the stops before, ``previous`` (n, joints), where they are known and the joint map depends on them.
+        """
+        return self.arm.forward(self.joint_map.effective(q, previous))
 
     def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.

@@ -32,7 +32,7 @@ from irbcal.files.opening import open_robot
 from irbcal.files.urdf_check import LIMIT, ArmInModel
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm, relative_difference
-from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.joint_map import AnyJointMap, JointMap
 from irbcal.planners import jacobians, payload
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
 from irbcal.summary import Speaks, Table, Told
@@ -58,7 +58,7 @@ class CalibratedModel(Speaks):
         The corrected URDF.
     arm : Arm
         The calibrated arm in it.
-    joint_map : JointMap
+    joint_map : JointMap or TermJointMap
         From commanded to effective joints; the identity unless given.
     tip_frames : dict of str to ndarray, shape (4, 4)
         Frames to add to the model, each by its place in the tip link ``T_tip_frame``; names that the URDF has are
@@ -82,7 +82,7 @@ class CalibratedModel(Speaks):
 
     urdf: bytes
     arm: Arm
-    joint_map: JointMap = field(default_factory=JointMap)
+    joint_map: AnyJointMap = field(default_factory=JointMap)
     tip_frames: Mapping[str, FloatArray] = field(default_factory=dict)
     rest: FloatArray | None = None
     model: pin.Model = field(init=False)

@@ -12,7 +12,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import JointMap, Stiffness
+from irbcal.modeling.joint_map import AnyJointMap, JointMap, Stiffness
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def with_payload(
-    joint_map: JointMap,
+    joint_map: AnyJointMap,
     arm: Arm,
     model: pin.Model,
     arm_in_model: ArmInModel,
@@ -36,6 +36,7 @@ def with_payload(
     Parameters
     ----------
     joint_map : JointMap
+        Of one of the thesis's levels.
     arm : Arm
         The calibrated arm.
     model : pinocchio.Model
@@ -53,10 +54,12 @@ def with_payload(
     Raises
     ------
     RobotError
-        If the arm has not six revolute joints, the joint map no stiffness, or the URDF no masses.
+        If the arm has not six revolute joints, the joint map is not the thesis's or has no stiffness, or the URDF
+        no masses.
     """
     import pinocchio as pin
 
+    joint_map = _of_the_thesis(joint_map)
     if not arm.six_revolute:
         raise RobotError(f"the arm-stiffness model is for six revolute joints, {arm.name} has others")
     theta = np.zeros(6)
@@ -95,3 +98,13 @@ def with_payload(
     guess = replace(Stiffness.guess(L_1, L_2), L_G1=L_G1, m=fore / upper)
     lever = float(along_fore @ payload), float(across_fore @ payload)
     return joint_map.with_payload(guess, delta_kg, upper, *lever)
+
+
+def _of_the_thesis(joint_map: AnyJointMap) -> JointMap:
+    if not isinstance(joint_map, JointMap):
+        raise RobotError(
+            "the effect of another payload follows from the stiffness of the thesis's levels, which this joint map of "
+            "terms has not: calibrate with model 34 or 34b, or with the payload that the robot will carry",
+            parameter="delta_kg",
+        )
+    return joint_map

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from irbcal.figures import charts
 from irbcal.figures.charts import Figure, fixed
-from irbcal.files.schema import Errors, Exclusion, JointMapSection, Parameter, Record, RobotSection
+from irbcal.files.joint_map_section import JointMapSection, TermMapSection
+from irbcal.files.schema import Errors, Exclusion, Parameter, Record, RobotSection
 from irbcal.reports import report_data
+from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     from irbcal.joint_behaviour.approach import Approach
@@ -76,6 +78,8 @@ def render(calibration: Record, evidence: Evidence | None = None) -> str:
         dhm_rows=list(zip(robot.joint_names, robot.dhm_nominal, robot.dhm_calibrated, strict=True)),
         identity=calibration.robot_calibrated().joint_map.is_identity,
         coefficients=_coefficients(calibration.joint_map),
+        gears=_gears(calibration),
+        joint_ranges=_joint_ranges(calibration),
         left_out=_left_out(calibration.excluded),
     )
 
@@ -180,8 +184,29 @@ def _dhm_columns(robot: RobotSection) -> list[tuple[str, str, str]]:
     return columns
 
 
-def _coefficients(joint_map: JointMapSection) -> list[tuple[str, str, float, str, float | None]]:
-    """Symbol, name in the file, value, unit and value in degrees of each coefficient."""
+def _gears(c: Record) -> list[str]:
+    """Single waves that were found, in words."""
+    return [
+        f"joint {gear.joint} swings by {gear.amplitude_deg:.4f} degrees {gear.cycles_per_turn} times a turn"
+        for gear in (c.evidence.gears if c.evidence else ())
+    ]
+
+
+def _joint_ranges(c: Record) -> list[tuple[str, float, float, str]]:
+    """Joint, smallest and largest value and unit of a joint map that knows its ranges."""
+    if isinstance(c.joint_map, JointMapSection):
+        return []
+    units = [("mm", MM) if kind == "prismatic" else ("deg", DEG) for kind in c.robot.joint_types]
+    return [
+        (joint, low / size, high / size, unit)
+        for joint, low, high, (unit, size) in zip(c.robot.joint_names, *c.joint_map.ranges, units, strict=True)
+    ]
+
+
+def _coefficients(joint_map: JointMapSection | TermMapSection) -> list[tuple[str, str, float, str, float | None]]:
+    """Symbol, name in the file, value, unit and value in degrees of each coefficient of the thesis's map."""
+    if isinstance(joint_map, TermMapSection):
+        return []
     rows: list[tuple[str, str, float, str, float | None]] = [
         (f"gain_{i + 1}", f"gain[{i}]", value, "1", None) for i, value in enumerate(joint_map.gain)
     ]

@@ -189,4 +189,4 @@ def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verifi
 
 def replace_geometry(robot: Robot, nominal: Arm) -> Robot:
     """The robot that would have the nominal arm (Nubiola 2011, eq. 7.1) on the same base with the same tool."""
-    return robot.replace(arm=nominal, joint_map=JointMap(0.0 * robot.joint_map.gain))
+    return robot.replace(arm=nominal, joint_map=JointMap(np.zeros(len(nominal.joint_names))))

@@ -22,6 +22,7 @@ from irbcal.measurement.registration import base_on
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.options import checked, place
 from irbcal.options import seed as check_seed
 from irbcal.units import MM
@@ -31,6 +32,9 @@ from irbcal.validation.prepared import Prepared, prepare
 
 if TYPE_CHECKING:
     pass
+
+OUTSIDE = 0.01
+"""Degrees or millimetres beyond the joint ranges of a fit that still count as within."""
 
 RELATIVE = ("virtual", "three-points")
 
@@ -180,7 +184,22 @@ def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
     notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
     if seen.sha256 in {item.sha256 for item in record.data}:
         notes += ("This file was used for the calibration: fitted poses among these are no proof of accuracy.",)
-    return notes
+    return (*notes, *_outside_ranges(ready.points, record))
+
+
+def _outside_ranges(points: PointSet, record: Record) -> list[str]:
+    """How many poses lie beyond the joint ranges of a joint map that knows them, joint by joint."""
+    joint_map = record.robot_calibrated().joint_map
+    if not isinstance(joint_map, TermJointMap):
+        return []
+    beyond = np.abs(joint_map.outside(points.q)) > OUTSIDE * record.arm().joint_units
+    counts = [f"{record.robot.joint_names[j]}: {n}" for j, n in enumerate(beyond.sum(axis=0)) if n]
+    if not counts:
+        return []
+    return [
+        f"{int(beyond.any(axis=1).sum())} of {points.poses} poses lie outside the joint ranges of the calibration's "
+        f"fit ({', '.join(counts)}): poses outside these ranges are extrapolated, and errors there can be far larger."
+    ]
 
 
 def _known(values: Statistics | None) -> Statistics:

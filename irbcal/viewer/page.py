@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.figures.colours import ERRORS
+from irbcal.modeling.joint_map import AnyJointMap, JointMap
+from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.units import DEG, MM
 from irbcal.viewer.scene import Drawn, Model, Points, Scene
 
@@ -81,7 +83,6 @@ def content(scene: Scene) -> dict[str, Any]:
     lower = np.where(np.isfinite(arm.lower), arm.lower, np.where(scene.prismatic, -1.0, -np.pi))
     upper = np.where(np.isfinite(arm.upper), arm.upper, np.where(scene.prismatic, 1.0, np.pi))
     groups, group = np.unique(scene.groups.astype(str), return_inverse=True)
-    joint_map = robot.joint_map
     return {
         "title": scene.title,
         "simulated": scene.simulated,
@@ -98,12 +99,7 @@ def content(scene: Scene) -> dict[str, Any]:
             "lower": lower.tolist(),
             "upper": upper.tolist(),
         },
-        "joint_map": {
-            "gain": np.asarray(joint_map.gain).tolist(),
-            "stiffness": np.asarray(joint_map.stiffness).tolist(),
-            "phases": np.asarray(joint_map.phases).tolist(),
-            "fourier": np.asarray(joint_map.fourier).tolist(),
-        },
+        "joint_map": _joint_map(robot.joint_map),
         "poses": {
             "ids": [str(name) for name in scene.pose_ids],
             "groups": groups.tolist(),
@@ -121,6 +117,14 @@ def content(scene: Scene) -> dict[str, Any]:
         "magnification": scene.magnification,
         "scale": {"top_mm": scene.scale_top / MM, "colours": ERRORS},
     }
+
+
+def _joint_map(joint_map: AnyJointMap) -> dict[str, Any]:
+    """The coefficients for the sliders; of a map of terms gains, waves and levers, with the nominal arm's frames."""
+    if isinstance(joint_map, TermJointMap):
+        return joint_map.static_parts()
+    assert isinstance(joint_map, JointMap)
+    return {name: getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")}
 
 
 def _drawn(drawn: Drawn) -> dict[str, Any]:

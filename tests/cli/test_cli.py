@@ -276,7 +276,7 @@ def test_largest_error_with_its_certificate(data, tmp_path):
 
 
 def test_level_chosen_by_cross_validation(data, tmp_path):
-    result, loaded = calibrated(data, tmp_path / "out", "--model", "auto")
+    result, loaded = calibrated(data, tmp_path / "out", "--model", "best-level")
     assert result["model"] == "34"
     assert [row["level"] for row in result["choice"]["table"]][:2] == ["nominal", "11"]
     assert loaded.choice.explanation in (tmp_path / "out" / "report.html").read_text()

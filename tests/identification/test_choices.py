@@ -12,7 +12,7 @@ from irbcal.modeling import parameters
 
 def test_names_are_those_of_the_code():
     assert set(choices.LEVELS) == {*parameters.THESIS_LEVELS, *parameters.GENERAL_LEVELS}
-    assert (*choices.LEVELS, "auto") == choices.MODELS
+    assert (*choices.LEVELS, "auto", "best-level") == choices.MODELS
     assert ("linear", *robust.LOSSES) == choices.LOSSES
     assert tuple(cone_program.SOLVERS) == ("numpy", "clarabel")
     assert choices.METHODS == ("least-squares", "circles", "nelder-mead")

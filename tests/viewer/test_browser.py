@@ -6,9 +6,12 @@ import time
 import numpy as np
 import pandas as pd
 import pytest
+from support import arm, random_robot, write_measurements
+from support import measured as simulated
 
 import irbcal
 from irbcal.modeling import frames
+from irbcal.modeling.joint_map import JointMap
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -192,6 +195,34 @@ def test_joint_sliders(browser, cell, tmp_path):
         frames.apply(view.scene.T_scene_world, view.scene.robot.points(q, name))[0] for name in view.scene.targets
     ]
     assert np.abs(sight[:, 3, :3] - view.scene.T_scene_world[:3, 3]).max() < 1e-6
+    assert np.abs((np.array([0, 1, 0, 1]) @ sight)[:, :3] - targets).max() < 1e-6
+    page.check_silence()
+
+
+def test_joint_sliders_of_a_map_of_terms(browser, tmp_path):
+    robot = arm("irb120")
+    truth = random_robot(robot, "34", np.random.default_rng(5))
+    points = simulated(truth, robot.random_joints(60, 1), 2e-5, np.random.default_rng(6))
+    made = irbcal.calibrate(write_measurements(tmp_path / "m.csv", points), "irb120", "auto", holdout=5)
+    made.save(tmp_path / "cal")
+    view = irbcal.view.show(tmp_path / "cal")
+    page = Opened(browser, view.save(tmp_path / "view.html"), width=500, height=500)
+    q = np.array([[0.5, -0.4, 0.3, 1.0, -0.8, 2.0]])
+    for k, value in enumerate(q[0]):
+        page(
+            f"(() => {{const s = document.getElementById('joint-{k}'); s.value = {value};"
+            "s.dispatchEvent(new Event('input'))})()"
+        )
+    assert not view.scene.robot.joint_map.is_identity
+    sight = np.array(page("Array.from(irbcalView.body.sight.instanceMatrix.array)")).reshape(-1, 4, 4)
+    targets = [
+        frames.apply(view.scene.T_scene_world, view.scene.robot.points(q, name))[0] for name in view.scene.targets
+    ]
+    plain = [
+        frames.apply(view.scene.T_scene_world, view.scene.robot.replace(joint_map=JointMap()).points(q, name))[0]
+        for name in view.scene.targets
+    ]
+    assert np.abs(np.array(targets) - plain).max() > 1e-4
     assert np.abs((np.array([0, 1, 0, 1]) @ sight)[:, :3] - targets).max() < 1e-6
     page.check_silence()
 

@@ -1,0 +1,133 @@
+"""How the error model was chosen, in ``calibration.json``: by cross-validation, or as an average by evidence."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from irbcal.files.section import Section
+from irbcal.identification.averaged import AveragedFit
+from irbcal.identification.evidence_fit import EvidenceFit
+from irbcal.units import DEG, MM
+
+
+class Candidate(Section):
+    """A level in the comparison by cross-validation."""
+
+    level: str
+    mean_mm: float | None
+    gain_mm: float | None
+    gain_std_mm: float | None
+    chosen: bool
+    refused: str
+
+
+class Choice(Section):
+    """How the level was chosen."""
+
+    level: str
+    table: list[Candidate]
+    explanation: str
+
+
+class Dictionary(Section):
+    """An error model in the comparison by evidence: ``terms`` counts base and targets, too.
+
+    ``log_evidence`` is in nats; residual and leave-one-pose-out error (mm) are null for models without weight.
+    """
+
+    name: str
+    terms: int
+    log_evidence: float
+    weight: float
+    sigma_mm: float | None
+    leave_one_out_mm: float | None
+
+
+class EvidenceChoice(Section):
+    """Which error models were averaged."""
+
+    level: Literal["auto"]
+    table: list[Dictionary]
+    explanation: str
+
+    @staticmethod
+    def of(fit: AveragedFit) -> EvidenceChoice:
+        """The comparison of a fit."""
+        rows = [
+            Dictionary(
+                name=row.name,
+                terms=row.terms,
+                log_evidence=row.log_evidence,
+                weight=row.weight,
+                sigma_mm=None if row.sigma is None else row.sigma / MM,
+                leave_one_out_mm=None if row.loo is None else row.loo / MM,
+            )
+            for row in fit.evidence.dictionaries
+        ]
+        return EvidenceChoice(level="auto", table=rows, explanation=fit.explanation())
+
+
+class Group(Section):
+    """A group of terms with one variance: ``seen`` of its coefficients are determined by the data.
+
+    ``size`` is the standard deviation that its coefficients have before the data, in natural sizes.
+    """
+
+    name: str
+    terms: int
+    seen: float
+    size: float
+
+
+class Gear(Section):
+    """A single high harmonic that was found; joints count from 1."""
+
+    joint: int
+    cycles_per_turn: int
+    amplitude_deg: float
+    chi2: float
+    evidence_gain: float
+
+
+class EvidenceSection(Section):
+    """What is known of an average of error models beside its parameters.
+
+    Leave-one-out errors are root mean squares by target, under the empty name for all: of single poses, and of
+    contiguous fifths of the poses. ``warm_up_tau`` is in poses.
+    """
+
+    terms: str
+    poses: int
+    sigma_mm: float
+    leave_one_out_mm: dict[str, float]
+    leave_fifths_out_mm: dict[str, float]
+    groups: list[Group]
+    gears: list[Gear]
+    warm_up_tau: float | None
+    readings_gain: float | None
+    readings_lag: bool
+
+    @staticmethod
+    def of(fit: EvidenceFit) -> EvidenceSection:
+        """The section of a fit."""
+        return EvidenceSection(
+            terms=fit.kind,
+            poses=fit.poses,
+            sigma_mm=fit.sigma / MM,
+            leave_one_out_mm={name: value / MM for name, value in fit.loo.items()},
+            leave_fifths_out_mm={name: value / MM for name, value in fit.loo_blocks.items()},
+            groups=[Group(**vars(group)) for group in fit.groups],
+            gears=[
+                Gear(
+                    joint=gear.joint + 1,
+                    cycles_per_turn=gear.cycles_per_turn,
+                    amplitude_deg=fit.amplitude(gear) / DEG,
+                    chi2=gear.chi2,
+                    evidence_gain=gear.evidence_gain,
+                )
+                for gear in fit.gears
+            ],
+            warm_up_tau=fit.tau,
+            readings_gain=fit.readings_gain,
+            readings_lag=fit.readings_projected,
+        )

@@ -1,0 +1,292 @@
+"""The robot that an average of error models describes: model ``auto``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import IdentificationError
+from irbcal.identification import dictionaries
+from irbcal.identification.evidence import Progress, identify_evidence
+from irbcal.identification.evidence_fit import EvidenceFit
+from irbcal.identification.readings import Lag, lag
+from irbcal.identification.result import ParameterReport
+from irbcal.measurement.points import PointSet, distances
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import MM, UNIT_OUTSIDE
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FEWEST = 10
+"""Poses below which there is nothing to compare."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AveragedFit(Speaks):
+    """An identified robot as the average of error models, with what the identification knows about itself.
+
+    It has the names of `irbcal.identification.result.Fit` that a saved calibration needs.
+
+    Attributes
+    ----------
+    evidence : EvidenceFit
+    points : PointSet
+        Those of the fit.
+    motion : Motion
+        Of their poses.
+    level, method, objective : str
+    value, lower_bound, least_squares, history : None
+        What other ways to identify have.
+    """
+
+    evidence: EvidenceFit
+    points: PointSet
+    motion: Motion
+    level: Literal["auto"] = "auto"
+    method: Literal["evidence"] = "evidence"
+    objective: Literal["rms"] = "rms"
+    value: None = None
+    lower_bound: None = None
+    least_squares: None = None
+    history: None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The calibrated robot, warm, with a joint map of terms."""
+        found = self.evidence
+        joint_map = TermJointMap(found.term_map(), found.joint_ranges)
+        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations)
+
+    @property
+    def _flat(self) -> int:
+        return len(self.evidence.covariance) - len(self.evidence.terms)
+
+    @property
+    def _used(self) -> list[int]:
+        """Terms that are left at use: all but the warm-up."""
+        return [k for k, term in enumerate(self.evidence.terms) if term.family != "warm_up"]
+
+    @property
+    def rank(self) -> int:
+        """Number of coefficients that the data determine, base and targets included, rounded."""
+        return self._flat + round(sum(group.seen for group in self.evidence.groups if group.name != "warm_up"))
+
+    @property
+    def parameter_count(self) -> int:
+        """Number of parameters, base and targets included, warm-up excluded."""
+        return self._flat + len(self._used)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the fitted points from the warm robot, last moves unknown, metres."""
+        return float(np.sqrt(np.mean(distances(self.robot, self.points) ** 2)))
+
+    def covariance(self) -> FloatArray:
+        """Of base (turn, shift in the base link), free targets, target frames and the parameters, SI units."""
+        rows = np.concatenate([np.arange(self._flat), self._flat + np.array(self._used, dtype=int)])
+        return self.evidence.covariance[np.ix_(rows, rows)]
+
+    def held(self) -> list[str]:
+        """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""
+        return []
+
+    def parameters(self) -> list[ParameterReport]:
+        """Base, targets, constants of the geometry and terms of the joint map with standard deviations."""
+        found = self.evidence
+        rows = self._outer()
+        units = [term.unit for term in found.terms if term.family == "geometry"]
+        for (name, (value, deviation)), unit in zip(found.constants().items(), units, strict=True):
+            rows.append(_row(name, value, deviation, unit))
+        joint_map = found.term_map()
+        std = np.zeros(len(joint_map.terms)) if joint_map.std is None else joint_map.std
+        rows += [
+            _row(term.name, value, deviation, term.unit)
+            for term, value, deviation in zip(joint_map.terms, joint_map.coefficients, std, strict=True)
+        ]
+        return rows
+
+    def _outer(self) -> list[ParameterReport]:
+        """Base and targets, which have no nominal values."""
+        found = self.evidence
+        C, T = found.covariance, found.T_world_base
+        std = np.sqrt(np.maximum(np.diagonal(C), 0.0))
+        shift = np.sqrt(np.maximum(np.diagonal(T[:3, :3] @ C[3:6, 3:6] @ T[:3, :3].T), 0.0))
+        base = frames.to_xyz_angles(T)
+        rows = [_row(f"base_{name}", base[k], shift[k], "m") for k, name in enumerate("xyz")]
+        rows += [_row(f"base_r{name}", base[3 + k], std[k], "rad") for k, name in enumerate("xyz")]
+        at = 6
+        for name in found.free_targets:
+            place = found.targets[name]
+            rows += [_row(f"target_{name}_{'xyz'[k]}", place[k], std[at + k], "m") for k in range(3)]
+            at += 3
+        for name in found.framed_targets:
+            angles = frames.to_xyz_angles(frames.transform(found.target_rotations[name]))[3:]
+            rows += [_row(f"target_{name}_r{'xyz'[k]}", angles[k], std[at + k], "rad") for k in range(3)]
+            at += 3
+        return rows
+
+    def lag(self) -> Lag | None:
+        """How readings lag behind programmed joints, where they were found to; else None."""
+        return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
+
+    def coverage(self, points: PointSet) -> float:
+        """Share of measured coordinates within the predicted 95 % intervals, last moves unknown.
+
+        Parameters
+        ----------
+        points : PointSet
+            Not those of the fit.
+        """
+        inside = np.zeros((len(points), 3), dtype=bool)
+        for k, name in enumerate(points.target_names):
+            mine = points.target == k
+            if mine.any():
+                seen = self.evidence.predict(points.q[points.pose[mine]], target=name)
+                inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
+        return float(inside.mean())
+
+    def explanation(self) -> str:
+        """Which error models were averaged with what weights."""
+        rows = self.evidence.dictionaries
+        kept = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
+        shares = "; ".join(f"{row.name} ({row.weight:.0%})" for row in kept)
+        one = len(kept) == 1
+        return (
+            f"Of {len(rows)} error models the evidence of these poses supports {'one' if one else len(kept)}, "
+            f"{'which is used' if one else 'averaged with their weights'}: {shares}."
+        )
+
+    def sentences(self) -> list[str]:
+        """What a user should know of it: gears that were found, and where it is valid."""
+        found = self.evidence
+        units, slides = found.nominal.joint_units, found.nominal.table.prismatic
+        low, high = found.joint_ranges / units
+        ranges = ", ".join(
+            f"joint {j + 1} {low[j]:.1f} to {high[j]:.1f} {'mm' if slides[j] else 'deg'}" for j in range(len(units))
+        )
+        warm = []
+        if found.tau is not None:
+            warm.append(
+                f"The arm drifted as it warmed up, with a time constant of {found.tau:.0f} poses: the calibration is "
+                "that of the warm arm, so that the first poses miss it by more."
+            )
+        return [
+            *found.gear_sentences(),
+            *warm,
+            f"Valid within the joint ranges of the fitted poses: {ranges}. Beyond them the joint map is extrapolated "
+            "and must not be trusted.",
+        ]
+
+    def told(self) -> Sequence[Told]:
+        """The models that were averaged, what the data show of each group of terms, and gears in words."""
+        found = self.evidence
+        headline = (
+            f"{found.nominal.name}, model auto: {self.rank} of {self.parameter_count} parameters determined by "
+            f"{found.poses} poses (fitted rms {self.rms / MM:.3f} mm)"
+        )
+        return (headline, self.explanation(), self._models(), self._groups(), *self.sentences())
+
+    def _models(self) -> Table:
+        rows = self.evidence.dictionaries
+        return models_table([(r.name, r.terms, r.log_evidence, r.weight, _mm(r.sigma), _mm(r.loo)) for r in rows])
+
+    def _groups(self) -> Table:
+        return groups_table([(g.name, g.terms, g.seen, g.size) for g in self.evidence.groups])
+
+    def to_frame(self) -> pd.DataFrame:
+        """The parameters, a row each: name, value, unit, std, state and reason."""
+        import pandas as pd
+
+        return pd.DataFrame([asdict(row) for row in self.parameters()])
+
+
+def models_table(rows: Sequence[tuple[str, int, float, float, float | None, float | None]]) -> Table:
+    """The error models compared, as a table for people.
+
+    Parameters
+    ----------
+    rows : sequence of (name, terms, log evidence, weight, sigma, leave-one-out error)
+        The errors in millimetres, None for models without weight.
+    """
+    cells = tuple(
+        (name, terms, f"{evidence:.1f}", f"{weight:.3f}", sigma, loo)
+        for name, terms, evidence, weight, sigma, loo in rows
+    )
+    columns = ("error model", "terms", "log evidence", "weight", "sigma (mm)", "leave one out (mm)")
+    bold = frozenset(k for k, row in enumerate(rows) if row[3] > 0.0)
+    return Table("Error models compared by their evidence", columns, cells, digits=4, bold=bold)
+
+
+def groups_table(rows: Sequence[tuple[str, int, float, float]]) -> Table:
+    """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
+    cells = tuple((name.replace("_", " "), terms, f"{seen:.1f}", size) for name, terms, seen, size in rows)
+    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), cells)
+
+
+def _mm(length: float | None) -> float | None:
+    return None if length is None else length / MM
+
+
+def _row(name: str, value: float, std: float, unit: str) -> ParameterReport:
+    outside, factor = UNIT_OUTSIDE.get(unit, (unit, 1.0))
+    return ParameterReport(name, float(value) / factor, outside, float(std) / factor, "identified", "")
+
+
+def identify_averaged(
+    arm: Arm,
+    points: PointSet,
+    motion: Motion,
+    known_targets: Mapping[str, ArrayLike] | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> AveragedFit:
+    """Identify base, targets and the average of the error models that URDF and a joint map can carry.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    points : PointSet
+    motion : Motion
+        Of the points' poses.
+    known_targets : dict of str to array_like, shape (3,), optional
+        Targets whose places in the tip link are known, metres.
+    seed : int
+        Of the poses on which models are compared where there are very many.
+    progress : callable, optional
+        Called with a short text at each step.
+
+    Returns
+    -------
+    AveragedFit
+
+    Raises
+    ------
+    IdentificationError
+        If the poses are too few to compare models.
+    """
+    if points.poses < FEWEST:
+        raise IdentificationError(
+            f"{points.poses} poses are too few for model auto, which needs at least {FEWEST}: choose model "
+            "placement, or measure more poses"
+        )
+    known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
+    found = identify_evidence(
+        arm, points, motion, terms=dictionaries.JOINT_MAP, seed=seed, known_targets=known, progress=progress
+    )
+    return AveragedFit(found, points, motion)

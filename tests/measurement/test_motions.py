@@ -1,0 +1,53 @@
+"""How the arm came to each pose, from the order of the file."""
+
+import numpy as np
+import pandas as pd
+
+from irbcal.measurement import cleaning, table
+from irbcal.measurement.motions import motion_of
+
+
+def rows(q, groups=None, names=None):
+    frame = pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)])
+    frame.insert(0, "pose", np.arange(len(q)) if names is None else names)
+    if groups is not None:
+        frame["group"] = groups
+    places = 1000.0 + 10.0 * np.arange(3 * len(q)).reshape(-1, 3)
+    return frame.assign(target="smr1", x_mm=places[:, 0], y_mm=places[:, 1], z_mm=places[:, 2])
+
+
+def test_moves_are_those_of_the_file_also_where_poses_are_left_out():
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (8, 6))
+    seen = table.read(rows(q, ["a"] * 4 + ["b"] * 4))
+    points = cleaning.clean(seen).points
+    keep = np.array([True, False, True, True, True, True, False, True])
+    motion = motion_of(seen, points.select(keep))
+    expected = np.diff(q, axis=0, prepend=q[:1])
+    expected[4] = 0.0  # first of its group
+    assert np.abs(motion.moves - expected[keep]).max() < 1e-12
+    assert np.array_equal(motion.elapsed, np.flatnonzero(keep))
+    assert np.array_equal(motion.q, points.q[keep])
+    assert motion.readings
+
+
+def test_stops_that_cannot_be_told_apart_have_no_move():
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (5, 6))
+    q[3] = q[1]
+    frame = rows(q, names=[0, 1, 2, 1, 4])
+    frame["cycle"] = [1, 1, 1, 2, 2]
+    seen = table.read(frame)
+    motion = motion_of(seen, cleaning.clean(seen).points)
+    twice = np.flatnonzero((np.abs(motion.q - q[1]) < 1e-12).all(axis=1))
+    assert not motion.moves[twice].any()
+    other = np.flatnonzero((np.abs(motion.q - q[2]) < 1e-12).all(axis=1))
+    assert np.abs(motion.moves[other] - (q[2] - q[1])).max() < 1e-12
+
+
+def test_programmed_joints_are_no_readings():
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, (5, 6))
+    frame = rows(q + 1e-4)
+    frame[[f"c{k}_deg" for k in range(1, 7)]] = np.degrees(q)
+    seen = table.read(frame)
+    motion = motion_of(seen, cleaning.clean(seen).points)
+    assert not motion.readings
+    assert np.abs(motion.moves[1:] - np.diff(q, axis=0)).max() < 1e-12

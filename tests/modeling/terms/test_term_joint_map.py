@@ -1,0 +1,149 @@
+"""A sum of terms as a joint map: against the sum itself, central differences, limits, and a plain rewriting."""
+
+import pickle
+
+import numpy as np
+import pytest
+from support import arm, assert_derivative
+
+from irbcal.errors import RobotError
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import families
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.warm_up import WarmUp
+
+FAMILIES = ("gravity", "gain", "thesis", "harmonics", "direction", "move")
+
+
+def random_map(model, names=FAMILIES, highest=7, seed=0, ranges=None):
+    terms = [t for name in names for t in families()[name].terms(model)]
+    terms = [t for t in terms if t.parameters.get("cycles_per_turn", 0) <= highest]
+    sizes = np.array([t.size for t in terms])
+    values = 0.3 * sizes * np.random.default_rng(seed).standard_normal(len(terms))
+    return TermJointMap(TermMap(model, tuple(terms), values), ranges)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return arm("irb120")
+
+
+def test_it_is_the_sum_of_its_terms(model):
+    joint_map = random_map(model)
+    q, previous = model.random_joints(50, 1), model.random_joints(50, 2)
+    terms = joint_map.terms
+    assert np.abs(joint_map.effective(q) - terms.effective(Motion(q))).max() < 1e-14
+    motion = Motion(q, q - previous)
+    assert np.abs(joint_map.effective(q, previous) - terms.effective(motion)).max() < 1e-14
+    assert np.abs(joint_map.jacobian(q, previous) - terms.jacobian(motion)).max() < 1e-14
+    assert np.abs(joint_map.effective(q, previous) - joint_map.effective(q)).max() > 1e-5
+    unknown = np.where(np.arange(50)[:, None] < 25, np.nan, previous)
+    mixed = joint_map.effective(q, unknown)
+    assert np.array_equal(mixed[:25], joint_map.effective(q)[:25])
+    assert np.array_equal(mixed[25:], joint_map.effective(q, previous)[25:])
+
+
+def test_derivatives(model):
+    joint_map = random_map(model)
+    q, dq = model.random_joints(5, 3), model.random_joints(5, 4)
+    for row, speed in zip(q, dq, strict=True):
+        J = joint_map.jacobian(row[None])[0]
+        assert_derivative(lambda x: joint_map.effective(x[None])[0], row, J, 1e-9)
+        rate = joint_map.jacobian_derivative(row[None], speed[None])[0]
+        ahead, behind = (joint_map.jacobian((row + h * speed)[None])[0] for h in (1e-5, -1e-5))
+        assert np.abs((ahead - behind) / 2e-5 - rate).max() < 1e-7
+
+
+def test_it_is_inverted_with_and_without_the_stop_before(model):
+    joint_map = random_map(model)
+    q, previous = model.random_joints(200, 5), model.random_joints(200, 6)
+    assert np.abs(joint_map.commanded(joint_map.effective(q)) - q).max() < 1e-13
+    assert np.abs(joint_map.commanded(joint_map.effective(q, previous), previous) - q).max() < 1e-13
+    far = TermJointMap(TermMap(model, random_map(model, ("gain",)).terms.terms, np.full(6, -1.5)))
+    with pytest.raises(RobotError, match="cannot be inverted"):
+        far.commanded(q)
+
+
+def test_commands_of_the_box_of_limits_respect_the_limits(model):
+    joint_map = random_map(model, highest=45)
+    lower, upper = joint_map.effective_limits(model.lower, model.upper)
+    theta = np.random.default_rng(1).uniform(lower, upper, (3000, 6))
+    theta[:64] = np.where(np.random.default_rng(2).random((64, 6)) < 0.5, lower, upper)
+    q = joint_map.commanded(theta)
+    assert (q >= model.lower - 1e-12).all()
+    assert (q <= model.upper + 1e-12).all()
+    assert np.abs([lower - model.lower, upper - model.upper]).max() < 0.01
+    endless = joint_map.effective_limits(np.full(6, -np.inf), np.full(6, np.inf))
+    assert np.isneginf(endless[0]).all()
+    assert np.isposinf(endless[1]).all()
+
+
+def test_the_thesis_is_a_special_case(model):
+    phases, _ = model.stiffness_geometry()
+    thesis = JointMap(stiffness=[1e-3, -6e-4], phases=phases, fourier=[3e-4, -2e-4, 1e-4, 5e-5])
+    terms = families()["thesis"].terms(model)
+    found = TermJointMap(TermMap(model, tuple(terms), np.array([1e-3, -6e-4, 3e-4, -2e-4, 1e-4, 5e-5])))
+    q = model.random_joints(40, 7)
+    off = found.effective(q) - thesis.effective(q)
+    assert np.abs(off).max() < 1e-12 or np.abs(found.effective(q) + thesis.effective(q) - 2 * q).max() < 1e-12
+    assert found.jacobian(q).shape == thesis.jacobian(q).shape
+
+
+def test_identity_words_pickle_and_lock(model):
+    empty = TermJointMap(TermMap(model, (), np.zeros(0)))
+    q = model.random_joints(3, 8)
+    assert empty.is_identity
+    assert np.array_equal(empty.effective(q), q)
+    assert np.array_equal(empty.commanded(q), q)
+    assert "no joint map" in empty.in_words
+    joint_map = random_map(model)
+    assert len(repr(Robot(model, joint_map))) < 400
+    assert f"{len(joint_map.terms.terms)} terms (gravity, gain, thesis" in repr(joint_map)
+    again = pickle.loads(pickle.dumps(joint_map))
+    assert np.array_equal(again.effective(q), joint_map.effective(q))
+    with pytest.raises(ValueError, match="read-only"):
+        joint_map.terms.coefficients[0] = 1.0
+    assert joint_map.effective(np.zeros((0, 6))).shape == (0, 6)
+    assert joint_map.jacobian(np.zeros((0, 6))).shape == (0, 6, 6)
+
+
+def test_frame_terms_are_refused(model):
+    terms = tuple(WarmUp(10.0).terms(model))
+    with pytest.raises(RobotError, match="other axes"):
+        TermJointMap(TermMap(model, terms, np.zeros(len(terms))))
+
+
+def test_outside_the_ranges(model):
+    joint_map = random_map(model, ranges=np.array([np.full(6, -1.0), np.full(6, 1.0)]))
+    beyond = joint_map.outside([[0.0, 1.5, -1.25, 1.0, -1.0, 0.2]])
+    assert np.abs(beyond - [[0.0, 0.5, -0.25, 0.0, 0.0, 0.0]]).max() < 1e-15
+    assert not random_map(model).outside(model.random_joints(5, 1)).any()
+
+
+def rewritten(parts, q):
+    """The static parts in plain numbers, as another language would have it."""
+    out = q * (1 + np.array(parts["gain"]))
+    for wave in parts["waves"]:
+        for k, a, b in zip(wave["cycles"], wave["cosine"], wave["sine"], strict=True):
+            out[wave["joint"]] += a * np.cos(k * q[wave["joint"]]) + b * np.sin(k * q[wave["joint"]])
+    R, axes, links = np.array(parts["base"]), [], []
+    for frame, offset, turns, angle in zip(parts["frames"], parts["offsets"], parts["turns"], q, strict=True):
+        R = R @ np.array(frame)
+        axes.append(R[:, 2])
+        c, s = np.cos(offset + turns * angle), np.sin(offset + turns * angle)
+        R = R @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        links.append(R)
+    for lever in parts["levers"]:
+        turned = links[lever["link"]] @ np.array(lever["vector"])
+        out[lever["joints"]] += axes[lever["joints"][0]] @ np.cross(turned, parts["gravity"])
+    return out
+
+
+def test_static_parts_say_it_all(model):
+    joint_map = random_map(model)
+    q = model.random_joints(20, 9)
+    found = np.array([rewritten(joint_map.static_parts(), row) for row in q])
+    assert np.abs(found - joint_map.effective(q)).max() < 1e-13

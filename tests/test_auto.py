@@ -1,0 +1,239 @@
+"""Model auto from end to end: measurements, calibration, file, and every command that uses it; real robots."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from support import arm, assert_derivative, assert_same_poses, measured, on_a_rail, random_robot, write_measurements
+
+import irbcal
+from irbcal.errors import OptionError, RobotError
+from irbcal.identification.averaged import AveragedFit
+from irbcal.measurement.points import distances
+from irbcal.modeling.terms import families
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.modeling.terms.term_map import TermMap
+from irbcal.planners.calibrated_model import CalibratedModel
+from irbcal.validation.uncertainty import position_std
+
+POSES = 120
+
+
+def truth(name="irb120"):
+    """A robot with the thesis's geometry errors and a joint map of gravity, gains, harmonics and a gear."""
+    model, rng = arm(name), np.random.default_rng(7)
+    robot = random_robot(model, "26", rng)
+    terms = [t for family in ("gravity", "gain", "harmonics") for t in families()[family].terms(model)]
+    terms = [t for t in terms if t.parameters.get("cycles_per_turn", 0) <= 2]
+    values = np.array([t.size for t in terms]) * rng.standard_normal(len(terms))
+    return robot.replace(joint_map=TermJointMap(TermMap(model, tuple(terms), values)))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    robot, folder = truth(), tmp_path_factory.mktemp("auto")
+    points = measured(robot, robot.arm.random_joints(POSES, 3), 2e-5, np.random.default_rng(1))
+    write_measurements(folder / "m.csv", points)
+    calibration = irbcal.calibrate(folder / "m.csv", "irb120", "auto", holdout=30)
+    calibration.save(folder / "cal")
+    return calibration
+
+
+@pytest.fixture(scope="module")
+def folder(made, tmp_path_factory):
+    path = tmp_path_factory.mktemp("saved") / "cal"
+    made.save(path)
+    return path
+
+
+def test_what_was_made_is_what_is_loaded(made, folder):
+    loaded = irbcal.load(folder)
+    assert isinstance(made.outcome.fit, AveragedFit)
+    q, previous = made.arm().random_joints(100, 1), made.arm().random_joints(100, 2)
+    one, two = made.outcome.fit.robot, loaded.robot_calibrated()
+    assert_same_poses(one.poses(q), two.poses(q), 1e-12, 1e-12)
+    assert_same_poses(one.forward(q, previous), two.forward(q, previous), 1e-12, 1e-12)
+    assert loaded.record == made.record
+    assert loaded.record.heldout.all.mean_mm < 0.05 * loaded.record.heldout_nominal.all.mean_mm
+    content = json.loads((folder / "calibration.json").read_text())
+    assert content["joint_map"]["schema"] == "irbcal-joint-map-2"
+    assert content["model"] == content["choice"]["level"] == "auto"
+    assert content["held"] == content["observability"]["singular_values_mm"] == []
+    assert content["history"] == {}
+    assert {row["state"] for row in content["parameters"]} == {"identified"}
+    assert len(content["covariance"]) == len(content["parameters"])
+
+
+def test_the_fingerprint_covers_the_terms(made):
+    from irbcal.files import document
+
+    fit = made.outcome.fit
+    origins = made.record.joint_origins
+    joint_map = fit.robot.joint_map
+    other = TermJointMap(TermMap(joint_map.terms.arm, joint_map.terms.terms, 1.001 * joint_map.terms.coefficients))
+    one, two = (document._fingerprint(origins, item, [made.outcome.measurements]) for item in (joint_map, other))
+    assert one == made.record.fingerprint
+    assert one != two
+
+
+def test_the_geometry_is_in_the_urdf(folder):
+    pin = pytest.importorskip("pinocchio")
+    calibration = irbcal.load(folder)
+    robot = calibration.robot_calibrated()
+    model = pin.buildModelFromXML(calibration.urdf.decode())
+    data = model.createData()
+    for q in robot.arm.random_joints(20, 5):
+        pin.framesForwardKinematics(model, data, robot.joint_map.effective(q[None])[0])
+        base, tip = (data.oMf[model.getFrameId(name)] for name in (robot.arm.base_link, robot.arm.tip_link))
+        assert_same_poses(base.actInv(tip).homogeneous[None], robot.poses(q[None]), 1e-9, 1e-9)
+
+
+def test_forward_and_inverse_commands_undo_each_other(folder, program, tmp_path):
+    nominal = arm("irb120")
+    q = 0.6 * nominal.random_joints(100, 4)
+    columns = [f"q{k}_deg" for k in range(1, 7)]
+    pd.DataFrame(np.degrees(q), columns=columns).to_csv(tmp_path / "q.csv", index=False)
+    (tmp_path / "p.csv").write_text(program("fk", folder, "--joints", tmp_path / "q.csv"))
+    (tmp_path / "back.csv").write_text(program("ik", folder, "--poses", tmp_path / "p.csv"))
+    back = np.radians(pd.read_csv(tmp_path / "back.csv")[columns].to_numpy())
+    robot = irbcal.load(folder).robot_calibrated()
+    assert_same_poses(robot.poses(back), robot.poses(q), 2e-9, 2e-8)  # printed with nine decimals
+    found = irbcal.inverse_kinematics(folder, robot.poses(q))
+    assert found.found.all()
+    assert_same_poses(robot.poses(found.joints), robot.poses(q), 1e-9, 1e-9)
+
+
+def test_a_filtered_program_reaches_the_wanted_poses(folder, program, tmp_path):
+    nominal = arm("irb120")
+    q = 0.5 * nominal.random_joints(60, 6)
+    q[:, 4] = np.where(np.abs(q[:, 4]) < 0.2, 0.4, q[:, 4])
+    columns = [f"q{k}_deg" for k in range(1, 7)]
+    pd.DataFrame(np.degrees(q), columns=columns).to_csv(tmp_path / "program.csv", index=False)
+    program("filter", folder, tmp_path / "program.csv", "--out", tmp_path / "fake.csv")
+    fake = np.radians(pd.read_csv(tmp_path / "fake.csv", comment="#")[columns].to_numpy())
+    reached = irbcal.load(folder).robot_calibrated().poses(fake)
+    assert_same_poses(reached, nominal.forward(q), 1e-7, 1e-7)  # joints are written with few decimals
+
+
+def test_evaluate_counts_poses_outside_the_joint_ranges(folder, tmp_path):
+    robot = truth()
+    calibration = irbcal.load(folder)
+    low, high = np.array(calibration.record.joint_map.ranges)
+    q = low + (high - low) * np.random.default_rng(3).uniform(0.05, 0.95, (20, 6))
+    inside = write_measurements(tmp_path / "in.csv", measured(robot, q, 2e-5, np.random.default_rng(2)))
+    assert not [note for note in irbcal.evaluate(folder, inside).notes if "joint ranges" in note]
+    limits = robot.arm.upper
+    q[:3, 1] = np.minimum(high[1] + 0.01, limits[1])
+    q[3, 4] = high[4] + 0.01
+    outside = write_measurements(tmp_path / "out.csv", measured(robot, q, 2e-5, np.random.default_rng(2)))
+    notes = [note for note in irbcal.evaluate(folder, outside).notes if "joint ranges" in note]
+    assert len(notes) == 1
+    assert notes[0].startswith("4 of 20 poses lie outside the joint ranges")
+    assert "(joint_2: 3, joint_5: 1)" in notes[0]
+
+
+def test_the_terminal_shows_what_was_averaged(program, folder, made, tmp_path):
+    data = tmp_path / "m.csv"
+    write_measurements(data, made.outcome.fit_points)
+    out = program("calibrate", data, "--robot", "irb120", "--model", "auto", "--out", tmp_path / "o", "--holdout", "10")
+    for words in ("Error models compared by their evidence", "weight", "Valid within the joint ranges"):
+        assert words in out
+    printed = made.to_dict()
+    assert printed["choice"]["level"] == "auto"
+    assert sum(row["weight"] for row in printed["choice"]["table"]) == pytest.approx(1.0, abs=1e-9)
+    page = (folder / "report.html").read_text()
+    for words in ("Groups of terms", "log evidence", "Joint ranges", "irbcal-joint-map-2"):
+        assert words in page
+    assert "Groups of terms" in irbcal.load(folder).summary()
+
+
+def test_uncertainty_of_a_saved_calibration_is_that_of_the_fit(made):
+    q = made.arm().random_joints(30, 2)
+    seen = made.outcome.fit.evidence.predict(q, target="smr2")
+    expected = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
+    assert position_std(made.record, q, "smr2") == pytest.approx(expected, rel=1e-3)
+    assert (position_std(made.record, q) > 0.0).all()
+
+
+def test_planners_get_the_derivatives(folder):
+    pytest.importorskip("pinocchio")
+    model = CalibratedModel.load(folder)
+    q = 0.5 * arm("irb120").random_joints(3, 8)
+    J = model.jacobian(q)
+    for row, own in zip(q, J, strict=True):
+        assert_derivative(lambda x: model.placement(x[None])[0, :3, 3], row, own[:3], 1e-8)
+    assert np.abs(model.command_from_model(model.model_from_command(q)) - q).max() < 1e-12
+    with pytest.raises(RobotError, match="joint map of terms"):
+        model.with_payload(1.0)
+
+
+def test_other_options_of_the_levels_are_refused(made, tmp_path):
+    for option, value in (("objective", "max"), ("method", "nelder-mead"), ("loss", "huber"), ("free", ["gain1"])):
+        with pytest.raises(OptionError, match=f"takes no {option}"):
+            irbcal.calibrate(tmp_path / "m.csv", "irb120", "auto", **{option: value})
+
+
+def test_arms_with_a_prismatic_joint(tmp_path):
+    rail = on_a_rail(tmp_path / "rail.urdf")
+    model = irbcal.read_urdf(rail, "rail_base").arm
+    robot = random_robot(model, "placement", np.random.default_rng(2), size=0.1)
+    points = measured(robot, model.random_joints(100, 1), 2e-5, np.random.default_rng(3))
+    data = write_measurements(tmp_path / "m.csv", points, columns=model.joint_columns)
+    made = irbcal.calibrate(data, rail, "auto", base_link="rail_base")
+    level = irbcal.calibrate(data, rail, "placement", base_link="rail_base")
+    assert made.record.heldout.all.mean_mm < 1.2 * level.record.heldout.all.mean_mm
+    made.save(tmp_path / "cal")
+    q = model.random_joints(20, 4)
+    assert_same_poses(
+        irbcal.load(tmp_path / "cal").robot_calibrated().poses(q), made.robot_calibrated().poses(q), 1e-12, 1e-12
+    )
+
+
+# --- real robots --------------------------------------------------------------------------------------------
+
+
+def irb120(shared_data, path=None):
+    """The file with programmed joints, or a copy without them."""
+    file = shared_data / "irb120_laser_tracker" / "measurements_with_commands.csv"
+    if path is None:
+        return file
+    pd.read_csv(file).drop(columns=[f"c{k}_deg" for k in range(1, 7)]).to_csv(path, index=False)
+    return path
+
+
+def test_irb120_at_programmed_joints(shared_data, tmp_path):
+    data = irb120(shared_data)
+    usable = irbcal.calibrate(data, "irb120", "nominal", holdout=0).poses_fit
+    made = irbcal.calibrate(data, "irb120", "auto", holdout=usable - 200, split="last")
+    assert made.poses_fit == 200
+    assert made.heldout.all.mean_mm <= 0.072
+    assert made.heldout.all.max_mm <= 0.30
+    assert any("200 times a turn" in note for note in made.notes)
+    assert made.evidence.readings_gain is None
+    q = made.arm().random_joints(200, 1)
+    made.save(tmp_path / "cal")
+    loaded = irbcal.load(tmp_path / "cal").robot_calibrated()
+    assert_same_poses(loaded.poses(q), made.outcome.fit.robot.poses(q), 1e-9, 1e-9)
+
+
+def test_irb120_at_readings(shared_data, tmp_path):
+    data = irb120(shared_data, tmp_path / "q.csv")
+    made = irbcal.calibrate(data, "irb120", "auto", holdout=296, split="last")
+    assert made.evidence.readings_lag
+    note = next(note for note in made.notes if "readings from before the arm stood still" in note)
+    assert float(note.split("held-out mean is ")[1].split(" mm")[0]) < 0.24
+    level = irbcal.calibrate(data, "irb120", "34", holdout=296, split="last")
+    assert made.heldout.all.mean_mm < level.heldout.all.mean_mm
+    # the model is right at programmed joints, which it has never seen
+    programmed = irbcal.calibrate(irb120(shared_data), "irb120", "34", holdout=296, split="last")
+    assert distances(made.outcome.fit.robot, programmed.outcome.heldout_points).mean() < 0.09e-3
+
+
+@pytest.mark.parametrize(("group", "mean"), [("random", 0.14), ("grid", 0.20)])
+def test_ur10(shared_data, tmp_path, group, mean):
+    rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
+    rows = rows[rows["group"] == group].drop(columns=["qw", "qx", "qy", "qz"])
+    rows.to_csv(tmp_path / "m.csv", index=False)
+    made = irbcal.calibrate(tmp_path / "m.csv", "ur10", "auto", holdout=rows["pose"].nunique() - 300, split="last")
+    assert made.heldout.all.mean_mm <= mean
