@@ -66,3 +66,10 @@ def test_files_that_it_names_exist():
     for path in re.findall(r"`(scripts/[\w/.]+|irbcal/[\w/.]+|urdf/)`", README):
         assert (ROOT / path).exists(), path
     assert "SPEED_" + "TABLE" not in README
+
+
+def test_functions_that_the_readme_imports_are_there():
+    lines = re.findall(r"^from irbcal\..* import .*$", README, re.MULTILINE)
+    assert len(lines) >= 2
+    for line in lines:
+        exec(line, {})

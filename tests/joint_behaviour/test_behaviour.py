@@ -102,3 +102,9 @@ def test_refusals_name_their_file(random_file):
     with pytest.raises(IdentificationError) as caught:
         behaviour.joints(random_file, robot="irb120")
     assert caught.value.file == str(random_file)
+
+
+def test_too_few_angles_of_one_joint_ask_for_a_robot(tmp_path):
+    points, _, _ = simulated(random_commands(3, 0), np.array(["axis1", "axis2", "axis3"], dtype=object))
+    seen = table.read(write_measurements(tmp_path / "m.csv", points))
+    assert refusal(behaviour.analyse, seen).endswith("give a robot or a calibration (--robot or --calibration)")

@@ -48,3 +48,16 @@ def test_known_targets(tmp_path):
         lists.read_targets(write(tmp_path, "target,x_mm,y_mm,z_mm", "a,1,2,3", "a,1,2,3"))
     assert (caught.value.row, caught.value.column) == (3, "target")
     assert str(caught.value).endswith("m.csv: row 3, column target: 'a' stands there more than once")
+
+
+def test_rows_of_one_pose_have_the_same_joints():
+    frame = pd.DataFrame({"pose": ["a", "b", " a"], "target": ["s", "s", "t"], "q1_deg": ["1", "2", "1"]})
+    assert np.abs(np.degrees(lists.read_joints(frame, ["q1_deg"], once=True)) - [[1], [2]]).max() < 1e-12
+    assert len(lists.read_joints(frame, ["q1_deg"])) == 3
+    assert len(lists.read_joints(frame.assign(cycle=["1", "1", "2"]), ["q1_deg"], once=True)) == 3
+    frame.loc[2, "q1_deg"] = "1.5"
+    with pytest.raises(MeasurementError) as caught:
+        lists.read_joints(frame, ["q1_deg"], once=True)
+    assert str(caught.value) == (
+        "<DataFrame>: row 3, column q1_deg: expected the joints of the pose's first row (1), found '1.5'"
+    )
