@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from irbcal.errors import OptionError
-from irbcal.figures.colours import CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, SOFT, UNKNOWN
-from irbcal.figures.style import SMALL, as_bytes, house_style
+from irbcal.figures.colours import CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, UNKNOWN
+from irbcal.figures.style import as_bytes, house_style
 from irbcal.joint_behaviour.equivalent_angle import equivalent_error, predicted_series
 from irbcal.joint_behaviour.terms import Term, fourier_columns, fourier_order
 from irbcal.units import DEG, MM
@@ -302,12 +302,11 @@ def _dot_look(have: Any) -> dict[str, float]:
     return {"markersize": 2, "alpha": 0.35} if have.sum() > 200 else {"markersize": 4, "alpha": 0.6}
 
 
-def _too_few(axes: Any, means: Sequence[FloatArray]) -> None:
-    """Words in a panel that has no mean of one of the directions."""
-    if not all(len(values) for values in means):
-        words = "too few poses for means" + (" of both directions" if any(len(values) for values in means) else "")
-        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}
-        axes.text(0.02, 0.02, words, transform=axes.transAxes, fontsize=SMALL, color=SOFT, bbox=box)
+def _too_few(means: Sequence[FloatArray]) -> str:
+    """Words for a panel that has no mean of one of the directions."""
+    if all(len(values) for values in means):
+        return ""
+    return "; too few poses for means" + (" of both sides" if any(len(values) for values in means) else "")
 
 
 def _limits(axes: Any, *values: FloatArray) -> None:
@@ -334,10 +333,9 @@ def _by_direction(found: ResidualAnalysis, title: str) -> Figure:
             x, y, half = _binned(q[here], angle[here], edges)
             axes.errorbar(x, y, half, color=colour, marker=marker, markersize=5, linewidth=1.2, capsize=2)
             means += [np.abs(y) + half]
-        _too_few(axes, means)
         _limits(axes, *means, np.quantile(np.abs(angle[have]), [0.8]))
         axes.axhline(0, color="black", linewidth=0.6)
-        axes.set_xlabel(f"joint {j + 1} ({unit})")
+        axes.set_xlabel(f"joint {j + 1} ({unit}){_too_few(means)}")
         axes.set_ylabel(f"residual ({unit})")
         term = plays.get(j + 1)
         if term is not None and term.tested:
@@ -366,7 +364,6 @@ def _by_move(found: ResidualAnalysis, title: str) -> Figure:
             x, y, half = _binned(move[here], angle[here], edges)
             axes.errorbar(x, y, half, color=colour, marker=marker, markersize=5, linewidth=1.2, capsize=2)
             means += [np.abs(y) + half]
-        _too_few(axes, means)
         _limits(axes, *means, np.quantile(np.abs(angle[have]), [0.8]))
         term = plays.get(j + 1)
         if term is not None and term.tested:
@@ -374,7 +371,7 @@ def _by_move(found: ResidualAnalysis, title: str) -> Figure:
                 end = move[have].max() if sign > 0 else move[have].min()
                 axes.plot([0, end], [-0.5 * sign * term.values[0] / size] * 2, "--", color=NOMINAL, linewidth=1.4)
         axes.axhline(0, color="black", linewidth=0.6)
-        axes.set_xlabel(f"last move of joint {j + 1} ({unit})")
+        axes.set_xlabel(f"last move of joint {j + 1} ({unit}){_too_few(means)}")
         axes.set_ylabel(f"residual ({unit})")
     handles = _direction_handles([1.0, -1.0], errorbars=True)
     _legend(figure, [*handles, _curve_handle(NOMINAL, "--", "what backlash alone would give")])

@@ -211,7 +211,8 @@ def forward(
 ) -> FloatArray:
     """Forward kinematics for a batch: the product of all steps (Nubiola 2011, eqs. 6.1, 6.39 and 7.1).
 
-    The steps are those of `DHMTable.step`. With a calibrated arm's table and effective joints it is that of `irbcal.modeling.robot.Robot.forward`.
+    The steps are those of `DHMTable.step`. With a calibrated arm's table and effective joints it is the product of
+    `irbcal.modeling.robot.Robot.forward`.
 
     Parameters
     ----------

@@ -105,6 +105,8 @@ def test_refusals_name_their_file(random_file):
 
 
 def test_too_few_angles_of_one_joint_ask_for_a_robot(tmp_path):
-    points, _, _ = simulated(random_commands(3, 0), np.array(["axis1", "axis2", "axis3"], dtype=object))
-    seen = table.read(write_measurements(tmp_path / "m.csv", points))
-    assert refusal(behaviour.analyse, seen).endswith("give a robot or a calibration (--robot or --calibration)")
+    points, _, _ = simulated(random_commands(2, 0)[[0, 0, 0, 1]] * [1, 0, 0, 0, 0, 0], np.array(["axis1"] * 4, object))
+    seen = table.read(write_measurements(tmp_path / "m.csv", points, group=points.groups[points.pose]))
+    said = refusal(behaviour.analyse, seen)
+    assert "group axis1: " in said
+    assert said.endswith("give a robot or a calibration (--robot or --calibration)")

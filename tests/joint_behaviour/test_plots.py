@@ -58,10 +58,10 @@ def few():
 def test_panels_say_where_there_are_no_means(few):
     figure = few.plot("residuals_by_direction")
     shown = [axes for axes in figure.axes if axes.get_visible()]
-    assert [axes.get_xlabel() for axes in shown] == [f"joint {k} (deg)" for k in (2, 3, 4, 5, 6)]
+    assert [axes.get_xlabel().split(";")[0] for axes in shown] == [f"joint {k} (deg)" for k in (2, 3, 4, 5, 6)]
     for axes in shown:
         assert sum(len(line.get_xdata()) for line in axes.get_lines() if line.get_marker() == ".") > 10
-        assert any("too few poses for means" in text.get_text() for text in axes.texts)
+        assert axes.get_xlabel().split("; ")[1].startswith("too few poses for means")
 
 
 def test_words_of_panels_neither_collide_nor_leave_the_figure(few):
@@ -71,7 +71,7 @@ def test_words_of_panels_neither_collide_nor_leave_the_figure(few):
     labels = [axes.xaxis.label.get_window_extent() for axes in figure.axes[:3]]
     titles = [axes.get_tightbbox() for axes in figure.axes[3:] if axes.get_visible()]
     assert min(box.y0 for box in labels) > max(box.y1 for box in titles) + 4
-    for axes in figure.axes:
+    for axes in filter(lambda axes: axes.get_visible(), figure.axes):
         box = axes.yaxis.label.get_window_extent()
         assert box.x0 > 8
         assert 0 < box.y0 < box.y1 < height
