@@ -18,6 +18,8 @@ from .errors import ProgramError as ProgramError
 from .errors import RobotError as RobotError
 from .files.robots import robots as robots
 from .files.urdf import read_urdf as read_urdf
+from .identification.evidence import identify_evidence as identify_evidence
+from .identification.evidence_fit import EvidenceFit as EvidenceFit
 from .joint_behaviour.behaviour import joints as joints
 from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics

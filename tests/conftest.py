@@ -4,6 +4,7 @@ import json
 import os
 from pathlib import Path
 
+import new_family
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.files import calibration_folder, robots
+from irbcal.modeling.terms import families
 
 # the same examples every time, and no verdict on a slow moment of a shared machine
 settings.register_profile("irbcal", deadline=None, derandomize=True)
@@ -78,3 +80,12 @@ def folder(outcome, tmp_path_factory):
     path = tmp_path_factory.mktemp("saved") / "calibration"
     irbcal.save(outcome, path, world_link=True, target_links=True)
     return path
+
+
+@pytest.fixture
+def creep(tmp_path, monkeypatch):
+    """A family of the error model in a module that no file of the package names."""
+    new_family.add(tmp_path, monkeypatch)
+    yield families()["creep"]
+    monkeypatch.undo()
+    new_family.forget()

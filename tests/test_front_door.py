@@ -172,11 +172,14 @@ def results(tmp_path_factory):
         "model": irbcal.CalibratedModel.load(folder / "cal"),
         "robot": loaded.robot_calibrated(),
         "robots": irbcal.robots(),
+        "evidence": irbcal.identify_evidence(
+            irbcal.read_urdf("irb1600").arm, calibration.outcome.fit_points, gear_scan=False
+        ),
         "plan": irbcal.plan("irb1600", axis=0, cube=6, all_range=6, without=("collision", "sight", "way")),
     }
 
 
-NAMES = ["calibration", "loaded", "fit", "points", "measurements", "evaluation", "model", "robots", "plan"]
+NAMES = ["calibration", "loaded", "fit", "points", "measurements", "evaluation", "model", "robots", "plan", "evidence"]
 
 
 @pytest.mark.parametrize("name", [*NAMES, "outcome", "robot"])
@@ -196,7 +199,7 @@ def test_results_speak(results, name):
 
 
 @pytest.mark.parametrize(
-    "name", ["calibration", "loaded", "fit", "points", "measurements", "evaluation", "robots", "plan"]
+    "name", ["calibration", "loaded", "fit", "points", "measurements", "evaluation", "robots", "plan", "evidence"]
 )
 def test_results_become_tables(results, name):
     frame = results[name].to_frame()
@@ -236,7 +239,9 @@ def arrays_in(value, path, seen):
             yield from arrays_in(getattr(value, field.name), f"{path}.{field.name}", seen)
 
 
-@pytest.mark.parametrize("name", ["fit", "points", "measurements", "evaluation", "model", "robot", "outcome", "plan"])
+@pytest.mark.parametrize(
+    "name", ["fit", "points", "measurements", "evaluation", "model", "robot", "outcome", "plan", "evidence"]
+)
 def test_nothing_in_a_result_can_be_written_to(results, name):
     open_to_writing = []
     for path, value in arrays_in(results[name], name, set()):

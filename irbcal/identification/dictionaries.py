@@ -15,7 +15,7 @@ from irbcal.arrays import FloatArray, IntArray
 from irbcal.identification import mackay
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import families
-from irbcal.modeling.terms.harmonics import LOW, band_group, order
+from irbcal.modeling.terms.harmonics import HIGHEST, LOW, band_group, order
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import WarmUp
@@ -25,6 +25,30 @@ JOINT_MAP, ALL = "joint-map", "all"
 
 FRAME_FAMILIES = ("bending", "wobble")
 """Families left out of `JOINT_MAP`."""
+
+FAMILIES = ("geometry", "gain", "gravity", "bending", "harmonics", "wobble", "thesis")
+"""Families that take part whatever is known of the motion, in the order of the superset."""
+HISTORY_FAMILIES = ("direction", "move")
+"""Families that take part where last moves are known."""
+
+_WEIGHTS = ("gravity", "gain", "payload")
+_PHYSICS = (*_WEIGHTS, "bending", "harmonics")
+_HISTORY = (*_PHYSICS, *HISTORY_FAMILIES)
+CHOICES: tuple[tuple[tuple[str, ...], int], ...] = (
+    ((), 0),
+    (("thesis",), 0),
+    (("thesis", "gain"), 0),
+    (_WEIGHTS, 0),
+    (_PHYSICS, LOW),
+    (_HISTORY, LOW),
+    ((*_HISTORY, "warm_up"), LOW),
+    ((*_HISTORY, "warm_up", "wobble"), LOW),
+    (_PHYSICS, 12),
+    (_PHYSICS, 24),
+    (_PHYSICS, HIGHEST),
+    ((*_HISTORY, "warm_up"), HIGHEST),
+)
+"""What is compared: families beside geometry, and the highest order of harmonics."""
 
 BAND_PENALTY, EVIDENCE_SHARE, LEAST_WEIGHT = 10.0, 0.1, 0.01
 """Weights are ``exp(0.1 (E - 10 if there are bands))``, those below 0.01 are dropped. Tuned on eight robots: 0.05 to
@@ -93,8 +117,7 @@ def superset(arm: Arm, kind: str, moved: bool, payload: Sequence[float] | None, 
     taus : sequence of float
         Time constants of warm-up; none where the order is unknown.
     """
-    names = ["geometry", "gain", "gravity", "bending", "harmonics", "wobble", "thesis"]
-    names += ["direction", "move"] if moved else []
+    names = [*FAMILIES, *(HISTORY_FAMILIES if moved else ())]
     names = [name for name in names if kind == ALL or name not in FRAME_FAMILIES]
     out = [term for name in names for term in families()[name].terms(arm)]
     out += [] if payload is None else Payload(payload).terms(arm)
@@ -115,25 +138,8 @@ def dictionaries(terms: Sequence[Term], kind: str, tau: float | None) -> list[Di
     tau : float or None
         Time constant of warm-up to take.
     """
-    weights = ["gravity", "gain", "payload"]
-    physics = [*weights, "bending", "harmonics"]
-    history = [*physics, "direction", "move"]
-    wanted: list[tuple[list[str], int]] = [
-        ([], 0),
-        (["thesis"], 0),
-        (["thesis", "gain"], 0),
-        (weights, 0),
-        (physics, LOW),
-        (history, LOW),
-        ([*history, "warm_up"], LOW),
-        ([*history, "warm_up", "wobble"], LOW),
-        (physics, 12),
-        (physics, 24),
-        (physics, 45),
-        ([*history, "warm_up"], 45),
-    ]
     out: list[Dictionary] = []
-    for names, highest in wanted:
+    for names, highest in CHOICES:
         found = make(terms, [n for n in names if kind == ALL or n not in FRAME_FAMILIES], highest, tau)
         if all(not np.array_equal(found.terms, other.terms) for other in out):
             out.append(found)

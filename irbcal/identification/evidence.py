@@ -83,6 +83,11 @@ def identify_evidence(
     ------
     IdentificationError
         If the data do not allow it, or ``terms`` is not one of the two.
+
+    Examples
+    --------
+    >>> seen = cleaning.clean(irbcal.read_measurements("m.csv")).points  # doctest: +SKIP
+    >>> identify_evidence(irbcal.read_urdf("irb120").arm, seen, Motion.in_order(seen.q))  # doctest: +SKIP
     """
     if terms not in (dictionaries.JOINT_MAP, dictionaries.ALL):
         raise IdentificationError(f"terms are {dictionaries.JOINT_MAP} or {dictionaries.ALL}, not {terms!r}")

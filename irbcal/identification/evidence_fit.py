@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
@@ -15,12 +16,18 @@ from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import BLOCK, TermMap, basis_values, term_columns
-from irbcal.units import DEG
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import DEG, MM, UNIT_OUTSIDE
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 COVERAGE = 1.96
 """Standard deviations of an interval that holds 95 % of a Gaussian's values."""
 HISTORY = ("direction", "share_of_move")
 """Bases whose value is between -1 and 1, and unknown without the stop before."""
+SHOWN = 0.1
+"""Groups of which less than so much of a coefficient is seen are summed up in a sentence."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +100,8 @@ class GearFound:
     evidence_gain: float
 
 
-@dataclass(frozen=True)
-class Prediction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Speaks):
     """Where a target will be.
 
     Attributes
@@ -113,11 +120,35 @@ class Prediction:
     position: FloatArray
     covariance: FloatArray
     interval: FloatArray
-    outside: np.ndarray
+    outside: BoolArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> Sequence[Told]:
+        """How wide the intervals are, and whether poses are outside the joint ranges of the fit."""
+        width = self.interval / MM
+        headline = f"{len(width)} predicted positions"
+        if len(width):
+            headline += (
+                f": 95 % of a coordinate's errors within {np.median(width):.3f} mm (largest {width.max():.3f} mm)"
+            )
+        count = int(self.outside.sum())
+        if not count:
+            return (headline,)
+        return (headline, f"{count} of them outside the joint ranges of the fit: their intervals may not hold.")
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a position: coordinates and half-widths of their intervals, millimetres, and whether it is outside."""
+        import pandas as pd
+
+        columns = {f"{axis}_mm": self.position[:, k] / MM for k, axis in enumerate("xyz")}
+        columns |= {f"{axis}_u95_mm": self.interval[:, k] / MM for k, axis in enumerate("xyz")}
+        return pd.DataFrame(columns | {"outside": np.array(self.outside)})
 
 
-@dataclass(frozen=True, eq=False)
-class EvidenceFit:
+@dataclass(frozen=True, eq=False, repr=False)
+class EvidenceFit(Speaks):
     """An identified robot as an average over choices of terms.
 
     Attributes
@@ -151,7 +182,7 @@ class EvidenceFit:
     kind : str
         ``joint-map`` or ``all``.
     tau : float or None
-        Time constant of warm-up, in the unit of the motion's time.
+        Time constant of warm-up in the choice of terms with most weight, in the unit of the motion's time.
     poses : int
         After averaging repeats.
     readings_gain : float or None
@@ -186,6 +217,81 @@ class EvidenceFit:
     def __post_init__(self) -> None:
         lock(self)
 
+    def told(self) -> Sequence[Told]:
+        """What was reached; the choices of terms; how much of each group is seen; gears; what intervals hold."""
+        kept = [row for row in self.dictionaries if row.weight > 0.0]
+        headline = (
+            f"{self.nominal.name}, terms {self.kind}: {len(kept)} of {len(self.dictionaries)} choices averaged, "
+            f"{self.poses} poses (residual standard deviation {self.sigma / MM:.4f} mm a coordinate, "
+            f"left-out poses {self.loo[''] / MM:.4f} mm rms)"
+        )
+        return (
+            headline,
+            *self._readings_in_words(),
+            self._dictionary_table(),
+            self._group_table(),
+            *self._unseen_in_words(),
+            *self.gear_sentences(),
+            "Intervals of predictions are made to hold 95 % of a coordinate's errors. On held-out poses of two real "
+            "robots they hold 93 to 98 % with 200 poses and more, 84 % with 45. They are valid for poses like those "
+            "measured; poses outside the joint ranges of the fit are marked.",
+        )
+
+    def _readings_in_words(self) -> list[str]:
+        if self.readings_gain is None:
+            return []
+        if self.readings_projected:
+            return [
+                "The readings were taken before the arm stood still: with a share of the last move free in each pose, "
+                f"residuals fall {self.readings_gain:.1f} times. The model holds for programmed joints."
+            ]
+        return [
+            "The readings were taken at rest: a free share of the last move makes residuals fall by a factor "
+            f"{self.readings_gain:.2f} only."
+        ]
+
+    def _dictionary_table(self) -> Table:
+        rows = tuple(
+            (
+                row.name,
+                row.terms,
+                round(row.log_evidence),
+                row.weight,
+                None if row.sigma is None else row.sigma / MM,
+                None if row.loo is None else row.loo / MM,
+            )
+            for row in self.dictionaries
+        )
+        best = max(range(len(rows)), key=lambda k: self.dictionaries[k].weight)
+        columns = ("terms", "number", "log evidence", "weight", "sigma mm", "left out mm")
+        return Table("Choices of terms, averaged with their weights", columns, rows, 4, frozenset({best}))
+
+    def _group_table(self) -> Table:
+        rows = tuple((row.name, row.terms, row.seen, row.size) for row in self.groups if row.seen >= SHOWN)
+        columns = ("group", "terms", "seen", "size")
+        return Table("How much of each group the data show (sizes in natural sizes)", columns, rows, 2)
+
+    def _unseen_in_words(self) -> list[str]:
+        unseen = [row for row in self.groups if row.seen < SHOWN]
+        if not unseen:
+            return []
+        terms = sum(row.terms for row in unseen)
+        return [f"Of {len(unseen)} more groups with {terms} terms the data show nothing: they shrink to zero."]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The terms, a row each: joint from 1, axis, basis, family, group, value and std in ``unit`` (deg, mm)."""
+        import pandas as pd
+
+        rows = []
+        for term, value, std in zip(self.terms, self.coefficients, self.std, strict=True):
+            base, _, per = term.unit.partition("/")
+            unit, factor = UNIT_OUTSIDE[base]
+            unit = f"{unit}/{per}" if per else unit
+            place = (term.name, term.joint + 1, term.axis, term.basis, term.family, term.group)
+            rows.append((*place, float(value) / factor, float(std) / factor, unit))
+        columns = ["name", "joint", "axis", "basis", "family", "group", "value", "std", "unit"]
+        return pd.DataFrame(rows, columns=columns)
+
     @property
     def std(self) -> FloatArray:
         """Standard deviations of the coefficients, shape (terms,), in the terms' units."""
@@ -193,7 +299,7 @@ class EvidenceFit:
         return np.sqrt(np.maximum(np.diagonal(self.covariance)[flat:], 0.0))
 
     def term_map(self, warm: bool = True) -> TermMap:
-        """All terms but the constants; without the warm-up, which is zero at use, unless asked for."""
+        """All terms but the constants: of the warm arm, or with the warm-up terms, which are zero at use."""
         rows = [
             k
             for k, term in enumerate(self.terms)

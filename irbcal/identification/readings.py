@@ -9,6 +9,7 @@ of a move.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
+from irbcal.summary import Speaks, Told
 from irbcal.units import DEG
 
 RIDGE = 1e-3
@@ -26,8 +28,8 @@ SHORTEST = 0.1 * DEG
 """Largest joint's move below which nothing lags, radians."""
 
 
-@dataclass(frozen=True, eq=False)
-class Lag:
+@dataclass(frozen=True, eq=False, repr=False)
+class Lag(Speaks):
     """Share of the last move by which readings lag behind the programmed joints.
 
     Attributes
@@ -48,6 +50,13 @@ class Lag:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def told(self) -> Sequence[Told]:
+        """How much readings lag, and how well that is known."""
+        return (
+            f"readings lag behind the programmed joints by {np.median(self.shares):.2e} of the last move in the median "
+            f"of {len(self.shares)} poses; known within {self.sigma:.1e} of a move",
+        )
 
     def share(self, fit: EvidenceFit, motion: Motion) -> FloatArray:
         """Expected share for other readings with their last moves, shape (n,)."""

@@ -239,3 +239,15 @@ def test_the_program_itself(tmp_path):
     done = process(tmp_path / "absent.csv", "--robot", "irb1600", "--out", tmp_path / "m.csv")
     assert done.returncode == 1
     assert done.stderr == f"irbcal: {tmp_path / 'absent.csv'}: there is no such file\n"
+
+
+def test_readings_that_lag_are_written_beside_what_was_commanded(tmp_path):
+    common = ("--robot", "irb1600", "--random", 20, "--seed", 3, "--json")
+    plain = json.loads(run(*common, "--out", tmp_path / "plain.csv"))
+    also = json.loads(run(*common, "--also", "reading_lag", "--out", tmp_path / "also.csv"))
+    assert also["effects"] == [*plain["effects"], "reading_lag"]
+    without, beside = table.read(tmp_path / "plain.csv"), table.read(tmp_path / "also.csv")
+    assert not without.programmed
+    np.testing.assert_array_equal(beside.joints(), without.joints())
+    assert beside.reading_lag().before_standstill
+    assert "unknown effect 'lag'" in refused(*common, "--also", "lag", "--out", tmp_path / "no.csv")

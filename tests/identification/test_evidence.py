@@ -5,61 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from evidence_cases import MM, Measured, Truth, assert_documented, irb120, moves
 from support import TARGETS, arm, example_robot, measured, random_robot
 
 from irbcal.errors import IdentificationError
 from irbcal.files import urdf
-from irbcal.identification import evidence, readings, repeats
+from irbcal.identification import evidence
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import identify
 from irbcal.measurement import cleaning, table
-from irbcal.measurement.points import PointSet, distances
-from irbcal.modeling import frames
-from irbcal.modeling.terms import families
-from irbcal.modeling.terms.gear import gear_terms
-from irbcal.modeling.terms.geometry import DHM_COLUMNS
+from irbcal.measurement.points import distances
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.terms.term_map import TermMap
-
-MM = 1e-3
 
 # --- simulated truth ----------------------------------------------------------------------------------------
-
-
-class Truth:
-    """An arm with random terms of some families, that measures itself."""
-
-    def __init__(self, names, seed=1, scale=0.7, extra=(), T_world_base=None):
-        rng = np.random.default_rng(seed)
-        self.nominal = arm("irb120")
-        geometry = families()["geometry"].terms(self.nominal)
-        self.constants = {t.name: 0.5 * t.size * rng.standard_normal() for t in geometry}
-        columns = {k: getattr(self.nominal.table, k).copy() for k in DHM_COLUMNS.values()}
-        for t in geometry:
-            columns[DHM_COLUMNS[t.axis]][t.joint] += self.constants[t.name]
-        self.arm = self.nominal.with_table(replace(self.nominal.table, **columns))
-        terms = [t for name in names for t in families()[name].terms(self.nominal)]
-        terms = [t for t in terms if t.family != "harmonics" or t.parameters["cycles_per_turn"] <= 2]
-        values = [scale * t.size * rng.standard_normal() for t in terms]
-        self.map = TermMap(self.nominal, (*terms, *(t for t, _ in extra)), np.array([*values, *(c for _, c in extra)]))
-        self.T_world_base = frames.from_xyz_angles([0.4, -1.0, 0.2, 0.1, 0.2, -2.0])
-
-    def points(self, motion, name):
-        T = self.T_world_base @ self.map.forward(self.arm, motion)
-        return T[:, :3, :3] @ np.asarray(TARGETS[name]) + T[:, :3, 3]
-
-    def measured(self, motion, noise, seed=2):
-        rng = np.random.default_rng(seed)
-        n, names = len(motion), tuple(TARGETS)
-        xyz = np.stack([self.points(motion, name) for name in names], axis=1).reshape(-1, 3)
-        xyz += noise * rng.standard_normal(xyz.shape)
-        pose, target = np.repeat(np.arange(n), 3), np.tile(np.arange(3), n)
-        return PointSet(motion.q, pose, target, xyz, names, np.arange(n), np.full(n, "", dtype=object))
-
-
-def moves(model, n, seed):
-    return Motion.in_order(model.random_joints(n, seed))
 
 
 def test_simulated_terms_are_found_again():
@@ -83,33 +42,6 @@ def test_simulated_terms_are_found_again():
     spread = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
     assert 0.8 < np.mean(np.abs(error) < 1.96 * spread) <= 1.0
     assert np.mean(np.abs(error) < seen.interval) > 0.99
-
-
-def test_an_unknown_stop_before_widens_the_interval():
-    truth = Truth(["gravity", "direction"], scale=2.0)
-    motion = replace(moves(truth.nominal, 100, 3), elapsed=None)
-    found = identify_evidence(truth.nominal, truth.measured(motion, 1e-5), motion, gear_scan=False)
-    test = moves(truth.nominal, 30, 5)
-    known, unknown = found.predict(test.q, test.q - test.moves), found.predict(test.q)
-    assert (unknown.interval > known.interval).all()
-    assert np.abs(unknown.position - known.position).max() > 1e-5
-    assert (np.abs(unknown.position - known.position) < unknown.interval).mean() > 0.9
-
-
-def test_gears_are_found_in_words():
-    gears = [(t, c) for t, c in zip(gear_terms(3, 242), (6e-5, -3e-5), strict=True)]
-    truth = Truth(["gravity", "gain"], extra=gears)
-    motion = Motion(truth.nominal.random_joints(120, 3))
-    found = identify_evidence(truth.nominal, truth.measured(motion, 1e-5), motion)
-    assert [(g.joint, g.cycles_per_turn) for g in found.gears] == [(3, 242)]
-    (sentence,) = found.gear_sentences()
-    assert sentence.startswith("Joint 4 swings by 0.0038 degrees 242 times a turn")
-
-
-def test_no_gears_are_found_in_noise():
-    truth = Truth(["gravity", "gain"])
-    motion = Motion(truth.nominal.random_joints(80, 3))
-    assert not identify_evidence(truth.nominal, truth.measured(motion, 2e-5), motion).gears
 
 
 def test_payload_is_carried_over_to_another_mass():
@@ -144,39 +76,6 @@ def test_the_thesis_level_keeps_its_accuracy_on_arms_with_its_errors():
     assert np.concatenate(error).mean() < 1.15 * level
 
 
-def test_repeats_of_a_stop_are_averaged():
-    truth = Truth(["gravity"])
-    motion = Motion(np.repeat(truth.nominal.random_joints(30, 3), 3, axis=0))
-    points = truth.measured(motion, 3e-5)
-    merged, shorter = repeats.averaged(points, motion)
-    assert merged.poses == len(shorter) == 30
-    expected = points.xyz.reshape(30, 3, 3, 3).mean(axis=1).reshape(-1, 3)
-    np.testing.assert_allclose(merged.xyz, expected, atol=1e-12)
-    assert identify_evidence(truth.nominal, points, motion, gear_scan=False).poses == 30
-
-
-def test_readings_that_lag_are_recognised():
-    truth = Truth(["gravity"])
-    commands = moves(truth.nominal, 120, 3)
-    rng = np.random.default_rng(6)
-    share = np.abs(4e-4 + 2e-4 * rng.standard_normal(120))
-    points = truth.measured(replace(commands, elapsed=None), 1e-5)
-    read = commands.q - share[:, None] * commands.moves
-    motion = Motion(read, np.diff(read, axis=0, prepend=read[:1]), readings=True)
-    found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
-    assert found.readings_projected
-    assert found.readings_gain > 3.0
-    shares = readings.shares(found, points, motion)
-    assert np.abs(shares - share)[5:].mean() < 2e-5
-    lag = readings.lag(found, points, motion)
-    assert np.abs(lag.share(found, motion)[5:] - share[5:]).mean() < 2.5e-4
-    # exact readings are left alone
-    motion = Motion(commands.q, commands.moves, readings=True)
-    found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
-    assert not found.readings_projected
-    assert found.readings_gain < 1.2
-
-
 def test_comparison_on_some_poses_then_all(monkeypatch):
     truth = Truth(["gravity"])
     motion = Motion(truth.nominal.random_joints(120, 3))
@@ -203,52 +102,32 @@ def test_what_cannot_be_done_is_refused():
         identify_evidence(truth.nominal, points, motion, gear_scan=False).predict(motion.q, None, "smr9")
 
 
-def test_joints_outside_the_ranges_of_the_fit_are_marked():
+def test_the_average_is_the_weighted_sum_of_its_dictionaries():
+    truth = Truth(["gravity"], scale=0.3)
+    motion = Motion(truth.nominal.random_joints(25, 3))
+    found = identify_evidence(truth.nominal, truth.measured(motion, 5e-5), motion, gear_scan=False)
+    weights = [row.weight for row in found.dictionaries]
+    assert sum(weights) == pytest.approx(1.0)
+    assert sum(w > 0.0 for w in weights) > 1
+    for row in found.dictionaries:
+        assert (row.sigma is None) == (row.loo is None) == (row.weight == 0.0)
+    # the average of residual variances, and left-out residuals that no dictionary alone need have
+    kept = [row for row in found.dictionaries if row.weight]
+    assert found.sigma**2 == pytest.approx(sum(row.weight * row.sigma**2 for row in kept), rel=1e-9)
+    assert found.loo[""] <= max(row.loo for row in kept)
+
+
+def test_a_known_target_stays_where_it_is():
     truth = Truth(["gravity"])
-    motion = Motion(0.3 * truth.nominal.random_joints(40, 3))
-    found = identify_evidence(truth.nominal, truth.measured(motion, 2e-5), motion, gear_scan=False)
-    q = np.array([motion.q[0], motion.q[0] + np.array([0, 0, 0, 3.0, 0, 0])])
-    np.testing.assert_array_equal(found.predict(q).outside, [False, True])
+    motion = Motion(truth.nominal.random_joints(60, 3))
+    known = {name: np.array(place) for name, place in TARGETS.items()}
+    found = identify_evidence(truth.nominal, truth.measured(motion, 2e-5), motion, gear_scan=False, known_targets=known)
+    assert found.free_targets == ()
+    np.testing.assert_array_equal(found.targets["smr2"], TARGETS["smr2"])
+    assert len(found.covariance) == 6 + len(found.terms)
 
 
 # --- real robots: figures of an independent calculation -----------------------------------------------------
-
-
-class Measured:
-    """Clean poses of a real robot with programmed joints and last moves."""
-
-    def __init__(self, model, points, motion):
-        self.model, self.points, self.motion = model, points, motion
-
-    def first(self, n, **options):
-        rows = np.arange(self.points.poses) < n
-        return identify_evidence(self.model, self.points.select(rows), self.motion.select(rows), **options)
-
-    def heldout(self, found, n):
-        """Mean and largest error (mm) and coverage of the interval on the poses after the first n."""
-        rows = np.arange(self.points.poses) >= n
-        points, motion = self.points.select(rows), self.motion.select(rows)
-        errors, inside = [], []
-        for k, name in enumerate(points.target_names):
-            mine = points.target == k
-            q = motion.q[points.pose[mine]]
-            seen = found.predict(q, q - motion.moves[points.pose[mine]], name)
-            errors.append(np.linalg.norm(points.xyz[mine] - seen.position, axis=1) / MM)
-            inside.append(np.abs(points.xyz[mine] - seen.position) < seen.interval)
-        error = np.concatenate(errors)
-        return error.mean(), error.max(), np.concatenate(inside).mean()
-
-
-def irb120(shared_data, joints="c"):
-    seen = table.read(shared_data / "irb120_laser_tracker" / "measurements_with_commands.csv")
-    first = seen.table.groupby("pose_index", sort=True).first()
-    q = np.radians(first[[f"{joints}{i}_deg" for i in range(1, 7)]].to_numpy(dtype=float))
-    cleaned = cleaning.clean(seen)
-    row = pd.Index(first["pose"]).get_indexer(cleaned.points.pose_ids)
-    keep = cleaned.registration.own[row]
-    motion = Motion.in_order(q, readings=joints == "q").select(row[keep])
-    points = replace(cleaned.points, q=q[row]).select(keep)
-    return Measured(urdf.read("irb120").arm, points, motion)
 
 
 @pytest.fixture(scope="module")
@@ -303,8 +182,14 @@ def test_held_out_errors_of_an_irb120(irb120_commands, terms, poses, gears):
     expected = HELDOUT[terms, poses, gears]
     assert mean < 1.05 * expected[0]
     assert largest < 1.1 * expected[1]
+    assert_documented(("IRB 120", terms, poses, gears), mean, largest, inside)
     if poses >= 200:
         assert 0.93 < inside < 0.985
+
+
+@pytest.mark.parametrize(("level", "poses"), [("34b", 45), ("34", 200), ("34b", 200), ("34b", 400)])
+def test_levels_of_the_thesis_on_an_irb120(irb120_commands, level, poses):
+    assert_documented(("IRB 120", f"level {level}", poses, False), *irb120_commands.of_level(poses, level))
 
 
 def test_readings_of_an_irb120(shared_data, irb120_commands):
@@ -312,7 +197,8 @@ def test_readings_of_an_irb120(shared_data, irb120_commands):
     found = read.first(200, terms="all", gear_scan=False)
     assert found.readings_projected
     assert found.readings_gain > 4.0
-    mean, largest, _ = irb120_commands.heldout(found, 200)
+    mean, largest, inside = irb120_commands.heldout(found, 200)
+    assert_documented(("IRB 120, readings only", "all", 200, False), mean, largest, inside)
     assert mean < 0.082  # at programmed joints, which it has never seen
     assert largest < 0.25
 
@@ -329,3 +215,5 @@ def test_held_out_errors_of_a_ur10(shared_data, tmp_path, group, mean, largest):
     assert error[0] < 1.05 * mean
     assert error[1] < largest
     assert error[2] > 0.9
+    assert_documented((f"UR10 {group}", "joint-map", 300, False), *error)
+    assert_documented((f"UR10 {group}", "level 34", 300, False), *data.of_level(300, "34"))

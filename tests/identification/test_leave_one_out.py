@@ -1,0 +1,70 @@
+"""Leaving out against fits without the poses."""
+
+import numpy as np
+import pytest
+from evidence_cases import linear_case
+
+from irbcal.identification import leave_one_out, linearisation, mackay
+from irbcal.identification.dictionaries import make
+from irbcal.identification.linearisation import Linearisation
+
+
+@pytest.mark.parametrize("temper", [1.0, 2 / 3])
+def test_leaving_out_agrees_with_fits_without_the_poses(temper):
+    problem, state, motion, terms = linear_case()
+    linear = Linearisation(problem, state, motion, terms)
+    chosen = make(terms, ["gravity", "gain", "direction"], 0, None)
+    columns = chosen.columns(linear.flat)
+    sums = linear.sums(columns)
+    found = mackay.fit(sums, linear.flat, chosen.group, chosen.caps, temper)
+    rows = next(linear.blocks(columns))
+    prior = np.r_[np.zeros(linear.flat), 1.0 / found.variances[chosen.group]]
+    a = temper / found.s2
+
+    def without(mine):
+        J, y = rows.J[:, ~mine], rows.y[~mine]
+        c = np.linalg.solve(a * J @ J.T + np.diag(prior), a * J @ y)
+        return rows.y[mine] - c @ rows.J[:, mine]
+
+    u, pose = leave_one_out.residuals(linear, columns, found)
+    v, _ = leave_one_out.block_residuals(linear, columns, found, 5)
+    for n in (0, 7, 29):
+        np.testing.assert_allclose(u[pose == n].ravel(), without(rows.pose == n), rtol=1e-5, atol=1e-6)
+    for n in (0, 3):
+        mine = (rows.pose >= 6 * n) & (rows.pose < 6 * (n + 1))
+        np.testing.assert_allclose(
+            v[np.isin(pose, np.unique(rows.pose[mine]))].ravel(), without(mine), rtol=1e-4, atol=1e-5
+        )
+
+
+def test_residuals_come_in_the_order_of_the_poses_in_any_blocks(monkeypatch):
+    problem, state, motion, terms = linear_case(14, orientations=True)
+    linear = Linearisation(problem, state, motion, terms)
+    chosen = make(terms, ["gravity"], 0, None)
+    columns = chosen.columns(linear.flat)
+    found = mackay.fit(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 1.0)
+    whole = [f(linear, columns, found) for f in (leave_one_out.residuals, leave_one_out.block_residuals)]
+    monkeypatch.setattr(linearisation, "BLOCK", 4)
+    parts = [f(linear, columns, found) for f in (leave_one_out.residuals, leave_one_out.block_residuals)]
+    for (u, pose), (v, again) in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(pose, again)
+        assert (np.diff(pose) >= 0).all()
+        assert len(u) == problem.rows
+        np.testing.assert_allclose(u, v, rtol=0, atol=1e-8)
+
+
+def test_left_out_errors_are_larger_than_residuals():
+    problem, state, motion, terms = linear_case(20)
+    linear = Linearisation(problem, state, motion, terms)
+    chosen = make(terms, ["gravity", "gain"], 0, None)
+    columns = chosen.columns(linear.flat)
+    found = mackay.fit(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 2 / 3)
+    rows = next(linear.blocks(columns))
+    fitted = leave_one_out.rms_length((rows.y - found.c @ rows.J).reshape(-1, 3))
+    one = leave_one_out.rms_length(leave_one_out.residuals(linear, columns, found)[0])
+    block = leave_one_out.rms_length(leave_one_out.block_residuals(linear, columns, found)[0])
+    assert 1.1 * fitted < one < 1.1 * block
+
+
+def test_root_mean_square_length_by_hand():
+    assert leave_one_out.rms_length(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])) == pytest.approx(np.sqrt(12.5))

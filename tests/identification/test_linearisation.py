@@ -1,0 +1,147 @@
+"""The linear model of all terms against the Jacobian of the problem and against central differences."""
+
+import numpy as np
+import pytest
+from evidence_cases import linear_case
+from support import central_differences
+
+from irbcal.errors import IdentificationError
+from irbcal.identification import linearisation
+from irbcal.identification.dictionaries import make
+from irbcal.identification.linearisation import TURN_UNIT, Linearisation
+from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
+from irbcal.modeling.terms.term_map import TermMap
+
+
+@pytest.mark.parametrize("orientations", [False, True])
+def test_geometry_columns_are_the_jacobian_of_the_problem(orientations):
+    problem, state, motion, terms = linear_case(12, orientations)
+    linear = Linearisation(problem, state, motion, terms)
+    k = problem.unknowns
+    sums = linear.sums(np.arange(k))
+    H, g, rss = problem.normal_equations(state)
+    units = linear.sizes[:k] / 1e-3
+    scale = np.sqrt(np.diag(sums.H))
+    np.testing.assert_allclose(
+        sums.H / np.outer(scale, scale), H * np.outer(units, units) / np.outer(scale, scale), atol=1e-9
+    )
+    # the target counts the geometry from the nominal arm
+    c = np.r_[np.zeros(problem.outer), state.errors / linear.sizes[problem.outer : k]]
+    left = sums.yy - 2 * c @ sums.g + c @ sums.H @ c
+    assert left == pytest.approx(1e6 * rss, rel=1e-6)
+    np.testing.assert_allclose((sums.g - sums.H @ c) / scale, g * units * 1e3 / scale, atol=1e-6)
+
+
+def test_blocks_of_poses_add_up(monkeypatch):
+    problem, state, motion, terms = linear_case(13)
+    linear = Linearisation(problem, state, motion, terms)
+    whole = linear.sums()
+    monkeypatch.setattr(linearisation, "BLOCK", 4)
+    parts = linear.sums()
+    np.testing.assert_allclose(parts.H, whole.H, rtol=1e-9, atol=1e-9)
+    assert parts.equations == whole.equations == 3 * problem.rows
+
+
+def test_projection_takes_the_last_move_out_of_each_pose():
+    problem, state, motion, terms = linear_case(12)
+    chosen = make(terms, ["gravity", "gain"], 0, None)
+    linear = Linearisation(problem, state, motion, terms, project=True)
+    columns = chosen.columns(linear.flat)
+    free = Linearisation(problem, state, motion, terms)
+    # the same as one free column a pose in the dense problem: any share of the move leaves the rows as they are
+    rows, plain = next(linear.blocks(columns)), next(free.blocks(columns))
+    _, tail = (
+        plain.J,
+        free._columns(
+            problem.model(state)[0],
+            problem.points,
+            np.arange(len(problem.points)),
+            np.zeros(0, dtype=int),
+            motion,
+            0,
+            columns,
+        )[-1],
+    )
+    d = tail.T.ravel()
+    for n in range(1, 12):
+        mine = plain.pose == n
+        P = np.eye(mine.sum()) - np.outer(d[mine], d[mine]) / (d[mine] @ d[mine])
+        np.testing.assert_allclose(rows.J[:, mine], plain.J[:, mine] @ P, atol=1e-9)
+        np.testing.assert_allclose(rows.y[mine], P @ plain.y[mine], atol=1e-9)
+    assert linear.sums(columns).equations == 3 * len(problem.points) - 12
+
+
+@pytest.mark.parametrize("orientations", [False, True])
+def test_columns_of_terms_are_central_differences_of_the_points(orientations):
+    problem, state, motion, terms = linear_case(6, orientations)
+    linear = Linearisation(problem, state, motion, terms)
+    arm, _ = problem.model(state)
+    places = [k for k, t in enumerate(terms) if t.family in ("gravity", "wobble", "direction", "warm_up", "bending")]
+    chosen, sizes = tuple(terms[k] for k in places), np.array([terms[k].size for k in places])
+    rows = next(linear.blocks(np.array(places) + linear.flat))
+    points = problem.points
+    local = state.targets[points.target]
+    positions = np.concatenate([np.arange(rows_of) < seen for rows_of, seen in _rows_of_poses(points)]).repeat(3)
+    weights = np.broadcast_to(problem.weights[: len(points)].reshape(len(points), -1), (len(points), 3)).ravel()
+
+    def xyz(c):
+        T = TermMap(problem.arm, chosen, c).forward(arm, motion)[points.pose]
+        return (np.einsum("mij,mj->mi", T[:, :3, :3], local) + T[:, :3, 3]).ravel()
+
+    rng = np.random.default_rng(3)
+    for _ in range(3):  # in random directions of all of them together
+        step = rng.standard_normal(len(chosen))
+        expected = central_differences(lambda s, step=step: xyz(s[0] * step * sizes), np.zeros(1), 1e-2)[:, 0]
+        expected = weights * expected / 1e-3
+        found = (step @ rows.J)[positions]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+def _rows_of_poses(points):
+    """Number of rows, and of positions among them, of each pose."""
+    turned = np.bincount(points.pose[points.oriented()], minlength=points.poses)
+    seen = np.bincount(points.pose, minlength=points.poses)
+    return list(zip(seen + turned, seen, strict=True))
+
+
+def test_flat_columns_count_in_their_units():
+    problem = linear_case(8, True)[0]
+    units = linearisation.flat_units(problem)
+    assert len(units) == problem.outer
+    np.testing.assert_array_equal(units[:6], [TURN_UNIT] * 3 + [1e-3] * 3)
+    assert set(units[6:]) <= {TURN_UNIT, 1e-3}
+
+
+def test_the_geometry_solution_is_a_fixed_point_and_moved_goes_there():
+    problem, state, motion, _ = linear_case(30)
+    geometry = GEOMETRY.terms(problem.arm)
+    linear = Linearisation(problem, state, motion, geometry)
+    again = linearisation.geometry_solution(problem, motion, geometry)
+    np.testing.assert_allclose(again.errors, state.errors, rtol=0, atol=1e-9)
+    zero = np.zeros(len(linear.sizes))
+    nominal = linear.moved(zero)
+    np.testing.assert_array_equal(nominal.errors, 0.0)
+    np.testing.assert_array_equal(nominal.targets, state.targets)
+    zero[problem.outer] = 2.0
+    assert linear.moved(zero).errors[0] == pytest.approx(2.0 * geometry[0].size)
+    zero[3] = 1.0
+    assert np.linalg.norm(linear.moved(zero).T_world_base[:3, 3] - state.T_world_base[:3, 3]) == pytest.approx(1e-3)
+
+
+def test_too_few_poses_are_refused():
+    problem, _, _, _ = linear_case(5)
+    points = problem.points.select(np.arange(5) < 2)
+    with pytest.raises(IdentificationError, match="at least 3"):
+        linearisation.geometry_problem(problem.arm, points, GEOMETRY.terms(problem.arm), None)
+
+
+def test_the_same_problem_for_other_points():
+    problem, state, motion, terms = linear_case(10)
+    keep = np.arange(10) < 4
+    part = linearisation.at_poses(problem, problem.points.select(keep))
+    some = Linearisation(part, state, motion.select(keep), terms).sums()
+    first = Linearisation(problem, state, motion, terms)
+    rows = next(first.blocks())
+    mine = rows.pose < 4
+    np.testing.assert_allclose(some.H, rows.J[:, mine] @ rows.J[:, mine].T, rtol=1e-9, atol=1e-9)
+    assert some.equations == mine.sum()

@@ -1,0 +1,65 @@
+"""Readings taken before the arm stood still: simulated shares found again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from evidence_cases import Truth, moves
+
+from irbcal.identification import readings
+from irbcal.identification.evidence import identify_evidence
+from irbcal.modeling.terms.situation import Motion
+
+
+@pytest.fixture(scope="module")
+def lagging():
+    """A fit from lagging readings: truth, commands, true shares, points, motion as read, fit."""
+    truth = Truth(["gravity"])
+    commands = moves(truth.nominal, 120, 3)
+    rng = np.random.default_rng(6)
+    share = np.abs(4e-4 + 2e-4 * rng.standard_normal(120))
+    points = truth.measured(replace(commands, elapsed=None), 1e-5)
+    read = commands.q - share[:, None] * commands.moves
+    motion = Motion(read, np.diff(read, axis=0, prepend=read[:1]), readings=True)
+    return truth, commands, share, points, motion, identify_evidence(truth.nominal, points, motion, gear_scan=False)
+
+
+def test_readings_that_lag_are_recognised(lagging):
+    truth, commands, share, points, motion, found = lagging
+    assert found.readings_projected
+    assert found.readings_gain > 3.0
+    assert "before the arm stood still" in found.summary()
+    shares = readings.shares(found, points, motion)
+    assert np.abs(shares - share)[5:].mean() < 2e-5
+    lag = readings.lag(found, points, motion)
+    assert np.abs(lag.share(found, motion)[5:] - share[5:]).mean() < 2.5e-4
+    assert repr(lag).startswith("<Lag: readings lag behind the programmed joints by 4.")
+    # exact readings are left alone
+    motion = Motion(commands.q, commands.moves, readings=True)
+    found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
+    assert not found.readings_projected
+    assert found.readings_gain < 1.2
+    assert "taken at rest" in found.summary()
+
+
+def test_programmed_joints_are_nearer_than_readings(lagging):
+    _, commands, _, points, motion, found = lagging
+    lag = readings.lag(found, points, motion)
+    off = np.abs(lag.programmed(found, motion) - commands.q)[5:].mean()
+    assert off < 0.5 * np.abs(motion.q - commands.q)[5:].mean()
+    np.testing.assert_array_equal(lag.shares, readings.shares(found, points, motion))
+
+
+def test_features_of_a_move_by_hand(lagging):
+    found, motion = lagging[-1], lagging[-2]
+    q = motion.q[:3]
+    move = np.array([[0.1, -0.2, 0.0, 0.05, 0.0, 0.0], [0.0] * 6, [1e-4, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    rows = readings.features(found, Motion(q, move))
+    assert rows.shape == (3, 9)
+    assert rows[0, 0] == 1.0
+    assert rows[0, 1] == pytest.approx(5.0)
+    np.testing.assert_allclose(rows[0, 3:], np.abs(move[0]) / 0.04, rtol=1e-12)
+    T = found.arm.forward(np.array([q[0], q[0] - move[0]]))
+    place = np.append(next(iter(found.targets.values())), 1.0)
+    assert 1.0 / rows[0, 2] == pytest.approx(np.linalg.norm((T[0] - T[1])[:3] @ place), rel=1e-9)
+    assert not rows[1:].any()  # no move, or one below a tenth of a degree

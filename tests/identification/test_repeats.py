@@ -1,0 +1,62 @@
+"""Repeats of a stop against means by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+from evidence_cases import Truth
+from hypothesis import given
+from hypothesis import strategies as st
+
+from irbcal.identification import repeats
+from irbcal.identification.evidence import identify_evidence
+from irbcal.measurement.points import PointSet
+from irbcal.modeling.terms.situation import Motion
+
+
+def test_repeats_of_a_stop_are_averaged():
+    truth = Truth(["gravity"])
+    motion = Motion(np.repeat(truth.nominal.random_joints(30, 3), 3, axis=0))
+    points = truth.measured(motion, 3e-5)
+    merged, shorter = repeats.averaged(points, motion)
+    assert merged.poses == len(shorter) == 30
+    expected = points.xyz.reshape(30, 3, 3, 3).mean(axis=1).reshape(-1, 3)
+    np.testing.assert_allclose(merged.xyz, expected, atol=1e-12)
+    assert identify_evidence(truth.nominal, points, motion, gear_scan=False).poses == 30
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=15), st.integers(0, 999))
+def test_means_by_a_dictionary_of_stops(stops, seed):
+    # stops (joints, move) in any order, each seeing some of two targets
+    rng = np.random.default_rng(seed)
+    q = np.array([[0.1 * s, 0.2] for s, _ in stops])
+    move = np.array([[0.05 * m, 0.0] for _, m in stops])
+    seen = [(n, t) for n in range(len(stops)) for t in range(2) if t == n % 2 or rng.uniform() < 0.5]
+    pose, target = (np.array([s[k] for s in seen]) for k in range(2))
+    xyz, u95 = rng.normal(size=(len(seen), 3)), rng.uniform(size=len(seen))
+    n = len(stops)
+    points = PointSet(q, pose, target, xyz, ("a", "b"), np.arange(n), np.full(n, "", dtype=object), u95=u95)
+    motion = Motion(q, move, np.arange(n, dtype=float), np.full(n, 2.0))
+    merged, shorter = repeats.averaged(points, motion)
+    order = list(dict.fromkeys(stops))
+    assert merged.poses == len(shorter) == len(order)
+    for p, t, place, u in zip(merged.pose, merged.target, merged.xyz, merged.u95, strict=True):
+        mine = [k for k in range(len(seen)) if stops[pose[k]] == order[p] and target[k] == t]
+        np.testing.assert_allclose(place, xyz[mine].mean(axis=0), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(u, u95[mine].mean(), rtol=1e-12)
+    for p, stop in enumerate(order):
+        when = [k for k in range(n) if stops[k] == stop]
+        np.testing.assert_allclose(shorter.elapsed[p], np.mean(when), rtol=1e-12)
+        np.testing.assert_array_equal(shorter.q[p], q[when[0]])
+        assert merged.pose_ids[p] == when[0]
+    assert (np.diff(merged.pose) >= 0).all()
+
+
+def test_other_masses_and_orientations_are_not_averaged():
+    truth = Truth(["gravity"])
+    q = np.repeat(truth.nominal.random_joints(4, 3), 2, axis=0)
+    motion = Motion(q, payload_kg=np.tile([1.0, 2.0], 4))
+    points = truth.measured(motion, 1e-5)
+    assert repeats.averaged(points, motion)[0].poses == 8
+    turned = replace(points, rotation=np.tile(np.eye(3), (len(points), 1, 1)))
+    assert repeats.averaged(turned, Motion(q))[0] is turned
+    assert repeats.averaged(points, Motion(q))[0].poses == 4

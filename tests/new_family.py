@@ -1,0 +1,53 @@
+"""A family of terms in a module of its own, as somebody would add one."""
+
+import textwrap
+
+from irbcal.modeling import terms as package
+from irbcal.modeling.terms import bases, families
+
+NEW_FAMILY = textwrap.dedent('''
+    """Creep: a joint that is far from its middle gives way."""
+
+    import numpy as np
+
+    from irbcal.modeling.terms.term import Basis, Family, Term, own_axis
+
+
+    class Cubed(Basis):
+        name = "cubed"
+
+        def values(self, terms, here):
+            return here.motion.q.T[[t.joint for t in terms]] ** 3
+
+        def slopes(self, terms, here):
+            out = np.zeros((len(terms), *here.motion.q.shape))
+            for k, term in enumerate(terms):
+                out[k, :, term.joint] = 3.0 * here.motion.q[:, term.joint] ** 2
+            return out
+
+
+    class Creep(Family):
+        name = "creep"
+        bases = (Cubed(),)
+
+        def terms(self, arm):
+            return [
+                Term(j, own_axis(arm, j), "cubed", 1e-4, self.name, self.name) for j in range(len(arm.joint_names))
+            ]
+
+
+    FAMILY = Creep()
+''')
+
+
+def add(folder, monkeypatch):
+    """Add the family; `forget` after the path is as it was."""
+    (folder / "creep.py").write_text(NEW_FAMILY)
+    monkeypatch.setattr(package, "__path__", [*package.__path__, str(folder)])
+    forget()
+
+
+def forget():
+    """Look for families again."""
+    families.cache_clear()
+    bases.cache_clear()
