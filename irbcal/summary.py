@@ -10,12 +10,19 @@ from io import StringIO
 from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
+    import rich.console
     import rich.table
 
 Cell: TypeAlias = "str | float | int | None"
 
 WIDTH = 110
 """Columns of text of a summary."""
+
+SHORTEST_TEXT = 12
+"""Columns of text below which a column of words is not broken."""
+
+GAP = 2
+"""Columns of text between two columns of a table."""
 
 LONGEST_REPR = 1_500
 """Characters of the text that the interpreter shows."""
@@ -50,25 +57,49 @@ class Table:
     def _text(self, cell: Cell) -> str:
         if cell is None:
             return "–"
-        return f"{cell:.{self.digits}f}" if isinstance(cell, float) else str(cell)
+        return f"{round(cell, self.digits) + 0.0:.{self.digits}f}" if isinstance(cell, float) else str(cell)
 
     def on_the_right(self) -> list[bool]:
         """Of each column, whether it holds numbers."""
         numbers = [any(isinstance(row[k], (int, float)) for row in self.rows) for k in range(len(self.columns))]
         return numbers
 
-    def for_terminal(self) -> rich.table.Table:
-        """As a table of the package rich."""
+    def for_terminal(self, width: int = WIDTH) -> rich.table.Table:
+        """As a table of the package rich, for so many columns of text: numbers are not broken, words only where needed.
+
+        It fits where there is room for `narrowest`.
+        """
         from rich import box
         from rich.table import Table as Terminal
         from rich.text import Text
 
-        table = Terminal(box=box.SIMPLE_HEAD, pad_edge=False)
-        for name, right in zip(self.columns, self.on_the_right(), strict=True):
-            table.add_column(Text(name), justify="right" if right else "left", overflow="fold")
-        for k, row in enumerate(self.cells()):
+        table = Terminal(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        heads, cells = self.columns, self.cells()
+        longest = [max(cell_len(text) for text in column) for column in zip(heads, *cells, strict=True)]
+        tight = _whole(longest) > width
+        for k, (name, right) in enumerate(zip(heads, self.on_the_right(), strict=True)):
+            if tight and right:
+                name = _broken(name, [row[k] for row in cells])
+            table.add_column(
+                Text(name),
+                justify="right" if right else "left",
+                overflow="fold",
+                no_wrap=right or not tight,
+                min_width=None if right else min(longest[k], SHORTEST_TEXT),
+            )
+        for k, row in enumerate(cells):
             table.add_row(*(Text(cell) for cell in row), style="bold" if k in self.bold else None)
         return table
+
+    def narrowest(self) -> int:
+        """Columns of text that the table needs at least: numbers are not broken, words are."""
+        needed = []
+        for name, right, *column in zip(self.columns, self.on_the_right(), *self.cells(), strict=True):
+            if right:
+                needed.append(max(cell_len(text) for text in [*_broken(name, column).split("\n"), *column]))
+            else:
+                needed.append(min(SHORTEST_TEXT, max(cell_len(text) for text in [name, *column])))
+        return _whole(needed)
 
     def html(self) -> str:
         """As an HTML table."""
@@ -88,8 +119,36 @@ class Table:
         return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table>"
 
 
+def cell_len(text: str) -> int:
+    """Columns of text that a text takes in a terminal."""
+    from rich import cells
+
+    return cells.cell_len(text)
+
+
+def _whole(columns: Sequence[int]) -> int:
+    """Width of a table with columns of these widths."""
+    return sum(columns) + GAP * (len(columns) - 1) + 2
+
+
+def _broken(heading: str, cells: Sequence[str]) -> str:
+    """A heading in lines that are not longer than what stands below it, but for single words."""
+    from textwrap import wrap
+
+    return "\n".join(wrap(heading, max(map(cell_len, [*cells, *heading.split(), "0"])), break_long_words=False))
+
+
 Told: TypeAlias = "str | Table"
 """A paragraph or a table."""
+
+
+def print_table(console: rich.console.Console, table: Table) -> None:
+    """Title and table; where the table needs more columns of text than there are, its lines go on."""
+    before = console.width
+    console.print(table.title, soft_wrap=True)
+    console.width = max(before, table.narrowest())
+    console.print(table.for_terminal(before))
+    console.width = before
 
 
 def as_text(told: Sequence[Told], width: int = WIDTH) -> str:
@@ -100,8 +159,7 @@ def as_text(told: Sequence[Told], width: int = WIDTH) -> str:
     console = Console(file=out, width=width, color_system=None, markup=False, highlight=False, emoji=False)
     for item in told:
         if isinstance(item, Table):
-            console.print(item.title, soft_wrap=True)
-            console.print(item.for_terminal())
+            print_table(console, item)
         else:
             console.print(item, soft_wrap=True)
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()).rstrip()

@@ -1,5 +1,6 @@
 """Results that speak: as text, as a table in a notebook, short in the interpreter."""
 
+import pytest
 from lxml import html
 
 from irbcal.summary import Speaks, Table, as_text
@@ -43,3 +44,31 @@ def test_html_is_escaped_and_whole():
 def test_a_long_headline_is_cut():
     assert repr(Result("short")) == "<Result: short>"
     assert len(repr(Result("x" * 10_000))) < 2_000
+
+
+WIDE = Table(
+    "Wide",
+    ("model placement", "note", *(f"angle of joint {k}" for k in range(9))),
+    (("all targets of it", "free " * 12, *(123.456,) * 9),),
+)
+
+
+@pytest.mark.parametrize("width", [200, 110, 60, 20])
+def test_numbers_are_never_broken(width):
+    text = as_text([WIDE], width)
+    assert text.count("123.456") == 9
+    assert ("model placement" in text) == (width > 110)
+    assert max(map(len, text.splitlines())) <= max(width, WIDE.narrowest())
+    assert WIDE.narrowest() < 115
+
+
+def test_words_are_not_broken_where_there_is_room():
+    table = Table("T", ("", "model"), (("all targets", "model placement"),))
+    assert "all targets  model placement" in as_text([table], 32)
+    columns = ("", "model", "points", "mean", "sigma", "max", "mean+3σ", "rms")
+    errors = Table("T", columns, (("all targets", "model placement", 81, *(0.835,) * 5),))
+    assert "all targets  model placement" in as_text([errors], 80)
+
+
+def test_zero_has_no_sign():
+    assert Table("T", ("x",), ((-0.0001,), (-0.0,), (-0.0006,))).cells() == [["0.000"], ["0.000"], ["-0.001"]]

@@ -1,5 +1,6 @@
 """From the thesis to the code: the index is complete and up to date, and its reader reads what is written."""
 
+import re
 import runpy
 import subprocess
 import sys
@@ -28,3 +29,66 @@ def test_citations_are_read():
         "eq. 3.1",
     ]
     assert [is_range for _, is_range in citations(text)][-1]
+
+
+def test_the_code_that_computes_an_equation_comes_first():
+    places, _ = runpy.run_path(str(SCRIPT))["index"]()
+    first = {item: f"{found[0].file.removeprefix('irbcal/')}: {found[0].name}" for item, found in places.items()}
+    for item, place in {
+        "eq. 3.31": "modeling/joint_map.py: JointMap.effective",
+        "eq. 5.1": "modeling/dhm.py: DHMTable.step",
+        "eq. 5.8": "modeling/joint_map.py: fourier_terms",
+        "eq. 5.11": "modeling/joint_map.py: stiffness_terms",
+        "eq. 5.12": "modeling/joint_map.py: Stiffness.coefficients",
+        "eq. 5.13": "modeling/joint_map.py: Stiffness.coefficients",
+        "eq. 5.14": "modeling/joint_map.py: JointMap.effective",
+        "eq. 5.17": "modeling/joint_map.py: Stiffness._lever",
+        "eq. 5.18": "modeling/joint_map.py: Stiffness.k_F1",
+        "eq. 5.22": "modeling/joint_map.py: Stiffness.guess",
+        "eq. 6.3": "modeling/inverse/orthoparallel.py: OrthoParallel.of",
+        "eq. 6.39": "modeling/dhm.py: forward",
+        "eq. 6.40": "modeling/robot.py: Robot.forward",
+        "eq. 6.41": "modeling/inverse/newton.py: errors",
+        "eq. 7.1": "modeling/dhm.py: forward",
+        "eq. 7.2": "modeling/robot.py: Robot.forward",
+        "eq. 7.3": "correction/fake_targets.py: correct_joints",
+        "Table 7.4": "studies/tables.py: table_7_4",
+    }.items():
+        assert first[item] == place, item
+
+
+def test_each_room_and_file_with_a_command_is_there():
+    script = runpy.run_path(str(SCRIPT))
+    root = SCRIPT.parents[1]
+    files = [str(path.relative_to(root)) for path in (root / "irbcal").rglob("*.py")]
+    for start, _ in script["COMMANDS"]:
+        assert any(file.startswith(start) for file in files), start
+    for room in script["FLOORS"]:
+        assert any(file.startswith((f"irbcal/{room}/", f"irbcal/{room}.py")) for file in files), room
+    commands = script["commands"]
+    for name, command in (
+        ("pose_criteria", "iso9283"),
+        ("pose_check", "iso9283"),
+        ("attained", "iso9283"),
+        ("cube", "iso9283"),
+        ("model_criteria", "iso9283"),
+        ("path_check", "iso9283"),
+        ("scale_bar", "tracker"),
+        ("point_drift", "tracker"),
+        ("settling_check", "tracker"),
+        ("correlation", "tracker"),
+        ("tracker_check", "tracker"),
+        ("ballbar_trace", "ballbar"),
+        ("evaluate", "evaluate"),
+    ):
+        assert commands(f"irbcal/validation/{name}.py") == command
+
+
+def test_the_page_leads_to_the_code_and_says_what_is_there():
+    page = SCRIPT.parents[1] / "docs" / "thesis.md"
+    rows = [line.split(" | ") for line in page.read_text(encoding="utf-8").splitlines() if re.match(r"\| eq\.", line)]
+    assert len(rows) > 100
+    for _, said, where, _ in rows:
+        assert len(said) > 10
+        for link in re.findall(r"\]\(([^)]+)\)", where):
+            assert (page.parent / link).is_file()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
@@ -14,7 +15,7 @@ from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.cell import procedure
 from irbcal.cell.cell import WAIT_S, Cell
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
+from irbcal.measurement import columns, lists
 from irbcal.modeling.arm import Arm
 
 if TYPE_CHECKING:
@@ -134,8 +135,9 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
     ----------
     table : str, Path or DataFrame
         CSV with the arm's joint columns; optional columns ``pose``, ``group``, ``cycle``, ``targets`` (names with
-        spaces or semicolons between them) and ``wait_s``. Where there are programmed joints (``c1_deg`` …) beside the
-        joint columns, they are what is commanded. Others are not looked at.
+        spaces or semicolons between them) and ``wait_s``. With a column ``target`` in place of ``targets``, the rows of
+        a pose are one for each of its targets, as in the ``plan.csv`` of a measuring plan. Where there are programmed
+        joints (``c1_deg`` …) beside the joint columns, they are what is commanded. Others are not looked at.
     arm : Arm
     wait_s : float
         Where the file does not say.
@@ -150,8 +152,11 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
         If the file does not keep the format.
     """
     raw, source, digest = columns.read(table, arm.joint_columns)
+    commanded = columns.commanded(raw.columns, arm.joint_columns, source)
+    if {"pose", "target"} <= set(raw.columns) and "targets" not in raw.columns:
+        raw = _one_row_a_pose(raw, commanded, source)
     joints = []
-    for name in columns.commanded(raw.columns, arm.joint_columns, source):
+    for name in commanded:
         expected = columns.expected_joint(name)
         values = columns.numbers(raw, name, source, expected)
         largest = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG
@@ -203,6 +208,14 @@ def _refuse_first(bad: Any, raw: pd.DataFrame, column: str, source: str, expecte
         k = int(np.flatnonzero(bad)[0])
         found = repr(raw[column].iloc[k].strip())
         raise MeasurementError(f"expected {expected}, found {found}", file=source, row=int(raw.index[k]), column=column)
+
+
+def _one_row_a_pose(raw: pd.DataFrame, joints: Sequence[str], source: str) -> pd.DataFrame:
+    """The first row of each pose, with the targets of all its rows."""
+    keys = [raw[name].str.strip() for name in ("pose", "cycle") if name in raw.columns]
+    first = lists.first_rows(raw, joints, source)
+    targets = raw["target"].str.strip().groupby(keys, sort=False).transform(" ".join)
+    return raw.assign(targets=targets)[first]
 
 
 def _pose_names(raw: pd.DataFrame, source: str) -> NameArray:

@@ -11,7 +11,7 @@ from irbcal.cli import grid
 
 def fk(
     robot: Annotated[
-        str, typer.Argument(help="Calibration folder, URDF or shipped robot (irb1600, irb120).", show_default=False)
+        str, typer.Argument(help="Calibration folder, URDF or a robot's name (see irbcal robots).", show_default=False)
     ],
     joints: Annotated[
         Path,

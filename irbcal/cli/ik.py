@@ -12,7 +12,7 @@ from irbcal.cli.wrong_calls import wrong_calls
 
 def ik(
     robot: Annotated[
-        str, typer.Argument(help="Calibration folder, URDF or shipped robot (irb1600, irb120).", show_default=False)
+        str, typer.Argument(help="Calibration folder, URDF or a robot's name (see irbcal robots).", show_default=False)
     ],
     poses: Annotated[
         Path,

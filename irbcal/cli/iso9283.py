@@ -44,7 +44,7 @@ def iso9283(
     ] = None,
     plan: Annotated[
         str | None,
-        typer.Option(help="Robot (URDF, irb1600, irb120): print its test poses and joints as CSV.", show_default=False),
+        typer.Option(help="Robot (URDF or name, see irbcal robots): print its test poses as CSV.", show_default=False),
     ] = None,
     center: Annotated[
         str | None, typer.Option(help="With --plan: centre of the cube, x,y,z in mm, in the base link.")

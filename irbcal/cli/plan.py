@@ -35,7 +35,7 @@ class Condition(str, Enum):
 
 _Out = Annotated[Path, typer.Option(help="Folder for the plan.", show_default=False)]
 _Robot = Annotated[
-    str, typer.Option(help="URDF, shipped robot (irb1600, irb120) or calibration folder.", show_default=False)
+    str, typer.Option(help="URDF, a robot's name (see irbcal robots) or calibration folder.", show_default=False)
 ]
 _Axis = Annotated[
     Axis | None,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from irbcal.summary import Table, Told
+from irbcal.summary import Table, Told, print_table
 
 
 def print_json(value: Any) -> None:
@@ -41,8 +41,7 @@ def tell(told: Sequence[Told]) -> None:
     console = Console(markup=False, highlight=False, emoji=False)
     for item in told:
         if isinstance(item, Table):
-            console.print(item.title, soft_wrap=True)
-            console.print(item.for_terminal())
+            print_table(console, item)
         elif item.startswith("Note: "):
             note(item.removeprefix("Note: "))
         else:

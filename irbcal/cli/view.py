@@ -10,7 +10,7 @@ import typer
 
 def view(
     source: Annotated[
-        str, typer.Argument(help="Calibration folder, URDF or shipped robot (irb1600, irb120).", show_default=False)
+        str, typer.Argument(help="Calibration folder, URDF or a robot's name (see irbcal robots).", show_default=False)
     ],
     measurements: Annotated[
         Path | None,

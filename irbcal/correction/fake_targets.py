@@ -120,6 +120,8 @@ def corrected_in_words(shift: FloatArray, asked: int | None = None) -> str:
 def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike) -> Corrected:
     """Fake targets for joint targets: the nominal pose of ``q`` is what is wanted (Nubiola 2011, section 6.2).
 
+    Nubiola 2011, eq. 7.3: ``q_B = T_R6^-1[T_6(q_A)]``, with ``q`` for ``q_A`` and `Corrected.q` for ``q_B``.
+
     Parameters
     ----------
     robot : Robot

@@ -23,6 +23,9 @@ MOST_ARROWS = 300
 ARROW = 0.1
 """Length of a large error's arrow as a share of the drawn space."""
 
+HEADROOM = 1.07
+"""How much higher than the highest mark a panel is at least: marks do not touch its edge."""
+
 BINS = 40
 CLASSES = 5
 
@@ -212,7 +215,7 @@ def errors_by_pose(poses: PoseErrors) -> Figure:
 def _by_pose(poses: PoseErrors, caption: str) -> Drawing:
     n = len(poses.pose_names)
     drawing = Drawing(caption, 150.0 + 100.0 * (len(poses.models) - 1))
-    top = up_to(max(model.per_pose.max() for model in poses.models.values()) / MM, 4)
+    top = up_to(HEADROOM * max(model.per_pose.max() for model in poses.models.values()) / MM, 4)
     x = np.arange(1.0, n + 1)
     ends = (1 - 0.02 * n - 0.5, n + 0.02 * n + 0.5)
     for k, (name, model) in enumerate(poses.models.items()):
@@ -231,7 +234,7 @@ def turns_by_pose(poses: PoseErrors) -> Figure:
     caption = f"Orientation error of each {poses.name} target frame in order of measurement"
     drawing = Drawing(caption, 150.0 + 100.0 * (len(poses.models) - 1))
     turned = {name: model.rotation for name, model in poses.models.items() if model.rotation is not None}
-    top = up_to(max(np.nanmax(rotation) for rotation in turned.values()) / DEG, 4)
+    top = up_to(HEADROOM * max(np.nanmax(rotation) for rotation in turned.values()) / DEG, 4)
     legend: list[LegendEntry] = []
     for k, (name, rotation) in enumerate(turned.items()):
         have = np.flatnonzero(np.isfinite(rotation))
@@ -266,7 +269,7 @@ def _histogram(poses: PoseErrors) -> Drawing:
     edges = np.linspace(0.0, largest, BINS + 1)
     counts = {name: np.histogram(model.distance / MM, edges)[0] for name, model in poses.models.items()}
     drawing = Drawing(f"Histogram of the position errors of the {poses.name} points")
-    top = up_to(max(count.max() for count in counts.values()))
+    top = up_to(HEADROOM * max(count.max() for count in counts.values()))
     panel = Panel(drawing, (0, largest), (0, top), "position error (mm)", "points", whole_y=True)
     for name, count in counts.items():
         some = count > 0
@@ -286,7 +289,7 @@ def _histogram(poses: PoseErrors) -> Drawing:
 
 def _quantiles(poses: PoseErrors) -> Drawing:
     found = {name: normal_quantiles(model.distance) for name, model in poses.models.items()}
-    top = up_to(max(value.max() for _, value in found.values()) / MM)
+    top = up_to(HEADROOM * max(value.max() for _, value in found.values()) / MM)
     reach = max(1.0, 1.08 * max(np.abs(quantile).max() for quantile, _ in found.values()))
     drawing = Drawing(f"Ordered position errors of the {poses.name} points against normal quantiles")
     panel = Panel(drawing, (-reach, reach), (0, top), "normal quantile (σ)", "position error (mm)")
@@ -351,9 +354,13 @@ def workspace(poses: PoseErrors) -> Figure:
 
 
 def _classes(errors: FloatArray) -> tuple[FloatArray, list[str]]:
-    """Inner edges of `CLASSES` classes with about as many errors each, to two digits, and the classes in words."""
+    """Inner edges of `CLASSES` classes with about as many errors each, and the classes in words.
+
+    All edges have as many decimals, so many that the smallest has two digits.
+    """
     edges = np.quantile(errors, np.arange(1, CLASSES) / CLASSES)
-    text = [f"{edge:.2g}" for edge in edges]
+    decimals = max(0, 1 - int(np.floor(np.log10(max(edges[0], 1e-9)))))
+    text = [f"{edge:.{decimals}f}" for edge in edges]
     edges = np.array([float(edge) for edge in text])
     between = [f"{a} to {b} mm" for a, b in pairwise(text)]
     return edges, [f"below {text[0]} mm", *between, f"{text[-1]} mm and more"]

@@ -338,7 +338,10 @@ def analyse(
             moves = _named(source, analyse_moves, points, step, *asked)
         except IdentificationError as error:
             if robot is None:
-                raise
+                raise IdentificationError(
+                    f"{error}; to analyse other poses than moves of one joint, give a robot or a calibration "
+                    "(--robot or --calibration)"
+                ) from None
             notes.append(f"The one-joint moves are not analysed by themselves: {error}")
         excluded += [_far(item, "its circle") for found in moves for s in found.series for item in s.excluded]
     elif robot is None:

@@ -27,14 +27,14 @@ def by_gain(model: Linearised, j: int) -> tuple[FloatArray, tuple[str, ...]]:
 
 
 def by_series(model: Linearised, j: int, order: int, frequency: float) -> tuple[FloatArray, tuple[str, ...]]:
-    """By the coefficients of a series of a joint (Nubiola 2011, eq. 5.8), and what of the joint map it replaces."""
+    """By the coefficients of a joint's `fourier_columns`, and what of the joint map it replaces."""
     own = j == 5 and model.robot.arm.six_revolute
     X = model.turn[:, j : j + 1] * fourier_columns(model.q[:, j], order, frequency)[model.flat_pose]
     return X, tuple(f"fourier_{name}" for name in parameters.FOURIER) if own else ()
 
 
 def by_stiffness(model: Linearised) -> tuple[FloatArray, tuple[str, ...]]:
-    """By A and B of the bending arm (Nubiola 2011, eqs. 5.14 and 5.15), and what of the joint map they replace."""
+    """By A and B of the bending arm (`Stiffness.coefficients`), and what of the joint map they replace."""
     names = ("stiffness_A", "stiffness_B")
     return np.stack([model.maps[name] for name in names], axis=1), names
 

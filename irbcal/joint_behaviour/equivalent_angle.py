@@ -18,9 +18,9 @@ def equivalent_error(
 ) -> FloatArray:
     """Angle of joint 2 that moves the wrist as both joints' bending does, zero at q2 = 0.
 
-    Nubiola 2011, section 5.3: the curves of Figure 5.5 with the guess of eqs. 5.19, 5.20, 5.21 and 5.22, those of
-    Figure 5.6 with other parameters. With both links in line it is eq. 5.17, and its sine the
-    deflection of eq. 5.16 over the arm's length.
+    Nubiola 2011, section 5.3: the curves of Figure 5.5 with `irbcal.modeling.joint_map.Stiffness.guess`, those of
+    Figure 5.6 with other parameters. With both links in line it is eq. 5.17, and its sine the deflection of eq. 5.16
+    over the arm's length.
 
     Parameters
     ----------

@@ -337,7 +337,7 @@ def _gravity_of_moves(joint: int, data: _Levels, lever: float) -> Term:
 
 
 def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequency: float | None) -> Term:
-    """The series of Nubiola 2011, eq. 5.8, fitted to both directions (section 5.2, Figure 5.2, Table 5.2).
+    """The Fourier series fitted to both directions (Nubiola 2011, section 5.2, Figure 5.2, Table 5.2).
 
     Its constant is the series' zero; omega is given, as the thesis's is in the end, or free.
     """

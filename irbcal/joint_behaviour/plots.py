@@ -80,7 +80,7 @@ def drawings(found: JointBehaviour) -> dict[str, Callable[[], Figure]]:
     if any(joint.joint == 2 for joint in found.moves) or _stiffness(found) is not None:
         out["stiffness_joint_2"] = partial(_equivalent, found, f"{mark}equivalent error of joint 2")
     seen = found.residuals
-    if seen is not None and np.isfinite(seen.angle).any():
+    if seen is not None and _shown_joints(seen):
         title = f"{mark}angular residual of each joint by its direction of approach"
         out["residuals_by_direction"] = partial(_by_direction, seen, title)
         if any(term.tested for term in seen.of("move").values()):
@@ -108,6 +108,8 @@ def _figure(width: float, height: float, title: str) -> Figure:
 
     figure = Figure(figsize=(width, height), layout="constrained")
     figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+    engine: Any = figure.get_layout_engine()
+    engine.set(w_pad=0.1, h_pad=0.1)
     return figure
 
 
@@ -287,7 +289,24 @@ def _plays(found: ResidualAnalysis) -> dict[int | None, Term]:
 
 
 def _shown_joints(found: ResidualAnalysis) -> list[int]:
-    return [j for j in range(found.angle.shape[1]) if np.isfinite(found.angle[:, j]).any()]
+    """Joints with a residual at a pose that they came to from a known side, counted from 0."""
+    return [
+        j
+        for j in range(found.angle.shape[1])
+        if (np.isfinite(found.angle[:, j]) & (np.abs(found.step[:, j]) > 0)).any()
+    ]
+
+
+def _dot_look(have: Any) -> dict[str, float]:
+    """Size and strength of dots: where there are many, they are a cloud."""
+    return {"markersize": 2, "alpha": 0.35} if have.sum() > 200 else {"markersize": 4, "alpha": 0.6}
+
+
+def _too_few(means: Sequence[FloatArray]) -> str:
+    """Words for a panel that has no mean of one of the directions."""
+    if all(len(values) for values in means):
+        return ""
+    return "; too few poses for means" + (" of both sides" if any(len(values) for values in means) else "")
 
 
 def _limits(axes: Any, *values: FloatArray) -> None:
@@ -310,13 +329,13 @@ def _by_direction(found: ResidualAnalysis, title: str) -> Figure:
         means: list[FloatArray] = []
         for sign, colour, marker, _ in DIRECTIONS[:2]:
             here = have & (signs[:, j] == sign)
-            axes.plot(q[here], angle[here], ".", color=colour, markersize=2, alpha=0.35)
+            axes.plot(q[here], angle[here], ".", color=colour, **_dot_look(have))
             x, y, half = _binned(q[here], angle[here], edges)
             axes.errorbar(x, y, half, color=colour, marker=marker, markersize=5, linewidth=1.2, capsize=2)
             means += [np.abs(y) + half]
         _limits(axes, *means, np.quantile(np.abs(angle[have]), [0.8]))
         axes.axhline(0, color="black", linewidth=0.6)
-        axes.set_xlabel(f"joint {j + 1} ({unit})")
+        axes.set_xlabel(f"joint {j + 1} ({unit}){_too_few(means)}")
         axes.set_ylabel(f"residual ({unit})")
         term = plays.get(j + 1)
         if term is not None and term.tested:
@@ -340,7 +359,7 @@ def _by_move(found: ResidualAnalysis, title: str) -> Figure:
         means: list[FloatArray] = []
         for sign, colour, marker, _ in DIRECTIONS[:2]:
             here = have & (np.sign(move) == sign)
-            axes.plot(move[here], angle[here], ".", color=colour, markersize=2, alpha=0.35)
+            axes.plot(move[here], angle[here], ".", color=colour, **_dot_look(have))
             edges = np.unique(np.quantile(move[here], np.linspace(0, 1, BINS // 2 + 1)))
             x, y, half = _binned(move[here], angle[here], edges)
             axes.errorbar(x, y, half, color=colour, marker=marker, markersize=5, linewidth=1.2, capsize=2)
@@ -352,7 +371,7 @@ def _by_move(found: ResidualAnalysis, title: str) -> Figure:
                 end = move[have].max() if sign > 0 else move[have].min()
                 axes.plot([0, end], [-0.5 * sign * term.values[0] / size] * 2, "--", color=NOMINAL, linewidth=1.4)
         axes.axhline(0, color="black", linewidth=0.6)
-        axes.set_xlabel(f"last move of joint {j + 1} ({unit})")
+        axes.set_xlabel(f"last move of joint {j + 1} ({unit}){_too_few(means)}")
         axes.set_ylabel(f"residual ({unit})")
     handles = _direction_handles([1.0, -1.0], errorbars=True)
     _legend(figure, [*handles, _curve_handle(NOMINAL, "--", "what backlash alone would give")])

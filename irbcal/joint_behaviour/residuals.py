@@ -279,7 +279,7 @@ def _stiffness(model: Linearised) -> list[Term]:
 
 
 def _fourier(model: Linearised, j: int, order: int, frequency: float | None) -> Term:
-    """A series (Nubiola 2011, eq. 5.8 and section 5.2) at a frequency given or free."""
+    """A Fourier series (Nubiola 2011, section 5.2) at a frequency given or free."""
     count = 1
     if frequency is None:
         q = model.q[:, j]

@@ -34,7 +34,7 @@ class Term(Speaks):
     ----------
     kind : str
         ``backlash`` (reached from above minus from below, Nubiola 2011, section 4.2), ``move`` (error per radian of the
-        last move), ``gain`` (eq. 3.31), ``fourier`` (eq. 5.8), ``gravity`` (one period a turn for each home pose of
+        last move), ``gain`` (eq. 3.31), ``fourier`` (section 5.2), ``gravity`` (one period a turn for each home pose of
         joints 2 and 3) or ``stiffness`` (A and B, see `irbcal.modeling.joint_map`).
     joint : int or None
         Counted from 1; None for the stiffness of joints 2 and 3.
@@ -121,7 +121,7 @@ def unit_of(term: Term, slides: Slides = ()) -> tuple[str, float]:
 
 
 def fourier_names(order: int) -> tuple[str, ...]:
-    """Names of the coefficients of a series (Nubiola 2011, eq. 5.8): a1, b1, a2, b2, ..."""
+    """Names of the coefficients of `fourier_columns`: a1, b1, a2, b2, ..."""
     return tuple(f"{letter}{k}" for k in range(1, order + 1) for letter in "ab")
 
 

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns
 from irbcal.measurement.columns import JOINTS, POSITION, QUATERNION, TableLike
 from irbcal.units import MM
 
 
-def read_joints(table: TableLike, joints: Sequence[str] = JOINTS) -> FloatArray:
+def read_joints(table: TableLike, joints: Sequence[str] = JOINTS, *, once: bool = False) -> FloatArray:
     """Read a list of joints.
 
     Parameters
@@ -21,6 +21,8 @@ def read_joints(table: TableLike, joints: Sequence[str] = JOINTS) -> FloatArray:
     joints : sequence of str
         The columns, ``arm.joint_columns``; ``q1_deg`` to ``q6_deg`` unless given. Where the table has programmed joints
         beside them (``c1_deg`` …), these are taken.
+    once : bool
+        Take each pose of a plan once where the table has a row for each of its targets, see `first_rows`.
 
     Returns
     -------
@@ -34,11 +36,49 @@ def read_joints(table: TableLike, joints: Sequence[str] = JOINTS) -> FloatArray:
     """
     cells, source, _ = columns.read(table, joints)
     joints = columns.commanded(cells.columns, joints, source)
+    if once and {"pose", "target"} <= set(cells.columns):
+        cells = cells[first_rows(cells, joints, source)]
     values = pd.DataFrame({"row": cells.index})
     for name in joints:
         values[name] = columns.numbers(cells, name, source, columns.expected_joint(name))
     columns.check_joint_sizes(values, joints, source)
     return values[list(joints)].to_numpy() * columns.joint_units(joints)
+
+
+def first_rows(cells: pd.DataFrame, joints: Sequence[str], source: str) -> BoolArray:
+    """The first row of each pose in a table with a row for each target, such as a plan for the tracker.
+
+    Parameters
+    ----------
+    cells : DataFrame
+        Texts, with the columns ``pose`` and ``joints``, and ``cycle`` if need be.
+    joints : sequence of str
+    source : str
+        File name for messages.
+
+    Returns
+    -------
+    ndarray of bool, shape (rows,)
+
+    Raises
+    ------
+    MeasurementError
+        If two rows of a pose have other joints.
+    """
+    keys = [name for name in ("pose", "cycle") if name in cells.columns]
+    by_pose = cells[keys].apply(lambda column: column.str.strip())
+    firsts = cells[list(joints)].groupby([by_pose[name] for name in keys], sort=False).transform("first")
+    for name in joints:
+        other = (cells[name] != firsts[name]).to_numpy()
+        if other.any():
+            k = int(np.argmax(other))
+            raise MeasurementError(
+                f"expected the joints of the pose's first row ({firsts[name].iloc[k]}), found {cells[name].iloc[k]!r}",
+                file=source,
+                row=int(cells.index[k]),
+                column=name,
+            )
+    return ~by_pose.duplicated().to_numpy(dtype=bool)
 
 
 def read_poses(table: TableLike) -> FloatArray:

@@ -89,7 +89,7 @@ class Arm:
         return replace(self, table=table)
 
     def forward(self, theta: ArrayLike) -> FloatArray:
-        """Tip poses in the base link (Nubiola 2011, eq. 6.39; of a calibrated arm eq. 6.40).
+        """Tip poses in the base link, see `irbcal.modeling.dhm.forward`.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class Arm:
         phases : ndarray, shape (2,)
             Angles of upper arm and forearm from the vertical at zero joints, about axes 2 and 3, radians.
         stiffness : Stiffness
-            The physical guess of eqs. 5.19, 5.20, 5.21 and 5.22 for this arm's lengths.
+            `Stiffness.guess` for this arm's lengths.
 
         Raises
         ------

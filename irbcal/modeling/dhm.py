@@ -209,9 +209,10 @@ def tip_columns(
 def forward(
     table: DHMTable, theta: ArrayLike, T_base_0: FloatArray | None = None, T_last_tip: FloatArray | None = None
 ) -> FloatArray:
-    """Forward kinematics for a batch: the product of the steps of eq. 5.1 (Nubiola 2011, eqs. 6.1 and 6.39).
+    """Forward kinematics for a batch: the product of all steps (Nubiola 2011, eqs. 6.1, 6.39 and 7.1).
 
-    With the table of a calibrated arm and effective joints it is the product of eq. 6.40.
+    The steps are those of `DHMTable.step`. With a calibrated arm's table and effective joints it is the product of
+    `irbcal.modeling.robot.Robot.forward`.
 
     Parameters
     ----------

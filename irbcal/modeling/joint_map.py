@@ -59,7 +59,7 @@ class Stiffness:
 
     @staticmethod
     def guess(L_1: float, L_2: float) -> Stiffness:
-        """Physical guess of Nubiola 2011, eqs. 5.19, 5.20, 5.21 and 5.22, for arm lengths in metres."""
+        """Physical guess for arm lengths in metres (Nubiola 2011, eqs. 5.19, 5.20, 5.21 and 5.22)."""
         return Stiffness(1.5 * MM, L_1 / 2, L_2 / 2, 1.0, L_1, L_2)
 
     def _lever(self) -> float:
@@ -73,7 +73,11 @@ class Stiffness:
 
     @property
     def coefficients(self) -> tuple[float, float]:
-        """The two observable numbers (A, B) in radians: factors of the sines in Nubiola 2011, eqs. 5.14 and 5.15."""
+        """The two observable numbers (A, B) in radians: factors of the sines in what the joints bend by.
+
+        Nubiola 2011, eqs. 5.14 and 5.15, with the torques of eqs. 5.12 and 5.13 put in. The sines of the levers are
+        those of `stiffness_terms`; what is left of the torques over F1 is the brackets here.
+        """
         return (self.k_F1 * (self.L_G1 + self.m * self.L_1), self.m * self.k_F1 * self.L_G2)
 
     def with_coefficients(self, A: float, B: float) -> Stiffness | None:
@@ -97,8 +101,7 @@ class Stiffness:
         """The parameters with more (or less) mass on the forearm; compliance and upper arm stay as they are.
 
         With ``p = delta_kg / upper_arm_kg`` the forearm's share grows to ``m' = m + p`` and its centre of mass moves
-        to ``m' L_G2' = m L_G2 + p L_P``, so that ``A' = A + kF1 p L_1`` and ``B' = B + kF1 p L_P`` (Nubiola 2011,
-        eqs. 5.12, 5.13, 5.14 and 5.15).
+        to ``m' L_G2' = m L_G2 + p L_P``, so that ``A' = A + kF1 p L_1`` and ``B' = B + kF1 p L_P``, see `coefficients`.
 
         Parameters
         ----------

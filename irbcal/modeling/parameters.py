@@ -38,7 +38,7 @@ GEOMETRIC: tuple[Kind, ...] = ("alpha", "a", "theta", "d", "beta", "b")
 """Columns of the DHM table."""
 
 FOURIER = ("a1", "b1", "a2", "b2")
-"""Coefficients of Nubiola 2011, eq. 5.8."""
+"""Coefficients of the terms of `irbcal.modeling.joint_map.fourier_terms`."""
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ class Robot:
     """Predicts poses and reflector positions from commanded joints.
 
     The whole chain of Nubiola 2011, eqs. 3.32, 3.33 and 3.34, with the errors of the joints (section 5.4.5) in the
-    joint map: its "real" direct model of eq. 6.40 where arm and joint map are calibrated.
+    joint map.
 
     Parameters
     ----------
@@ -77,9 +77,10 @@ class Robot:
         return self.forward(self.arm.check_joints(q))
 
     def forward(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
-        """As `poses`, of joints (n, joints) that may be anything: for iterations, and for trying other units.
+        """Tip poses in the base link, as `poses`, of any joints (n, joints): for iterations, for trying other units.
 
-        With the stops before, ``previous`` (n, joints), where they are known and the joint map depends on them.
+        The "real" direct model of Nubiola 2011, eqs. 6.40 and 7.2, where arm and joint map are calibrated; with the
+        stops before, ``previous`` (n, joints), where they are known and the joint map depends on them.
         """
         return self.arm.forward(self.joint_map.effective(q, previous))
 

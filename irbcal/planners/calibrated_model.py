@@ -471,7 +471,7 @@ class CalibratedModel(Speaks):
             know only joints 2 and 3, so one typical posture of the wrist stands for all.
         masses : tuple of float, optional
             Mass of upper arm (what axis 2 carries and axis 3 does not) and of forearm with all it carried when it was
-            measured, kg, for URDFs without inertials; the upper arm's centre is then taken at its middle (eq. 5.20).
+            measured, kg, for URDFs without inertials; the upper arm's centre is then taken at its middle.
 
         Returns
         -------
@@ -487,7 +487,7 @@ class CalibratedModel(Speaks):
         -----
         A physical guess: positions show compliance times mass only, and the masses in a URDF may be estimates. The
         wrist is taken as stiff and the base as upright. For 3 kg on a stretched IRB 1600 it gives 0.16 mm (simulated
-        demo, estimated masses) to 0.24 mm (Nubiola 2011, eqs. 5.19, 5.20, 5.21 and 5.22), where 0.3 mm was measured
+        demo, estimated masses) to 0.24 mm (Nubiola 2011, section 5.3), where 0.3 mm was measured
         (Table 4.3).
         """
         whole = self.model, self._place, self._rest

@@ -67,17 +67,22 @@ def residuals_by_joint(evidence: Evidence) -> Figure:
     found = evidence.approach
     assert found is not None
     slides = found.robot.arm.table.prismatic
-    drawings = []
+    drawings, bare = [], []
     for j in range(found.angle.shape[1]):
         if not np.isfinite(found.angle[:, j]).any():
             continue
         unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
         drawings.append(_one_joint(found, j, unit, size))
+        if not all(len(found.by_angle(j, sign)) for sign, *_ in SIDES):
+            bare.append(str(j + 1))
     caption = (
         f"Angular residual of each joint against its angle, by the direction it came from ({evidence.approach_name} "
         "poses): faint dots are poses (those beyond the frame at its edge), marks the means of ranges of the angle "
         "with 95 % intervals; backlash keeps the two apart by the same distance everywhere"
     )
+    if bare:
+        joints = f"joint{'s' if len(bare) > 1 else ''} {', '.join(bare)}"
+        caption += f". At {joints}, {found.points.poses} poses are too few for means of both directions"
     return Figure("residuals_by_joint", caption, drawings, [(c, m, words) for _, c, m, words in SIDES], 3)
 
 

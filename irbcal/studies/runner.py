@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from irbcal.errors import IrbcalError, OptionError
@@ -186,8 +187,8 @@ def study(
     poses_curve : sequence of int
         Numbers of measurements for the curve of the error; empty: no curve.
     jobs : int, optional
-        Processes; as many as there are cores unless given. The results do not depend on it. Started from a script,
-        that needs the usual ``if __name__ == "__main__"``.
+        Processes; as many as there are cores unless given; 1: this one. The results do not depend on it. Started from a
+        script, more than one need the usual ``if __name__ == "__main__"``.
     only : sequence of str, optional
         Tables (`irbcal.studies.tables.TABLES`) whose repetitions are computed; all unless given.
     progress : callable, optional
@@ -266,9 +267,49 @@ def cores() -> int:
 def _compute(
     stage: Stage, repetitions: Sequence[Repetition], folder: Path, jobs: int, report: Callable[[str], None]
 ) -> None:
-    """Run repetitions in processes of one thread each, the longest first, and keep each as it ends."""
+    """Run repetitions, the longest first, and keep each as it ends."""
     (folder / PARTS).mkdir(exist_ok=True)
     order = sorted(repetitions, key=lambda r: -r.measures)
+    run = _compute_here if jobs == 1 else _compute_in_processes
+    run(stage, order, folder, jobs, report)
+
+
+def _compute_here(
+    stage: Stage, order: Sequence[Repetition], folder: Path, _: int, report: Callable[[str], None]
+) -> None:
+    """One after the other in this process; an interruption waits for the one under way."""
+    for done, repetition in enumerate(order, start=1):
+        with _interrupted_afterwards():
+            keep(folder, repetition, *finished(stage, repetition))
+        report(f"{done} of {len(order)} calibrations")
+
+
+@contextmanager
+def _interrupted_afterwards() -> Iterator[None]:
+    """Ctrl-C takes effect at the end; a second one at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = signal.signal(signal.SIGINT, wait)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if asked:
+        raise KeyboardInterrupt
+
+
+def _compute_in_processes(
+    stage: Stage, order: Sequence[Repetition], folder: Path, jobs: int, report: Callable[[str], None]
+) -> None:
+    """In processes of one thread each."""
     workers = min(jobs, len(order))
     done, pool = 0, ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start, initargs=(stage,))
     futures: dict[Future[tuple[bytes, bytes]], Repetition] = {}

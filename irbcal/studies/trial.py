@@ -119,8 +119,8 @@ def _row(key: Key, values: FloatArray, unit: float) -> dict[str, Any]:
 def _expected(stage: Stage, robot: Robot) -> Iterator[tuple[Key, FloatArray, float]]:
     """Errors of the model at measured poses, for each area, payload and set of targets.
 
-    The expected error of Nubiola 2011, section 7.6 and Figure 7.3: from the measured point to the improved model, eq.
-    7.2, at the same joints.
+    The expected error of Nubiola 2011, section 7.6 and Figure 7.3: from the measured point to the improved model at
+    the same joints.
     """
     for load in PAYLOADS:
         for area in AREAS:
@@ -196,8 +196,8 @@ class _Bench:
     def measured(self, q: FloatArray, asked: BoolArray | None, load: int, thorough: bool = False) -> PointSet:
         """Points of a run of fake targets, at the joints that were wanted; targets 1 to 3 where none are asked for.
 
-        Fake targets are Nubiola 2011, eq. 7.3: the joints at which the improved model reaches what the nominal one, eq.
-        7.1, means. Poses without fake targets inside the joint limits are left out, as they are where they are real.
+        Fake targets are the joints at which the improved model reaches what the nominal one means. Poses without fake
+        targets inside the joint limits are left out, as they are where they are real.
         """
         arm = self.cell.arm
         self.run += 1

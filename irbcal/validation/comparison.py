@@ -124,9 +124,9 @@ def common_points(first: PointSet, second: PointSet) -> tuple[IntArray, IntArray
 def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verified: PointSet) -> dict[str, Any]:
     """Errors as expected from uncorrected poses, and as found once the same poses were corrected (section 7.6).
 
-    The expected error is the distance of a measured point from the calibrated model ``T_R6(q_A)`` (Nubiola 2011, eq.
-    7.2, Figure 7.3); fake targets ``q_B`` (eq. 7.3) bring the robot to where the nominal model ``T_6(q_A)`` (eq. 7.1)
-    means to be, and the verified error is what they miss that by (section 7.4).
+    The expected error is the distance of a measured point from the calibrated model ``T_R6(q_A)`` (Nubiola 2011, Figure
+    7.3); fake targets ``q_B`` bring the robot to where the nominal model ``T_6(q_A)`` means to be, and the verified
+    error is what they miss that by (section 7.4).
 
     The verification commanded fake targets; what was meant is where the nominal arm would have been with the joints
     that the pose of the same name has in the first measurements, on the calibration's base and with its tool.
@@ -188,5 +188,5 @@ def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verifi
 
 
 def replace_geometry(robot: Robot, nominal: Arm) -> Robot:
-    """The robot that would have the nominal arm (Nubiola 2011, eq. 7.1) on the same base with the same tool."""
+    """The robot that would have the nominal arm on the same base with the same tool."""
     return robot.replace(arm=nominal, joint_map=JointMap(np.zeros(len(nominal.joint_names))))

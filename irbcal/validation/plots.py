@@ -221,9 +221,11 @@ def ballbar(figure: Figure, result: BallbarCheck, magnification: float | None = 
         handles += axes.plot(angle, r, line, color=colour, label=name, zorder=3, clip_on=False)
     inside = radius + magnification * rings[0]
     rim = radius + magnification * max(rings.max() + 0.5 * step, largest + 0.3 * step)
-    for place, text in _marks(result.prediction.reversals):
+    label = rim + 0.07 * radius
+    for place, beside, text in _spread(_marks(result.prediction.reversals)):
         axes.plot([place, place], [inside, rim], color=SOFT, linewidth=THIN, zorder=2)
-        _word(axes, place, rim + 0.13 * radius, text, linespacing=0.95)
+        axes.plot([place, beside], [rim, label - 0.02 * radius], color=SOFT, linewidth=THIN, zorder=2, clip_on=False)
+        _word(axes, beside, label, text, linespacing=0.95, **_outwards(beside))
     axes.set_ylim(0, rim)
     ticks = np.arange(0, 360, 45)
     axes.set_xticks(np.radians(ticks), [])
@@ -232,7 +234,37 @@ def ballbar(figure: Figure, result: BallbarCheck, magnification: float | None = 
     _word(axes, 0, 0, f"bar {radius:g} mm\nerrors × {magnification:g}\n1 ring = {step:g} mm")
     note = "on the rim: joints that turn back there, at their largest (max) or smallest (min) angle; rings: error in mm"
     figure.supxlabel(note, fontsize=SMALL, color=SOFT)
-    figure.legend(handles=handles, loc="outside upper left", ncols=1)
+    words = "Calibration from SIMULATED data" if result.simulated else None
+    figure.legend(handles=handles, loc="outside upper left", ncols=1, title=words, alignment="left")
+
+
+def _outwards(angle: float) -> dict[str, str]:
+    """How words stand that begin at the rim and go outwards."""
+    across, up = np.cos(angle), np.sin(angle)
+    return {
+        "ha": "center" if abs(across) < 0.4 else "left" if across > 0 else "right",
+        "va": "center" if abs(up) < 0.4 else "bottom" if up > 0 else "top",
+    }
+
+
+def _spread(
+    marks: Sequence[tuple[float, str]], line: float = 3.2, least: float = 10.0
+) -> list[tuple[float, float, str]]:
+    """Marks with places of their words beside them, moved so far apart that the words do not overlap.
+
+    ``line`` is the height of a line and ``least`` the width of a word on the rim, degrees.
+    """
+    beside = np.array([place for place, _ in marks])
+    lines = np.array([text.count("\n") + 1 for _, text in marks])
+    for _ in range(50):
+        for k in range(len(marks)):
+            after = (k + 1) % len(marks)
+            need = np.radians(max(least, line * (lines[k] + lines[after]) / 2 + 1.0))
+            gap = (beside[after] - beside[k]) % (2 * np.pi)
+            if len(marks) > 1 and gap < need:
+                beside[k] -= 0.5 * (need - gap)
+                beside[after] += 0.5 * (need - gap)
+    return [(place, float(angle), text) for (place, text), angle in zip(marks, beside, strict=True)]
 
 
 def _word(axes: PolarAxes, angle: float, r: float, text: str, **style: Any) -> None:

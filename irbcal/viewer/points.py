@@ -87,7 +87,7 @@ def _turns(robot: Robot, points: PointSet) -> FloatArray | None:
 
 
 def is_plan(table: object) -> bool:
-    """Whether a file or a DataFrame has joint columns and no measured points."""
+    """Whether a file or a DataFrame has joint columns and no measured points: a plan, or a list of joints."""
     import pandas as pd
 
     try:
@@ -100,7 +100,8 @@ def is_plan(table: object) -> bool:
             names = [name.strip().strip('"') for name in header.split(",")]
     except Exception:  # whatever is wrong with the file, its reader says it better
         return False
-    return bool(columns.joint_columns(names)) and not {"target", *columns.POSITION} & set(names)
+    planned = "target" not in names or "expected_x_mm" in names  # a row for each target is to be measured
+    return bool(columns.joint_columns(names)) and planned and not set(columns.POSITION) & set(names)
 
 
 def plan_joints(plan: PlanLike, arm: Arm) -> FloatArray:
@@ -108,7 +109,7 @@ def plan_joints(plan: PlanLike, arm: Arm) -> FloatArray:
     import pandas as pd
 
     if isinstance(plan, (str, Path, pd.DataFrame)):
-        return lists.read_joints(plan, arm.joint_columns)
+        return lists.read_joints(plan, arm.joint_columns, once=True)
     q = np.asarray(plan, dtype=float)
     if q.ndim != 2 or not len(q) or not np.isfinite(q).all():
         raise RobotError(

@@ -50,3 +50,19 @@ def test_drawn_poses_are_numbered_and_seen(cell):
     poses = pose_list.drawn(cell, 5, seed=2, wait_s=1.0)
     assert poses.pose.tolist() == list("12345")
     assert cell.visible(poses.q).all()
+
+
+def test_a_plan_with_a_row_for_each_target_is_one_with_a_row_for_each_pose(cell):
+    row = dict(zip(cell.arm.joint_columns, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], strict=True))
+    table = pd.DataFrame(
+        [
+            {"pose": "A", "group": "g", **row, "target": "smr1", "expected_x_mm": 1.0},
+            {"pose": "A", "group": "g", **row, "target": "smr3", "expected_x_mm": 2.0},
+            {"pose": "B", "group": "h", **row, "q6_deg": 9.0, "target": "smr2", "expected_x_mm": 3.0},
+        ]
+    )
+    poses = pose_list.taken(table, cell.arm)
+    np.testing.assert_allclose(poses.q / DEG, [[1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 9]], rtol=0, atol=1e-12)
+    assert poses.pose.tolist() == ["A", "B"]
+    assert poses.extra["group"].tolist() == ["g", "h"]
+    assert poses.asked(cell).tolist() == [[True, False, True], [False, True, False]]

@@ -10,8 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from support import arm, measured, random_robot, write_measurements
+from typer.main import get_command
 
 import irbcal
+from irbcal.cli.main import app
 from irbcal.files import robots
 
 
@@ -411,3 +413,10 @@ def test_filter_refuses_unknown_tools_and_broken_modules(calibration, tmp_path):
     assert "job.mod: " in refused("filter", folder, source, "--out", tmp_path / "n.mod")
     source.write_text("")
     assert "the file is empty" in refused("filter", folder, source, "--out", tmp_path / "n.mod")
+
+
+def test_help_does_not_list_robots():
+    """There are more than the shipped ones; `irbcal robots` names them all."""
+    for name, command in get_command(app).commands.items():
+        for parameter in command.params:
+            assert "irb1600, irb120" not in (getattr(parameter, "help", "") or ""), name

@@ -1,7 +1,12 @@
 """Figures of pose errors show what was measured."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
+
+from irbcal.figures import pose_errors
+from irbcal.figures.marks import Dots, Lines
 
 
 def test_normal_quantiles_of_normal_errors_lie_on_a_line():
@@ -12,3 +17,38 @@ def test_normal_quantiles_of_normal_errors_lie_on_a_line():
     assert len(shown) < 250
     assert shown[-1] == value.max()
     assert np.polyfit(quantile, shown, 1) == pytest.approx([0.5, 3.0], abs=0.02)
+
+
+@dataclass
+class Statistics:
+    mean_mm: float
+    sigma_mm: float
+    max_mm: float
+
+
+@pytest.fixture
+def poses():
+    """Errors whose largest is a round number, where an axis may end."""
+    error = np.array([0.2, 0.6, 1.0, 1.5, 2.0]) * 1e-3
+    models = {
+        name: pose_errors.ModelErrors(Statistics(1.06, 0.6, 2.0), size * error, size * error, None, None, None)
+        for name, size in (("nominal", 1.0), ("calibrated", 0.1))
+    }
+    place = np.random.default_rng(0).normal(size=(5, 3))
+    return pose_errors.PoseErrors("held-out", np.arange(5), tuple("abcde"), ("",) * 5, ("smr1",) * 5, models, place)
+
+
+@pytest.mark.parametrize("draw", [pose_errors.errors_by_pose, pose_errors.distribution])
+def test_marks_do_not_touch_the_edge(poses, draw):
+    for drawing in draw(poses).drawings:
+        frames = [item for item in drawing.items if isinstance(item, Lines) and item.colour == "soft"]
+        dots = [item for item in drawing.items if isinstance(item, Dots)]
+        if dots:
+            head = min(place[1] for item in frames for path in item.paths for place in path)
+            assert min(item.xy[:, 1].min() for item in dots) > head + 2.0
+
+
+def test_classes_of_errors_have_as_many_decimals(poses):
+    words = [words for _, _, words in pose_errors.workspace(poses).legend]
+    decimals = {len(number.split(".")[1]) for text in words for number in text.split() if "." in number}
+    assert len(decimals) == 1

@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pandas as pd
 import pytest
 from moving import random_commands, refusal, simulated
 from support import arm, write_measurements
@@ -102,3 +103,12 @@ def test_refusals_name_their_file(random_file):
     with pytest.raises(IdentificationError) as caught:
         behaviour.joints(random_file, robot="irb120")
     assert caught.value.file == str(random_file)
+
+
+def test_too_few_angles_of_one_joint_ask_for_a_robot(tmp_path):
+    points, _, _ = simulated(random_commands(2, 0)[[0, 0, 0, 1]] * [1, 0, 0, 0, 0, 0], np.full(4, "axis1", object))
+    write_measurements(tmp_path / "m.csv", points)
+    seen = table.read(pd.read_csv(tmp_path / "m.csv").assign(group="axis1"))
+    said = refusal(behaviour.analyse, seen)
+    assert "group axis1: " in said
+    assert said.endswith("give a robot or a calibration (--robot or --calibration)")

@@ -56,3 +56,16 @@ def test_absurd_joints_of_a_file_are_refused_with_their_place(tmp_path):
     with pytest.raises(MeasurementError, match=r"row 3, column q5_deg: .* found 1e\+300") as refused:
         lists.read_joints(path)
     assert (refused.value.row, refused.value.column) == (3, "q5_deg")
+
+
+def test_rows_of_one_pose_have_the_same_joints():
+    frame = pd.DataFrame({"pose": ["a", "b", " a"], "target": ["s", "s", "t"], "q1_deg": ["1", "2", "1"]})
+    assert np.abs(np.degrees(lists.read_joints(frame, ["q1_deg"], once=True)) - [[1], [2]]).max() < 1e-12
+    assert len(lists.read_joints(frame, ["q1_deg"])) == 3
+    assert len(lists.read_joints(frame.assign(cycle=["1", "1", "2"]), ["q1_deg"], once=True)) == 3
+    frame.loc[2, "q1_deg"] = "1.5"
+    with pytest.raises(MeasurementError) as caught:
+        lists.read_joints(frame, ["q1_deg"], once=True)
+    assert str(caught.value) == (
+        "<DataFrame>: row 3, column q1_deg: expected the joints of the pose's first row (1), found '1.5'"
+    )

@@ -3,14 +3,17 @@
 import io
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from lxml import html
 from report_cases import assert_harmless
 from support import arm, measured, outcome_of, random_robot, write_measurements
+from typer.main import get_command
 
 import irbcal
+from irbcal.cli.main import app
 from irbcal.figures import charts, colours
 from irbcal.reports import report_page
 
@@ -61,3 +64,23 @@ def test_pictures_show_both_models_on_white(calibration, evidence):
                 for colour in (colours.NOMINAL, colours.CALIBRATED):
                     wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
                     assert (np.abs(pixels - wanted).max(axis=-1) < 30).sum() > 100, (figure.name, colour)
+
+
+def test_the_page_names_commands_that_there_are():
+    template = Path(report_page.__file__).parent / "templates" / "report.html.j2"
+    named = set(re.findall(r"<code>irbcal ([a-z0-9]+)", template.read_text(encoding="utf-8")))
+    assert "joints" in named
+    assert named <= {name for name, command in get_command(app).commands.items() if not command.hidden}
+
+
+def test_too_few_poses_for_means_are_told_of(tmp_path):
+    rng, nominal = np.random.default_rng(7), arm()
+
+    def caption(poses):
+        points = measured(random_robot(nominal, "nominal", rng), nominal.random_joints(poses, 8), 2e-5, rng)
+        file = write_measurements(tmp_path / "m.csv", points)
+        return irbcal.calibrate(file, "irb1600", "nominal", holdout=0.5).plot
+
+    few = caption(30).residuals_by_joint().figure.caption
+    assert re.search(r"\. At joints? [1-6, ]+, 1\d poses are too few for means of both directions$", few)
+    assert "too few" not in caption(400).residuals_by_joint().figure.caption

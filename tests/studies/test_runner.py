@@ -1,5 +1,7 @@
 """The front door of a study: options, result, interruption; folders are tested through the command."""
 
+import signal
+
 import pytest
 
 from irbcal.errors import OptionError
@@ -82,3 +84,30 @@ def test_an_interruption_says_what_is_left(small, done, stage, tmp_path, monkeyp
     assert caught.value.left == len(repetitions(small)) - 1
     assert said == ["poses measured"]
     assert COURSE in repetitions(small)
+
+
+def test_one_job_runs_in_this_process(small, done, stage, tmp_path, monkeypatch):
+    def refused(*arguments, **options):
+        raise AssertionError("a process was started")
+
+    monkeypatch.setattr(runner, "ProcessPoolExecutor", refused)
+    monkeypatch.setattr(runner, "finished", lambda stage, repetition: done[repetition])
+    monkeypatch.setattr(Stage, "of", lambda settings: stage)
+    said = []
+    found = runner.study(out=tmp_path / "s", **OPTIONS, jobs=1, only=["7.13"], progress=said.append)
+    assert (found.done, found.kept) == (4, 0)
+    assert said == ["poses measured", *(f"{k} of 4 calibrations" for k in (1, 2, 3, 4))]
+
+
+def test_an_interruption_of_one_job_waits_for_the_calibration_under_way(small, done, stage, tmp_path, monkeypatch):
+    def interrupted(stage, repetition):
+        signal.raise_signal(signal.SIGINT)
+        return done[repetition]
+
+    monkeypatch.setattr(runner, "finished", interrupted)
+    monkeypatch.setattr(Stage, "of", lambda settings: stage)
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(runner.Interrupted) as caught:
+        runner.study(out=tmp_path / "s", **OPTIONS, jobs=1, only=["7.13"])
+    assert caught.value.left == 3
+    assert signal.getsignal(signal.SIGINT) is before

@@ -1,12 +1,14 @@
 """Figures: what is drawn is what was found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from irbcal.correction.joints_along import Reversal
 from irbcal.figures import colours
 from irbcal.figures.drawn_figure import DrawnFigure
-from irbcal.validation import plots
+from irbcal.validation import ballbar_check, plots
 from irbcal.validation.path_check import PathCheck
 from irbcal.validation.path_criteria import PathErrors
 from irbcal.validation.scale_bar import ScaleBar
@@ -70,3 +72,32 @@ def test_figures_show_themselves():
     found = ScaleBar(1.0, np.array(["A", "A"], dtype=object), np.array([1e-6, 3e-6])).plot()
     assert isinstance(found, DrawnFigure)
     assert found._repr_png_().startswith(b"\x89PNG")
+
+
+def test_words_on_the_rim_stand_apart_and_simulated_data_are_named(record):
+    found = ballbar_check.ballbar(record)
+    places = [
+        (0.0, 1),
+        (0.02, 2),
+        (0.035, 3),
+        (0.24, 4),
+        (0.25, 6),
+        (0.26, 5),
+        (0.73, 1),
+        (0.745, 5),
+        (0.77, 5),
+        (0.98, 3),
+    ]
+    crowd = tuple(Reversal(s, joint, 0.1, "min") for s, joint in places)
+    found = replace(found, prediction=replace(found.prediction, reversals=crowd), simulated=True)
+    figure = found.plot().figure
+    figure.draw_without_rendering()
+    words = [text for text in figure.axes[0].texts if text.get_text().startswith("J")]
+    boxes = [text.get_window_extent() for text in words]
+    assert len(boxes) >= 5
+    assert not any(a.overlaps(b) for k, a in enumerate(boxes) for b in boxes[:k])
+    note = figure._supxlabel.get_window_extent()
+    assert not any(box.overlaps(note) for box in boxes)
+    (legend,) = figure.legends
+    assert legend.get_title().get_text() == "Calibration from SIMULATED data"
+    assert not replace(found, simulated=False).plot().figure.legends[0].get_title().get_text()

@@ -65,3 +65,16 @@ def test_planned_points_are_the_robots_predictions():
     way = points.path_of(robot, q, np.eye(4))
     np.testing.assert_allclose(way[[0, -1]], robot.points(q[[0, -1]], next(iter(robot.targets))), rtol=0, atol=1e-12)
     assert points.path_of(robot, q[:1], np.eye(4)) is None
+
+
+def test_a_plan_with_a_row_for_each_target_shows_each_pose_once(tmp_path):
+    nominal = arm()
+    q = np.round(np.degrees(nominal.random_joints(3, 1)), 4)
+    table = pd.DataFrame(q[[0, 0, 1, 2, 2]], columns=nominal.joint_columns)
+    table.insert(0, "pose", [1, 1, 2, 3, 3])
+    table["target"] = ["smr1", "smr2", "smr1", "smr1", "smr3"]
+    table["expected_x_mm"] = 1.0
+    table.to_csv(tmp_path / "plan.csv", index=False)
+    for plan in (table, tmp_path / "plan.csv"):
+        assert points.is_plan(plan)
+        np.testing.assert_allclose(np.degrees(points.plan_joints(plan, nominal)), q, rtol=0, atol=1e-12)

@@ -1,7 +1,7 @@
 r"""Inverse kinematics of a calibrated robot (Nubiola 2011, section 6.2), for batches.
 
-The fixed point of the thesis (Figures 6.2 and 6.3), with T_n the nominal (eq. 6.39) and T_R the calibrated forward
-kinematics (eq. 6.40) and H the target::
+The fixed point of the thesis (Figures 6.2 and 6.3), with T_n the nominal and T_R the calibrated forward
+kinematics and H the target::
 
     H_fake,i = H_fake,i-1 H_aprox,i-1^-1 H,    q_i = inverse of T_n at H_fake,i,    H_aprox,i = T_R(q_i)
 
@@ -111,7 +111,7 @@ def solve(
 def fixed_point_history(
     robot: Robot, nominal: Arm, T_base_tip: FloatArray, configuration: ArrayLike, iterations: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Errors of the fixed point alone (Nubiola 2011, eq. 6.41), iteration by iteration (Table 6.1).
+    """Errors of the fixed point alone, iteration by iteration (Nubiola 2011, Table 6.1).
 
     Parameters
     ----------

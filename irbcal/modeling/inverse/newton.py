@@ -54,7 +54,7 @@ class CalibratedChain:
         return dhm.tip_columns(self.robot.arm.table, self.angles(q), self.robot.arm.T_base_0, self.after)
 
     def merit(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
-        """Position error (m) and rotation error (rad) as one number: Nubiola 2011, eq. 6.41, with k = `reach`."""
+        """Position error (m) and rotation error (rad) of `errors` as one number, the first over `reach`."""
         return position / self.reach + rotation
 
     def linearised(self, H: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -182,9 +182,9 @@ def columns(T: FloatArray) -> FloatArray:
 def errors(tip: FloatArray, H: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distance of the origins and angle of the relative rotation of columns (4, 3, n), metres and radians.
 
-    The two parts of Nubiola 2011, eq. 6.41. The distance is taken between the origins, not from the transformation
-    error of eq. 6.42, whose translation depends on where the base is; and the angle from the chord between the axes,
-    since an inverse cosine would lose half the digits of small angles.
+    The two parts of Nubiola 2011, eq. 6.41 (`CalibratedChain.merit` adds them up). The distance is taken between the
+    origins, not from the transformation error of eq. 6.42, whose translation depends on where the base is; and the
+    angle from the chord between the axes, since an inverse cosine would lose half the digits of small angles.
     """
     difference = tip - H
     np.multiply(difference, difference, out=difference)

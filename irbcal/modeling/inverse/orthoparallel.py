@@ -64,8 +64,8 @@ class OrthoParallel:
         ``joint = signs * q + shifts`` with q the angles of Nubiola 2011, section 6.1, radians.
     linear : ndarray, shape (12, 12)
     constant : ndarray, shape (12,)
-        The columns n, o, a of eq. 6.1 and the wrist centre (the origin of frame 4, eqs. 6.2 and 6.3) less ``d1``,
-        all in frame 0, from the columns x, y, z and origin of ``T_base_tip``.
+        The columns n, o, a of eq. 6.1 and the wrist centre (the origin of frame 4) less ``d1``, all in frame 0, from
+        the columns x, y, z and origin of ``T_base_tip``.
     """
 
     name: str
@@ -86,7 +86,7 @@ class OrthoParallel:
 
     @staticmethod
     def of(arm: Arm, tolerance: float = EXACT) -> OrthoParallel:
-        """The closed form of an arm.
+        """The closed form of an arm, with the map from the tip to the wrist centre (Nubiola 2011, eqs. 6.2 and 6.3).
 
         Parameters
         ----------
