@@ -237,7 +237,10 @@ class _Work:
         return found
 
     def average(self, found: list[gear_scan.Found]) -> EvidenceFit:
-        """Fit the dictionaries with weight to all poses, once more with what the scan found, and average them."""
+        """Fit the dictionaries with weight to all poses, once more with what the scan found, and average them.
+
+        The linear model is straightened at the average before the last fits.
+        """
         kept = [item for item in self.compared if item.weight > 0.0]
         union = np.unique(np.concatenate([item.dictionary.terms for item in kept]))
         linear = Linearisation(self.problem, self.state, self.motion, [self.superset[k] for k in union], self.project)
@@ -247,13 +250,17 @@ class _Work:
             if found or len(self.motion) != len(self.linear.motion)
             else self.sums.part(np.concatenate([np.arange(flat), flat + union]))
         )
+        places = [np.concatenate([np.arange(flat), flat + np.searchsorted(union, i.dictionary.terms)]) for i in kept]
+        rough = np.zeros(width)
+        for item, columns in zip(kept, places, strict=True):
+            rough[columns] += item.weight * _refit(sums.part(columns), flat, item, self._temper).c
+        if not self.project:  # readings are not known well enough for it to matter
+            linear.straighten(rough)
+            sums = linear.sums()
         mean, second = np.zeros(width), np.zeros((width, width))
         u_pose, u_block = np.zeros((self.problem.rows, 3)), np.zeros((self.problem.rows, 3))
-        for item in kept:
-            columns = np.concatenate([np.arange(flat), flat + np.searchsorted(union, item.dictionary.terms)])
-            fit = item.by_fit
-            if fit is None or sums is not self.sums:
-                fit = _refit(sums.part(columns), flat, item, self._temper)
+        for item, columns in zip(kept, places, strict=True):
+            fit = _refit(sums.part(columns), flat, item, self._temper)
             c, C = np.zeros(width), np.zeros((width, width))
             c[columns] = fit.c
             C[np.ix_(columns, columns)] = fit.covariance

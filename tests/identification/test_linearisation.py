@@ -145,3 +145,29 @@ def test_the_same_problem_for_other_points():
     mine = rows.pose < 4
     np.testing.assert_allclose(some.H, rows.J[:, mine] @ rows.J[:, mine].T, rtol=1e-9, atol=1e-9)
     assert some.equations == mine.sum()
+
+
+@pytest.mark.parametrize("orientations", [False, True])
+def test_a_straightened_model_is_exact_where_it_was_straightened(orientations, monkeypatch):
+    monkeypatch.setattr(linearisation, "BLOCK", 5)
+    problem, state, motion, terms = linear_case(12, orientations)
+    linear = Linearisation(problem, state, motion, terms)
+    c = 0.5 * np.random.default_rng(1).standard_normal(linear.flat + len(terms))
+    c[3:6] = 0.1
+    c[: linear.flat] *= 1e-2  # of base and targets, whose units are large
+    before = np.concatenate([block.y - c @ block.J for block in linear.blocks()])
+    linear.straighten(c)
+    after = np.concatenate([block.y - c @ block.J for block in linear.blocks()])
+    # what is measured minus what the moved robot with all terms predicts
+    moved = linear.moved(c)
+    rows = [k for k, term in enumerate(terms) if term.family != "geometry"]
+    values = (linear.sizes * c)[linear.flat :][rows]
+    term_map = TermMap(problem.arm, tuple(terms[k] for k in rows), values)
+    T = moved.T_world_base @ term_map.forward(problem.model(moved)[0], motion)
+    points = problem.points
+    local = moved.targets[points.target]
+    predicted = np.einsum("mij,mj->mi", T[points.pose, :3, :3], local) + T[points.pose, :3, 3]
+    left = (points.xyz - predicted) @ moved.T_world_base[:3, :3] / 1e-3 * problem.weights[: len(points), None]
+    if not orientations:
+        np.testing.assert_allclose(after, left.ravel(), atol=1e-9)
+    assert np.abs(after - before).max() > 1e-3
