@@ -6,9 +6,8 @@ from collections import Counter
 import numpy as np
 from lxml import html
 
+from irbcal.files.choice_section import Candidate, Choice
 from irbcal.files.schema import (
-    Candidate,
-    Choice,
     Correlation,
     Errors,
     Exclusion,

@@ -15,9 +15,8 @@ import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
 from irbcal.files import document
+from irbcal.files.choice_section import Candidate, Choice
 from irbcal.files.schema import (
-    Candidate,
-    Choice,
     Exclusion,
     RotationStatistics,
 )
