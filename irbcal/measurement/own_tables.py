@@ -21,7 +21,7 @@ class OwnTables:
 
     if not TYPE_CHECKING:  # the fields are declared by those who inherit
 
-        def __getattr__(self, name):
+        def __getattr__(self, name: str) -> pd.DataFrame:
             """Tables are kept under another name, so each access to one ends here."""
             own = self.__dict__.get("_own", {})
             if name in own:
