@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import yaml
 
 ROOT = Path(__file__).parents[1]
@@ -30,6 +31,7 @@ def test_everything_is_formatted():
     run("ruff", "format", "--no-cache", "--check", *paths)
 
 
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="numpy for Python 3.10 describes its own types less exactly")
 def test_types_are_complete_and_right():
     run("mypy")
 
