@@ -89,3 +89,15 @@ def creep(tmp_path, monkeypatch):
     yield families()["creep"]
     monkeypatch.undo()
     new_family.forget()
+
+
+@pytest.fixture(scope="session")
+def folders(tmp_path_factory):
+    """Two calibrations of one simulated robot, from other measurements each."""
+    root = tmp_path_factory.mktemp("origins")
+    truth = random_robot(arm(), "34", np.random.default_rng(1))
+    for name, seed in (("first", 1), ("second", 2)):
+        rng = np.random.default_rng(seed)
+        data = write_measurements(root / f"{name}.csv", measured(truth, arm().random_joints(60, seed), 3e-5, rng))
+        irbcal.save(outcome_of(data, "irb1600"), root / name)
+    return root / "first", root / "second"

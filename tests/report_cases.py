@@ -135,3 +135,8 @@ def assert_harmless(page):
                 assert value[1:] in ids
     assert "url(" not in page
     assert "@import" not in page
+
+
+def drawings(page, words=""):
+    """The drawings of a page whose label has these words, legends aside."""
+    return [svg for svg in html.document_fromstring(page).xpath("//svg[@role='img']") if words in svg.get("aria-label")]

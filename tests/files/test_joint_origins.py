@@ -1,25 +1,12 @@
 """Joint origins as YAML, and whether a URDF found somewhere is the calibration."""
 
 import numpy as np
-import pytest
 import yaml
 from support import arm, assert_same_poses, example_robot, measured, outcome_of, random_robot, write_measurements
 
 import irbcal
 from irbcal.files import calibration_folder, joint_origins, urdf, urdf_check
 from irbcal.modeling import frames
-
-
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    """Two calibrations of one simulated robot, from other measurements each."""
-    root = tmp_path_factory.mktemp("origins")
-    truth = random_robot(arm(), "34", np.random.default_rng(1))
-    for name, seed in (("first", 1), ("second", 2)):
-        rng = np.random.default_rng(seed)
-        data = write_measurements(root / f"{name}.csv", measured(truth, arm().random_joints(60, seed), 3e-5, rng))
-        irbcal.save(outcome_of(data, "irb1600"), root / name)
-    return root / "first", root / "second"
 
 
 def test_yaml_rebuilds_the_robot(folders):

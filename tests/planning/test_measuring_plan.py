@@ -1,20 +1,17 @@
 """Plans from Python: seeds, what they say, and a run in the virtual cell."""
 
-import json
 import pickle
 from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 import irbcal
 from irbcal.atomic import write_together
 from irbcal.cell import pose_list, simulated_files
 from irbcal.cell.shipped import open_cell
 from irbcal.cell.simulation import simulate
-from irbcal.cli.main import app
 from irbcal.errors import OptionError
 from irbcal.planning import plan_files
 from irbcal.planning.conditions import SOLID
@@ -22,21 +19,6 @@ from irbcal.planning.measuring_plan import make, plan
 from irbcal.planning.scene import open_scene
 from irbcal.planning.wish import Wish
 from irbcal.units import MM
-
-
-def call(*arguments):
-    """Run the command in this process; errors come through."""
-    done = CliRunner().invoke(app, ["plan", *map(str, arguments)], catch_exceptions=False, standalone_mode=False)
-    return done
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    """A plan with poses of every kind: folder, plan.csv, what --json printed."""
-    out = tmp_path_factory.mktemp("plan") / "new" / "plan"
-    kinds = ("--axis", 18, "--cube", 12, "--all-range", 12, "--optimal", 12, "--candidates", 150)
-    done = call("--out", out, *kinds, "--targets", "thesis", "--payload", 3, "--json")
-    return out, pd.read_csv(out / "plan.csv"), json.loads(done.stdout)
 
 
 def test_seeds_decide_the_plan():

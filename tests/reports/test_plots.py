@@ -4,12 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from lxml import html
-
-
-def drawings(page, words=""):
-    """The drawings of a page whose label has these words, legends aside."""
-    return [svg for svg in html.document_fromstring(page).xpath("//svg[@role='img']") if words in svg.get("aria-label")]
+from report_cases import drawings
 
 
 def by_hand(calibration, heldout, name):

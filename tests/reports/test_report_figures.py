@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lxml import html
-from report_cases import assert_harmless
+from report_cases import assert_harmless, drawings
 from support import arm, measured, outcome_of, random_robot, write_measurements
 from typer.main import get_command
 
@@ -16,11 +16,6 @@ import irbcal
 from irbcal.cli.main import app
 from irbcal.figures import charts, colours
 from irbcal.reports import report_page
-
-
-def drawings(page, words=""):
-    """The drawings of a page whose label has these words, legends aside."""
-    return [svg for svg in html.document_fromstring(page).xpath("//svg[@role='img']") if words in svg.get("aria-label")]
 
 
 def test_backlash_is_found_and_stated_with_its_interval(tmp_path):

@@ -7,7 +7,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from lxml import etree, html
-from report_cases import NASTY, assert_harmless, everywhere, some_errors, text_of, with_points, without_heldout
+from report_cases import (
+    NASTY,
+    assert_harmless,
+    drawings,
+    everywhere,
+    some_errors,
+    text_of,
+    with_points,
+    without_heldout,
+)
 from support import TARGETS, outcome_of
 from typer.testing import CliRunner
 
@@ -49,11 +58,6 @@ def test_figures_are_those_of_the_calibration(calibration, page):
     assert not [text for text in html.document_fromstring(page).itertext() if re.search(r"\d\.\d{7}", text)]
     assert "Simulated" not in seen
     assert "Nothing is proven" not in seen
-
-
-def drawings(page, words=""):
-    """The drawings of a page whose label has these words, legends aside."""
-    return [svg for svg in html.document_fromstring(page).xpath("//svg[@role='img']") if words in svg.get("aria-label")]
 
 
 def rows_under(page, caption):
@@ -211,24 +215,6 @@ def test_damaged_point_tables_are_refused(folder, calibration, tmp_path, damage,
     (tmp_path / "calibrated.urdf").write_bytes((folder / "calibrated.urdf").read_bytes())
     with pytest.raises(CalibrationError, match=words):
         irbcal.load(tmp_path)
-
-
-def by_hand(calibration, heldout, name):
-    """Mean distance of each pose's points, mm, by name of the pose, point by point."""
-    points, _ = calibration.used_points(heldout)
-    robot = calibration.robot_calibrated() if name == "calibrated" else calibration.robot_nominal()
-    out = {}
-    for k, (target, place) in enumerate(zip(points.names(), points.xyz, strict=True)):
-        pose = points.pose[k]
-        off = np.linalg.norm(place - robot.points(points.q[pose][None], target)[0])
-        out.setdefault(str(points.pose_ids[pose]), []).append(1e3 * off)
-    return {pose: np.mean(values) for pose, values in out.items()}
-
-
-def marks(svg, model):
-    """Title, x and y of the circles of one model."""
-    found = svg.xpath(f".//g[contains(@style, 'var(--{model})')]/circle")
-    return [(c.findtext("title"), float(c.get("cx")), float(c.get("cy"))) for c in found]
 
 
 def test_backlash_of_a_real_robot(shared_data, tmp_path):

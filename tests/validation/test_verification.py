@@ -4,26 +4,13 @@ import json
 import subprocess
 import sys
 
-import numpy as np
 import pytest
-from support import arm, measured, outcome_of, random_robot, write_measurements
+from support import outcome_of
 
 import irbcal
 from irbcal.errors import OptionError, ProgramError, RobotError
 from irbcal.files import calibration_folder, urdf
 from irbcal.validation.verification import verify, verify_bytes
-
-
-@pytest.fixture(scope="module")
-def folders(tmp_path_factory):
-    """Two calibrations of one simulated robot, from other measurements each."""
-    root = tmp_path_factory.mktemp("origins")
-    truth = random_robot(arm(), "34", np.random.default_rng(1))
-    for name, seed in (("first", 1), ("second", 2)):
-        rng = np.random.default_rng(seed)
-        data = write_measurements(root / f"{name}.csv", measured(truth, arm().random_joints(60, seed), 3e-5, rng))
-        irbcal.save(outcome_of(data, "irb1600"), root / name)
-    return root / "first", root / "second"
 
 
 def moved(data, metres):
