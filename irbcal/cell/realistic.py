@@ -48,6 +48,11 @@ SEEING = (Repeatability, Noise, Drift, Visibility, Lost)
 """Effects that are as in the cell of the thesis."""
 
 
+def of_kind(name: str, cell: Cell, robot_seed: int = ROBOT_SEED) -> Cell:
+    """A shipped cell as one of `NAMES`."""
+    return realistic(cell, robot_seed) if name == "realistic" else cell
+
+
 def realistic(cell: Cell, robot_seed: int = ROBOT_SEED) -> Cell:
     """A shipped cell with the errors of a real robot in place of the thesis's, links' errors kept.
 

@@ -192,11 +192,9 @@ def simulate(
     only, without : sequence of str, optional
         Only these effects (none at all if empty), or all but these; names as in `irbcal.cell.effects.NAMES`.
     also : sequence of str, optional
-        Effects to switch on that the cell of the thesis leaves off: ``reading_lag``, ``bending``, ``gear``, ``wobble``,
-        ``direction``, ``move``, ``thaw``.
+        Effects to switch on that the cell of the thesis leaves off, such as ``reading_lag``.
     cell : {"thesis", "realistic"}
-        A robot with the thesis's errors, or with those that measured robots show: all of the error model's families,
-        drawn from ``robot_seed``.
+        A robot with the thesis's errors, or with those that measured robots show.
     targets : int or sequence of str
         How many of the tool's nine reflectors, or their names.
     tracker : array_like, shape (3,), optional
@@ -225,15 +223,10 @@ def simulate(
     if (wanted is None) != (calibration is None):
         raise OptionError("wanted and calibration go together", parameter="wanted")
     seed, robot_seed, wait = check_seed(seed), check_seed(robot_seed, "robot_seed"), number("wait", wait, 0)
+    kind = checked("cell", cell, realistic.NAMES)
     opened = open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed)
-    if checked("cell", cell, realistic.NAMES) == "realistic":
-        opened = realistic.realistic(opened, robot_seed)
-    opened = _changed(opened, only, without, also)
-    opened = opened.with_targets(_targets(targets, opened.tool.names))
-    opened = opened if payload is None else opened.with_payload(number("payload", payload, 0))
-    if tracker is not None:
-        station = place("tracker", tracker, "x, y, z of the tracker in metres")
-        opened = opened.replace(tracker=opened.tracker.moved(station))
+    opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
+    opened = _equipped(opened, targets, payload, tracker)
     poses = _poses(opened, plan, random, seed, wait)
     run = opened.measure(poses.q, poses.asked(opened), poses.wait_s)
     found = None
@@ -241,6 +234,15 @@ def simulate(
         program = lists.read_joints(wanted, opened.arm.joint_columns)
         found = misses(run, program, calibration_folder.opened(calibration))
     return Simulated(str(robot), opened, poses, run, found)
+
+
+def _equipped(cell: Cell, targets: int | Sequence[str], payload: float | None, tracker: ArrayLike | None) -> Cell:
+    """The cell with the tool's targets, the load and the tracker's place that are asked for."""
+    cell = cell.with_targets(_targets(targets, cell.tool.names))
+    cell = cell if payload is None else cell.with_payload(number("payload", payload, 0))
+    if tracker is None:
+        return cell
+    return cell.replace(tracker=cell.tracker.moved(place("tracker", tracker, "x, y, z of the tracker in metres")))
 
 
 def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> Cell:
