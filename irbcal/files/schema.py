@@ -11,6 +11,7 @@ from pydantic import Field, StringConstraints, model_validator
 from irbcal.arrays import FloatArray
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
+from irbcal.files.seal import Seal
 from irbcal.files.section import Section
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
@@ -256,6 +257,7 @@ class Record(Section):
     ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map and the data files.
     ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
     (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians.
+    ``seal`` has the hashes of all other parts (`irbcal.files.seal`); null in files of earlier versions.
     """
 
     schema_name: Literal["irbcal-calibration-1"]
@@ -299,6 +301,7 @@ class Record(Section):
     largest_link_shift_mm: float
     software: dict[str, str]
     seconds: float
+    seal: Seal | None = None
 
     def __repr__(self) -> str:
         kind = "SIMULATED, " if self.simulated else ""
