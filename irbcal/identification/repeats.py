@@ -55,6 +55,7 @@ def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
         xyz=xyz,
         pose_ids=points.pose_ids[first],
         groups=points.groups[first],
+        previous=None if points.previous is None else points.previous[first],
         rotation=None,
         u95=u95,
     )
