@@ -47,6 +47,9 @@ class PointSet(Speaks):
         Expanded uncertainty of each point, metres; NaN where not given.
     previous : ndarray, shape (n, joints), optional
         The stop before each pose, as commanded, units as ``q``; NaN rows where it is not known.
+    session : ndarray of str, shape (n,), optional
+        Session of each pose. Poses of different sessions have bases of their own, which an identification finds; those
+        of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base for all.
     """
 
     q: FloatArray
@@ -59,6 +62,7 @@ class PointSet(Speaks):
     rotation: FloatArray | None = None
     u95: FloatArray | None = None
     previous: FloatArray | None = None
+    session: NameArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -156,6 +160,7 @@ class PointSet(Speaks):
             pose_ids=self.pose_ids[keep],
             groups=self.groups[keep],
             previous=None if self.previous is None else self.previous[keep],
+            session=None if self.session is None else self.session[keep],
         )
 
     def moves(self) -> FloatArray:
