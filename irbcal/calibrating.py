@@ -20,6 +20,7 @@ from irbcal.identification.averaged import AveragedFit, identify_averaged
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
 from irbcal.identification.fit import identify
+from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
@@ -240,7 +241,7 @@ def _identified(
     if model == "auto":
         motion = motion_of(ready.measurements, ready.fit)
         return identify_averaged(arm, ready.fit, motion, known, options.seed, say)
-    return identify_by(
+    fit = identify_by(
         arm,
         ready.fit,
         checked("model", model, LEVELS),
@@ -252,6 +253,7 @@ def _identified(
         parameters=selected_parameters(model, options.free, options.hold, arm),
         watched=_groups(ready.heldout),
     )
+    return replace(fit, robot=fit.robot.replace(certainty=certainty_of(fit)))
 
 
 def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Prepared:

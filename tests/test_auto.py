@@ -62,7 +62,7 @@ def test_what_was_made_is_what_is_loaded(made, folder):
     assert content["held"] == content["observability"]["singular_values_mm"] == []
     assert content["history"] == {}
     assert {row["state"] for row in content["parameters"]} == {"identified"}
-    assert len(content["covariance"]) == len(content["parameters"])
+    assert content["covariance"]["size"] == len(content["parameters"])
 
 
 def test_the_fingerprint_covers_the_terms(made):

@@ -17,7 +17,7 @@ from irbcal.identification.evidence import Progress, identify_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.readings import Lag, lag
 from irbcal.identification.result import ParameterReport
-from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.points import PointSet, distances, inside_intervals
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
@@ -70,7 +70,7 @@ class AveragedFit(Speaks):
         """The calibrated robot, warm, with a joint map of terms."""
         found = self.evidence
         joint_map = TermJointMap(found.term_map(), found.joint_ranges)
-        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations)
+        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations, found.certainty)
 
     @property
     def _flat(self) -> int:
@@ -98,8 +98,7 @@ class AveragedFit(Speaks):
 
     def covariance(self) -> FloatArray:
         """Of base (turn, shift in the base link), free targets, target frames and the parameters, SI units."""
-        rows = np.concatenate([np.arange(self._flat), self._flat + np.array(self._used, dtype=int)])
-        return self.evidence.covariance[np.ix_(rows, rows)]
+        return self.evidence.certainty.covariance
 
     def held(self) -> list[str]:
         """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""
@@ -152,13 +151,7 @@ class AveragedFit(Speaks):
         points : PointSet
             Not those of the fit.
         """
-        inside = np.zeros((len(points), 3), dtype=bool)
-        for k, name in enumerate(points.target_names):
-            mine = points.target == k
-            if mine.any():
-                seen = self.evidence.predict(points.q[points.pose[mine]], target=name)
-                inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
-        return float(inside.mean())
+        return float(inside_intervals(self.robot, points).mean())
 
     def explanation(self) -> str:
         """Which error models were averaged with what weights."""

@@ -39,19 +39,45 @@ def residuals(linear: Linearisation, columns: IntArray, found: Posterior) -> tup
     a = found.temper / found.s2
     out, poses = [], []
     for block in linear.blocks(columns):
-        e = block.y - found.c @ block.J
-        CJ = found.covariance @ block.J
-        first = np.flatnonzero(np.r_[True, block.pose[1:] != block.pose[:-1]])
-        count = np.diff(np.r_[first, len(e)])
-        u = np.empty_like(e)
-        for size in np.unique(count):  # poses with as many rows are solved together
-            rows = first[count == size][:, None] + np.arange(size)
-            J = block.J[:, rows].transpose(1, 0, 2)
-            share = J.transpose(0, 2, 1) @ CJ[:, rows].transpose(1, 0, 2)
-            u[rows] = np.linalg.solve(np.eye(size) - a * share, e[rows][..., None])[..., 0]
+        u = single(block.J, block.y - found.c @ block.J, block.pose, found.covariance, a)
         out.append(u.reshape(-1, 3))
         poses.append(block.pose[::3])
     return np.concatenate(out), np.concatenate(poses)
+
+
+def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray, a: float) -> FloatArray:
+    """Residuals of poses left out one at a time.
+
+    Parameters
+    ----------
+    J : ndarray, shape (columns, rows)
+        Rows of a pose stand side by side.
+    e : ndarray, shape (rows,)
+        Residuals of the fit.
+    pose : ndarray of int, shape (rows,)
+    covariance : ndarray, shape (columns, columns)
+    a : float
+        One over the variance of a row, tempered as the fit was.
+
+    Returns
+    -------
+    ndarray, shape (rows,)
+    """
+    CJ = covariance @ J
+    first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])
+    count = np.diff(np.r_[first, len(e)])
+    u = np.empty_like(e)
+    for size in np.unique(count):  # poses with as many rows are solved together
+        rows = first[count == size][:, None] + np.arange(size)
+        Jn = J[:, rows].transpose(1, 0, 2)
+        share = Jn.transpose(0, 2, 1) @ CJ[:, rows].transpose(1, 0, 2)
+        u[rows] = np.linalg.solve(np.eye(size) - a * share, e[rows][..., None])[..., 0]
+    return u
+
+
+def block_numbers(poses: int, blocks: int = BLOCKS) -> IntArray:
+    """Number of the contiguous block that each pose belongs to, shape (poses,)."""
+    return np.arange(poses) * blocks // poses
 
 
 def block_residuals(
@@ -60,7 +86,7 @@ def block_residuals(
     """As `residuals`, leaving out contiguous blocks of poses in place of single ones."""
     a = found.temper / found.s2
     poses = linear.motion.q.shape[0]
-    number = np.arange(poses) * blocks // poses
+    number = block_numbers(poses, blocks)
     k = len(columns)
     H, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for block in linear.blocks(columns):

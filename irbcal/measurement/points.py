@@ -220,6 +220,33 @@ def distances(robot: Robot, points: PointSet) -> FloatArray:
     return np.linalg.norm(points.xyz - points.predicted(robot), axis=1)
 
 
+def inside_intervals(robot: Robot, points: PointSet) -> BoolArray:
+    """Which measured coordinates lie within the predicted 95 % intervals, last moves unknown.
+
+    Parameters
+    ----------
+    robot : Robot
+        With its certainty.
+    points : PointSet
+        Not those of the fit.
+
+    Returns
+    -------
+    ndarray of bool, shape (m, 3)
+
+    Raises
+    ------
+    RobotError
+        If nothing is known of the robot's certainty, or it does not know a target.
+    """
+    inside = np.zeros((len(points), 3), dtype=bool)
+    for k in np.unique(points.target):
+        mine = points.target == k
+        seen = robot.predict(points.q[points.pose[mine]], target=points.target_names[k])
+        inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
+    return inside
+
+
 def rotation_distances(robot: Robot, points: PointSet) -> FloatArray:
     """Angle between each measured and predicted target frame.
 
