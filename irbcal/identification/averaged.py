@@ -17,7 +17,7 @@ from irbcal.identification.evidence import Progress, identify_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.readings import Lag, lag
 from irbcal.identification.result import ParameterReport
-from irbcal.measurement.points import PointSet, distances, inside_intervals
+from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
@@ -142,16 +142,6 @@ class AveragedFit(Speaks):
     def lag(self) -> Lag | None:
         """How readings lag behind programmed joints, where they were found to; else None."""
         return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
-
-    def coverage(self, points: PointSet) -> float:
-        """Share of measured coordinates within the predicted 95 % intervals, last moves unknown.
-
-        Parameters
-        ----------
-        points : PointSet
-            Not those of the fit.
-        """
-        return float(inside_intervals(self.robot, points).mean())
 
     def explanation(self) -> str:
         """Which error models were averaged with what weights."""

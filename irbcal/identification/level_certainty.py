@@ -10,9 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray
 from irbcal.identification import leave_one_out
 from irbcal.identification.result import Fit
+from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
@@ -76,20 +77,23 @@ def certainty_of(fit: Fit) -> Certainty:
 
 
 def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Leave-one-pose-out and leave-a-fifth-out residuals of the points, both of shape (points, 3), metres."""
+    """Leave-one-pose-out and leave-a-fifth-out residuals of the points, both of shape (points, 3), metres.
+
+    Repeats of one place (`irbcal.measurement.places.places`) are left out together.
+    """
     problem, state = fit.problem, fit.solution.state
     weights = np.repeat(problem.weights, 3)
     J = problem.jacobian(state) * weights[:, None]
     e = problem.residuals(state).ravel() * weights
     points = problem.points
     pose = np.concatenate([points.pose, points.pose[points.oriented()]])
-    order = np.argsort(pose, kind="stable")
+    place = places(points)[pose]
+    order = np.argsort(place, kind="stable")
     rows = (3 * order[:, None] + np.arange(3)).ravel()
-    place = np.argsort(order)[: len(points)]
-    of_row: IntArray = np.repeat(pose[order], 3)
+    back = np.argsort(order)[: len(points)]
     J, e, a = np.ascontiguousarray(J[rows].T), e[rows], fit.solution.information.sigma**-2.0
-    single = leave_one_out.single(J, e, of_row, covariance, a)
-    blocks = leave_one_out.block_numbers(points.poses)[of_row]
+    single = leave_one_out.single(J, e, np.repeat(place[order], 3), covariance, a)
+    blocks = np.repeat(leave_one_out.block_numbers(place)[order], 3)
     several = e.copy()
     for part in np.unique(blocks):
         mine = blocks == part
@@ -97,7 +101,7 @@ def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
         shift = np.linalg.solve(np.eye(len(J)) - a * covariance @ (G @ G.T), a * covariance @ (G @ e[mine]))
         several[mine] += shift @ G
     each = problem.weights[: len(points), None]
-    return single.reshape(-1, 3)[place] / each, several.reshape(-1, 3)[place] / each
+    return single.reshape(-1, 3)[back] / each, several.reshape(-1, 3)[back] / each
 
 
 def of_targets(u: FloatArray, points: PointSet) -> dict[str, float]:

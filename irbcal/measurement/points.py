@@ -45,6 +45,9 @@ class PointSet(Speaks):
         Measured orientation of a target frame in the measuring frame; NaN for points without one.
     u95 : ndarray, shape (m,), optional
         Expanded uncertainty of each point, metres; NaN where not given.
+    session : ndarray of str, shape (n,), optional
+        Session of each pose. Poses of different sessions have bases of their own, which an identification finds; those
+        of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base for all.
     """
 
     q: FloatArray
@@ -56,6 +59,7 @@ class PointSet(Speaks):
     groups: NameArray
     rotation: FloatArray | None = None
     u95: FloatArray | None = None
+    session: NameArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -147,7 +151,12 @@ class PointSet(Speaks):
         rest = self.take(keep[self.pose])
         number = np.cumsum(keep) - 1
         return replace(
-            rest, q=self.q[keep], pose=number[rest.pose], pose_ids=self.pose_ids[keep], groups=self.groups[keep]
+            rest,
+            q=self.q[keep],
+            pose=number[rest.pose],
+            pose_ids=self.pose_ids[keep],
+            groups=self.groups[keep],
+            session=None if self.session is None else self.session[keep],
         )
 
     def with_seen_targets(self) -> PointSet:
@@ -218,33 +227,6 @@ def distances(robot: Robot, points: PointSet) -> FloatArray:
         If the robot does not know a target.
     """
     return np.linalg.norm(points.xyz - points.predicted(robot), axis=1)
-
-
-def inside_intervals(robot: Robot, points: PointSet) -> BoolArray:
-    """Which measured coordinates lie within the predicted 95 % intervals, last moves unknown.
-
-    Parameters
-    ----------
-    robot : Robot
-        With its certainty.
-    points : PointSet
-        Not those of the fit.
-
-    Returns
-    -------
-    ndarray of bool, shape (m, 3)
-
-    Raises
-    ------
-    RobotError
-        If nothing is known of the robot's certainty, or it does not know a target.
-    """
-    inside = np.zeros((len(points), 3), dtype=bool)
-    for k in np.unique(points.target):
-        mine = points.target == k
-        seen = robot.predict(points.q[points.pose[mine]], target=points.target_names[k])
-        inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
-    return inside
 
 
 def rotation_distances(robot: Robot, points: PointSet) -> FloatArray:
