@@ -81,6 +81,7 @@ def files(run: Run, poses: PoseList, cell: Cell, out: str | Path, robot: str) ->
         "plan": Path(poses.source).name,
         "plan_sha256": poses.sha256,
         "units": "mm and degrees; base_*: the base link in the tracker's frame (eq. 3.5); target_*: in the tip link",
+        "terms_are": "what the robot does in the terms of the error model, by their names; rad, m and minutes",
         "stiffness_is": "the two numbers that describe joints 2 and 3 best; the effect compliance says what they do",
         **cell.truth(),
         "unseen": run.unseen,
