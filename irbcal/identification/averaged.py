@@ -93,7 +93,7 @@ class AveragedFit(Speaks):
 
     @property
     def rms(self) -> float:
-        """Root mean square distance of the fitted points from the warm robot, last moves unknown, metres."""
+        """Root mean square distance of the fitted points from the warm robot, metres."""
         return float(np.sqrt(np.mean(distances(self.robot, self.points) ** 2)))
 
     def covariance(self) -> FloatArray:

@@ -294,7 +294,8 @@ class EvidenceFit(Speaks):
         q : ndarray, shape (n, joints)
             Commanded joints, radians (metres for prismatic joints).
         previous : ndarray, shape (n, joints), optional
-            The stop before each. Without it the direction terms are zero, and their size joins the uncertainty.
+            The stop before each. Without it, and for rows with NaN, the direction terms are zero, and their size joins
+            the uncertainty.
         target : str, optional
             The first unless given.
         in_order : bool
@@ -344,4 +345,7 @@ class EvidenceFit(Speaks):
 
 def _motion(q: FloatArray, previous: FloatArray | None) -> Motion:
     q = np.atleast_2d(np.asarray(q, dtype=float))
-    return Motion(q, None if previous is None else q - np.atleast_2d(np.asarray(previous, dtype=float)))
+    if previous is None:
+        return Motion(q)
+    move = q - np.atleast_2d(np.asarray(previous, dtype=float))
+    return Motion(q, np.where(np.isfinite(move).all(axis=1, keepdims=True), move, 0.0))

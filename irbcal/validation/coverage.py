@@ -17,7 +17,7 @@ EXPECTED = 0.95
 
 
 def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
-    """How many measured coordinates lie within the predicted intervals, last moves unknown.
+    """How many measured coordinates lie within the predicted intervals.
 
     Parameters
     ----------
@@ -37,7 +37,9 @@ def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
     inside, width = np.zeros((len(points), 3), dtype=bool), np.zeros((len(points), 3))
     for k in np.unique(points.target):
         mine = points.target == k
-        seen = robot.predict(points.q[points.pose[mine]], target=points.target_names[k])
+        rows = points.pose[mine]
+        previous = None if points.previous is None else points.previous[rows]
+        seen = robot.predict(points.q[rows], previous, points.target_names[k])
         inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
         width[mine] = seen.interval
     outside = robot.certainty.outside(points.q)[points.pose]
