@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
-from irbcal.atomic import refuse_to_overwrite, write_together
+from irbcal.atomic import write_set
 from irbcal.correction import languages
 from irbcal.correction.configurations import ConfData, seeds_of
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
@@ -25,7 +25,9 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
+from irbcal.names import without_formulas
 from irbcal.options import shown
+from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
 
@@ -93,16 +95,11 @@ def correct(
     >>> found = correct("my-robot", "job.mod", out="job_calibrated.mod")  # doctest: +SKIP
     >>> found.to_frame()  # doctest: +SKIP
     """
-    files = [Path(file) for file in (out, changes) if file is not None]
-    given_programs = [program] if isinstance(program, (str, os.PathLike)) else [*program]
-    if not given_programs:
+    programs_given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
+    if not programs_given:
         raise OptionError("program: expected a file, found none", parameter="program")
-    for file in files:
-        for one in given_programs:
-            refuse_to_overwrite(file, one)
-    if len({file.absolute() for file in files}) < len(files):
-        raise OptionError("changes: expected another file than the program's", parameter="changes")
-    language, sources = languages.files_of(given_programs)
+    refuse_overwriting({"out": out, "changes": changes}, programs_given, calibration)
+    language, sources = languages.files_of(programs_given)
     record = opened(calibration)
     nominal = record.arm(calibrated=False)
     given = Given(_given(tool, "tool"), _given(wobj, "wobj"), _controller(calibration, record))
@@ -111,7 +108,7 @@ def correct(
     found = together([filter_program(robot, nominal, one, record.fingerprint) for one in programs])
     if record.heldout is not None:
         found = replace(found, expected_error=record.heldout.all.mean_mm * MM)
-    if not files:
+    if out is None and changes is None:
         return found
     if not len(found.targets) or (found.left and not allow_partial):
         raise _not_written(found)
@@ -120,18 +117,16 @@ def correct(
 
 def _written(found: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool) -> Filtered:
     """Write what was asked for, all or nothing."""
-    contents: dict[Path, dict[str, bytes]] = {}
+    contents: dict[Path, bytes] = {}
     if changes is not None:
-        table = found.to_frame().to_csv(index=False, float_format="%.6f")
-        contents.setdefault(Path(changes).parent, {})[Path(changes).name] = table.encode("utf-8")
+        table = without_formulas(found.to_frame()).to_csv(index=False, float_format="%.6f")
+        contents[Path(changes)] = table.encode("utf-8")
     if out is not None:
-        for file, data in _places(Path(out), found.files, folder).items():
-            for source in found.files:
-                refuse_to_overwrite(file, source)
-            contents.setdefault(file.parent, {})[file.name] = data
+        places = _places(Path(out), found.files, folder)
+        refuse_overwriting({"out": [*places], "changes": changes}, [*found.files])
+        contents |= places
         found = replace(found, written=Path(out))
-    for place, new in contents.items():
-        write_together(place, new)
+    write_set(contents)
     return found
 
 
