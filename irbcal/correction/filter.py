@@ -15,6 +15,7 @@ from irbcal.correction import languages
 from irbcal.correction.configurations import seeds_of
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_poses
 from irbcal.correction.filtered import Filtered
+from irbcal.correction.last_moves import with_last_moves
 from irbcal.correction.program import Goals, Left, Program, read_bytes, refuse_filtered
 from irbcal.errors import OptionError, ProgramError
 from irbcal.files.calibration_folder import CalibrationLike, opened
@@ -173,7 +174,8 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
         As `irbcal.correction.fake_targets.correct_joints` and `irbcal.correction.fake_targets.correct_poses`.
     """
     refuse_filtered(program)
-    found = [(goals, _fake_targets(robot, nominal, goals)) for goals in program.goals()]
+    alone = [(goals, _fake_targets(robot, nominal, goals)) for goals in program.goals()]
+    found, last_moves = with_last_moves(robot, nominal, alone, program.stops())
     left = list(program.left())
     names: list[str] = []
     for goals, fake in found:
@@ -192,9 +194,13 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
         turn=np.concatenate([none[:, 0], *(fake.turn[fake.ok] for fake in fakes)]),
         residual=np.concatenate([none[:, 0], *(fake.residual[fake.ok] for fake in fakes)]),
         left=tuple(sorted(left, key=lambda item: item.line)),
-        notes=tuple(program.notes),
+        notes=(*program.notes, *(last_moves.notes if last_moves else ())),
         joint_columns=tuple(nominal.joint_columns),
         fingerprint=fingerprint,
+        last_move_error=None
+        if last_moves is None
+        else np.concatenate([error[fake.ok] for error, fake in zip(last_moves.errors, fakes, strict=True)]),
+        last_moves=None if last_moves is None else (last_moves.known, last_moves.stops),
     )
 
 

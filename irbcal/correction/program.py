@@ -41,6 +41,25 @@ class Note(NamedTuple):
     text: str
 
 
+class Stop(NamedTuple):
+    """A stop of the program.
+
+    Attributes
+    ----------
+    line : int
+        Of the move, from 1.
+    target : int or None
+        Number of its target in the program; None where the program computes it.
+    previous : int or None
+        Number of the target of the stop before; None where the arm may come from elsewhere: at the begin of a routine,
+        behind a branch, a label or a computed move.
+    """
+
+    line: int
+    target: int | None
+    previous: int | None
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Goals:
     """The n targets of one kind that may be corrected.
@@ -100,6 +119,10 @@ class Program(Protocol):
     @property
     def notes(self) -> Sequence[Note]:
         """What the user should look at."""
+        ...
+
+    def stops(self) -> Sequence[Stop]:
+        """The stops in the order of the program; empty where the language does not tell."""
         ...
 
     def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:

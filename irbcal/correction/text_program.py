@@ -23,7 +23,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.correction.configurations import ConfData, configuration_of
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
-from irbcal.correction.program import Goals, Kind, Left, Note
+from irbcal.correction.program import Goals, Kind, Left, Note, Stop
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.units import DEG
@@ -204,6 +204,10 @@ class TextProgram(ABC):
         targets = [Left(t.name, t.line, reason) for t, reason in self.skipped() if t.uses or t.conflicts]
         moves = [Left(f"{move.instruction} {move.target}", move.line, move.reason) for move in self.uncorrected]
         return targets + moves
+
+    def stops(self) -> tuple[Stop, ...]:
+        """The stops in the order of the program; empty where the language does not tell."""
+        return ()
 
     def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:
         """Bytes of the program with fake targets, their configuration data and the language's mark."""

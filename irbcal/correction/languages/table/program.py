@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, numbers_from_poses
-from irbcal.correction.program import Goals, Kind, Left, Note
+from irbcal.correction.program import Goals, Kind, Left, Note, Stop
 from irbcal.measurement.columns import QUATERNION, joint_units
 
 if TYPE_CHECKING:
@@ -77,6 +77,10 @@ class TableProgram:
         """All rows."""
         names = tuple(f"row {row}" for row in self.rows)
         return [Goals(self.kind, np.arange(len(names)), names, self.rows, self.values)]
+
+    def stops(self) -> list[Stop]:
+        """A row a stop, in the order of the file."""
+        return [Stop(int(row), k, k - 1 if k else None) for k, row in enumerate(self.rows)]
 
     def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:
         """Bytes of the table with the joints or poses of the rows that are corrected, marked in a column."""
