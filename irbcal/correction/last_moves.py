@@ -78,57 +78,63 @@ def with_last_moves(robot: Robot, nominal: Arm, found: Found, stops: Sequence[St
     RobotError
         If the joint map cannot be inverted in order.
     """
-    ok = [fake.ok for _, fake in found]
-    if not robot.joint_map.has_history or not any(mask.any() for mask in ok):
+    if not robot.joint_map.has_history or not any(fake.ok.any() for _, fake in found):
         return found, None
-    numbers = np.concatenate([goals.numbers[mask] for (goals, _), mask in zip(found, ok, strict=True)])
-    names = [goals.names[k] for (goals, _), mask in zip(found, ok, strict=True) for k in np.flatnonzero(mask)]
-    lines = np.concatenate([goals.lines[mask] for (goals, _), mask in zip(found, ok, strict=True)])
-    q_alone = np.concatenate([fake.q[mask] for (_, fake), mask in zip(found, ok, strict=True)])
-    T_wanted = np.concatenate([fake.T_wanted[mask] for (_, fake), mask in zip(found, ok, strict=True)])
+    numbers = np.concatenate([goals.numbers for goals, _ in found])
+    names = [name for goals, _ in found for name in goals.names]
+    lines = np.concatenate([goals.lines for goals, _ in found])
+    ok = np.concatenate([fake.ok for _, fake in found])
+    T_wanted = np.concatenate([fake.T_wanted for _, fake in found])
+    # what is not corrected stays as it is, which tells the last move of the stop behind it
+    commands = np.concatenate([np.where(fake.ok[:, None], fake.q, fake.q_nominal) for _, fake in found])
+    theta = commands.copy()
+    theta[ok] = robot.joint_map.effective(commands[ok])
+    rows = np.flatnonzero(np.isfinite(commands).all(axis=1))
+    target, before, at = _uses(commands, numbers, lines, rows, stops, nominal)
+    q = commands.copy()
+    place = np.zeros(len(q), dtype=int)
+    place[rows] = np.arange(len(rows))
+    sweep = place[target], np.where(before >= 0, place[before], -1)
+    q[rows] = commanded_in_order(robot.joint_map, theta[rows], *sweep, ~ok[rows])
+    beyond = ok & ((q < nominal.lower - LIMIT_TOLERANCE) | (q > nominal.upper + LIMIT_TOLERANCE)).any(axis=1)
+    q[beyond] = commands[beyond]
 
-    theta = robot.joint_map.effective(q_alone)
-    target, before, at = _uses(theta, numbers, lines, stops, nominal)
-    q = commanded_in_order(robot.joint_map, theta, target, before)
-    beyond = ((q < nominal.lower - LIMIT_TOLERANCE) | (q > nominal.upper + LIMIT_TOLERANCE)).any(axis=1)
-    q[beyond] = q_alone[beyond]
-
+    mine = ok[target]
+    target, before, at = target[mine], before[mine], at[mine]
     off = _places(robot, robot.forward(q[target], _rows(q, before))) - _places(robot, T_wanted[target])
     squares = np.mean(np.sum(off**2, axis=2), axis=1)
     unknown = before < 0
-    squares[unknown] += _unknown_effect(robot, q)[target[unknown]] ** 2
+    squares[unknown] += _unknown_effect(robot, q[target[unknown]]) ** 2
     count = np.bincount(target, minlength=len(q))
-    error = np.sqrt(np.bincount(target, squares, len(q)) / count)
+    error = np.sqrt(np.bincount(target, squares, len(q)) / np.where(count, count, np.nan))
 
     new, errors, first = [], [], 0
     for goals, fake in found:
-        n = int(fake.ok.sum())
-        commands, T_fake, left = fake.q.copy(), fake.T_fake.copy(), np.full(len(fake.ok), np.nan)
-        commands[fake.ok] = q[first : first + n]
-        T_fake[fake.ok] = nominal.forward(q[first : first + n]) if n else T_fake[fake.ok]
-        left[fake.ok] = error[first : first + n]
-        new.append((goals, replace(fake, q=commands, T_fake=T_fake)))
-        errors.append(left)
-        first += n
+        part = slice(first, first + len(fake.ok))
+        T_fake = fake.T_fake.copy()
+        if fake.ok.any():
+            T_fake[fake.ok] = nominal.forward(q[part][fake.ok])
+        new.append((goals, replace(fake, q=np.where(fake.ok[:, None], q[part], np.nan), T_fake=T_fake)))
+        errors.append(error[part])
+        first = part.stop
     notes = _sides(names, lines, target, before, at, off)
     return new, LastMoves(tuple(errors), len(target), int((~unknown).sum()), notes)
 
 
 def _uses(
-    theta: FloatArray, numbers: IntArray, lines: IntArray, stops: Sequence[Stop], nominal: Arm
+    q: FloatArray, numbers: IntArray, lines: IntArray, rows: IntArray, stops: Sequence[Stop], nominal: Arm
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Target and target before of each stop, by their rows, -1 where not known, and lines; all targets have a stop."""
-    row = {int(number): k for k, number in enumerate(numbers)}
+    """Rows of target and target before of each stop, -1 where not known, and lines; all ``rows`` have a stop."""
+    row = {int(numbers[k]): int(k) for k in rows}
     target = np.array([-1 if s.target is None else row.get(s.target, -1) for s in stops], dtype=int)
     follows = np.zeros(len(stops), dtype=bool)
     for k in range(1, len(stops)):
         follows[k] = stops[k].previous is not None and stops[k].previous == stops[k - 1].target
-    before = stops_before(theta, target, follows, nominal.table.prismatic)
+    before = stops_before(q, target, follows, nominal.table.prismatic)
     at = np.array([s.line for s in stops], dtype=int)
     used = target >= 0
-    idle = np.setdiff1d(np.arange(len(theta)), target)
-    unknown = np.full(len(idle), -1)
-    parts = (target[used], idle), (before[used], unknown), (at[used], lines[idle])
+    idle = np.setdiff1d(rows, target)
+    parts = (target[used], idle), (before[used], np.full(len(idle), -1)), (at[used], lines[idle])
     together = [np.concatenate(part) for part in parts]
     return together[0], together[1], together[2]
 

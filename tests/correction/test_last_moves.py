@@ -62,6 +62,18 @@ def test_the_first_stop_adds_the_size_of_what_is_not_known(robot, tmp_path):
     assert found.last_move_error[0] == pytest.approx(np.sqrt(np.mean(np.sum(off**2, axis=2))), rel=0.03)
 
 
+def test_behind_a_target_that_stays_the_last_move_is_known(robot, tmp_path):
+    nominal, q = arm("irb120"), joints(6)
+    q[2, 4] = 1e-6  # the wrist singularity: not corrected
+    found = filter_program(robot, nominal, csv(tmp_path / "job.csv", q), "abc")
+    assert [item.line for item in found.left] == [4]
+    assert found.last_moves == (4, 5)
+    commands = np.insert(found.q, 2, q[2], axis=0)
+    off = missed(in_order(robot, commands), nominal.forward(q))
+    assert np.delete(off, [0, 2]).max() < 1e-9
+    assert off[2] > 1e-4
+
+
 def test_without_terms_of_the_last_move_nothing_changes(tmp_path):
     nominal, q = arm("irb120"), joints(5)
     thesis = random_robot(nominal, "34", np.random.default_rng(1), size=0.1)

@@ -49,7 +49,9 @@ def stops_before(theta: FloatArray, target: IntArray, follows: BoolArray, prisma
     return out
 
 
-def commanded_in_order(joint_map: AnyJointMap, theta: FloatArray, target: IntArray, before: IntArray) -> FloatArray:
+def commanded_in_order(
+    joint_map: AnyJointMap, theta: FloatArray, target: IntArray, before: IntArray, fixed: BoolArray | None = None
+) -> FloatArray:
     """Commanded joints that give effective ones at stops that follow one another.
 
     ``q <- theta - f(q, q - q_before)`` with the commands of the stops before of the last sweep, for the whole sequence
@@ -63,6 +65,8 @@ def commanded_in_order(joint_map: AnyJointMap, theta: FloatArray, target: IntArr
     target, before : ndarray of int, shape (m,)
         Which target each of m stops goes to, and from which one; -1 where that is not known. A target with several
         stops gets the command in the middle: minus the mean of what its last moves do.
+    fixed : ndarray of bool, shape (n,), optional
+        Targets whose commands are not to be found: ``theta`` holds them.
 
     Returns
     -------
@@ -75,6 +79,8 @@ def commanded_in_order(joint_map: AnyJointMap, theta: FloatArray, target: IntArr
         If the map is so far from the identity that the iteration does not converge.
     """
     q = joint_map.commanded(theta)
+    if fixed is not None:
+        q[fixed] = theta[fixed]
     if not joint_map.has_history or not len(target):
         return q
     count = np.bincount(target, minlength=len(theta))
@@ -87,6 +93,8 @@ def commanded_in_order(joint_map: AnyJointMap, theta: FloatArray, target: IntArr
         reached = joint_map.effective(q[target], previous) - q[target]
         mean = np.column_stack([np.bincount(target, part, len(theta)) / count for part in reached.T])
         new = theta - mean
+        if fixed is not None:
+            new[fixed] = theta[fixed]
         change, q = np.abs(new - q).max(), new
         if change < CONVERGED:
             break
