@@ -78,8 +78,10 @@ def with_last_moves(robot: Robot, nominal: Arm, found: Found, stops: Sequence[St
     RobotError
         If the joint map cannot be inverted in order.
     """
-    if not robot.joint_map.has_history or not any(fake.ok.any() for _, fake in found):
+    if not robot.joint_map.has_history:
         return found, None
+    if not any(fake.ok.any() for _, fake in found):
+        return found, LastMoves(tuple(np.full(len(fake.ok), np.nan) for _, fake in found), 0, 0, ())
     numbers = np.concatenate([goals.numbers for goals, _ in found])
     names = [name for goals, _ in found for name in goals.names]
     lines = np.concatenate([goals.lines for goals, _ in found])

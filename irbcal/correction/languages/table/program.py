@@ -82,11 +82,15 @@ class TableProgram:
         """A row a stop, in the order of the file."""
         return [Stop(int(row), k, k - 1 if k else None) for k, row in enumerate(self.rows)]
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:
-        """Bytes of the table with the joints or poses of the rows that are corrected, marked in a column."""
+    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
+        """Everything can be written into a table."""
+        return [""] * len(goals.names)
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+        """The table with the joints or poses of the rows that are corrected, marked in a column."""
         ((_, fake),) = found
         values = fake.q if self.kind == "joint" else fake.T_fake
-        return with_values(self, values, fingerprint, fake.ok) if fake.ok.any() else self.data
+        return {self.source: with_values(self, values, fingerprint, fake.ok) if fake.ok.any() else self.data}
 
 
 def with_values(
