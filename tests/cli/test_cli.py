@@ -54,7 +54,7 @@ def data(tmp_path_factory):
 @pytest.fixture(scope="module")
 def calibration(data):
     """The same calibrated by the program."""
-    done = run("calibrate", data / "good.csv", "--robot", "irb120", "--out", data / "cal", "--json")
+    done = run("calibrate", data / "good.csv", "--robot", "irb120", "--model", "34", "--out", data / "cal", "--json")
     assert done.returncode == 0, done.stderr
     return data / "cal", json.loads(done.stdout)
 
