@@ -94,7 +94,10 @@ def correct(
     record = opened(calibration)
     nominal = record.arm(calibrated=False)
     module = language.read_for(nominal, program, _given(tool, "tool"), _given(wobj, "wobj"))
-    found = filter_program(record.robot_calibrated(), nominal, module, record.fingerprint)
+    robot = record.robot_calibrated()
+    found = filter_program(robot, nominal, module, record.fingerprint)
+    if robot.certainty is not None and (outside := robot.certainty.outside_in_words(found.q_before, "targets")):
+        found = replace(found, cautions=(outside,))
     if record.heldout is not None:
         found = replace(found, expected_error=record.heldout.all.mean_mm * MM)
     if out is None and changes is None:

@@ -191,7 +191,8 @@ def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
     notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
     if seen.sha256 in {item.sha256 for item in record.data}:
         notes += ("This file was used for the calibration: fitted poses among these are no proof of accuracy.",)
-    return (*notes, *_outside_ranges(ready.points, record))
+    corner = record.certainty.warning() if record.certainty is not None else ""
+    return (*notes, *_outside_ranges(ready.points, record), *([corner] if corner else []))
 
 
 def _outside_ranges(points: PointSet, record: Record) -> list[str]:
