@@ -25,9 +25,8 @@ GROWTH = 3.0
 """Factor by which the expected error may grow: it is 1.1 after a plan's poses, 2.0 on that IRB 120, 3.7 and 5.4 on a
 UR10 that was measured in a third to two thirds of its range."""
 DOUBT = 0.35
-"""Expected error over the difference from the nominal robot above which the nominal one may be better there. It would be
-0.7 if the model had no errors but those of its parameters; levels, on robots with other errors, expect half of what
-comes."""
+"""Expected error over the difference from the nominal robot above which the nominal one may be better there: 0.7 if the
+model had no errors but those of its parameters; levels, on robots with other errors, expect half of what comes."""
 
 
 @dataclass(frozen=True, eq=False)
