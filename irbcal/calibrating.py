@@ -350,7 +350,7 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
     """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     heldout = ready.heldout
     held = coverage(fit.robot, heldout)
-    notes = [f"Held-out points: {coverage_in_words(held)}"] if held else []
+    notes = [f"Of the poses kept aside, {coverage_in_words(held)}"] if held else []
     if not isinstance(fit, AveragedFit):
         return notes
     notes = [*fit.sentences(), *notes]
