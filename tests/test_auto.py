@@ -175,6 +175,17 @@ def test_other_options_of_the_levels_are_refused(made, tmp_path):
             irbcal.calibrate(tmp_path / "m.csv", "irb120", "auto", **{option: value})
 
 
+def test_it_is_the_default_but_where_it_cannot_serve(made, tmp_path):
+    data = write_measurements(tmp_path / "m.csv", made.outcome.fit_points)
+    assert irbcal.calibrate(data, "irb120", holdout=0).model == "auto"
+    level = irbcal.calibrate(data, "irb120", loss="huber", hold=["delta_d5"], holdout=0)
+    assert level.model == "34"
+    assert any("(auto): loss and hold belong to a level" in note for note in level.notes)
+    few = irbcal.calibrate(data, "irb120", holdout=0.9)
+    assert (few.model, few.poses_fit) == ("34", 9)
+    assert any("9 poses are too few to weigh error models" in note for note in few.notes)
+
+
 def test_arms_with_a_prismatic_joint(tmp_path):
     rail = on_a_rail(tmp_path / "rail.urdf")
     model = irbcal.read_urdf(rail, "rail_base").arm
