@@ -18,7 +18,16 @@ from irbcal.files.outcome import Outcome
 from irbcal.identification import outliers
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
-from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
+from irbcal.identification.choices import (
+    ALIASES,
+    LEVELS,
+    LOSSES,
+    METHODS,
+    MODELS,
+    OBJECTIVES,
+    TERMS,
+    method_of,
+)
 from irbcal.identification.fit import identify
 from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
@@ -58,6 +67,7 @@ class Options:
     """How to calibrate; see `irbcal.calibrate` for what each option means."""
 
     model: str | int | None = None
+    terms: str = "joint-map"
     holdout: float | None = None
     split: str = "random"
     seed: int = 0
@@ -79,6 +89,7 @@ class Options:
             object.__setattr__(self, "model", str(self.model))
         for name, value, choices in (
             ("model", self.model, (None, *MODELS)),
+            ("terms", self.terms, TERMS),
             ("split", self.split, SPLITS),
             ("method", self.method, (*METHODS, *ALIASES)),
             ("objective", self.objective, OBJECTIVES),
@@ -93,6 +104,9 @@ class Options:
                     "a level, such as 34, for that",
                     parameter=option,
                 )
+        if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
+            level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
+            raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -259,7 +273,7 @@ def _identified(
     """The fit of a level, or the average of error models."""
     if model == "auto":
         motion = motion_of(ready.measurements, ready.fit)
-        return identify_averaged(arm, ready.fit, motion, known, options.seed, say)
+        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms)
     return identify_by(
         arm,
         ready.fit,

@@ -10,6 +10,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from irbcal.arrays import FloatArray
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
+from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
 from irbcal.files.section import Section
 from irbcal.measurement.points import PointSet
@@ -253,7 +254,8 @@ class Check(Section):
 class Record(Section):
     """Content of ``calibration.json``.
 
-    ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map and the data files.
+    ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map, frame terms and the data
+    files. ``frame_terms`` are null where URDF and joint map are the whole truth.
     ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
     (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians.
     """
@@ -278,6 +280,7 @@ class Record(Section):
     observability: Observability
     history: dict[str, list[float]]
     joint_map: Annotated[JointMapSection | TermMapSection, Field(union_mode="left_to_right")]
+    frame_terms: FrameTermsSection | None = None
     placement: Placement
     placement_nominal: Placement
     references_mm: dict[str, list[float]]
@@ -348,8 +351,9 @@ class Record(Section):
 
     def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints."""
-        joint_map = self.joint_map.joint_map(self.arm(calibrated=False))
-        return Robot(self.arm(), joint_map, *_placed(self.placement))
+        nominal = self.arm(calibrated=False)
+        terms = None if self.frame_terms is None else self.frame_terms.term_map(nominal)
+        return Robot(self.arm(), self.joint_map.joint_map(nominal), *_placed(self.placement), terms)
 
     def robot_nominal(self) -> Robot:
         """The nominal robot with base and tool identified from the same poses."""

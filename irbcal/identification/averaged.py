@@ -22,6 +22,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term import own_axis
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM, UNIT_OUTSIDE
@@ -67,10 +68,17 @@ class AveragedFit(Speaks):
 
     @cached_property
     def robot(self) -> Robot:
-        """The calibrated robot, warm, with a joint map of terms."""
-        found = self.evidence
-        joint_map = TermJointMap(found.term_map(), found.joint_ranges)
-        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations)
+        """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
+        found, terms = self.evidence, self.evidence.term_map()
+        joint_map, frame_terms = TermJointMap(terms.part(False), found.joint_ranges), terms.part(True)
+        return Robot(
+            found.arm,
+            joint_map,
+            found.T_world_base,
+            found.targets,
+            found.target_rotations,
+            frame_terms if frame_terms.terms else None,
+        )
 
     @property
     def _flat(self) -> int:
@@ -78,8 +86,15 @@ class AveragedFit(Speaks):
 
     @property
     def _used(self) -> list[int]:
-        """Terms that are left at use: all but the warm-up."""
-        return [k for k, term in enumerate(self.evidence.terms) if term.family != "warm_up"]
+        """Terms that are left at use, all but the warm-up: the constants, the joint map's, the frame terms."""
+        arm, terms = self.evidence.nominal, self.evidence.terms
+        kinds: list[list[int]] = [[], [], []]
+        for k, term in enumerate(terms):
+            if term.family == "geometry":
+                kinds[0].append(k)
+            elif term.family != "warm_up":
+                kinds[1 if term.axis == own_axis(arm, term.joint) else 2].append(k)
+        return [k for kind in kinds for k in kind]
 
     @property
     def rank(self) -> int:
@@ -112,11 +127,11 @@ class AveragedFit(Speaks):
         units = [term.unit for term in found.terms if term.family == "geometry"]
         for (name, (value, deviation)), unit in zip(found.constants().items(), units, strict=True):
             rows.append(_row(name, value, deviation, unit))
-        joint_map = found.term_map()
-        std = np.zeros(len(joint_map.terms)) if joint_map.std is None else joint_map.std
+        std = found.std
         rows += [
-            _row(term.name, value, deviation, term.unit)
-            for term, value, deviation in zip(joint_map.terms, joint_map.coefficients, std, strict=True)
+            _row(found.terms[k].name, found.coefficients[k], std[k], found.terms[k].unit)
+            for k in self._used
+            if found.terms[k].family != "geometry"
         ]
         return rows
 
@@ -274,8 +289,9 @@ def identify_averaged(
     known_targets: Mapping[str, ArrayLike] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    terms: str = dictionaries.JOINT_MAP,
 ) -> AveragedFit:
-    """Identify base, targets and the average of the error models that URDF and a joint map can carry.
+    """Identify base, targets and the average of error models.
 
     Parameters
     ----------
@@ -290,6 +306,8 @@ def identify_averaged(
         Of the poses on which models are compared where there are very many.
     progress : callable, optional
         Called with a short text at each step.
+    terms : str
+        ``joint-map``: what URDF and a joint map can carry; ``all``: frame terms, too.
 
     Returns
     -------
@@ -302,7 +320,5 @@ def identify_averaged(
     """
     check_averaging(arm, points.poses)
     known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
-    found = identify_evidence(
-        arm, points, motion, terms=dictionaries.JOINT_MAP, seed=seed, known_targets=known, progress=progress
-    )
+    found = identify_evidence(arm, points, motion, terms=terms, seed=seed, known_targets=known, progress=progress)
     return AveragedFit(found, points, motion)

@@ -144,7 +144,9 @@ class CalibratedModel(Speaks):
         ]
 
     @staticmethod
-    def load(calibration: CalibrationLike, rest: ArrayLike | None = None) -> CalibratedModel:
+    def load(
+        calibration: CalibrationLike, rest: ArrayLike | None = None, without_frame_terms: bool = False
+    ) -> CalibratedModel:
         """The model of a calibration.
 
         Parameters
@@ -159,10 +161,14 @@ class CalibratedModel(Speaks):
         CalibratedModel
             With a frame ``target_NAME`` for each reflector on the tool.
 
+        without_frame_terms : bool
+            Plan with URDF and joint map alone although the calibration has frame terms.
+
         Raises
         ------
         CalibrationError
-            If the folder is not a whole calibration, or a loaded calibration's URDF is not known.
+            If the folder is not a whole calibration, a loaded calibration's URDF is not known, or the calibration has
+            frame terms (``--terms all``), which no Pinocchio model can carry; the sentence says what they amount to.
         """
         if isinstance(calibration, (str, Path)):
             calibration = calibration_folder.read(calibration)
@@ -171,6 +177,11 @@ class CalibratedModel(Speaks):
             raise CalibrationError(
                 f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder in its place",
                 parameter="calibration",
+            )
+        if record.frame_terms is not None and not without_frame_terms:
+            raise CalibrationError(
+                f"{record.frame_terms.in_words} To plan without them give without_frame_terms=True",
+                parameter="without_frame_terms",
             )
         robot = record.robot_calibrated()
         targets = {

@@ -75,17 +75,19 @@ def position_std(calibration: Record, q: FloatArray, target: str | None = None) 
 def _of_terms(
     calibration: Record, robot: Robot, joint_map: TermJointMap, q: FloatArray, target: str | None
 ) -> FloatArray:
-    """As `position_std` for a joint map of terms, the stop before unknown."""
+    """As `position_std` for a joint map of terms (and frame terms, which follow them), the stop before unknown."""
     nominal, n = calibration.arm(calibrated=False), len(q)
-    constants, terms = GEOMETRY.terms(nominal), list(joint_map.terms.terms)
+    maps = [joint_map.terms] if robot.frame_terms is None else [joint_map.terms, robot.frame_terms]
+    constants, terms = GEOMETRY.terms(nominal), [term for part in maps for term in part.terms]
+    coefficients = np.concatenate([part.coefficients for part in maps])
     motion, pose = Motion(q), np.arange(n)
-    path = chain.walk(robot.arm, robot.joint_map.effective(q))
+    path = robot.walk(q)
     place = np.zeros(3) if target is None else robot.targets[target]
     p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], place)
     here = Situation(nominal, motion, joint_map.terms.gravity)
     C = np.array(calibration.covariance)
     # what depends on the last move is zero in the prediction: its size joins the uncertainty
-    sizes = [c * c if t.basis in HISTORY else 0.0 for t, c in zip(terms, joint_map.terms.coefficients, strict=True)]
+    sizes = [c * c if t.basis in HISTORY else 0.0 for t, c in zip(terms, coefficients, strict=True)]
     C[-len(sizes) :, -len(sizes) :] += np.diag(sizes)
     flat = len(C) - len(constants) - len(terms)
     J = np.zeros((len(C), 3, n))
