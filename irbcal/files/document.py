@@ -242,7 +242,7 @@ def _known(values: FloatArray) -> list[float | None]:
 def _pose_table(outcome: Outcome) -> PoseTable:
     arm = outcome.urdf.arm
     columns: dict[str, list[Any]] = {"pose": [], "group": [], "heldout": []}
-    joints, sides = [], []
+    joints, sides, before = [], [], []
     for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
         seen = outcome.verification if heldout and outcome.verification is not None else outcome.measurements
         columns["pose"] += [str(value) for value in points.pose_ids]
@@ -250,8 +250,11 @@ def _pose_table(outcome: Outcome) -> PoseTable:
         columns["heldout"] += [heldout] * points.poses
         joints.append(np.round(points.q / arm.joint_units, JOINT_DIGITS))
         sides.append(_came_from(seen, points))
+        stops = np.full(points.q.shape, np.nan) if points.previous is None else points.previous
+        before.append(np.round(stops / arm.joint_units, JOINT_DIGITS))
     came_from = ["".join("-0+"[int(sign) + 1] for sign in column) for column in np.concatenate(sides).T]
-    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from)
+    previous = [_known(column) for column in np.concatenate(before).T]
+    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from, previous=previous)
 
 
 def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:

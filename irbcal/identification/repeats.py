@@ -33,6 +33,8 @@ def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
     keys = np.round(np.column_stack([motion.q, motion.moves]) / SAME)
     if motion.payload_kg is not None:
         keys = np.column_stack([keys, motion.payload_kg])
+    if points.session is not None:
+        keys = np.column_stack([keys, np.unique(points.session.astype(str), return_inverse=True)[1]])
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     if len(first) == len(keys) or points.oriented().any():
         return points, motion
@@ -55,6 +57,8 @@ def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
         xyz=xyz,
         pose_ids=points.pose_ids[first],
         groups=points.groups[first],
+        previous=None if points.previous is None else points.previous[first],
+        session=None if points.session is None else points.session[first],
         rotation=None,
         u95=u95,
     )
