@@ -17,6 +17,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.modeling import dhm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.chain import Walk
+from irbcal.modeling.terms.situation import Motion
 
 PIECE = 2048
 """Poses whose joint map is taken at once: too few for threads of the BLAS, which wait where other work goes on."""
@@ -57,7 +58,7 @@ class CalibratedChain:
             out = np.empty((4, 3, q.shape[1]))
             for start in range(0, q.shape[1], PIECE):
                 piece = slice(start, start + PIECE)
-                out[..., piece] = self.robot.walk(q[:, piece].T).tip
+                out[..., piece] = self.robot.walk(Motion(q[:, piece].T)).tip
             return out
         return dhm.tip_columns(self.robot.arm.table, self.angles(q), self.robot.arm.T_base_0, self.after)
 
@@ -91,7 +92,7 @@ class CalibratedChain:
         if self.robot.frame_terms is None:
             chain = dhm.chain_frames(arm.table, self.angles(q), arm.T_base_0, self.after)
         else:
-            chain = self.robot.walk(q.T)
+            chain = self.robot.walk(Motion(q.T))
         tip, (zx, zy, zz) = chain.tip, chain.z.swapaxes(0, 1)
         lx, ly, lz = (tip[3] - chain.o).swapaxes(0, 1) / self.reach
         J, e = np.empty((n, 6, len(q))), np.empty((n, 6))
