@@ -14,6 +14,7 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
+from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.outcome import Outcome
 from irbcal.identification import outliers
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
@@ -386,7 +387,8 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
     notes = [f"Held-out points: {coverage_in_words(held)}"] if held else []
     if not isinstance(fit, AveragedFit):
         return notes
-    notes = [*fit.sentences(), *notes]
+    frame_terms = FrameTermsSection.of_robot(fit.robot)
+    notes = [*([] if frame_terms is None else [frame_terms.in_words]), *fit.sentences(), *notes]
     lag = fit.lag()
     if lag is None:
         return notes

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
+from irbcal.errors import CalibrationError
 from irbcal.files.joint_map_section import TEST_VECTORS, check_terms
 from irbcal.files.section import Section
 from irbcal.modeling.arm import Arm
@@ -84,4 +85,16 @@ class FrameTermsSection(Section):
             f"irbcal's own kinematics knows, move {self.of} by {self.median_mm:.3f} mm in the median and by up to "
             f"{self.largest_mm:.3f} mm within the joint ranges of the fit. For planners and other programs calibrate "
             "with terms joint-map."
+        )
+
+    def refuse(self) -> None:
+        """Refuse to go on with URDF and joint map alone.
+
+        Raises
+        ------
+        CalibrationError
+            Always: it says what they miss.
+        """
+        raise CalibrationError(
+            f"{self.in_words} To plan without them give without_frame_terms=True", parameter="without_frame_terms"
         )

@@ -22,7 +22,6 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.terms.term import own_axis
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM, UNIT_OUTSIDE
@@ -87,15 +86,8 @@ class AveragedFit(Speaks):
 
     @property
     def _used(self) -> list[int]:
-        """Terms that are left at use, all but the warm-up: the constants, the joint map's, the frame terms."""
-        arm, terms = self.evidence.nominal, self.evidence.terms
-        kinds: list[list[int]] = [[], [], []]
-        for k, term in enumerate(terms):
-            if term.family == "geometry":
-                kinds[0].append(k)
-            elif term.family != "warm_up":
-                kinds[1 if term.axis == own_axis(arm, term.joint) else 2].append(k)
-        return [k for kind in kinds for k in kind]
+        """Terms that are left at use: all but the warm-up."""
+        return [k for k, term in enumerate(self.evidence.terms) if term.family != "warm_up"]
 
     @property
     def rank(self) -> int:
@@ -160,14 +152,19 @@ class AveragedFit(Speaks):
         return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
 
     def explanation(self) -> str:
-        """Which error models were averaged with what weights."""
+        """Why these error models, in two sentences."""
         rows = self.evidence.dictionaries
         kept = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
-        shares = "; ".join(f"{row.name} ({row.weight:.0%})" for row in kept)
-        one = len(kept) == 1
+        first = kept[0]
+        told = (
+            f"Of {len(rows)} error models the evidence of these poses supports {first.name} ({first.weight:.0%}) most"
+        )
+        told += f", and with it {len(kept) - 1} more" if len(kept) > 1 else ""
+        plain = rows[0]
+        better = "" if plain is first else f" by {first.log_evidence - plain.log_evidence:.0f} nats over {plain.name}"
         return (
-            f"Of {len(rows)} error models the evidence of these poses supports {'one' if one else len(kept)}, "
-            f"{'which is used' if one else 'averaged with their weights'}: {shares}."
+            f"{told}. Their evidence says how well each foretells these measurements without knowing them{better}; all "
+            "with weight are averaged, because the best one alone is often best by accident."
         )
 
     def sentences(self) -> list[str]:

@@ -145,7 +145,7 @@ class CalibratedModel(Speaks):
 
     @staticmethod
     def load(
-        calibration: CalibrationLike, rest: ArrayLike | None = None, without_frame_terms: bool = False
+        calibration: CalibrationLike, rest: ArrayLike | None = None, *, without_frame_terms: bool = False
     ) -> CalibratedModel:
         """The model of a calibration.
 
@@ -155,20 +155,18 @@ class CalibratedModel(Speaks):
             Calibration folder, or a loaded calibration of a robot that ships with the package.
         rest : ndarray, shape (nq,), optional
             See `CalibratedModel`.
+        without_frame_terms : bool
+            Plan with URDF and joint map alone where there are more.
 
         Returns
         -------
         CalibratedModel
             With a frame ``target_NAME`` for each reflector on the tool.
 
-        without_frame_terms : bool
-            Plan with URDF and joint map alone although the calibration has frame terms.
-
         Raises
         ------
         CalibrationError
-            If the folder is not a whole calibration, a loaded calibration's URDF is not known, or the calibration has
-            frame terms (``--terms all``), which no Pinocchio model can carry; the sentence says what they amount to.
+            If the folder is not a whole calibration, its URDF is not known, or it has frame terms.
         """
         if isinstance(calibration, (str, Path)):
             calibration = calibration_folder.read(calibration)
@@ -179,15 +177,9 @@ class CalibratedModel(Speaks):
                 parameter="calibration",
             )
         if record.frame_terms is not None and not without_frame_terms:
-            raise CalibrationError(
-                f"{record.frame_terms.in_words} To plan without them give without_frame_terms=True",
-                parameter="without_frame_terms",
-            )
+            record.frame_terms.refuse()
         robot = record.robot_calibrated()
-        targets = {
-            f"target_{name}": frames.transform(robot.target_rotations.get(name), xyz)
-            for name, xyz in robot.targets.items()
-        }
+        targets = {f"target_{k}": frames.transform(robot.target_rotations.get(k), p) for k, p in robot.targets.items()}
         at_rest = None if rest is None else np.array(rest, dtype=float)
         return CalibratedModel(urdf, robot.arm, robot.joint_map, targets, at_rest)
 
