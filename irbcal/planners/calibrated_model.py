@@ -171,10 +171,8 @@ class CalibratedModel(Speaks):
             calibration = calibration_folder.read(calibration)
         record, urdf = calibration_folder.opened(calibration), open_robot(calibration).urdf_bytes
         if urdf is None:
-            raise CalibrationError(
-                f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder in its place",
-                parameter="calibration",
-            )
+            words = f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder instead"
+            raise CalibrationError(words, parameter="calibration")
         if record.frame_terms is not None and not without_frame_terms:
             record.frame_terms.refuse()
         robot = record.robot_calibrated()
