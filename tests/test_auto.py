@@ -15,6 +15,7 @@ from irbcal.modeling.terms import families
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.planners.calibrated_model import CalibratedModel
+from irbcal.validation.coverage import coverage
 from irbcal.validation.uncertainty import position_std
 
 POSES = 120
@@ -115,7 +116,7 @@ def test_a_filtered_program_reaches_the_wanted_poses(folder, program, tmp_path):
     pd.DataFrame(np.degrees(q), columns=columns).to_csv(tmp_path / "program.csv", index=False)
     program("filter", folder, tmp_path / "program.csv", "--out", tmp_path / "fake.csv")
     fake = np.radians(pd.read_csv(tmp_path / "fake.csv", comment="#")[columns].to_numpy())
-    before = np.vstack([np.full(6, np.nan), fake[:-1]])
+    before = np.vstack([np.full((1, 6), np.nan), fake[:-1]])  # in the order of the program
     reached = irbcal.load(folder).robot_calibrated().forward(fake, before)
     assert_same_poses(reached, nominal.forward(q), 1e-7, 1e-7)  # joints are written with few decimals
 
@@ -230,6 +231,8 @@ def test_irb120_at_programmed_joints(shared_data, tmp_path):
     made.save(tmp_path / "cal")
     loaded = irbcal.load(tmp_path / "cal").robot_calibrated()
     assert_same_poses(loaded.poses(q), made.outcome.fit.robot.poses(q), 1e-9, 1e-9)
+    assert 0.92 < coverage(loaded, made.outcome.heldout_points)["parts"]["all"]["inside"] < 0.98
+    assert not [note for note in made.notes if "only where measured" in note]
 
 
 def test_irb120_at_readings(shared_data, tmp_path):
@@ -252,3 +255,8 @@ def test_ur10(shared_data, tmp_path, group, mean):
     rows.to_csv(tmp_path / "m.csv", index=False)
     made = irbcal.calibrate(tmp_path / "m.csv", "ur10", "auto", holdout=rows["pose"].nunique() - 300, split="last")
     assert made.heldout.all.mean_mm <= mean
+    parts = coverage(made.record.robot_calibrated(), made.outcome.heldout_points)["parts"]
+    assert 0.92 < parts["all"]["inside"] < 0.98
+    assert parts["outside"]["n"] > 100
+    assert parts["outside"]["inside"] > 0.8
+    assert [note for note in made.notes if "Calibrated only where measured" in note]
