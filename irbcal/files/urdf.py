@@ -27,10 +27,13 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
 from irbcal.names import check_names
+from irbcal.reading import read_bytes
 
 LARGEST_ARM = 50.0
 """Metres; no arm is larger."""
 MOST_JOINTS = 20
+NO_LIMIT, FARTHEST, LARGEST_TURN = 1e6, 1e4, 1e4
+"""A limit beyond is none; metres and radians that no joint's origin has."""
 """Joints of a chain; more is no arm."""
 FINGERPRINT_TAG = "irbcal_calibration"
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
@@ -115,7 +118,7 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None) -> U
     if known is not None:
         base, tip = base or known.base_link, tip or known.tip_link
     file = robots.robot_file(path)
-    return from_bytes(file.read_bytes(), str(file), base, tip)
+    return from_bytes(read_bytes(file, RobotError), str(file), base, tip)
 
 
 read_urdf = read
@@ -157,6 +160,12 @@ def _origin(element: XmlElement, what: str, source: str) -> FloatArray:
         return np.eye(4)
     xyz = _numbers(origin.get("xyz", "0 0 0"), 3, f"{what}, origin xyz", source)
     rpy = _numbers(origin.get("rpy", "0 0 0"), 3, f"{what}, origin rpy", source)
+    if max(np.abs(xyz).max() / FARTHEST, np.abs(rpy).max() / LARGEST_TURN) > 1:
+        raise RobotError(
+            f"{what}: expected an origin within {FARTHEST:g} m and {LARGEST_TURN:g} rad, "
+            f"found {' '.join(f'{value:g}' for value in (*xyz, *rpy))}",
+            file=source,
+        )
     return frames.transform(frames.matrix_from_rpy(rpy), xyz)
 
 
@@ -167,7 +176,12 @@ def _limits(element: XmlElement, kind: str, what: str, source: str) -> tuple[flo
     lower, upper = (
         float(_numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
     )
-    return lower, upper
+    if lower > upper:
+        raise RobotError(
+            f"{what}: expected a lower limit below the upper one, found {lower:g} and {upper:g}", file=source
+        )
+    # some programs write that there is no limit as 1e16
+    return (lower if lower > -NO_LIMIT else -np.inf), (upper if upper < NO_LIMIT else np.inf)
 
 
 def _joints(root: XmlElement, source: str) -> list[_Joint]:
@@ -182,8 +196,10 @@ def _joints(root: XmlElement, source: str) -> list[_Joint]:
         axis_element = element.find("axis")
         axis_text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
         axis = _numbers(axis_text, 3, f"{what}, axis", source)
+        longest = np.abs(axis).max()
+        axis = axis / longest if longest else axis  # so that no square overflows
         length = np.linalg.norm(axis)
-        if kind in ("revolute", "continuous", "prismatic") and length < 1e-6:
+        if kind in ("revolute", "continuous", "prismatic") and longest < 1e-6:
             raise RobotError(f"{what}: the axis has no direction: {axis_text!r}", file=source)
         joints.append(
             _Joint(
