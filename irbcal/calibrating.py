@@ -23,7 +23,7 @@ from irbcal.identification.fit import identify
 from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
-from irbcal.measurement import cleaning, lists, table
+from irbcal.measurement import cleaning, lists, table, tools
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of
 from irbcal.measurement.points import PointSet, distances, rotation_distances
@@ -32,7 +32,7 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, selected_parameters
-from irbcal.options import checked, names, number
+from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.units import DEG, MM
 
@@ -73,6 +73,9 @@ class Options:
     targets: str | Path | Mapping[str, FloatArray] | None = None
     frame: Sequence[str] | None = None
     as_poses: bool = False
+    payload_place: Sequence[float] | None = None
+    same_tool: bool = False
+    torques: bool = False
 
     def __post_init__(self) -> None:
         if isinstance(self.model, int):
@@ -100,6 +103,8 @@ class Options:
                         "a level, such as 34, for that",
                         parameter=option,
                     )
+        if self.payload_place is not None:
+            place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -145,6 +150,7 @@ class _Prepared:
     references: Mapping[str, FloatArray]
     tool_shape: Mapping[str, FloatArray] = field(default_factory=dict)
     verification: MeasurementSet | None = None
+    usual_kg: float | None = None
 
 
 def split(points: PointSet, holdout: float, order: str = "random", seed: int = 0) -> BoolArray:
@@ -239,7 +245,10 @@ def _identified(
     """The fit of a level, or the average of error models."""
     if model == "auto":
         motion = motion_of(ready.measurements, ready.fit)
-        return identify_averaged(arm, ready.fit, motion, known, options.seed, say)
+        motion = motion if options.torques else replace(motion, torques=None)
+        return identify_averaged(
+            arm, ready.fit, motion, known, options.seed, say, options.payload_place, ready.usual_kg
+        )
     return identify_by(
         arm,
         ready.fit,
@@ -256,6 +265,9 @@ def _identified(
 
 def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Prepared:
     seen = _read(measurements, arm)
+    _check_load(seen, options)
+    usual = tools.usual(seen)
+    seen = seen if options.same_tool else tools.with_tool_per_load(seen, usual)
     cleaned = cleaning.clean(seen)
     points, excluded = _without_gross_errors(arm, cleaned, seen.source)
     references: Mapping[str, FloatArray] = cleaned.registration.references if cleaned.registration else {}
@@ -264,14 +276,15 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Pr
     shape: Mapping[str, FloatArray] = {}
     if options.as_poses:
         points, shape = as_poses(points, seen.source)
-    notes = list(cleaned.notes)
+    notes = [*cleaned.notes, *_tools_in_words(seen, usual, options.same_tool)]
     moves = np.isin(points.groups.astype(str), GROUPS)
     by_axes = method_of(options.method) == "circles" and moves.any()
     if options.verify is None:
         aside = ~moves if by_axes else split(points, options.share, options.split, options.seed)
         parts = points.select(~aside), points.select(aside)
-        return _Prepared(seen, *parts, excluded, notes, seen.poses, references, shape)
+        return _Prepared(seen, *parts, excluded, notes, seen.poses, references, shape, usual_kg=usual)
     check = _read(options.verify, arm)
+    check = check if options.same_tool else tools.with_tool_per_load(check, usual)
     other = cleaning.clean(check, references or None, cleaned.points.target_names)
     heldout, left_out = _without_gross_errors(arm, other, check.source)
     if options.as_poses:
@@ -280,7 +293,42 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Pr
     notes += mixed_use(seen.programmed, check.programmed, check.source)
     poses = seen.poses + check.poses
     fit_points = points.select(moves) if by_axes else points
-    return _Prepared(seen, fit_points, heldout, excluded + left_out, notes, poses, references, shape, check)
+    return _Prepared(seen, fit_points, heldout, excluded + left_out, notes, poses, references, shape, check, usual)
+
+
+def _check_load(seen: MeasurementSet, options: Options) -> None:
+    """Refuse options on the load that the measurements do not allow."""
+    auto = options.model in (None, "auto")
+    for name in ("payload_place", "torques"):
+        if getattr(options, name) and not auto:
+            raise OptionError(f"{name}: only model auto knows the load: leave it out", parameter=name)
+    if options.torques and seen.torques() is None:
+        raise MeasurementError(
+            "there are no torques: expected the columns tau1_nm … of all joints", file=seen.source, parameter="torques"
+        )
+    if options.payload_place is not None and seen.payload_places() is not None:
+        raise OptionError(
+            "payload_place: the measurements tell the payload's place themselves: leave it out",
+            parameter="payload_place",
+        )
+    if options.as_poses and not options.same_tool and tools.several_loads(seen):
+        raise OptionError(
+            "as_poses: the poses carry several loads, so that the reflectors may have been mounted anew and are no one "
+            "rigid body: give same_tool if they stayed where they were",
+            parameter="as_poses",
+        )
+
+
+def _tools_in_words(seen: MeasurementSet, usual: float | None, same_tool: bool) -> list[str]:
+    if usual is None or not tools.several_loads(seen):
+        return []
+    if same_tool:
+        return ["The reflectors are taken to be at the same places with all loads (same_tool)."]
+    return [
+        "Each load has a tool of its own, because reflectors are mounted anew with it: those of "
+        f"{usual:g} kg keep their names, others are called like {tools.of_load('smr1', 2.0)}. If they stayed where "
+        "they were: --same-tool."
+    ]
 
 
 def _read(measurements: MeasurementsLike, arm: Arm) -> MeasurementSet:

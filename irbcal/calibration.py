@@ -283,6 +283,9 @@ def calibrate(
     targets: str | Path | Mapping[str, FloatArray] | None = None,
     frame: Sequence[str] | None = None,
     as_poses: bool = False,
+    payload_place: Sequence[float] | None = None,
+    same_tool: bool = False,
+    torques: bool = False,
     progress: Progress | None = None,
 ) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -317,6 +320,14 @@ def calibrate(
         Reference points that define the measuring frame, see `irbcal.measurement.poses.in_frame_of`.
     as_poses : bool
         Turn the points of each pose into one full pose first, see `irbcal.measurement.poses.as_poses`.
+    payload_place : sequence of three float, optional
+        Centre of the payloads in the tip link where the measurements do not tell it (``payload_x_mm`` …), metres; the
+        tip's origin unless given. Model ``auto``, several loads (column ``payload_kg``).
+    same_tool : bool
+        The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
+    torques : bool
+        Use the torques that the robot reports (columns ``tau1_nm`` …) with model ``auto``: predictions then need them,
+        too. A known mass is better.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -346,6 +357,9 @@ def calibrate(
         targets,
         frame,
         as_poses,
+        payload_place,
+        same_tool,
+        torques,
     )
     return Calibration(calibrating.run(measurements, robot, options, progress))
 

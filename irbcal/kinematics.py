@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import OptionError, RobotError
-from irbcal.files.opening import RobotLike, open_robot
+from irbcal.files.opening import Opened, RobotLike, open_robot
 from irbcal.modeling import frames
-from irbcal.options import shown
+from irbcal.options import number, place, shown
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
@@ -201,6 +201,8 @@ def forward_kinematics(
     target: str | None = None,
     uncertainty: bool = False,
     nominal: bool = False,
+    payload: float | None = None,
+    payload_place: ArrayLike | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> ForwardResult:
@@ -220,6 +222,10 @@ def forward_kinematics(
         Add standard deviations of the position (calibrations only).
     nominal : bool
         Nominal behaviour of a calibration.
+    payload : float, optional
+        Mass carried, kg; what most poses of the calibration were measured with unless given.
+    payload_place : array_like, shape (3,), optional
+        Its centre in the tip link, metres; that of the calibration unless given.
     base_link, tip_link : str, optional
         Links of a URDF; by default ``base_link`` or the root, and ``tool0``, ``flange``, ``ee_link``, ``tcp`` or the
         last link.
@@ -245,7 +251,7 @@ def forward_kinematics(
     array([0.645655, 0.      , 1.165707])
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
-    model = opened.robot
+    model = _loaded(opened, payload, payload_place)
     q = _joints(q, model.arm)
     if target is not None and not model.targets:
         raise RobotError(
@@ -261,7 +267,7 @@ def forward_kinematics(
                 f"{opened.name}: only the calibrated behaviour of a calibration folder knows its uncertainty",
                 parameter="uncertainty",
             )
-        std = position_std(opened.record, q, target)
+        std = position_std(opened.record, q, target, model)
         heldout = opened.record.heldout
     return ForwardResult(
         T_base_tip=model.poses(q),
@@ -275,6 +281,17 @@ def forward_kinematics(
     )
 
 
+def _loaded(opened: Opened, payload: float | None, payload_place: ArrayLike | None) -> Robot:
+    """The robot with the payload that is asked for."""
+    if payload is None:
+        if payload_place is not None:
+            raise OptionError("payload_place: goes with a payload: give its mass, too", parameter="payload_place")
+        return opened.robot
+    if payload_place is not None:
+        payload_place = place("payload_place", payload_place, "x, y, z of the payload's centre in metres")
+    return opened.robot.carrying(number("payload", payload, 0.0), payload_place)
+
+
 def inverse_kinematics(
     robot: RobotLike,
     T_base_tip: PosesLike,
@@ -282,6 +299,8 @@ def inverse_kinematics(
     near: ArrayLike | None = None,
     all_branches: bool = False,
     nominal: bool = False,
+    payload: float | None = None,
+    payload_place: ArrayLike | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> InverseJoints:
@@ -301,7 +320,7 @@ def inverse_kinematics(
         Every branch within the joint limits instead, not with ``near``; for arms with a closed-form inverse.
     nominal : bool
         Nominal behaviour of a calibration.
-    base_link, tip_link : str, optional
+    payload, payload_place, base_link, tip_link : optional
         See `forward_kinematics`.
 
     Returns
@@ -323,7 +342,7 @@ def inverse_kinematics(
     from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
 
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
-    model, arm = opened.robot, opened.nominal
+    model, arm = _loaded(opened, payload, payload_place), opened.nominal
     if all_branches and near is not None:
         raise OptionError("near: all branches are asked for, not the nearest: leave one of them out", parameter="near")
     T = _poses(T_base_tip)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from irbcal.cli import show
+from irbcal.cli import grid, show
 from irbcal.cli.wrong_calls import path_to_write, wrong_calls
 from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective
 
@@ -53,6 +53,16 @@ def calibrate(
     ] = None,
     as_poses: Annotated[
         bool, typer.Option("--as-poses", help="Turn three or more targets of each pose into one full pose.")
+    ] = False,
+    payload_place: Annotated[
+        str | None,
+        typer.Option(help="Centre of the payload in the tip link: x,y,z in mm.", show_default="column, or 0,0,0"),
+    ] = None,
+    same_tool: Annotated[
+        bool, typer.Option("--same-tool", help="The reflectors stayed in their places when the payload was changed.")
+    ] = False,
+    torques: Annotated[
+        bool, typer.Option("--torques", help="Model auto: use measured torques, columns tau1_nm … (a mass is better).")
     ] = False,
     holdout: Annotated[
         float | None,
@@ -103,6 +113,9 @@ def calibrate(
         targets=targets,
         frame=None if frame is None else [name.strip() for name in frame.split(",")],
         as_poses=as_poses,
+        payload_place=grid.metres(payload_place, "--payload-place"),
+        same_tool=same_tool,
+        torques=torques,
     )
 
 

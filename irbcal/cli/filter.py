@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from irbcal.cli import show
+from irbcal.cli import grid, show
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
@@ -35,6 +35,13 @@ def filter_program(
         typer.Option(help="A tool the module does not define: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion); likewise"),
     ] = None,
     wobj: Annotated[list[str] | None, typer.Option(help="a work object in the base frame.")] = None,
+    payload: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Mass carried, kg.", show_default="what most poses were measured with"),
+    ] = None,
+    payload_place: Annotated[
+        str | None, typer.Option(help="Its centre in the tip link: x,y,z in mm.", show_default="the calibration's")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
@@ -51,6 +58,8 @@ def filter_program(
             changes=changes,
             tool=tools,
             wobj=work_objects,
+            payload=payload,
+            payload_place=grid.metres(payload_place, "--payload-place"),
         )
     except NotWritten as refusal:
         found, refused = refusal.found, True

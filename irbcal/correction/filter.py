@@ -47,6 +47,8 @@ def correct(
     changes: str | Path | None = None,
     tool: Mapping[str, ArrayLike] | None = None,
     wobj: Mapping[str, ArrayLike] | None = None,
+    payload: float | None = None,
+    payload_place: ArrayLike | None = None,
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 
@@ -64,6 +66,11 @@ def correct(
         File for what changed, target by target, as CSV (millimetres and degrees).
     tool, wobj : dict of str to ndarray, shape (4, 4), optional
         ``T_tip_tcp`` of tools and ``T_base_wobj`` of work objects that a module does not define, metres.
+    payload : float, optional
+        Mass that the robot carries while it runs the program, kg; what most poses of the calibration were measured
+        with unless given.
+    payload_place : array_like, shape (3,), optional
+        Its centre in the tip link, metres; that of the calibration unless given.
 
     Returns
     -------
@@ -96,7 +103,10 @@ def correct(
     record = opened(calibration)
     nominal = record.arm(calibrated=False)
     module = language.read_for(nominal, program, _given(tool, "tool"), _given(wobj, "wobj"))
-    found = filter_program(record.robot_calibrated(), nominal, module, record.fingerprint)
+    robot = record.robot_calibrated()
+    if payload is not None:
+        robot = robot.carrying(payload, payload_place)
+    found = filter_program(robot, nominal, module, record.fingerprint)
     if record.heldout is not None:
         found = replace(found, expected_error=record.heldout.all.mean_mm * MM)
     if not files:

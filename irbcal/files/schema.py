@@ -178,7 +178,8 @@ class PoseTable(Section):
     """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
 
     ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
-    where that is not known.
+    where that is not known. The payload's mass, the three columns of its place in the tip link and the torques of the
+    joints are empty where no pose has any.
     """
 
     pose: list[str]
@@ -186,11 +187,15 @@ class PoseTable(Section):
     heldout: list[bool]
     joints: list[list[float]]
     came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
+    payload_kg: list[float | None] = Field(default_factory=list)
+    payload_place_mm: list[list[float | None]] = Field(default_factory=list)
+    torques_nm: list[list[float]] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _of_one_length(self) -> PoseTable:
         n = len(self.pose)
         columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from]
+        columns += [*([self.payload_kg] if self.payload_kg else []), *self.payload_place_mm, *self.torques_nm]
         if any(len(column) != n for column in columns) or len(self.joints) != len(self.came_from):
             raise ValueError(f"every column must have {n} values, one for each pose")
         return self
@@ -312,6 +317,11 @@ class Record(Section):
         """Whether it was made from programmed joints, not from joint readings."""
         return bool(self.data) and self.data[0].programmed
 
+    @property
+    def usual_load(self) -> float | None:
+        """The payload that it is for where none is told, kg; None if it is not known, or for levels of the thesis."""
+        return self.joint_map.payload_kg if isinstance(self.joint_map, TermMapSection) else None
+
     @model_validator(mode="after")
     def _points_of_known_poses(self) -> Record:
         p, rows = self.poses, self.points.row
@@ -389,6 +399,9 @@ class Record(Section):
             np.array(p.group, dtype=object)[poses],
             frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mine]) if t.qw else None,
             u95,
+            np.array(p.payload_kg, dtype=float)[poses] if p.payload_kg else None,
+            np.array(p.payload_place_mm, dtype=float).T[poses] * MM if p.payload_place_mm else None,
+            np.array(p.torques_nm, dtype=float).T[poses] if p.torques_nm else None,
         )
         came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
         return points, came_from.T[poses]

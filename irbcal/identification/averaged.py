@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -69,7 +69,7 @@ class AveragedFit(Speaks):
     def robot(self) -> Robot:
         """The calibrated robot, warm, with a joint map of terms."""
         found = self.evidence
-        joint_map = TermJointMap(found.term_map(), found.joint_ranges)
+        joint_map = TermJointMap(found.term_map(), found.joint_ranges, found.usual_kg)
         return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations)
 
     @property
@@ -156,7 +156,9 @@ class AveragedFit(Speaks):
         for k, name in enumerate(points.target_names):
             mine = points.target == k
             if mine.any():
-                seen = self.evidence.predict(points.q[points.pose[mine]], target=name)
+                pose = points.pose[mine]
+                load: dict[str, Any] = {k: v if v is None else v[pose] for k, v in points.load().items()}
+                seen = self.evidence.predict(points.q[pose], target=name, **load)
                 inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
         return float(inside.mean())
 
@@ -188,8 +190,33 @@ class AveragedFit(Speaks):
         return [
             *found.gear_sentences(),
             *warm,
+            *self._loads(),
             f"Valid within the joint ranges of the fitted poses: {ranges}. Beyond them the joint map is extrapolated "
             "and must not be trusted.",
+        ]
+
+    def _loads(self) -> list[str]:
+        """What loads it is valid for."""
+        found = self.evidence
+        torques = [
+            "It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
+            "predictions without them miss what the joints give way."
+        ]
+        torques = torques if any(term.basis == "torque" for term in found.terms) else []
+        if not found.loads:
+            return torques
+        if len(found.loads) == 1:
+            return [
+                *torques,
+                f"All poses were measured with a payload of {found.loads[0]:g} kg: the calibration is that of the "
+                "robot with this load, and does not tell what another one does.",
+            ]
+        some = ", ".join(f"{load:g}" for load in found.loads)
+        return [
+            *torques,
+            f"Measured with payloads of {some} kg: where no payload is given, predictions and corrections are for "
+            f"{found.usual_kg:g} kg, which most poses were measured with (of all loads, if as many); other loads: "
+            "--payload.",
         ]
 
     def told(self) -> Sequence[Told]:
@@ -254,6 +281,8 @@ def identify_averaged(
     known_targets: Mapping[str, ArrayLike] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    payload_place: Sequence[float] | None = None,
+    usual_kg: float | None = None,
 ) -> AveragedFit:
     """Identify base, targets and the average of the error models that URDF and a joint map can carry.
 
@@ -270,6 +299,8 @@ def identify_averaged(
         Of the poses on which models are compared where there are very many.
     progress : callable, optional
         Called with a short text at each step.
+    payload_place, usual_kg : optional
+        See `irbcal.identification.evidence.identify_evidence`.
 
     Returns
     -------
@@ -287,6 +318,14 @@ def identify_averaged(
         )
     known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
     found = identify_evidence(
-        arm, points, motion, terms=dictionaries.JOINT_MAP, seed=seed, known_targets=known, progress=progress
+        arm,
+        points,
+        motion,
+        terms=dictionaries.JOINT_MAP,
+        seed=seed,
+        known_targets=known,
+        payload_place=payload_place,
+        usual_kg=usual_kg,
+        progress=progress,
     )
     return AveragedFit(found, points, motion)

@@ -13,7 +13,7 @@ from irbcal.errors import IdentificationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.situation import Motion, Situation, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import BLOCK, TermMap, basis_values, term_columns
 from irbcal.summary import Speaks, Table, Told
@@ -185,6 +185,10 @@ class EvidenceFit(Speaks):
         Time constant of warm-up in the choice of terms with most weight, in the unit of the motion's time.
     poses : int
         After averaging repeats.
+    loads : tuple of float
+        Masses that were carried, kg; none where they were not told.
+    usual_kg : float or None
+        The one that predictions are for where none is given.
     readings_gain : float or None
         Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
     readings_projected : bool
@@ -211,6 +215,8 @@ class EvidenceFit(Speaks):
     kind: str
     tau: float | None
     poses: int
+    loads: tuple[float, ...] = ()
+    usual_kg: float | None = None
     readings_gain: float | None = None
     readings_projected: bool = False
 
@@ -329,12 +335,32 @@ class EvidenceFit(Speaks):
         pair = [by_name[f"rz{gear.joint + 1} {wave} {gear.cycles_per_turn}"] for wave in ("cos", "sin")]
         return float(np.hypot(*pair))
 
-    def poses_at(self, q: FloatArray, previous: FloatArray | None = None) -> FloatArray:
-        """Tip poses in the base link at commanded joints (n, joints), shape (n, 4, 4)."""
-        return self.term_map().forward(self.arm, _motion(q, previous))
+    def motion(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> Motion:
+        """The motion that predictions are for: of the warm arm, with the usual load unless told otherwise.
+
+        Parameters
+        ----------
+        q, previous : ndarray, shape (n, joints)
+        load
+            ``payload_kg``, ``payload_place``, ``torques``: see `irbcal.modeling.terms.situation.motion_at_use`.
+        """
+        q = np.atleast_2d(np.asarray(q, dtype=float))
+        before = None if previous is None else np.atleast_2d(np.asarray(previous, dtype=float))
+        place = next((t.parameters.get("place") for t in self.terms if t.basis == "payload"), None)
+        usual = {"usual_kg": self.usual_kg} | ({"usual_place": place} if isinstance(place, tuple) else {})
+        return motion_at_use(q, before, **load, **usual)  # type: ignore[arg-type]  # by their names
+
+    def poses_at(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> FloatArray:
+        """Tip poses in the base link at commanded joints (n, joints), shape (n, 4, 4); the load as for `motion`."""
+        return self.term_map().forward(self.arm, self.motion(q, previous, **load))
 
     def predict(
-        self, q: FloatArray, previous: FloatArray | None = None, target: str | None = None, in_order: bool = False
+        self,
+        q: FloatArray,
+        previous: FloatArray | None = None,
+        target: str | None = None,
+        in_order: bool = False,
+        **load: FloatArray | None,
     ) -> Prediction:
         """Position of a target, with what is known of it.
 
@@ -349,6 +375,8 @@ class EvidenceFit(Speaks):
         in_order : bool
             Whether the poses of the fit are a program in an order: contiguous blocks are left out in place of single
             poses.
+        load
+            Where it is not the usual one, see `motion`.
 
         Returns
         -------
@@ -362,7 +390,7 @@ class EvidenceFit(Speaks):
         name = next(iter(self.targets)) if target is None else target
         if name not in self.targets:
             raise IdentificationError(f"unknown target {name!r}: this robot has {', '.join(self.targets)}")
-        motion = _motion(q, previous)
+        motion = self.motion(q, previous, **load)
         loo = (self.loo_blocks if in_order else self.loo)[name]
         R = self.T_world_base[:3, :3]
         position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
@@ -411,8 +439,3 @@ class EvidenceFit(Speaks):
             columns = chain.point_columns(path, p, pose, part)
             J[flat + rows] = term_columns([self.terms[k] for k in rows], columns, values[rows], pose)
         return p, J
-
-
-def _motion(q: FloatArray, previous: FloatArray | None) -> Motion:
-    q = np.atleast_2d(np.asarray(q, dtype=float))
-    return Motion(q, None if previous is None else q - np.atleast_2d(np.asarray(previous, dtype=float)))

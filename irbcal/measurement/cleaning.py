@@ -266,6 +266,10 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
         groups[first][used],
         None if rows.rotation is None else rows.rotation[kept],
         None if u95 is None else u95[kept],
+        *(
+            None if value is None else value[used]
+            for value in (measurements.payloads(), measurements.payload_places(), measurements.torques())
+        ),
     )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.errors import MeasurementError
+from irbcal.measurement.columns import PAYLOAD_PLACE
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.terms.situation import Motion
@@ -26,7 +28,13 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     -------
     Motion
         Time is the number of the pose. The last move is zero where it is not known: for the first pose of the file and
-        of each group, and for poses whose name and joints several stops of the file share.
+        of each group, and for poses whose name and joints several stops of the file share. Payload and torques are the
+        points'.
+
+    Raises
+    ------
+    MeasurementError
+        If several loads were carried and it is not told where which.
     """
     first = measurements.table.groupby("pose_index", sort=True).first()
     groups = first["group"].fillna("").to_numpy(dtype=object) if "group" in first else None
@@ -40,7 +48,52 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
         if rows:
             elapsed[k] = np.mean(rows)
             move[k] = _same(whole.moves[rows])
-    return Motion(points.q, move, elapsed, readings=not measurements.programmed)
+    load, place = _payload(measurements, points)
+    return Motion(points.q, move, elapsed, load, not measurements.programmed, place, points.torques)
+
+
+def usual_load(loads: FloatArray | None) -> float | None:
+    """The load that most poses carry, of equals the one of the last pose; None where no load is told.
+
+    Parameters
+    ----------
+    loads : ndarray, shape (n,), or None
+        Kg, NaN where not told.
+    """
+    if loads is None or not np.isfinite(loads).any():
+        return None
+    told = loads[np.isfinite(loads)]
+    values, count = np.unique(told, return_counts=True)
+    often = values[count == count.max()]
+    return float(next(load for load in told[::-1] if load in often))
+
+
+def _payload(measurements: MeasurementSet, points: PointSet) -> tuple[FloatArray | None, FloatArray | None]:
+    """Mass and its place at each pose, without gaps."""
+    load, place = points.payload_kg, points.payload_place
+    if load is None:
+        return None, None
+    gaps = ~np.isfinite(load)
+    if gaps.any():
+        loads = np.unique(load[~gaps])
+        if len(loads) > 1:
+            raise MeasurementError(
+                f"pose {points.pose_ids[gaps][0]} has no payload, others carry {loads[0]:g} to {loads[-1]:g} kg: write "
+                "0 for a bare flange",
+                file=measurements.source,
+                column="payload_kg",
+            )
+        load = np.full(len(load), loads[0]) if len(loads) else None
+    if load is None or place is None:
+        return load, None
+    gaps = np.asarray(~np.isfinite(place).all(axis=1))
+    if (gaps & (load > 0.0)).any():
+        raise MeasurementError(
+            f"pose {points.pose_ids[gaps & (load > 0.0)][0]} has a payload without a place",
+            file=measurements.source,
+            column=tuple(PAYLOAD_PLACE),
+        )
+    return load, np.where(gaps[:, None], 0.0, place)
 
 
 def _same(moves: FloatArray) -> FloatArray:

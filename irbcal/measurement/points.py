@@ -13,6 +13,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import LOAD
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
@@ -45,6 +46,12 @@ class PointSet(Speaks):
         Measured orientation of a target frame in the measuring frame; NaN for points without one.
     u95 : ndarray, shape (m,), optional
         Expanded uncertainty of each point, metres; NaN where not given.
+    payload_kg : ndarray, shape (n,), optional
+        Mass carried at each pose; NaN where not given.
+    payload_place : ndarray, shape (n, 3), optional
+        Its centre in the tip link, metres; NaN where not given.
+    torques : ndarray, shape (n, joints), optional
+        Torques of the joints as the robot reported them, N m.
     """
 
     q: FloatArray
@@ -56,6 +63,9 @@ class PointSet(Speaks):
     groups: NameArray
     rotation: FloatArray | None = None
     u95: FloatArray | None = None
+    payload_kg: FloatArray | None = None
+    payload_place: FloatArray | None = None
+    torques: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -82,6 +92,10 @@ class PointSet(Speaks):
             return np.zeros(len(self), dtype=bool)
         return np.asarray(np.isfinite(self.rotation).all(axis=(1, 2)))
 
+    def tips(self, robot: Robot) -> FloatArray:
+        """Where a robot expects its tip at each pose with the load carried there, in the base link, shape (n, 4, 4)."""
+        return robot.forward(self.q, payload_kg=self.payload_kg, payload_place=self.payload_place, torques=self.torques)
+
     def predicted(self, robot: Robot) -> FloatArray:
         """Where a robot expects the points.
 
@@ -107,7 +121,7 @@ class PointSet(Speaks):
                     f"unknown target {self.target_names[k]!r}: this robot has {', '.join(robot.targets) or 'none'}"
                 )
             local[k] = robot.targets[self.target_names[k]]
-        T = robot.forward(self.q)[self.pose]
+        T = self.tips(robot)[self.pose]
         base = np.einsum("mij,mj->mi", T[:, :3, :3], local[self.target]) + T[:, :3, 3]
         return base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
 
@@ -127,7 +141,7 @@ class PointSet(Speaks):
         for k, name in enumerate(self.target_names):
             if name in robot.target_rotations:
                 local[k] = robot.target_rotations[name]
-        tip = robot.T_world_base[:3, :3] @ robot.forward(self.q)[:, :3, :3]
+        tip = robot.T_world_base[:3, :3] @ self.tips(robot)[:, :3, :3]
         return tip[self.pose] @ local[self.target]
 
     def take(self, keep: BoolArray | IntArray) -> PointSet:
@@ -146,9 +160,14 @@ class PointSet(Speaks):
         keep = np.asarray(keep, dtype=bool)
         rest = self.take(keep[self.pose])
         number = np.cumsum(keep) - 1
+        load: dict[str, Any] = {k: None if value is None else value[keep] for k, value in self.load().items()}
         return replace(
-            rest, q=self.q[keep], pose=number[rest.pose], pose_ids=self.pose_ids[keep], groups=self.groups[keep]
+            rest, q=self.q[keep], pose=number[rest.pose], pose_ids=self.pose_ids[keep], groups=self.groups[keep], **load
         )
+
+    def load(self) -> dict[str, Any]:
+        """What is known of the load: ``payload_kg``, ``payload_place`` and ``torques``."""
+        return {name: getattr(self, name) for name in LOAD}
 
     def with_seen_targets(self) -> PointSet:
         """The same points without names of targets that none of them has."""
@@ -169,7 +188,8 @@ class PointSet(Speaks):
         -------
         DataFrame
             ``pose``, ``group``, ``q1`` … (radians, metres for prismatic joints), ``target``, ``x_mm``, ``y_mm``,
-            ``z_mm`` in the measuring frame and, where measured, ``u95_mm`` and ``qw``, ``qx``, ``qy``, ``qz``.
+            ``z_mm`` in the measuring frame and, where measured or told, ``u95_mm``, ``qw``, ``qx``, ``qy``, ``qz`` and
+            ``payload_kg``.
         """
         import pandas as pd
 
@@ -182,6 +202,8 @@ class PointSet(Speaks):
         if self.rotation is not None:
             quaternion = frames.quaternion_from_matrix(self.rotation)
             columns |= dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
+        if self.payload_kg is not None:
+            columns["payload_kg"] = self.payload_kg[self.pose]
         return pd.DataFrame(columns)
 
     def told(self) -> Sequence[Told]:

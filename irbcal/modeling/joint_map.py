@@ -147,6 +147,7 @@ class AnyJointMap(Protocol):
 
     A sum of terms is an `irbcal.modeling.terms.term_joint_map.TermJointMap`. ``previous`` is the stop before, as
     commanded: maps that have no use for it ignore it, the others take the last move as unknown where it is not given.
+    Likewise the load, see `TermJointMap.effective`.
     """
 
     @property
@@ -159,7 +160,14 @@ class AnyJointMap(Protocol):
         """What the map does, in a few words."""
         ...
 
-    def effective(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+    def effective(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> FloatArray:
         """Effective joints, shape (n, joints)."""
         ...
 
@@ -177,6 +185,10 @@ class AnyJointMap(Protocol):
 
     def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """A box of effective joints whose commands all respect joint limits."""
+        ...
+
+    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> AnyJointMap:
+        """The map with another payload (kg, its centre in the tip link in metres)."""
         ...
 
 
@@ -235,7 +247,14 @@ class JointMap:
         ]
         return f"joint map with {', '.join(parts)}"
 
-    def effective(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+    def effective(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> FloatArray:
         """Effective joints: the formula of this module (Nubiola 2011, eqs. 3.31, 5.8, 5.14 and 5.15).
 
         Parameters
@@ -244,6 +263,8 @@ class JointMap:
             Commanded joints, radians (metres for prismatic joints).
         previous : ndarray, optional
             The stop before, see `AnyJointMap`: this map does not depend on it, here and below.
+        payload_kg, payload_place, torques : array_like, optional
+            Likewise; for another payload see `with_payload`.
 
         Returns
         -------
@@ -386,6 +407,20 @@ class JointMap:
         turn = np.arctan2(C, abs(B)) * np.copysign(1.0, B)
         stiffness = np.array([A, np.copysign(np.hypot(B, C), B)])
         return replace(self, stiffness=stiffness, phases=self.phases + np.array([0.0, turn]))
+
+    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> JointMap:
+        """Refused: unlike a sum of terms, a level of the thesis does not know what a payload of so many kg does.
+
+        Raises
+        ------
+        RobotError
+            Always.
+        """
+        raise RobotError(
+            "a level of the thesis does not tell how the joints give way under another payload: calibrate with model "
+            "auto from poses measured with two loads or more (column payload_kg)",
+            parameter="payload_kg",
+        )
 
     def commanded(self, theta: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
         """Commanded angles that give these effective angles: the inverse of `effective`.

@@ -76,13 +76,44 @@ class Robot:
         """
         return self.forward(self.arm.check_joints(q))
 
-    def forward(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+    def forward(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> FloatArray:
         """Tip poses in the base link, as `poses`, of any joints (n, joints): for iterations, for trying other units.
 
         The "real" direct model of Nubiola 2011, eqs. 6.40 and 7.2, where arm and joint map are calibrated; with the
-        stops before, ``previous`` (n, joints), where they are known and the joint map depends on them.
+        stops before, ``previous`` (n, joints), where they are known and the joint map depends on them. The mass carried
+        (n,), its centre in the tip link (n, 3) and torques that the robot reports (n, joints) likewise; without them
+        the robot carries what most poses of the calibration were measured with, see `carrying`.
         """
-        return self.arm.forward(self.joint_map.effective(q, previous))
+        return self.arm.forward(self.joint_map.effective(q, previous, payload_kg, payload_place, torques))
+
+    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> Robot:
+        """The robot with another mass on its tool, where its calibration was measured with several.
+
+        Parameters
+        ----------
+        payload_kg : float
+            By the reckoning of the measurements: with or without the tool, as there.
+        place : array_like, shape (3,), optional
+            Its centre in the tip link, metres; that of the calibration unless given.
+
+        Returns
+        -------
+        Robot
+            Every prediction, inverse and correction made with it is for that load.
+
+        Raises
+        ------
+        RobotError
+            If the joint map does not know how the joints give way under another load.
+        """
+        return self.replace(joint_map=self.joint_map.carrying(payload_kg, place))
 
     def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.

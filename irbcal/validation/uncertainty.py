@@ -14,7 +14,7 @@ from irbcal.modeling.parameters import all_names, parameter
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
-from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.situation import Situation
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import basis_values, term_columns
 from irbcal.units import UNIT_OUTSIDE
@@ -22,7 +22,9 @@ from irbcal.units import UNIT_OUTSIDE
 TIP = "the tip itself"
 
 
-def position_std(calibration: Record, q: FloatArray, target: str | None = None) -> FloatArray:
+def position_std(
+    calibration: Record, q: FloatArray, target: str | None = None, robot: Robot | None = None
+) -> FloatArray:
     """Standard deviations of predicted positions, from those of the identified parameters.
 
     Held combinations add nothing, and what the model cannot describe (backlash, ...) is not in it: for that see the
@@ -35,13 +37,15 @@ def position_std(calibration: Record, q: FloatArray, target: str | None = None) 
         Commanded joints, radians.
     target : str, optional
         A reflector, in the measuring frame; by default the tip in the base link.
+    robot : Robot, optional
+        The calibrated robot, where it carries another payload than the calibration's usual one.
 
     Returns
     -------
     ndarray, shape (n, 3)
         Of x, y and z, metres.
     """
-    robot = calibration.robot_calibrated()
+    robot = calibration.robot_calibrated() if robot is None else robot
     if isinstance(robot.joint_map, TermJointMap):
         return _of_terms(calibration, robot, robot.joint_map, q, target)
     assert isinstance(robot.joint_map, JointMap)
@@ -78,7 +82,7 @@ def _of_terms(
     """As `position_std` for a joint map of terms, the stop before unknown."""
     nominal, n = calibration.arm(calibrated=False), len(q)
     constants, terms = GEOMETRY.terms(nominal), list(joint_map.terms.terms)
-    motion, pose = Motion(q), np.arange(n)
+    motion, pose = joint_map.motion(q), np.arange(n)
     path = chain.walk(robot.arm, robot.joint_map.effective(q))
     place = np.zeros(3) if target is None else robot.targets[target]
     p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], place)

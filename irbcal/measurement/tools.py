@@ -1,0 +1,100 @@
+"""A tool per payload: reflectors that were mounted anew for each load are other targets."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.measurement.motions import usual_load
+from irbcal.measurement.table import MeasurementSet
+
+
+def of_load(target: str, payload_kg: float) -> str:
+    """Name of a target as it was mounted for a load: ``smr1@2kg``."""
+    return f"{target}@{payload_kg:g}kg"
+
+
+def several_loads(measurements: MeasurementSet) -> bool:
+    """Whether poses were measured with different loads."""
+    loads = measurements.payloads()
+    return loads is not None and len(np.unique(loads[np.isfinite(loads)])) > 1
+
+
+def usual(measurements: MeasurementSet) -> float | None:
+    """The load that most poses were measured with; None where none is told."""
+    return usual_load(measurements.payloads())
+
+
+def with_tool_per_load(measurements: MeasurementSet, usual_kg: float | None) -> MeasurementSet:
+    """The same measurements with targets of their own for each load; those of the usual load keep their names.
+
+    Parameters
+    ----------
+    measurements : MeasurementSet
+    usual_kg : float or None
+        Nothing changes without one.
+    """
+    rows = _loads(measurements)
+    if rows is None or usual_kg is None:
+        return measurements
+    return _renamed(measurements, rows, np.isfinite(rows) & (rows != usual_kg))
+
+
+def as_calibrated(
+    measurements: MeasurementSet, targets: Collection[str], usual_kg: float | None, same_tool: bool = False
+) -> tuple[MeasurementSet, list[str]]:
+    """Measurements with the names that a calibration gave to its targets.
+
+    Parameters
+    ----------
+    measurements : MeasurementSet
+    targets : collection of str
+        Those of the calibration.
+    usual_kg : float or None
+        Its usual load.
+    same_tool : bool
+        The reflectors of loads that the calibration does not know are where they were with its usual load.
+
+    Returns
+    -------
+    measurements : MeasurementSet
+    notes : list of str
+        What the user should know, in sentences.
+    """
+    rows = _loads(measurements)
+    own = {name.rpartition("@")[2] for name in targets if "@" in name and name.endswith("kg")}
+    if rows is None or not own:
+        return measurements, []
+    table = measurements.table
+    known = np.array([f"{load:g}kg" in own for load in rows])
+    strange = np.isfinite(rows) & ~known
+    strange &= (rows != usual_kg) if usual_kg is not None else False
+    out = _renamed(measurements, rows, known if same_tool else known | strange)
+    loads = ", ".join(f"{load:g}" for load in np.unique(rows[strange]))
+    if not loads or not len(table):
+        return out, []
+    if same_tool:
+        return out, [f"The reflectors are taken to be where they were with {usual_kg:g} kg for {loads} kg, too."]
+    return out, [
+        f"Where the reflectors were with {loads} kg is not known: the calibration has a tool for each load. These "
+        "points are left out; --same-tool takes them where they were with its usual load."
+    ]
+
+
+def _loads(measurements: MeasurementSet) -> FloatArray | None:
+    """Load of each row, NaN where not told."""
+    loads = measurements.payloads()
+    return None if loads is None else loads[measurements.table["pose_index"].to_numpy()]
+
+
+def _renamed(measurements: MeasurementSet, loads: FloatArray, mine: np.ndarray) -> MeasurementSet:
+    table = measurements.table
+    mine = mine & ~measurements.is_reference()
+    names = table["target"].to_numpy(dtype=object)
+    table["target"] = [
+        of_load(str(name), load) if new else name for name, load, new in zip(names, loads, mine, strict=True)
+    ]
+    return replace(measurements, table=table)
