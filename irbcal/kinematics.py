@@ -21,6 +21,7 @@ from irbcal.units import MM
 if TYPE_CHECKING:
     import pandas as pd
 
+    from irbcal.files.schema import Statistics
     from irbcal.measurement.table import MeasurementSet
     from irbcal.modeling.arm import Arm
     from irbcal.modeling.robot import Robot
@@ -258,17 +259,7 @@ def forward_kinematics(
             "a URDF has no reflectors: name a calibration folder to predict a target's position", parameter="target"
         )
     points = None if target is None else model.points(q, target)
-    std = heldout = None
-    if uncertainty:
-        from irbcal.validation.uncertainty import position_std
-
-        if opened.record is None or nominal:
-            raise RobotError(
-                f"{opened.name}: only the calibrated behaviour of a calibration folder knows its uncertainty",
-                parameter="uncertainty",
-            )
-        std = position_std(opened.record, q, target, model)
-        heldout = opened.record.heldout
+    std, heldout = _known_errors(opened, model, q, target, nominal) if uncertainty else (None, None)
     return ForwardResult(
         T_base_tip=model.poses(q),
         tip=model.arm.tip_link,
@@ -276,9 +267,24 @@ def forward_kinematics(
         target=target,
         points=points,
         std=std,
-        heldout_mean=None if heldout is None else heldout.all.mean_mm * MM,
-        heldout_rms=None if heldout is None else heldout.all.rms_mm * MM,
+        heldout_mean=None if heldout is None else heldout.mean_mm * MM,
+        heldout_rms=None if heldout is None else heldout.rms_mm * MM,
     )
+
+
+def _known_errors(
+    opened: Opened, model: Robot, q: FloatArray, target: str | None, nominal: bool
+) -> tuple[FloatArray, Statistics | None]:
+    """Standard deviations of positions and the held-out errors of a calibration."""
+    from irbcal.validation.uncertainty import position_std
+
+    if opened.record is None or nominal:
+        raise RobotError(
+            f"{opened.name}: only the calibrated behaviour of a calibration folder knows its uncertainty",
+            parameter="uncertainty",
+        )
+    heldout = opened.record.heldout
+    return position_std(opened.record, q, target, model), None if heldout is None else heldout.all
 
 
 def _loaded(opened: Opened, payload: float | None, payload_place: ArrayLike | None) -> Robot:

@@ -113,7 +113,12 @@ def correct(
         return found
     if not len(found.targets) or (found.left and not allow_partial):
         raise _not_written(found)
-    contents: dict[Path, dict[str, bytes]] = {file.parent: {} for file in files}
+    return _written(found, out, changes)
+
+
+def _written(found: Filtered, out: str | Path | None, changes: str | Path | None) -> Filtered:
+    """Write the files that are asked for."""
+    contents: dict[Path, dict[str, bytes]] = {Path(file).parent: {} for file in (out, changes) if file is not None}
     if changes is not None:
         table = found.to_frame().to_csv(index=False, float_format="%.6f")
         contents[Path(changes).parent][Path(changes).name] = table.encode("utf-8")

@@ -35,17 +35,12 @@ ALL_JOINTS = "q1 …"
 """Stands for the joint columns of any arm among required columns: from joint 1 to the last one in the header."""
 POSITION = ["x_mm", "y_mm", "z_mm"]
 QUATERNION = ["qw", "qx", "qy", "qz"]
-PAYLOAD_PLACE = ["payload_x_mm", "payload_y_mm", "payload_z_mm"]
-"""Centre of the payload in the tip link."""
 LARGEST_ANGLE_DEG, LARGEST_POSITION_MM = 1e4, 1e6
 """Numbers beyond are no joints, positions or uncertainties of a robot cell."""
-LARGEST_PAYLOAD_KG, LARGEST_PLACE_MM, LARGEST_TORQUE_NM = 5e3, 1e4, 1e6
-"""Likewise of payloads, their places on the tool, and torques."""
 FRAME = "<DataFrame>"
 """What messages call a table that is no file."""
 
 _JOINT = re.compile(r"q([1-9]\d?)_(?:deg|mm)")
-_TORQUE = re.compile(r"tau([1-9]\d?)_nm")
 _PROGRAMMED = re.compile(r"c([1-9]\d?)_(?:deg|mm)")
 _ABSENT = ["", "nan", "<na>", "none"]
 _LONGEST_NAME, _MOST_NAMES = 40, 40
@@ -255,48 +250,6 @@ def programmed_columns(names: Iterable[str], source: str) -> list[str]:
     )
 
 
-def torque_columns(names: Iterable[str], source: str) -> list[str]:
-    """Columns of measured joint torques (``tau1_nm`` …) among column names, in the order of the joints; none or all.
-
-    Raises
-    ------
-    MeasurementError
-        If they are not for the joints of the joint columns.
-    """
-    names = list(names)
-    found = [name for name in names if _TORQUE.fullmatch(name)]
-    expected = [f"tau{k}_nm" for k in range(1, len(joint_columns(names)) + 1)]
-    if not found or set(found) == set(expected):
-        return expected if found else []
-    wrong = [name for name in expected if name not in found] or [name for name in found if name not in expected]
-    raise MeasurementError(
-        f"column {wrong[0]}: torques are for all joints (tau1_nm … tau{len(expected)}_nm) or for none, found "
-        f"{listed(found)}",
-        file=source,
-        row=header_row(source),
-    )
-
-
-def place_columns(names: Iterable[str], source: str) -> list[str]:
-    """The columns of the payload's place, `PAYLOAD_PLACE`, where they are there; none or all.
-
-    Raises
-    ------
-    MeasurementError
-        If some are missing, or there is no column payload_kg.
-    """
-    names = list(names)
-    found = [name for name in PAYLOAD_PLACE if name in names]
-    missing = [name for name in ("payload_kg", *PAYLOAD_PLACE) if name not in names]
-    if found and missing:
-        raise MeasurementError(
-            f"missing column {missing[0]}: a payload has a mass and all three of {', '.join(PAYLOAD_PLACE)}",
-            file=source,
-            row=header_row(source),
-        )
-    return found
-
-
 def joint_units(columns: Iterable[str]) -> FloatArray:
     """What one unit of each joint column is in radians or metres, shape (columns,)."""
     return np.array([MM if name.endswith("_mm") else DEG for name in columns])
@@ -408,25 +361,18 @@ def check_sizes(table: pd.DataFrame, source: str) -> None:
     bounds = [(name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION]
     if "u95_mm" in table.columns:
         bounds.append(("u95_mm", 1e-6, LARGEST_POSITION_MM, "an uncertainty above zero in mm or nothing"))
-    if "payload_kg" in table.columns:
-        bounds.append(("payload_kg", 0.0, LARGEST_PAYLOAD_KG, "a mass from 0 to 5000 kg or nothing"))
-    for name in place_columns(table.columns, source):
-        bounds.append(
-            (name, -LARGEST_PLACE_MM, LARGEST_PLACE_MM, "the payload's place in the tip link in mm or nothing")
-        )
-    for name in torque_columns(table.columns, source):
-        bounds.append((name, -LARGEST_TORQUE_NM, LARGEST_TORQUE_NM, "a torque in N m"))
-    _refuse_outside(table, bounds, source)
+    refuse_outside(table, bounds, source)
 
 
 def check_joint_sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> None:
     """Refuse joints that no robot reaches; as `check_sizes`, for the joint columns ``names``."""
     largest = [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG for name in names]
     bounds = [(name, -most, most, expected_joint(name)) for name, most in zip(names, largest, strict=True)]
-    _refuse_outside(table, bounds, source)
+    refuse_outside(table, bounds, source)
 
 
-def _refuse_outside(table: pd.DataFrame, bounds: Sequence[tuple[str, float, float, str]], source: str) -> None:
+def refuse_outside(table: pd.DataFrame, bounds: Sequence[tuple[str, float, float, str]], source: str) -> None:
+    """Refuse the first number of some columns that is not between two others: (column, low, high, expected)."""
     for name, low, high, expected in bounds:
         values = table[name].to_numpy()
         bad = (values < low) | (values > high)

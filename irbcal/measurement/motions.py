@@ -6,7 +6,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import PAYLOAD_PLACE
+from irbcal.measurement.load_columns import PLACE
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.terms.situation import Motion
@@ -91,7 +91,7 @@ def _payload(measurements: MeasurementSet, points: PointSet) -> tuple[FloatArray
         raise MeasurementError(
             f"pose {points.pose_ids[gaps & (load > 0.0)][0]} has a payload without a place",
             file=measurements.source,
-            column=tuple(PAYLOAD_PLACE),
+            column=tuple(PLACE),
         )
     return load, np.where(gaps[:, None], 0.0, place)
 

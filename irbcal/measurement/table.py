@@ -24,8 +24,8 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
-from irbcal.measurement.columns import ALL_JOINTS, PAYLOAD_PLACE, POSITION, QUATERNION, TableLike
+from irbcal.measurement import columns, load_columns
+from irbcal.measurement.columns import ALL_JOINTS, POSITION, QUATERNION, TableLike
 from irbcal.measurement.own_tables import OwnTables
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
 from irbcal.modeling.arm import Arm
@@ -34,7 +34,7 @@ from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
 REQUIRED = ["pose", ALL_JOINTS, "target", *POSITION]
-NUMERIC_EXTRAS = ["payload_kg", *PAYLOAD_PLACE, "time_s", "u95_mm", *QUATERNION]
+NUMERIC_EXTRAS = ["payload_kg", *load_columns.PLACE, "time_s", "u95_mm", *QUATERNION]
 REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""
 
@@ -149,7 +149,7 @@ class MeasurementSet(OwnTables, Speaks):
 
     def payload_places(self) -> FloatArray | None:
         """Centre of the payload in the tip link at each pose, shape (n, 3), metres; None without columns."""
-        names = columns.place_columns(self._rows.columns, self.source)
+        names = load_columns.place_columns(self._rows.columns, self.source)
         if not names:
             return None
         found = self._rows.groupby("pose_index", sort=True)[names].first().to_numpy(dtype=float) * MM
@@ -157,7 +157,7 @@ class MeasurementSet(OwnTables, Speaks):
 
     def torques(self) -> FloatArray | None:
         """Measured torques of the joints at each pose, shape (n, joints), N m; None without columns tau1_nm …."""
-        names = columns.torque_columns(self._rows.columns, self.source)
+        names = load_columns.torque_columns(self._rows.columns, self.source)
         if not names:
             return None
         return self._rows.groupby("pose_index", sort=True)[names].mean().to_numpy(dtype=float)
@@ -274,7 +274,7 @@ def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
     table = pd.DataFrame({"row": cells.index})
     for name in [*columns.joint_columns(cells.columns), *columns.programmed_columns(cells.columns, source)]:
         table[name] = columns.numbers(cells, name, source, columns.expected_joint(name))
-    for name in columns.torque_columns(cells.columns, source):
+    for name in load_columns.torque_columns(cells.columns, source):
         table[name] = columns.numbers(cells, name, source, "a torque in N m")
     for name in POSITION:
         table[name] = columns.numbers(cells, name, source, "a position in mm or nothing", lost=True)
@@ -290,6 +290,7 @@ def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
     table.loc[columns.lost_points(table[POSITION].to_numpy()), POSITION] = np.nan
     table["pose_index"] = _pose_index(table, source)
     columns.check_sizes(table, source)
+    load_columns.check(table, source)
     columns.check_quaternions(table, source)
     return MeasurementSet(table, source, sha256)
 
@@ -305,7 +306,7 @@ def _pose_index(table: pd.DataFrame, source: str) -> IntArray:
     for names, what in ((columns.joint_columns(table.columns), "joints"), (programmed, "programmed joints")):
         if names:
             _check_same(table, names, what, first[index], source)
-    for name in ("payload_kg", *PAYLOAD_PLACE):
+    for name in ("payload_kg", *load_columns.PLACE):
         if name in table.columns:
             _check_same(table, [name], "payload", first[index], source)
     return index

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.errors import MeasurementError
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.table import MeasurementSet
 
@@ -63,21 +64,32 @@ def as_calibrated(
     measurements : MeasurementSet
     notes : list of str
         What the user should know, in sentences.
+
+    Raises
+    ------
+    MeasurementError
+        If no reflector's place is known.
     """
     rows = _loads(measurements)
     own = {name.rpartition("@")[2] for name in targets if "@" in name and name.endswith("kg")}
     if rows is None or not own:
         return measurements, []
-    table = measurements.table
     known = np.array([f"{load:g}kg" in own for load in rows])
     strange = np.isfinite(rows) & ~known
     strange &= (rows != usual_kg) if usual_kg is not None else False
     out = _renamed(measurements, rows, known if same_tool else known | strange)
     loads = ", ".join(f"{load:g}" for load in np.unique(rows[strange]))
-    if not loads or not len(table):
+    if not loads:
         return out, []
     if same_tool:
         return out, [f"The reflectors are taken to be where they were with {usual_kg:g} kg for {loads} kg, too."]
+    if (strange | measurements.is_reference()).all():
+        raise MeasurementError(
+            f"where the reflectors were with {loads} kg is not known: the calibration has a tool for each of its "
+            "loads; if they stayed where they were with its usual load, say so (same_tool)",
+            file=measurements.source,
+            column="payload_kg",
+        )
     return out, [
         f"Where the reflectors were with {loads} kg is not known: the calibration has a tool for each load. These "
         "points are left out; --same-tool takes them where they were with its usual load."

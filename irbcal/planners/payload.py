@@ -60,11 +60,27 @@ def with_payload(
         If a sum of terms was identified with one load only; or for a level of the thesis if the arm has not six
         revolute joints, the joint map has no stiffness, or the URDF no masses.
     """
-    import pinocchio as pin
-
     if isinstance(joint_map, TermJointMap):
         return _with_more(joint_map, delta_kg, place)
     assert isinstance(joint_map, JointMap)
+    whole = model, arm_in_model, rest
+    return _of_the_thesis(joint_map, arm, *whole, delta_kg, place, wrist, masses)
+
+
+def _of_the_thesis(
+    joint_map: JointMap,
+    arm: Arm,
+    model: pin.Model,
+    arm_in_model: ArmInModel,
+    rest: FloatArray,
+    delta_kg: float,
+    place: ArrayLike | None,
+    wrist: ArrayLike | None,
+    masses: tuple[float, float] | None,
+) -> JointMap:
+    """From the stiffness of a level of the thesis and masses."""
+    import pinocchio as pin
+
     if not arm.six_revolute:
         raise RobotError(f"the arm-stiffness model is for six revolute joints, {arm.name} has others")
     theta = np.zeros(6)
