@@ -26,6 +26,8 @@ from irbcal.identification.selection import choose_level
 from irbcal.measurement import cleaning, lists, table, tools
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of
+from irbcal.measurement.places import notes as repeat_notes
+from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.reading_lag import mixed_use
@@ -154,15 +156,15 @@ class _Prepared:
 
 
 def split(points: PointSet, holdout: float, order: str = "random", seed: int = 0) -> BoolArray:
-    """Which poses are held out.
+    """Which poses are held out: places, each with all its repeats (`irbcal.measurement.places.places`).
 
     Parameters
     ----------
     points : PointSet
     holdout : float or int
-        A fraction below 1, or a number of poses.
+        A fraction below 1, or a number, of places; without repeats that is of poses.
     order : {"random", "last"}
-        ``random``: drawn with the seed; ``last``: the last poses of the file.
+        ``random``: drawn with the seed; ``last``: the last places of the file.
     seed : int
 
     Returns
@@ -178,16 +180,18 @@ def split(points: PointSet, holdout: float, order: str = "random", seed: int = 0
         If the order is another one.
     """
     checked("split", order, SPLITS)
-    n = points.poses
+    place = places(points)
+    n = int(place.max(initial=-1)) + 1
     count = round(holdout * n) if holdout < 1 else int(holdout)
     if holdout < 0 or count >= n:
-        raise MeasurementError(f"cannot hold out {count} of {n} usable poses: some must be left for the fit")
+        kind = "poses" if n == points.poses else f"places (of {points.poses} poses, repeats of one place together)"
+        raise MeasurementError(f"cannot hold out {count} of {n} usable {kind}: some must be left for the fit")
     mask = np.zeros(n, dtype=bool)
     if order == "last":
         mask[n - count :] = True
     else:
         mask[np.random.default_rng(seed).permutation(n)[:count]] = True
-    return mask
+    return mask[place]
 
 
 def run(
@@ -276,7 +280,7 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Pr
     shape: Mapping[str, FloatArray] = {}
     if options.as_poses:
         points, shape = as_poses(points, seen.source)
-    notes = [*cleaned.notes, *_tools_in_words(seen, usual, options.same_tool)]
+    notes = [*cleaned.notes, *_tools_in_words(seen, usual, options.same_tool), *repeat_notes(points)]
     moves = np.isin(points.groups.astype(str), GROUPS)
     by_axes = method_of(options.method) == "circles" and moves.any()
     if options.verify is None:

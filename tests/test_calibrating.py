@@ -31,6 +31,16 @@ def test_the_last_poses(points):
     assert np.flatnonzero(split(points, 3, "last")).tolist() == [17, 18, 19]
 
 
+def test_repeats_are_held_out_together(points):
+    thrice = measured(random_robot(arm(), "11", np.random.default_rng(1)), np.tile(points.q, (3, 1)))
+    mask = split(thrice, 4, "random", 7)
+    assert mask.sum() == 12
+    assert (mask.reshape(3, 20) == mask[:20]).all()
+    assert np.flatnonzero(split(thrice, 0.1, "last")).tolist() == [18, 19, 38, 39, 58, 59]
+    with pytest.raises(MeasurementError, match="20 usable places"):
+        split(thrice, 20)
+
+
 @pytest.mark.parametrize("holdout", [20, 25, 0.99, -0.1])
 def test_some_poses_must_be_left(points, holdout):
     with pytest.raises(MeasurementError, match="some must be left for the fit"):

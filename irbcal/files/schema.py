@@ -399,9 +399,9 @@ class Record(Section):
             np.array(p.group, dtype=object)[poses],
             frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mine]) if t.qw else None,
             u95,
-            np.array(p.payload_kg, dtype=float)[poses] if p.payload_kg else None,
-            np.array(p.payload_place_mm, dtype=float).T[poses] * MM if p.payload_place_mm else None,
-            np.array(p.torques_nm, dtype=float).T[poses] if p.torques_nm else None,
+            payload_kg=np.array(p.payload_kg, dtype=float)[poses] if p.payload_kg else None,
+            payload_place=np.array(p.payload_place_mm, dtype=float).T[poses] * MM if p.payload_place_mm else None,
+            torques=np.array(p.torques_nm, dtype=float).T[poses] if p.torques_nm else None,
         )
         came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
         return points, came_from.T[poses]

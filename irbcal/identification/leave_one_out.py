@@ -15,13 +15,14 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.identification.linearisation import Linearisation
 from irbcal.identification.mackay import Posterior
+from irbcal.measurement.places import places
 
 BLOCKS = 5
 """Contiguous blocks of poses in an order."""
 
 
 def residuals(linear: Linearisation, columns: IntArray, found: Posterior) -> tuple[FloatArray, IntArray]:
-    """Leave-one-pose-out residuals.
+    """Leave-one-pose-out residuals; repeats of one place (`irbcal.measurement.places.places`) are left out together.
 
     Parameters
     ----------
@@ -37,7 +38,9 @@ def residuals(linear: Linearisation, columns: IntArray, found: Posterior) -> tup
     pose : ndarray of int, shape (rows,)
     """
     a = found.temper / found.s2
-    out, poses = [], []
+    place = places(linear.problem.points)
+    repeated = np.bincount(place)[place] > 1
+    out, poses, kept = [], [], []
     for block in linear.blocks(columns):
         e = block.y - found.c @ block.J
         CJ = found.covariance @ block.J
@@ -49,9 +52,35 @@ def residuals(linear: Linearisation, columns: IntArray, found: Posterior) -> tup
             J = block.J[:, rows].transpose(1, 0, 2)
             share = J.transpose(0, 2, 1) @ CJ[:, rows].transpose(1, 0, 2)
             u[rows] = np.linalg.solve(np.eye(size) - a * share, e[rows][..., None])[..., 0]
+        mine = repeated[block.pose]
+        kept.append((block.J[:, mine], e[mine]))
         out.append(u.reshape(-1, 3))
         poses.append(block.pose[::3])
-    return np.concatenate(out), np.concatenate(poses)
+    u, pose = np.concatenate(out), np.concatenate(poses)
+    if repeated.any():
+        u[repeated[pose]] = _together(kept, place[pose[repeated[pose]]], found)
+    return u, pose
+
+
+def _together(kept: list[tuple[FloatArray, FloatArray]], place: IntArray, found: Posterior) -> FloatArray:
+    """Residuals (rows, 3) of poses that are left out with all poses of their place.
+
+    Parameters
+    ----------
+    kept : list of (ndarray, ndarray)
+        Derivatives (columns, 3 rows) and residuals (3 rows,), in parts.
+    place : ndarray of int, shape (rows,)
+    found : Posterior
+    """
+    a = found.temper / found.s2
+    J, e = np.concatenate([part for part, _ in kept], axis=1), np.concatenate([part for _, part in kept])
+    u = np.empty_like(e)
+    of_row = np.repeat(place, 3)
+    order = np.argsort(of_row, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(of_row[order])) + 1):
+        share = J[:, rows].T @ (found.covariance @ J[:, rows])
+        u[rows] = np.linalg.solve(np.eye(len(rows)) - a * share, e[rows])
+    return u.reshape(-1, 3)
 
 
 def block_residuals(
@@ -59,8 +88,8 @@ def block_residuals(
 ) -> tuple[FloatArray, IntArray]:
     """As `residuals`, leaving out contiguous blocks of poses in place of single ones."""
     a = found.temper / found.s2
-    poses = linear.motion.q.shape[0]
-    number = np.arange(poses) * blocks // poses
+    place = places(linear.problem.points)
+    number = place * blocks // (int(place.max(initial=0)) + 1)  # in the order of the poses, repeats together
     k = len(columns)
     H, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for block in linear.blocks(columns):

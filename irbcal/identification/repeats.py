@@ -36,6 +36,8 @@ def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
         keys = np.column_stack([keys, motion.payload_kg])
     if motion.payload_place is not None:
         keys = np.column_stack([keys, motion.payload_place])
+    if points.session is not None:
+        keys = np.column_stack([keys, np.unique(points.session.astype(str), return_inverse=True)[1]])
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     if len(first) == len(keys) or points.oriented().any():
         return points, motion
@@ -59,6 +61,7 @@ def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
         xyz=xyz,
         pose_ids=points.pose_ids[first],
         groups=points.groups[first],
+        session=None if points.session is None else points.session[first],
         rotation=None,
         u95=u95,
         **load,

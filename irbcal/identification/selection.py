@@ -13,6 +13,7 @@ from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError, RobotError
 from irbcal.identification.choices import LEVELS, Level
 from irbcal.identification.fit import identify
+from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import levels_of
@@ -119,7 +120,7 @@ def choose_level(
     """Compare levels by cross-validation over poses and choose one.
 
     Going from small to large, a level replaces the one chosen so far only if it is better, pose by pose, by more
-    than the standard error of that difference.
+    than the standard error of that difference. Repeats of one place are one pose here.
 
     Parameters
     ----------
@@ -146,7 +147,9 @@ def choose_level(
     OptionError
         If there is no such level.
     """
-    folds = np.random.default_rng(seed).permutation(np.arange(points.poses) % FOLDS)
+    place = places(points)
+    count = np.bincount(place)
+    folds = np.random.default_rng(seed).permutation(np.arange(len(count)) % FOLDS)[place]
     compared = [checked("levels", level, LEVELS) for level in (levels_of(arm) if levels is None else levels)]
     table: list[Candidate] = []
     chosen, best = compared[0], np.zeros(0)
@@ -154,7 +157,7 @@ def choose_level(
         if progress:
             progress(f"cross-validating model {level}")
         try:
-            errors = pose_errors(arm, points, level, folds, known_targets)
+            errors = np.bincount(place, pose_errors(arm, points, level, folds, known_targets)) / count
         except (IdentificationError, RobotError) as error:
             if not table:
                 raise
@@ -170,7 +173,7 @@ def choose_level(
         if better:
             chosen, best = level, errors
         table.append(Candidate(level, mean, gain, deviation, better))
-    return Choice(chosen, tuple(table), _explain(chosen, table, points.poses))
+    return Choice(chosen, tuple(table), _explain(chosen, table, len(count)))
 
 
 def _explain(chosen: Level, table: Sequence[Candidate], poses: int) -> str:

@@ -46,6 +46,9 @@ class PointSet(Speaks):
         Measured orientation of a target frame in the measuring frame; NaN for points without one.
     u95 : ndarray, shape (m,), optional
         Expanded uncertainty of each point, metres; NaN where not given.
+    session : ndarray of str, shape (n,), optional
+        Session of each pose. Poses of different sessions have bases of their own, which an identification finds; those
+        of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base for all.
     payload_kg : ndarray, shape (n,), optional
         Mass carried at each pose; NaN where not given.
     payload_place : ndarray, shape (n, 3), optional
@@ -63,6 +66,7 @@ class PointSet(Speaks):
     groups: NameArray
     rotation: FloatArray | None = None
     u95: FloatArray | None = None
+    session: NameArray | None = None
     payload_kg: FloatArray | None = None
     payload_place: FloatArray | None = None
     torques: FloatArray | None = None
@@ -162,7 +166,13 @@ class PointSet(Speaks):
         number = np.cumsum(keep) - 1
         load: dict[str, Any] = {k: None if value is None else value[keep] for k, value in self.load().items()}
         return replace(
-            rest, q=self.q[keep], pose=number[rest.pose], pose_ids=self.pose_ids[keep], groups=self.groups[keep], **load
+            rest,
+            q=self.q[keep],
+            pose=number[rest.pose],
+            pose_ids=self.pose_ids[keep],
+            groups=self.groups[keep],
+            session=None if self.session is None else self.session[keep],
+            **load,
         )
 
     def load(self) -> dict[str, Any]:

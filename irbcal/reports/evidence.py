@@ -13,6 +13,7 @@ from irbcal.errors import IdentificationError
 from irbcal.figures.pose_errors import ModelErrors, PoseErrors
 from irbcal.files.schema import Record, Statistics
 from irbcal.joint_behaviour import approach as joint_approach
+from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.units import MM
@@ -104,9 +105,10 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         pose, pose_names, groups = points.pose, points.pose_ids.tolist(), points.groups.tolist()
     else:
         pose, pose_names, groups = _runs(of(table.pose), of(table.group))
+    place = np.arange(len(pose_names)) if points is None else places(points)
     errors = {model: np.array(of(getattr(table, f"{model}_mm"))) * MM for model in statistics}
     compared: comparison.Comparison | None = comparison.compare(
-        errors["nominal"], errors["calibrated"], pose, np.array(pose_names, dtype=object)
+        errors["nominal"], errors["calibrated"], pose, np.array(pose_names, dtype=object), place=place
     )
     assert compared is not None
     per_pose = {"nominal": compared.first, "calibrated": compared.second}
@@ -120,14 +122,14 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
             statistics[model],
             errors[model],
             per_pose[model],
-            bootstrap.intervals(errors[model], pose) if name == "held-out" else None,
+            bootstrap.intervals(errors[model], place[pose]) if name == "held-out" else None,
             None if points is None else accuracy.error_vectors(robot, points) @ T_base_world[:3, :3].T,
             None if points is None else accuracy.turns(robot, points),
         )
         for model, robot in robots.items()
     }
-    place = None if points is None else frames.apply(T_base_world, points.xyz)
-    covers = accuracy.largest_covers(len(pose_names))
+    seen_at = None if points is None else frames.apply(T_base_world, points.xyz)
+    covers = accuracy.largest_covers(len(np.unique(place)))
     return PoseSet(
         name,
         pose,
@@ -135,7 +137,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         tuple(groups),
         tuple(target),
         models,
-        place,
+        seen_at,
         compared,
         covers,
         points,

@@ -69,7 +69,14 @@ class Comparison:
         )
 
 
-def compare(first: ArrayLike, second: ArrayLike, pose: IntArray, names: ArrayLike, seed: int = 0) -> Comparison:
+def compare(
+    first: ArrayLike,
+    second: ArrayLike,
+    pose: IntArray,
+    names: ArrayLike,
+    seed: int = 0,
+    place: IntArray | None = None,
+) -> Comparison:
     """Compare two errors of each point, pose by pose.
 
     Parameters
@@ -81,6 +88,8 @@ def compare(first: ArrayLike, second: ArrayLike, pose: IntArray, names: ArrayLik
         Names of the poses that ``pose`` counts.
     seed : int
         Of the bootstrap.
+    place : ndarray of int, shape (poses,), optional
+        Place of each pose: repeats of one place are drawn together.
 
     Returns
     -------
@@ -89,7 +98,11 @@ def compare(first: ArrayLike, second: ArrayLike, pose: IntArray, names: ArrayLik
     used, row = np.unique(pose, return_inverse=True)
     count = np.bincount(row)
     one, two = (np.bincount(row, np.asarray(d, dtype=float)) / count for d in (first, second))
-    interval = bootstrap.difference(two - one, seed=seed)
+    change = two - one
+    if place is not None:
+        which = np.unique(place[used], return_inverse=True)[1].ravel()
+        change = np.bincount(which, change) / np.bincount(which)
+    interval = bootstrap.difference(change, seed=seed)
     return Comparison(np.asarray(names)[used], one, two, None if interval is None else tuple(interval))
 
 

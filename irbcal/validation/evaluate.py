@@ -16,6 +16,7 @@ from irbcal.files.calibration_folder import CalibrationLike, opened
 from irbcal.files.schema import Record
 from irbcal.identification import outliers
 from irbcal.measurement import table
+from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.registration import base_on
@@ -124,7 +125,7 @@ def evaluate(
         per_payload=of_parts["per_payload"],
         per_group_payload=of_parts["per_group_payload"],
         percentiles={name: _known(accuracy.percentiles(error)) for name, error in errors.items()},
-        largest_covers=accuracy.largest_covers(points.poses),
+        largest_covers=accuracy.largest_covers(len(np.unique(places(points)))),
         orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
         intervals=_intervals(errors, points, parts, seed) if intervals else None,
         relative=_relative(robots, points, relative, frame_points, seen.source) if relative else None,
@@ -292,8 +293,10 @@ def _by_label(labels: NameArray, of: Callable[[BoolArray], T]) -> dict[str, T]:
 def _intervals(
     errors: Mapping[str, FloatArray], points: PointSet, parts: Mapping[str, NameArray], seed: int
 ) -> dict[str, Any]:
+    place = places(points)[points.pose]  # repeats of one place are drawn together
+
     def of(mask: BoolArray) -> dict[str, Any]:
-        return {name: bootstrap.intervals(e[mask], points.pose[mask], seed=seed) for name, e in errors.items()}
+        return {name: bootstrap.intervals(e[mask], place[mask], seed=seed) for name, e in errors.items()}
 
     return {
         "level": bootstrap.LEVEL,
@@ -347,7 +350,9 @@ def _comparison(other: Record, ready: Prepared, refit_base: bool, robot: Robot, 
     rows = comparison.common_points(*mine)
     first = distances(robot, ready.points)[rows[0]]
     second = distances(robots["calibrated"], theirs.points)[rows[1]]
-    found = comparison.compare(first, second, ready.points.pose[rows[0]], ready.points.pose_ids, seed)
+    found = comparison.compare(
+        first, second, ready.points.pose[rows[0]], ready.points.pose_ids, seed, places(ready.points)
+    )
     return {
         "other_model": other.model,
         "this": statistics(first),

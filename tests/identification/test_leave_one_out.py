@@ -68,3 +68,24 @@ def test_left_out_errors_are_larger_than_residuals():
 
 def test_root_mean_square_length_by_hand():
     assert leave_one_out.rms_length(np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])) == pytest.approx(np.sqrt(12.5))
+
+
+def test_repeats_of_a_place_are_left_out_together(monkeypatch):
+    problem, state, motion, terms = linear_case()
+    linear = Linearisation(problem, state, motion, terms)
+    chosen = make(terms, ["gravity", "gain"], 0, None)
+    columns = chosen.columns(linear.flat)
+    found = mackay.fit(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 1.0)
+    rows = next(linear.blocks(columns))
+    prior = np.r_[np.zeros(linear.flat), 1.0 / found.variances[chosen.group]]
+    place = np.arange(problem.points.poses)
+    place[[9, 21]] = 2
+    monkeypatch.setattr(leave_one_out, "places", lambda points: place)
+    monkeypatch.setattr(linearisation, "BLOCK", 8)
+    u, pose = leave_one_out.residuals(linear, columns, found)
+    for n in ([2, 9, 21], [3]):
+        mine = np.isin(rows.pose, n)
+        J, y = rows.J[:, ~mine], rows.y[~mine]
+        c = np.linalg.solve(J @ J.T / found.s2 + np.diag(prior), J @ y / found.s2)
+        expected = rows.y[mine] - c @ rows.J[:, mine]
+        np.testing.assert_allclose(u[np.isin(pose, n)].ravel(), expected, rtol=1e-5, atol=1e-6)
