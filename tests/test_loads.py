@@ -1,6 +1,8 @@
 """Several loads: an arm whose joints give way, fitted on two, judged on a third with its tool identified anew."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -123,7 +125,7 @@ def test_compliances_are_found_with_their_uncertainty(case):
     rows = [k for k, term in enumerate(terms) if term.basis == "payload"]
     off = found.evidence.coefficients[rows] - truth.compliance
     # a load has no lever about the first axis, which is upright, and little about those of the wrist
-    assert (found.evidence.std[rows][1:3] < 0.1e-5).all()
+    assert (found.evidence.std[rows][1:3] < 0.2e-5).all()
     assert (np.abs(off) < 3.5 * found.evidence.std[rows]).all()
 
 
@@ -168,3 +170,13 @@ def test_reported_torques_serve_where_the_mass_is_not_known(case):
     assert known < felt < 0.05
     assert blind > 3 * felt
     assert any("torques that the robot reports" in line for line in by_torques.sentences())
+
+
+def test_the_page_s_example(capsys):
+    page = (Path(__file__).parents[1] / "docs" / "calibration-auto.md").read_text(encoding="utf-8")
+    names = {}
+    exec(re.search(r"```python\n(import numpy.*?)```", page, re.DOTALL)[1], names)
+    said = [float(x) for x in re.search(r"It prints a mean of (\S+) mm .* and (\S+) mm", page, re.DOTALL).groups()]
+    found = [names[name].calibrated["mean_mm"] for name in ("third", "untold")]
+    assert found == pytest.approx(said, rel=0.1)
+    assert 0.3 < -1e3 * names["sag"][2] < 0.6

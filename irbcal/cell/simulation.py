@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -189,7 +189,7 @@ def simulate(
     seed, robot_seed : int
         Of the run: noise, repeatability, lost points, random poses; and of the robot's own errors.
     payload : float, optional
-        Mass on the flange, kg; 3 unless given, less for smaller arms.
+        Mass on the flange, kg; 3 unless given, less for smaller arms. Where it is given, its centre is told, too.
     only, without : sequence of str, optional
         Only these effects (none at all if empty), or all but these; names as in `irbcal.cell.effects.NAMES`.
     also : sequence of str, optional
@@ -230,6 +230,8 @@ def simulate(
     opened = _equipped(opened, targets, payload, tracker)
     poses = _poses(opened, plan, random, seed, wait)
     run = opened.measure(poses.q, poses.asked(opened), poses.wait_s)
+    if payload is not None:
+        run = replace(run, payload_place=opened.tool.payload_centre)
     found = None
     if wanted is not None and calibration is not None:
         program = lists.read_joints(wanted, opened.arm.joint_columns)
