@@ -25,6 +25,14 @@ def fk(
     uncertainty: Annotated[
         bool, typer.Option("--uncertainty", help="Add standard deviations of the position (calibrations only).")
     ] = False,
+    intervals: Annotated[
+        bool,
+        typer.Option(
+            "--intervals",
+            help="Add half-widths that hold 95 % of a coordinate's errors, and whether a pose is outside the joint "
+            "ranges of the fit (calibrations only).",
+        ),
+    ] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
     payload: Annotated[
         float | None,
@@ -50,6 +58,7 @@ def fk(
         joints,
         target=target or None,
         uncertainty=uncertainty,
+        intervals=intervals,
         nominal=nominal,
         payload=payload,
         payload_place=grid.metres(payload_place, "--payload-place"),

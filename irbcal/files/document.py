@@ -16,6 +16,7 @@ import numpy as np
 from irbcal import __version__
 from irbcal.arrays import FloatArray
 from irbcal.files import urdf, urdf_check
+from irbcal.files.certainty_section import CertaintySection, CovarianceSection
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.joint_map_section import section_of
 from irbcal.files.outcome import Outcome
@@ -39,6 +40,7 @@ from irbcal.files.schema import (
 from irbcal.files.urdf import UrdfArm
 from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.history import History
+from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice as LevelChoice
 from irbcal.measurement.last_moves import last_moves
@@ -183,13 +185,6 @@ def _numbers(joint_map: AnyJointMap) -> list[Any]:
     return [getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")]
 
 
-def _covariance(fit: Fit | AveragedFit) -> list[list[float]]:
-    """Of an average, which has hundreds of terms, with nine digits."""
-    if not isinstance(fit, AveragedFit):
-        return fit.solution.information.covariance().tolist()
-    return [[float(f"{value:.9g}") for value in row] for row in fit.covariance()]
-
-
 def _errors(robot: Robot, points: PointSet) -> Errors | None:
     if not len(points):
         return None
@@ -240,7 +235,7 @@ def _known(values: FloatArray) -> list[float | None]:
 def _pose_table(outcome: Outcome) -> PoseTable:
     arm = outcome.urdf.arm
     columns: dict[str, list[Any]] = {"pose": [], "group": [], "heldout": []}
-    joints, sides = [], []
+    joints, sides, before = [], [], []
     loads: dict[str, list[FloatArray | None]] = {name: [] for name in LOAD}
     for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
         seen = outcome.verification if heldout and outcome.verification is not None else outcome.measurements
@@ -249,6 +244,8 @@ def _pose_table(outcome: Outcome) -> PoseTable:
         columns["heldout"] += [heldout] * points.poses
         joints.append(np.round(points.q / arm.joint_units, JOINT_DIGITS))
         sides.append(_came_from(seen, points))
+        stops = np.full(points.q.shape, np.nan) if points.previous is None else points.previous
+        before.append(np.round(stops / arm.joint_units, JOINT_DIGITS))
         for name, value in points.load().items():
             width = {"payload_kg": (), "payload_place": (3,), "torques": (len(arm.joint_names),)}[name]
             loads[name].append(value if value is not None or points.poses else np.zeros((0, *width)))
@@ -261,6 +258,7 @@ def _pose_table(outcome: Outcome) -> PoseTable:
         **columns,
         joints=np.concatenate(joints).T.tolist(),
         came_from=came_from,
+        previous=[_known(column) for column in np.concatenate(before).T],
         payload_kg=[] if kg is None else _known(kg),
         payload_place_mm=[] if place is None else [_known(column) for column in place.T / MM],
         torques_nm=[] if torques is None else torques.T.tolist(),
@@ -309,6 +307,7 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         If Pinocchio disagrees with the URDF by more than 1e-9.
     """
     fit, robot = outcome.fit, outcome.fit.robot
+    known = fit.evidence.certainty if isinstance(fit, AveragedFit) else robot.certainty or certainty_of(fit)
     files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
     joint_origins = _joint_origins(outcome.urdf, robot.arm)
     fingerprint = _fingerprint(joint_origins, robot.joint_map, files)
@@ -340,7 +339,8 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         rank=fit.rank,
         parameter_count=fit.parameter_count,
         parameters=_parameters(fit),
-        covariance=_covariance(fit),
+        covariance=CovarianceSection.of(known.covariance),
+        certainty=CertaintySection.of(known),
         held=fit.held(),
         observability=_observability(fit),
         history=_history(fit.history),

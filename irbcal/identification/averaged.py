@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,7 +70,7 @@ class AveragedFit(Speaks):
         """The calibrated robot, warm, with a joint map of terms."""
         found = self.evidence
         joint_map = TermJointMap(found.term_map(), found.joint_ranges, found.usual_kg)
-        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations)
+        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations, found.certainty)
 
     @property
     def _flat(self) -> int:
@@ -93,13 +93,12 @@ class AveragedFit(Speaks):
 
     @property
     def rms(self) -> float:
-        """Root mean square distance of the fitted points from the warm robot, last moves unknown, metres."""
+        """Root mean square distance of the fitted points from the warm robot, metres."""
         return float(np.sqrt(np.mean(distances(self.robot, self.points) ** 2)))
 
     def covariance(self) -> FloatArray:
         """Of base (turn, shift in the base link), free targets, target frames and the parameters, SI units."""
-        rows = np.concatenate([np.arange(self._flat), self._flat + np.array(self._used, dtype=int)])
-        return self.evidence.covariance[np.ix_(rows, rows)]
+        return self.evidence.certainty.covariance
 
     def held(self) -> list[str]:
         """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""
@@ -143,24 +142,6 @@ class AveragedFit(Speaks):
     def lag(self) -> Lag | None:
         """How readings lag behind programmed joints, where they were found to; else None."""
         return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
-
-    def coverage(self, points: PointSet) -> float:
-        """Share of measured coordinates within the predicted 95 % intervals, last moves unknown.
-
-        Parameters
-        ----------
-        points : PointSet
-            Not those of the fit.
-        """
-        inside = np.zeros((len(points), 3), dtype=bool)
-        for k, name in enumerate(points.target_names):
-            mine = points.target == k
-            if mine.any():
-                pose = points.pose[mine]
-                load: dict[str, Any] = {k: v if v is None else v[pose] for k, v in points.load().items()}
-                seen = self.evidence.predict(points.q[pose], target=name, **load)
-                inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
-        return float(inside.mean())
 
     def explanation(self) -> str:
         """Which error models were averaged with what weights."""

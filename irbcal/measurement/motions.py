@@ -27,29 +27,26 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     Returns
     -------
     Motion
-        Time is the number of the pose. The last move is zero where it is not known: for the first pose of the file and
-        of each group, and for poses whose name and joints several stops of the file share. Payload and torques are the
-        points'.
+        Time is the number of the pose, the mean number of poses that share a name and joints. The last move is zero
+        where the stop before is not known. Payload and torques are the points'.
 
     Raises
     ------
     MeasurementError
         If several loads were carried and it is not told where which.
     """
-    first = measurements.table.groupby("pose_index", sort=True).first()
-    groups = first["group"].fillna("").to_numpy(dtype=object) if "group" in first else None
-    whole = Motion.in_order(measurements.joints(), groups=groups)
+    first = measurements.table.groupby("pose_index", sort=True)["pose"].first().astype(str)
     stops: dict[tuple[str, bytes], list[int]] = {}
-    for row, (name, q) in enumerate(zip(first["pose"].astype(str), whole.q, strict=True)):
+    for row, (name, q) in enumerate(zip(first, measurements.joints(), strict=True)):
         stops.setdefault((name, q.tobytes()), []).append(row)
-    move, elapsed = np.zeros(points.q.shape), np.zeros(points.poses)
-    for k, (name, q) in enumerate(zip(points.pose_ids, points.q, strict=True)):
-        rows = stops.get((str(name), np.asarray(q).tobytes()), [])
-        if rows:
-            elapsed[k] = np.mean(rows)
-            move[k] = _same(whole.moves[rows])
+    elapsed = np.array(
+        [
+            np.mean(stops.get((str(name), np.asarray(q).tobytes()), [0]))
+            for name, q in zip(points.pose_ids, points.q, strict=True)
+        ]
+    )
     load, place = _payload(measurements, points)
-    return Motion(points.q, move, elapsed, load, not measurements.programmed, place, points.torques)
+    return Motion(points.q, points.moves(), elapsed, load, not measurements.programmed, place, points.torques)
 
 
 def usual_load(loads: FloatArray | None) -> float | None:
@@ -94,8 +91,3 @@ def _payload(measurements: MeasurementSet, points: PointSet) -> tuple[FloatArray
             column=tuple(PLACE),
         )
     return load, np.where(gaps[:, None], 0.0, place)
-
-
-def _same(moves: FloatArray) -> FloatArray:
-    """The move of several stops where it is the same, else zero."""
-    return moves[0] if (moves == moves[0]).all() else np.zeros(moves.shape[1])

@@ -46,6 +46,8 @@ class PointSet(Speaks):
         Measured orientation of a target frame in the measuring frame; NaN for points without one.
     u95 : ndarray, shape (m,), optional
         Expanded uncertainty of each point, metres; NaN where not given.
+    previous : ndarray, shape (n, joints), optional
+        The stop before each pose, as commanded, units as ``q``; NaN rows where it is not known.
     session : ndarray of str, shape (n,), optional
         Session of each pose. Poses of different sessions have bases of their own, which an identification finds; those
         of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base for all.
@@ -66,6 +68,7 @@ class PointSet(Speaks):
     groups: NameArray
     rotation: FloatArray | None = None
     u95: FloatArray | None = None
+    previous: FloatArray | None = None
     session: NameArray | None = None
     payload_kg: FloatArray | None = None
     payload_place: FloatArray | None = None
@@ -98,10 +101,10 @@ class PointSet(Speaks):
 
     def tips(self, robot: Robot) -> FloatArray:
         """Where a robot expects its tip at each pose with the load carried there, in the base link, shape (n, 4, 4)."""
-        return robot.forward(self.q, payload_kg=self.payload_kg, payload_place=self.payload_place, torques=self.torques)
+        return robot.forward(self.q, self.previous, self.payload_kg, self.payload_place, self.torques)
 
     def predicted(self, robot: Robot) -> FloatArray:
-        """Where a robot expects the points.
+        """Where a robot expects the points, given the stops before where they are known.
 
         Parameters
         ----------
@@ -171,6 +174,7 @@ class PointSet(Speaks):
             pose=number[rest.pose],
             pose_ids=self.pose_ids[keep],
             groups=self.groups[keep],
+            previous=None if self.previous is None else self.previous[keep],
             session=None if self.session is None else self.session[keep],
             **load,
         )
@@ -178,6 +182,15 @@ class PointSet(Speaks):
     def load(self) -> dict[str, Any]:
         """What is known of the load: ``payload_kg``, ``payload_place`` and ``torques``."""
         return {name: getattr(self, name) for name in LOAD}
+
+    def moves(self) -> FloatArray:
+        """Joints minus those of the stop before, shape (n, joints); zero where it is not known."""
+        return np.zeros(self.q.shape) if self.previous is None else np.nan_to_num(self.q - self.previous)
+
+    @property
+    def known_moves(self) -> int:
+        """Number of poses whose stop before is known."""
+        return 0 if self.previous is None else int(np.isfinite(self.previous).all(axis=1).sum())
 
     def with_seen_targets(self) -> PointSet:
         """The same points without names of targets that none of them has."""

@@ -20,6 +20,7 @@ The four stiffness parameters of the thesis act through ``A`` and ``B`` alone
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Protocol
 
@@ -156,6 +157,11 @@ class AnyJointMap(Protocol):
         ...
 
     @property
+    def has_history(self) -> bool:
+        """Whether effective joints depend on the stop before."""
+        ...
+
+    @property
     def in_words(self) -> str:
         """What the map does, in a few words."""
         ...
@@ -189,6 +195,16 @@ class AnyJointMap(Protocol):
 
     def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> AnyJointMap:
         """The map with another payload (kg, its centre in the tip link in metres)."""
+        ...
+
+    def load(
+        self,
+        n: int,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> Mapping[str, FloatArray | None]:
+        """What a motion of n stops says of the load, what is not told being as usual."""
         ...
 
 
@@ -225,6 +241,11 @@ class JointMap:
     def is_identity(self) -> bool:
         """Whether effective and commanded angles are the same."""
         return not (self.gain.any() or self.stiffness.any() or self.fourier.any())
+
+    @property
+    def has_history(self) -> bool:
+        """Whether effective angles depend on the stop before: no."""
+        return False
 
     @property
     def in_words(self) -> str:
@@ -407,6 +428,16 @@ class JointMap:
         turn = np.arctan2(C, abs(B)) * np.copysign(1.0, B)
         stiffness = np.array([A, np.copysign(np.hypot(B, C), B)])
         return replace(self, stiffness=stiffness, phases=self.phases + np.array([0.0, turn]))
+
+    def load(
+        self,
+        n: int,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> Mapping[str, FloatArray | None]:
+        """Nothing: this map does not depend on the load."""
+        return {}
 
     def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> JointMap:
         """Refused: unlike a sum of terms, a level of the thesis does not know what a payload of so many kg does.

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY, as_levers
-from irbcal.modeling.terms.situation import Motion, motion_at_use
+from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 
@@ -89,6 +89,11 @@ class TermJointMap:
     def is_identity(self) -> bool:
         """Whether effective and commanded joints are the same."""
         return not self.terms.coefficients.any()
+
+    @cached_property
+    def has_history(self) -> bool:
+        """Whether effective joints depend on the stop before."""
+        return bool(self._history.coefficients.any())
 
     @property
     def in_words(self) -> str:
@@ -246,6 +251,17 @@ class TermJointMap:
         """The motion that the terms are functions of, with what is assumed where nothing is given; see `effective`."""
         own = np.zeros(3) if self.payload_place is None else self.payload_place
         return motion_at_use(q, previous, payload_kg, payload_place, torques, self.payload_kg, own)
+
+    def load(
+        self,
+        n: int,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> dict[str, FloatArray | None]:
+        """What the motion of n stops says of the load, what is not told being as usual; see `effective`."""
+        motion = self.motion(np.zeros((n, len(self.terms.arm.joint_names))), None, payload_kg, payload_place, torques)
+        return {name: getattr(motion, name) for name in LOAD}
 
     def _parts(self, q: FloatArray, previous: ArrayLike | None) -> Sequence[tuple[TermMap, Motion]]:
         """Terms that are summed one by one, with the motion that they see, for the load that is carried."""
