@@ -229,9 +229,7 @@ def simulate(
     opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
     opened = _equipped(opened, targets, payload, tracker)
     poses = _poses(opened, plan, random, seed, wait)
-    run = opened.measure(poses.q, poses.asked(opened), poses.wait_s)
-    if payload is not None:
-        run = replace(run, payload_place=opened.tool.payload_centre)
+    run = _run(opened, poses, payload is not None)
     found = None
     if wanted is not None and calibration is not None:
         program = lists.read_joints(wanted, opened.arm.joint_columns)
@@ -246,6 +244,12 @@ def _equipped(cell: Cell, targets: int | Sequence[str], payload: float | None, t
     if tracker is None:
         return cell
     return cell.replace(tracker=cell.tracker.moved(place("tracker", tracker, "x, y, z of the tracker in metres")))
+
+
+def _run(cell: Cell, poses: PoseList, place_told: bool) -> Run:
+    """What the tracker sees; with the payload's place where it was asked for."""
+    run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
+    return replace(run, payload_place=cell.tool.payload_centre) if place_told else run
 
 
 def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> Cell:

@@ -197,13 +197,7 @@ class AnyJointMap(Protocol):
         """The map with another payload (kg, its centre in the tip link in metres)."""
         ...
 
-    def load(
-        self,
-        n: int,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> Mapping[str, FloatArray | None]:
+    def load(self, n: int, *given: ArrayLike | None) -> Mapping[str, FloatArray | None]:
         """What a motion of n stops says of the load, what is not told being as usual."""
         ...
 
@@ -429,13 +423,7 @@ class JointMap:
         stiffness = np.array([A, np.copysign(np.hypot(B, C), B)])
         return replace(self, stiffness=stiffness, phases=self.phases + np.array([0.0, turn]))
 
-    def load(
-        self,
-        n: int,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> Mapping[str, FloatArray | None]:
+    def load(self, n: int, *given: ArrayLike | None) -> Mapping[str, FloatArray | None]:
         """Nothing: this map does not depend on the load."""
         return {}
 

@@ -252,15 +252,9 @@ class TermJointMap:
         own = np.zeros(3) if self.payload_place is None else self.payload_place
         return motion_at_use(q, previous, payload_kg, payload_place, torques, self.payload_kg, own)
 
-    def load(
-        self,
-        n: int,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> dict[str, FloatArray | None]:
-        """What the motion of n stops says of the load, what is not told being as usual; see `effective`."""
-        motion = self.motion(np.zeros((n, len(self.terms.arm.joint_names))), None, payload_kg, payload_place, torques)
+    def load(self, n: int, *given: ArrayLike | None) -> dict[str, FloatArray | None]:
+        """What the motion of n stops says of the load: mass, place, torques as given, or as usual; see `effective`."""
+        motion = self.motion(np.zeros((n, len(self.terms.arm.joint_names))), None, *given)
         return {name: getattr(motion, name) for name in LOAD}
 
     def _parts(self, q: FloatArray, previous: ArrayLike | None) -> Sequence[tuple[TermMap, Motion]]:
