@@ -14,7 +14,8 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import OptionError, RobotError
 from irbcal.files.opening import Opened, RobotLike, open_robot
 from irbcal.modeling import frames
-from irbcal.options import number, place, shown
+from irbcal.modeling.robot import loaded
+from irbcal.options import shown
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
@@ -270,7 +271,7 @@ def forward_kinematics(
     array([0.645655, 0.      , 1.165707])
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
-    model = _loaded(opened, payload, payload_place)
+    model = loaded(opened.robot, payload, payload_place)
     q = _joints(q, model.arm)
     if target is not None and not model.targets:
         raise RobotError(
@@ -310,17 +311,6 @@ def _certain(
         seen = model.predict_tip(q) if target is None else model.predict(q, target=target)
         found |= {"interval": seen.interval, "outside": seen.outside}
     return found
-
-
-def _loaded(opened: Opened, payload: float | None, payload_place: ArrayLike | None) -> Robot:
-    """The robot with the payload that is asked for."""
-    if payload is None:
-        if payload_place is not None:
-            raise OptionError("payload_place: goes with a payload: give its mass, too", parameter="payload_place")
-        return opened.robot
-    if payload_place is not None:
-        payload_place = place("payload_place", payload_place, "x, y, z of the payload's centre in metres")
-    return opened.robot.carrying(number("payload", payload, 0.0), payload_place)
 
 
 def inverse_kinematics(
@@ -373,7 +363,7 @@ def inverse_kinematics(
     from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
 
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
-    model, arm = _loaded(opened, payload, payload_place), opened.nominal
+    model, arm = loaded(opened.robot, payload, payload_place), opened.nominal
     if all_branches and near is not None:
         raise OptionError("near: all branches are asked for, not the nearest: leave one of them out", parameter="near")
     T = _poses(T_base_tip)

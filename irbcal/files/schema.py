@@ -12,6 +12,7 @@ from irbcal.arrays import FloatArray
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection, in_metres, matrix_of
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
+from irbcal.files.seal import Seal
 from irbcal.files.section import Section
 from irbcal.identification.level_certainty import term_of
 from irbcal.measurement.points import PointSet
@@ -271,6 +272,7 @@ class Record(Section):
     ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
     (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians: see
     `covariance_matrix`. Files of earlier versions have it number by number, and no ``certainty``.
+    ``seal`` has the hashes of all other parts (`irbcal.files.seal`); null in files of earlier versions.
     """
 
     schema_name: Literal["irbcal-calibration-1"]
@@ -315,6 +317,7 @@ class Record(Section):
     largest_link_shift_mm: float
     software: dict[str, str]
     seconds: float
+    seal: Seal | None = None
 
     def __repr__(self) -> str:
         kind = "SIMULATED, " if self.simulated else ""

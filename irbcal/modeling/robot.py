@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.errors import RobotError
+from irbcal.errors import OptionError, RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.joint_map import AnyJointMap, JointMap
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
+from irbcal.options import number, place
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -230,3 +231,31 @@ class Robot:
     def table(self) -> dhm.DHMTable:
         """The DHM table in use."""
         return self.arm.table
+
+
+def loaded(robot: Robot, payload: float | None, payload_place: ArrayLike | None = None) -> Robot:
+    """The robot with the payload that a user asks for.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated.
+    payload : float or None
+        Kg; None: the robot as it is.
+    payload_place : array_like, shape (3,), optional
+        Its centre in the tip link, metres.
+
+    Raises
+    ------
+    OptionError
+        If these are no mass and no place, or there is a place without a mass.
+    RobotError
+        As `Robot.carrying`.
+    """
+    if payload is None:
+        if payload_place is not None:
+            raise OptionError("payload_place: goes with a payload: give its mass, too", parameter="payload_place")
+        return robot
+    if payload_place is not None:
+        payload_place = place("payload_place", payload_place, "x, y, z of the payload's centre in metres")
+    return robot.carrying(number("payload", payload, 0.0), payload_place)
