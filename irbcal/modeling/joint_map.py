@@ -438,13 +438,7 @@ class JointMap:
         return {}
 
     def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> JointMap:
-        """Refused: unlike a sum of terms, a level of the thesis does not know what a payload of so many kg does.
-
-        Raises
-        ------
-        RobotError
-            Always.
-        """
+        """Refused by a RobotError: unlike a sum of terms, a level of the thesis does not know what a payload does."""
         raise RobotError(
             "a level of the thesis does not tell how the joints give way under another payload: calibrate with model "
             "auto from poses measured with two loads or more (column payload_kg)",

@@ -470,8 +470,7 @@ class CalibratedModel(Speaks):
         delta_kg : float
             Mass added; negative if it carries less.
         place : array_like, shape (3,), optional
-            Centre of the added mass in the tip link, metres; the tip's origin unless given, or with model ``auto`` the
-            place of the measured loads.
+            Centre of the added mass in the tip link, metres; the tip's origin (``auto``: that of the fit) unless given.
         wrist : array_like, optional
             Joints behind joint 3 at which the mass's lever is taken, radians; zero unless given. The stiffness terms
             know only joints 2 and 3, so one typical posture of the wrist stands for all.
@@ -487,8 +486,7 @@ class CalibratedModel(Speaks):
         Raises
         ------
         RobotError
-            If the calibration has no stiffness (levels below 34), or ``auto`` knows one load only, or the URDF has
-            no masses.
+            If the calibration has no stiffness, or ``auto`` knows one load only, or the URDF has no masses.
 
         Notes
         -----

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
@@ -103,6 +104,16 @@ def as_levers(term: Term, arm: Arm) -> list[Term] | None:
         )
         for k, vector in enumerate(vectors)
     ]
+
+
+def largest_torque(term: Term, arm: Arm, lower: ArrayLike, upper: ArrayLike) -> float:
+    """A bound of a payload term's function within joint limits (joints,), N m, for one kilogram."""
+    table = arm.table
+    travel = np.maximum(np.abs(np.asarray(lower, dtype=float)), np.abs(np.asarray(upper, dtype=float)))
+    travel = np.where(table.prismatic & np.isfinite(travel), travel, 0.0)
+    reach = (np.abs(table.a) + np.abs(table.b) + np.abs(table.d) + travel).sum()
+    place = np.asarray(term.parameters.get("place", (0.0,)), dtype=float)
+    return STANDARD_GRAVITY * float(reach + np.linalg.norm(arm.T_last_tip[:3, 3]) + np.linalg.norm(place))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

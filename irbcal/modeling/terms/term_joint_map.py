@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
-from irbcal.modeling.terms.payload import STANDARD_GRAVITY, as_levers
+from irbcal.modeling.terms.payload import as_levers, largest_torque
 from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
@@ -383,7 +383,7 @@ class TermJointMap:
             vector = np.asarray(term.parameters.get("vector", (1.0,)), dtype=float)
             most = float(np.linalg.norm(vector))
             if term.basis == "payload":
-                most = self._largest_torque(term, lower, upper)
+                most = float(self.payload_kg or 0.0) * largest_torque(term, self.terms.arm, lower, upper)
             slack[[term.joint, *term.also]] += abs(coefficient) * most
         longest = np.subtract(upper, lower)
         longest = np.where(np.isfinite(longest), longest, 0.0)
@@ -400,15 +400,6 @@ class TermJointMap:
                 box[waves.joint] += waves.sums(at[waves.joint : waves.joint + 1], 0)[0]
             limits.append(np.where(finite, box, bounds))
         return limits[0], limits[1]
-
-    def _largest_torque(self, term: Term, lower: ArrayLike, upper: ArrayLike) -> float:
-        """A bound of the carried payload's torque about a joint with sliding joints beyond it, N m."""
-        table, T = self.terms.arm.table, self.terms.arm.T_last_tip
-        travel = np.maximum(np.abs(np.asarray(lower, dtype=float)), np.abs(np.asarray(upper, dtype=float)))
-        travel = np.where(table.prismatic & np.isfinite(travel), travel, 0.0)
-        reach = (np.abs(table.a) + np.abs(table.b) + np.abs(table.d) + travel).sum() + np.linalg.norm(T[:3, 3])
-        place = np.linalg.norm(np.asarray(term.parameters.get("place", (0.0,)), dtype=float))
-        return STANDARD_GRAVITY * float(self.payload_kg or 0.0) * float(reach + place)
 
     def commanded(self, theta: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
         """Commanded joints that give these effective joints: the inverse of `effective`.
