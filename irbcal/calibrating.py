@@ -24,7 +24,7 @@ from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
-from irbcal.measurement import cleaning, lists, table, tools
+from irbcal.measurement import cleaning, fitted, lists, table, tools
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of
 from irbcal.measurement.order import with_last_moves
@@ -319,7 +319,8 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Pr
     heldout, left_out = _without_gross_errors(arm, other, check.source)
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
-    notes += [f"{Path(check.source).name}: {note}" for note in other.notes]
+    heldout, seen_note = _never_seen(heldout, points, check.source)
+    notes += [f"{Path(check.source).name}: {note}" for note in [*other.notes, *seen_note]]
     notes += mixed_use(seen.programmed, check.programmed, check.source)
     poses = seen.poses + check.poses
     fit_points = points.select(moves) if by_axes else points
@@ -358,6 +359,23 @@ def _tools_in_words(seen: MeasurementSet, usual: float | None, same_tool: bool) 
         "Each load has a tool of its own, because reflectors are mounted anew with it: those of "
         f"{usual:g} kg keep their names, others are called like {tools.of_load('smr1', 2.0)}. If they stayed where "
         "they were: --same-tool."
+    ]
+
+
+def _never_seen(heldout: PointSet, fit: PointSet, source: str) -> tuple[PointSet, list[str]]:
+    """Poses for the proof without those that are fitted, by rows or by joints."""
+    seen = fitted.rows_of(heldout, fit) | fitted.places_of(heldout, fit)
+    count, n = int(seen.sum()), heldout.poses
+    if not count:
+        return heldout, []
+    if count == n:
+        raise MeasurementError(
+            f"all {n} poses are at joints that are fitted, so they prove nothing: measure other poses, or leave verify "
+            "away and hold some of the measurements out",
+            file=source,
+        )
+    return heldout.select(~seen).with_seen_targets(), [
+        f"{count} of its {n} poses are at joints that are fitted, and are counted out: no proof."
     ]
 
 
