@@ -71,9 +71,10 @@ def test_a_program_is_corrected_for_a_load(calibration, folder, program, tmp_pat
     record = irbcal.load(calibration).record
     wanted = record.arm(calibrated=False).forward(np.radians(q.to_numpy()))
     robot = record.robot_calibrated()
-    reached = robot.carrying(12.0).forward(commands)
-    assert np.abs(reached - wanted)[:, :3, 3].max() < 1e-8
-    assert np.abs(robot.forward(commands) - wanted)[:, :3, 3].max() > 5e-5
+    previous = np.vstack([np.full(6, np.nan), commands[:-1]])
+    reached = robot.carrying(12.0).forward(commands, previous)
+    assert np.abs(reached - wanted)[:, :3, 3].max() < 1e-7
+    assert np.abs(robot.forward(commands, previous) - wanted)[:, :3, 3].max() > 5e-5
 
 
 def test_evaluate_at_another_load(calibration, folder, program):
