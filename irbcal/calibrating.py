@@ -14,11 +14,21 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
+from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.outcome import Outcome
 from irbcal.identification import outliers
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
-from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
+from irbcal.identification.choices import (
+    ALIASES,
+    LEVELS,
+    LOSSES,
+    METHODS,
+    MODELS,
+    OBJECTIVES,
+    TERMS,
+    method_of,
+)
 from irbcal.identification.fit import identify
 from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.methods import identify_by
@@ -64,6 +74,7 @@ class Options:
     """How to calibrate; see `irbcal.calibrate` for what each option means."""
 
     model: str | int | None = None
+    terms: str = "joint-map"
     holdout: float | None = None
     split: str = "random"
     seed: int = 0
@@ -88,6 +99,7 @@ class Options:
             object.__setattr__(self, "model", str(self.model))
         for name, value, choices in (
             ("model", self.model, (None, *MODELS)),
+            ("terms", self.terms, TERMS),
             ("split", self.split, SPLITS),
             ("method", self.method, (*METHODS, *ALIASES)),
             ("objective", self.objective, OBJECTIVES),
@@ -104,6 +116,9 @@ class Options:
                 )
         if self.payload_place is not None:
             place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
+        if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
+            level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
+            raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -276,9 +291,8 @@ def _identified(
     if model == "auto":
         motion = motion_of(ready.measurements, ready.fit)
         motion = motion if options.torques else replace(motion, torques=None)
-        return identify_averaged(
-            arm, ready.fit, motion, known, options.seed, say, options.payload_place, ready.usual_kg
-        )
+        load = options.payload_place, ready.usual_kg
+        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms, *load)
     fit = identify_by(
         arm,
         ready.fit,
@@ -439,7 +453,8 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
     notes = [f"Of the poses kept aside, {coverage_in_words(held)}"] if held else []
     if not isinstance(fit, AveragedFit):
         return notes
-    notes = [*fit.sentences(), *notes]
+    frame_terms = FrameTermsSection.of_robot(fit.robot)
+    notes = [*([] if frame_terms is None else [frame_terms.in_words]), *fit.sentences(), *notes]
     lag = fit.lag()
     if lag is None:
         return notes

@@ -272,7 +272,7 @@ class TermJointMap:
         """Terms that are summed one by one, with the motion that they see, for the load that is carried."""
         parts = [(self._loaded, self.motion(q))] if self._loaded.terms else []
         if previous is not None and self._history.terms:
-            parts.append((self._history, self.motion(q, previous)))
+            parts.append((self._history, Motion.after(q, previous)))
         return parts
 
     def effective(
