@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import dictionaries
+from irbcal.identification import dictionaries, shown
 from irbcal.identification.evidence import Progress, identify_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.readings import Lag, lag
@@ -168,7 +168,8 @@ class AveragedFit(Speaks):
         one = len(kept) == 1
         return (
             f"Of {len(rows)} error models the evidence of these poses supports {'one' if one else len(kept)}, "
-            f"{'which is used' if one else 'averaged with their weights'}: {shares}."
+            f"{'which is used' if one else 'averaged with their weights'}: {shares}. "
+            f"{shown.sentence(self.evidence.families)}"
         )
 
     def sentences(self) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
-from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats
+from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats, shown
 from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit, GearFound, GroupResult
 from irbcal.identification.linearisation import Linearisation
@@ -203,6 +203,8 @@ class _Work:
             item.weight = float(share)
             if share > 0.0:
                 item.by_fit = self._fit(item.dictionary, self.sums, self._temper, item.by_evidence)
+        top = max(self.compared, key=lambda item: item.weight)
+        self.shown = shown.families_shown(self.sums, self.linear.flat, top.dictionary, self.superset, top.by_evidence)
 
     def _choose_tau(self, item: _Compared, t: float) -> None:
         """The time constant of a dictionary's warm-up with the largest log evidence, from the longest downwards."""
@@ -305,6 +307,7 @@ class _Work:
             loo_blocks=_of_points(u_block, self.points),
             dictionaries=tuple(self._table()),
             groups=tuple(_groups(kept)),
+            families=self.shown,
             gears=tuple(GearFound(f.joint, f.cycles, f.chi2, f.evidence_gain) for f in found),
             joint_ranges=np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)]),
             kind=self.kind,
