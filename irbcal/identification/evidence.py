@@ -19,6 +19,7 @@ from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit, GearFound, GroupResult
 from irbcal.identification.linearisation import Linearisation
 from irbcal.identification.mackay import Posterior
+from irbcal.identification.shown import FamilyShown
 from irbcal.identification.sums import Sums
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
@@ -203,8 +204,6 @@ class _Work:
             item.weight = float(share)
             if share > 0.0:
                 item.by_fit = self._fit(item.dictionary, self.sums, self._temper, item.by_evidence)
-        top = max(self.compared, key=lambda item: item.weight)
-        self.shown = shown.families_shown(self.sums, self.linear.flat, top.dictionary, self.superset, top.by_evidence)
 
     def _choose_tau(self, item: _Compared, t: float) -> None:
         """The time constant of a dictionary's warm-up with the largest log evidence, from the longest downwards."""
@@ -273,7 +272,17 @@ class _Work:
             item.by_fit, item.loo = fit, _of_points(u, self.points)[""]
             u_pose, u_block = u_pose + item.weight * u, u_block + item.weight * v
         covariance = second - np.outer(mean, mean)
+        top = max(range(len(kept)), key=lambda k: kept[k].weight)
+        self.shown = self._shown(kept[top], sums.part(places[top]))
         return self._result(linear, kept, mean, covariance, u_pose, u_block, found)
+
+    def _shown(self, item: _Compared, sums: Sums) -> tuple[FamilyShown, ...]:
+        """What a fitted dictionary would lose without each of its families, from the sums of its columns."""
+        if item.by_fit is None:
+            return ()
+        families = [self.superset[k].family for k in item.dictionary.terms]
+        t = mackay.evidence_temper(self.linear.per_pose)
+        return shown.families_shown(sums, self.linear.flat, families, item.dictionary, t, item.by_fit)
 
     def _result(
         self,

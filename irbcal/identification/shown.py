@@ -17,7 +17,6 @@ from irbcal.identification import mackay
 from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.mackay import Posterior
 from irbcal.identification.sums import Sums
-from irbcal.modeling.terms.term import Term
 from irbcal.units import MM
 
 NATS = 5.0
@@ -57,48 +56,43 @@ class FamilyShown:
 
 
 def families_shown(
-    sums: Sums, flat: int, dictionary: Dictionary, terms: Sequence[Term], found: Posterior
+    sums: Sums, flat: int, families: Sequence[str], dictionary: Dictionary, t: float, start: Posterior
 ) -> tuple[FamilyShown, ...]:
-    """Fit a dictionary again without each of its families; geometry is always there.
+    """Fit a dictionary, and again without each of its families; geometry is always there.
 
     Parameters
     ----------
     sums : Sums
-        Of the superset.
+        Of the dictionary's columns.
     flat : int
         Columns of base and targets.
+    families : sequence of str
+        Family of each of the dictionary's terms.
     dictionary : Dictionary
-    terms : sequence of Term
-        The superset.
-    found : Posterior
-        The dictionary's fit at the temper of the evidence.
+    t : float
+        Tempering.
+    start : Posterior
+        A fit with its groups, whose variances are the start.
 
     Returns
     -------
     tuple of FamilyShown
         In the order of the terms.
     """
-    families = np.array([terms[k].family for k in dictionary.terms], dtype=object)
-    part = sums.part(dictionary.columns(flat))
-    out = []
+    found = mackay.fit(sums, flat, dictionary.group, dictionary.caps, t, start.variances, start.s2)
+    names, out = np.array(families, dtype=object), []
     for family in dict.fromkeys(families):
         if family == "geometry":
             continue
-        stays = families != family
+        stays = names != family
         groups = np.unique(dictionary.group[stays])
+        group = np.searchsorted(groups, dictionary.group[stays])
         columns = np.concatenate([np.arange(flat), flat + np.flatnonzero(stays)])
-        without = mackay.fit(
-            part.part(columns),
-            flat,
-            np.searchsorted(groups, dictionary.group[stays]),
-            dictionary.caps[groups],
-            found.temper,
-            found.variances[groups],
-            found.s2,
-        )
+        caps, variances = dictionary.caps[groups], found.variances[groups]
+        without = mackay.fit(sums.part(columns), flat, group, caps, t, variances, found.s2)
         change = found.c.copy()
         change[columns] -= without.c
-        moved = 3.0 * float(change @ part.H @ change) / part.equations
+        moved = 3.0 * float(change @ sums.H @ change) / sums.equations
         seen = float(found.gammas[np.unique(dictionary.group[~stays])].sum())
         lost = found.log_evidence - without.log_evidence
         out.append(FamilyShown(str(family), seen, float(lost), float(np.sqrt(max(moved, 0.0))) * MM))
