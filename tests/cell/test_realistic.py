@@ -59,7 +59,7 @@ def test_joints_give_way_by_as_much_whatever_the_arm_weighs():
         soft = next(effect for effect in cell.effects if effect.name == "compliance").rad_per_Nm
         bent = np.array(soft) * torques_and_origins(cell.arm, cell.loaded(), q)[0]
         rms = np.sqrt(np.mean(bent**2, axis=0))
-        np.testing.assert_array_equal(rms[[0, 5]], 0.0)  # joint 1 stands upright, the tool's weight is on axis 6
+        assert rms[0] == 0.0  # joint 1 stands upright
         assert ((rms[1:5] > 0.4 * realistic.DEFLECTION) & (rms[1:5] < 1.6 * realistic.DEFLECTION)).all()
 
 
