@@ -14,17 +14,27 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
+from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.outcome import Outcome
 from irbcal.identification import outliers
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
-from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
+from irbcal.identification.choices import (
+    ALIASES,
+    LEVELS,
+    LOSSES,
+    METHODS,
+    MODELS,
+    OBJECTIVES,
+    TERMS,
+    method_of,
+)
 from irbcal.identification.fit import identify
 from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
-from irbcal.measurement import cleaning, lists, table
+from irbcal.measurement import cleaning, fitted, lists, table
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of
 from irbcal.measurement.order import with_last_moves
@@ -35,6 +45,7 @@ from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.options import checked, names, number
 from irbcal.options import seed as check_seed
@@ -63,6 +74,7 @@ class Options:
     """How to calibrate; see `irbcal.calibrate` for what each option means."""
 
     model: str | int | None = None
+    terms: str = "joint-map"
     holdout: float | None = None
     split: str = "random"
     seed: int = 0
@@ -84,6 +96,7 @@ class Options:
             object.__setattr__(self, "model", str(self.model))
         for name, value, choices in (
             ("model", self.model, (None, *MODELS)),
+            ("terms", self.terms, TERMS),
             ("split", self.split, SPLITS),
             ("method", self.method, (*METHODS, *ALIASES)),
             ("objective", self.objective, OBJECTIVES),
@@ -98,6 +111,9 @@ class Options:
                     "a level, such as 34, for that",
                     parameter=option,
                 )
+        if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
+            level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
+            raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -268,7 +284,7 @@ def _identified(
     """The fit of a level, or the average of error models."""
     if model == "auto":
         motion = motion_of(ready.measurements, ready.fit)
-        return identify_averaged(arm, ready.fit, motion, known, options.seed, say)
+        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms)
     fit = identify_by(
         arm,
         ready.fit,
@@ -306,11 +322,29 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Pr
     heldout, left_out = _without_gross_errors(arm, other, check.source)
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
-    notes += [f"{Path(check.source).name}: {note}" for note in other.notes]
+    heldout, seen_note = _never_seen(heldout, points, check.source)
+    notes += [f"{Path(check.source).name}: {note}" for note in [*other.notes, *seen_note]]
     notes += mixed_use(seen.programmed, check.programmed, check.source)
     poses = seen.poses + check.poses
     fit_points = points.select(moves) if by_axes else points
     return _Prepared(seen, fit_points, heldout, excluded + left_out, notes, poses, references, shape, check)
+
+
+def _never_seen(heldout: PointSet, fit: PointSet, source: str) -> tuple[PointSet, list[str]]:
+    """Poses for the proof without those that are fitted, by rows or by joints."""
+    seen = fitted.rows_of(heldout, fit) | fitted.places_of(heldout, fit)
+    count, n = int(seen.sum()), heldout.poses
+    if not count:
+        return heldout, []
+    if count == n:
+        raise MeasurementError(
+            f"all {n} poses are at joints that are fitted, so they prove nothing: measure other poses, or leave verify "
+            "away and hold some of the measurements out",
+            file=source,
+        )
+    return heldout.select(~seen).with_seen_targets(), [
+        f"{count} of its {n} poses are at joints that are fitted, and are counted out: no proof."
+    ]
 
 
 def _read(measurements: MeasurementsLike, arm: Arm) -> MeasurementSet:
@@ -369,10 +403,11 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
     """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     heldout = ready.heldout
     held = coverage(fit.robot, heldout)
-    notes = [f"Held-out points: {coverage_in_words(held)}"] if held else []
+    notes = [f"Of the poses kept aside, {coverage_in_words(held)}"] if held else []
     if not isinstance(fit, AveragedFit):
         return notes
-    notes = [*fit.sentences(), *notes]
+    frame_terms = FrameTermsSection.of_robot(fit.robot)
+    notes = [*([] if frame_terms is None else [frame_terms.in_words]), *fit.sentences(), *notes]
     lag = fit.lag()
     if lag is None:
         return notes
@@ -403,6 +438,9 @@ def _doubts(nominal: Fit, fit: Fit | AveragedFit, fit_points: PointSet, heldout:
             f"The nominal robot misses the fitted points by {nominal.rms / MM:.3g} mm (rms), far more than industrial "
             "robots do: something other than the robot is wrong (references, joints, robot file)."
         )
+    beyond = elsewhere(fit.robot, nominal.robot, fit_points.q)
+    if fit.level != "nominal" and beyond is not None and beyond.narrow:
+        doubts.append(beyond.in_words())
     if fit.level != "nominal" and heldout.poses:
         before, after = (distances(item.robot, heldout).mean() for item in (nominal, fit))
         if after >= before:

@@ -22,6 +22,8 @@ from irbcal.units import MM
 
 WORTH_SAYING = 1e-3 * MM
 """Distance between the places where a target is reached from different sides that is told."""
+MOST = 10
+"""Targets that are named for that, those with the largest distances; the others are counted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +170,10 @@ def _unknown_effect(robot: Robot, q: FloatArray) -> FloatArray:
 def _sides(
     names: Sequence[str], lines: IntArray, target: IntArray, before: IntArray, at: IntArray, off: FloatArray
 ) -> tuple[Note, ...]:
-    """Targets that are reached from different sides."""
+    """Targets that are reached from different sides, the largest distances first."""
     known: BoolArray = before >= 0
     several = np.flatnonzero(np.bincount(target[known], minlength=len(names)) > 1)
-    notes = []
+    found: list[tuple[float, Note]] = []
     for k in several.tolist():
         mine = np.flatnonzero(known & (target == k))
         apart = np.sqrt(np.mean(np.sum((off[mine][:, None] - off[mine][None]) ** 2, axis=3), axis=2))
@@ -181,5 +183,10 @@ def _sides(
                 f"{names[k]} is reached from different sides (lines {at[mine[i]]} and {at[mine[j]]}): the robot stops "
                 f"up to {apart.max() / MM:.3f} mm apart; its command is the middle, two targets would do better"
             )
-            notes.append(Note(int(lines[k]), text))
+            found.append((float(apart.max()), Note(int(lines[k]), text)))
+    found.sort(key=lambda item: -item[0])
+    notes = [note for _, note in found[:MOST]]
+    if len(found) > MOST:
+        text = f"so are {len(found) - MOST} more targets, up to {found[MOST][0] / MM:.3f} mm apart"
+        notes.append(Note(found[MOST][1].line, text))
     return tuple(notes)

@@ -13,6 +13,7 @@ from irbcal.figures import charts
 from irbcal.figures.charts import Figure, fixed
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
 from irbcal.files.schema import Errors, Exclusion, Parameter, Record, RobotSection
+from irbcal.modeling.terms.gear import in_words
 from irbcal.reports import report_data
 from irbcal.units import DEG, MM
 
@@ -119,7 +120,7 @@ def figure_files(calibration: Record, evidence: Evidence, kind: Literal["png", "
 
 
 def verdict(calibration: Record) -> str:
-    """What the calibration is worth, in one sentence (two where nothing was held out).
+    """What the calibration is worth, in one sentence (two where nothing was held out), and where it is not.
 
     Parameters
     ----------
@@ -130,6 +131,11 @@ def verdict(calibration: Record) -> str:
     str
     """
     c = calibration
+    warning = c.certainty.warning() if c.certainty is not None else ""
+    return f"{_accuracy(c)} {warning}".rstrip()
+
+
+def _accuracy(c: Record) -> str:
     if c.heldout is None or c.heldout_nominal is None:
         opening = "Nothing is proven: no poses were held out, so the accuracy of this robot is unknown. "
         poses = f"On the {_count(c.poses_fit, 'fitted pose')}"
@@ -187,7 +193,7 @@ def _dhm_columns(robot: RobotSection) -> list[tuple[str, str, str]]:
 def _gears(c: Record) -> list[str]:
     """Single waves that were found, in words."""
     return [
-        f"joint {gear.joint} swings by {gear.amplitude_deg:.4f} degrees {gear.cycles_per_turn} times a turn"
+        in_words(gear.joint, gear.cycles_per_turn, gear.amplitude_deg)
         for gear in (c.evidence.gears if c.evidence else ())
     ]
 

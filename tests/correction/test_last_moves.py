@@ -132,6 +132,17 @@ def test_a_target_reached_from_two_sides_is_reported_and_gets_the_middle(robot):
     assert off[2] < 1e-9
 
 
+def test_of_many_targets_reached_from_two_sides_the_worst_are_named(robot):
+    q = joints(14)
+    names = [f"j{k}" for k in range(14)]
+    found = filter_program(robot, arm("irb120"), module(q, [*names, *names[::-1]]), "abc")
+    notes = [note.text for note in found.notes]
+    assert len(notes) == 11
+    apart = [float(text.split("up to ")[1].split(" mm")[0]) for text in notes]
+    assert apart == sorted(apart, reverse=True)
+    assert notes[-1].startswith("so are 2 more targets")  # all but the first and the last
+
+
 def joint_alone(robot, q):
     from irbcal.correction.fake_targets import correct_joints
 

@@ -9,17 +9,21 @@ from irbcal.errors import RobotError
 from irbcal.modeling.joint_map import AnyJointMap
 from irbcal.units import DEG, MM
 
-STILL = {True: 0.1 * MM, False: 0.1 * DEG}
-"""Moves of all joints, prismatic or not, that are too short to change the side from which they lean."""
+STILL = {True: 0.2 * MM, False: 0.2 * DEG}
+"""Moves of all joints, prismatic or not, that are too short to change the side to which they lean."""
 
-STEPS = 100
+LOOK_BACK = 100
+"""Stops among which one far enough away is looked for."""
+
+STEPS = 200
 CONVERGED, GOOD_ENOUGH = 3e-14, 1e-11
 
 
 def stops_before(theta: FloatArray, target: IntArray, follows: BoolArray, prismatic: BoolArray) -> IntArray:
     """The stop from which each stop of a sequence is approached.
 
-    Stops that lie next to the one before share its stop before: the arm still leans to the side it came from.
+    Where the one before lies next to it, the last one that does not is taken: the arm still leans to the side it came
+    from.
 
     Parameters
     ----------
@@ -37,15 +41,17 @@ def stops_before(theta: FloatArray, target: IntArray, follows: BoolArray, prisma
         Targets, -1 where they are not known.
     """
     out = np.full(len(target), -1)
-    out[1:] = np.where(follows[1:] & (target[1:] >= 0), target[:-1], -1)
     still = np.array([STILL[bool(slides)] for slides in prismatic])
-    near = np.zeros(len(target), dtype=bool)
-    known = np.flatnonzero(out >= 0)
-    near[known] = (np.abs(theta[target[known]] - theta[out[known]]) < still).all(axis=1)
-    for k in np.flatnonzero(near):
-        out[k] = out[k - 1]
-        if out[k] >= 0 and (np.abs(theta[target[k]] - theta[out[k]]) < still).all():
-            out[k] = -1  # small steps to and fro
+    left = np.flatnonzero(target >= 0)
+    for back in range(1, LOOK_BACK + 1):
+        left = left[left >= back]
+        left = left[follows[left - back + 1] & (target[left - back] >= 0)]
+        if not len(left):
+            break
+        there = target[left - back]
+        far = (np.abs(theta[target[left]] - theta[there]) >= still).any(axis=1)
+        out[left[far]] = there[far]
+        left = left[~far]
     return out
 
 

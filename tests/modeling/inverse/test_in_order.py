@@ -70,5 +70,9 @@ def test_stops_without_a_move_keep_the_side_they_lean_to():
     theta = np.array([[0.0], [1.0], [1.0005], [1.0], [2.0]]) * np.ones(6)
     found = stops_before(theta, np.arange(5), np.ones(5, dtype=bool), TURNS)
     assert found.tolist() == [-1, 0, 0, 0, 3]
+    path = 0.001 * np.arange(9.0)[:, None] * np.ones(6)  # the last one at least 0.2 degrees away
+    found = stops_before(path, np.arange(9), np.ones(9, dtype=bool), TURNS)
+    assert found.tolist() == [-1, -1, -1, -1, 0, 1, 2, 3, 4]
+    assert stops_before(path, np.arange(9), np.arange(9) != 3, TURNS).tolist() == [-1] * 7 + [3, 4]
     slides = np.ones(6, dtype=bool)
     assert stops_before(theta, np.arange(5), np.ones(5, dtype=bool), slides).tolist() == [-1, 0, 1, 2, 3]
