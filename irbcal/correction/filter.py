@@ -53,6 +53,7 @@ def correct(
     changes: str | Path | None = None,
     tool: Mapping[str, ArrayLike] | None = None,
     wobj: Mapping[str, ArrayLike] | None = None,
+    pulses: Sequence[float] | None = None,
     payload: float | None = None,
     payload_place: ArrayLike | None = None,
 ) -> Filtered:
@@ -75,10 +76,10 @@ def correct(
     tool, wobj : dict of str to ndarray, shape (4, 4), optional
         ``T_tip_tcp`` of tools and ``T_base_wobj`` of work objects that a program does not define, metres; tip and base
         are the controller's flange and world.
-    payload : float, optional
-        Mass carried, kg; what most poses of the calibration were measured with unless given.
-    payload_place : array_like, shape (3,), optional
-        Its centre in the tip link, metres; that of the calibration unless given.
+    pulses : sequence of float, optional
+        Pulses per degree of the six joints, for Yaskawa jobs whose positions are in pulses.
+    payload, payload_place : optional
+        Mass carried, kg, and its centre in the tip link (3,), metres; those of most poses of the fit unless given.
 
     Returns
     -------
@@ -109,7 +110,7 @@ def correct(
     language, sources = languages.files_of(programs_given)
     record = opened(calibration)
     nominal = record.arm(calibrated=False)
-    given = Given(_given(tool, "tool"), _given(wobj, "wobj"), _controller(calibration, record))
+    given = Given(_given(tool, "tool"), _given(wobj, "wobj"), _controller(calibration, record), _pulses(pulses))
     programs = language.read_for(nominal, sources, given)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     found = together([filter_program(robot, nominal, one, record.fingerprint) for one in programs])
@@ -137,6 +138,19 @@ def _written(found: Filtered, out: str | Path | None, changes: str | Path | None
         found = replace(found, written=Path(out))
     write_set(contents)
     return found
+
+
+def _pulses(pulses: Sequence[float] | None) -> tuple[float, ...]:
+    """Pulses per degree from the caller."""
+    if pulses is None:
+        return ()
+    values = np.asarray(pulses, dtype=object)
+    good = values.shape == (6,) and all(isinstance(v, (int, float)) and 1.0 < abs(v) < 1e6 for v in values)
+    if not good:
+        raise OptionError(
+            f"pulses: expected six numbers of pulses per degree, found {shown(pulses)}", parameter="pulses"
+        )
+    return tuple(float(value) for value in values)
 
 
 def _places(out: Path, files: Mapping[str, bytes], folder: bool) -> dict[Path, bytes]:
