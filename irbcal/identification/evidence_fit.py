@@ -334,7 +334,12 @@ class EvidenceFit(Speaks):
         return self.term_map().forward(self.arm, _motion(q, previous))
 
     def predict(
-        self, q: FloatArray, previous: FloatArray | None = None, target: str | None = None, in_order: bool = False
+        self,
+        q: FloatArray,
+        previous: FloatArray | None = None,
+        target: str | None = None,
+        in_order: bool = False,
+        elapsed: FloatArray | None = None,
     ) -> Prediction:
         """Position of a target, with what is known of it.
 
@@ -349,6 +354,9 @@ class EvidenceFit(Speaks):
         in_order : bool
             Whether the poses of the fit are a program in an order: contiguous blocks are left out in place of single
             poses.
+        elapsed : ndarray, shape (n,), optional
+            Time of each pose in the run of the fit, to predict the arm as warm as it was then; the warm arm, as it is
+            used, unless given.
 
         Returns
         -------
@@ -362,7 +370,7 @@ class EvidenceFit(Speaks):
         name = next(iter(self.targets)) if target is None else target
         if name not in self.targets:
             raise IdentificationError(f"unknown target {name!r}: this robot has {', '.join(self.targets)}")
-        motion = _motion(q, previous)
+        motion = _motion(q, previous, elapsed)
         loo = (self.loo_blocks if in_order else self.loo)[name]
         R = self.T_world_base[:3, :3]
         position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
@@ -389,7 +397,7 @@ class EvidenceFit(Speaks):
 
     def _jacobian(self, motion: Motion, target: str, history_unknown: bool) -> tuple[FloatArray, FloatArray]:
         """Points in the base link (3, n) and their derivatives by all columns of the covariance, (columns, 3, n)."""
-        path = chain.walk(self.arm, *self.term_map().split(motion))
+        path = chain.walk(self.arm, *self.term_map(warm=motion.elapsed is None).split(motion))
         n = len(motion)
         pose = np.arange(n)
         p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], self.targets[target])
@@ -413,6 +421,6 @@ class EvidenceFit(Speaks):
         return p, J
 
 
-def _motion(q: FloatArray, previous: FloatArray | None) -> Motion:
+def _motion(q: FloatArray, previous: FloatArray | None, elapsed: FloatArray | None = None) -> Motion:
     q = np.atleast_2d(np.asarray(q, dtype=float))
-    return Motion(q, None if previous is None else q - np.atleast_2d(np.asarray(previous, dtype=float)))
+    return Motion(q, None if previous is None else q - np.atleast_2d(np.asarray(previous, dtype=float)), elapsed)

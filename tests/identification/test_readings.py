@@ -55,11 +55,13 @@ def test_features_of_a_move_by_hand(lagging):
     q = motion.q[:3]
     move = np.array([[0.1, -0.2, 0.0, 0.05, 0.0, 0.0], [0.0] * 6, [1e-4, 0.0, 0.0, 0.0, 0.0, 0.0]])
     rows = readings.features(found, Motion(q, move))
-    assert rows.shape == (3, 9)
+    assert rows.shape == (3, 16)
     assert rows[0, 0] == 1.0
     assert rows[0, 1] == pytest.approx(5.0)
-    np.testing.assert_allclose(rows[0, 3:], np.abs(move[0]) / 0.04, rtol=1e-12)
+    np.testing.assert_allclose(rows[0, 4:10], np.abs(move[0]) / 0.04, rtol=1e-12)
+    np.testing.assert_allclose(rows[0, 10:], move[0] ** 2 / 0.008, rtol=1e-12)
     T = found.arm.forward(np.array([q[0], q[0] - move[0]]))
     place = np.append(next(iter(found.targets.values())), 1.0)
-    assert 1.0 / rows[0, 2] == pytest.approx(np.linalg.norm((T[0] - T[1])[:3] @ place), rel=1e-9)
+    path = np.linalg.norm((T[0] - T[1])[:3] @ place)
+    np.testing.assert_allclose(rows[0, 2:4], [1.0 / path, path / 0.04], rtol=1e-9)
     assert not rows[1:].any()  # no move, or one below a tenth of a degree
