@@ -20,12 +20,14 @@ from irbcal.identification.averaged import AveragedFit, identify_averaged
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
 from irbcal.identification.fit import identify
+from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
 from irbcal.measurement import cleaning, lists, table
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of
+from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import notes as repeat_notes
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
@@ -37,6 +39,7 @@ from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.options import checked, names, number
 from irbcal.options import seed as check_seed
 from irbcal.units import DEG, MM
+from irbcal.validation.coverage import coverage, coverage_in_words
 
 LARGEST_TURN = 3 * DEG
 """Median angle from the nominal robot above which measured orientations are refused, radians."""
@@ -213,6 +216,8 @@ def run(
     unseen = [name for name in ready.heldout.target_names if name not in fit.robot.targets]
     if unseen:
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
+    ready.heldout, moves = with_last_moves(fit.robot, ready.heldout)
+    ready.notes += moves
     return Outcome(
         robot_urdf,
         robots.robot_file(robot),
@@ -244,7 +249,7 @@ def _identified(
     if model == "auto":
         motion = motion_of(ready.measurements, ready.fit)
         return identify_averaged(arm, ready.fit, motion, known, options.seed, say)
-    return identify_by(
+    fit = identify_by(
         arm,
         ready.fit,
         checked("model", model, LEVELS),
@@ -256,6 +261,7 @@ def _identified(
         parameters=selected_parameters(model, options.free, options.hold, arm),
         watched=_groups(ready.heldout),
     )
+    return replace(fit, robot=fit.robot.replace(certainty=certainty_of(fit)))
 
 
 def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Prepared:
@@ -340,16 +346,13 @@ def _refuse_orientations(nominal: Fit, points: PointSet, source: str) -> None:
 
 
 def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
-    """Of an average: gears, joint ranges, whether its intervals hold, and whether readings lag."""
-    if not isinstance(fit, AveragedFit):
-        return []
-    notes = fit.sentences()
+    """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     heldout = ready.heldout
-    if heldout.poses:
-        notes.append(
-            f"{fit.coverage(heldout):.0%} of the coordinates of held-out points lie within the intervals that are "
-            "predicted to hold 95 %."
-        )
+    held = coverage(fit.robot, heldout)
+    notes = [f"Held-out points: {coverage_in_words(held)}"] if held else []
+    if not isinstance(fit, AveragedFit):
+        return notes
+    notes = [*fit.sentences(), *notes]
     lag = fit.lag()
     if lag is None:
         return notes

@@ -26,6 +26,7 @@ from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.joint_map import JointMap
+from irbcal.names import without_formulas
 from irbcal.options import MOST_POSES, checked, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.summary import Speaks, Told
@@ -112,7 +113,7 @@ class Simulated(Speaks):
 
     def measurements(self) -> MeasurementSet:
         """The measurements as irbcal reads them from the measurement file: what `irbcal.calibrate` takes."""
-        data = self.to_frame().to_csv(index=False, lineterminator="\n").encode("utf-8")
+        data = without_formulas(self.to_frame()).to_csv(index=False, lineterminator="\n").encode("utf-8")
         return table.parse(data, f"SIMULATED measurements of {self.cell.arm.name}")
 
     def to_dict(self) -> dict[str, Any]:

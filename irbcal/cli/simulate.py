@@ -107,11 +107,9 @@ def simulate(
         raise typer.BadParameter("--wanted and --calibration go together", param_hint="--wanted")
     place = _place(tracker)
 
-    from irbcal.atomic import refuse_to_overwrite
     from irbcal.cell import simulation
     from irbcal.errors import OptionError
 
-    refuse_to_overwrite(out, plan, wanted)
     try:
         simulated = simulation.simulate(
             robot,

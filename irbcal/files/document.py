@@ -16,6 +16,7 @@ import numpy as np
 from irbcal import __version__
 from irbcal.arrays import FloatArray
 from irbcal.files import urdf, urdf_check
+from irbcal.files.certainty_section import CertaintySection, CovarianceSection
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.joint_map_section import section_of
 from irbcal.files.outcome import Outcome
@@ -39,6 +40,7 @@ from irbcal.files.schema import (
 from irbcal.files.urdf import UrdfArm
 from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.history import History
+from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice as LevelChoice
 from irbcal.measurement.last_moves import last_moves
@@ -182,13 +184,6 @@ def _numbers(joint_map: AnyJointMap) -> list[Any]:
     return [getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")]
 
 
-def _covariance(fit: Fit | AveragedFit) -> list[list[float]]:
-    """Of an average, which has hundreds of terms, with nine digits."""
-    if not isinstance(fit, AveragedFit):
-        return fit.solution.information.covariance().tolist()
-    return [[float(f"{value:.9g}") for value in row] for row in fit.covariance()]
-
-
 def _errors(robot: Robot, points: PointSet) -> Errors | None:
     if not len(points):
         return None
@@ -239,7 +234,7 @@ def _known(values: FloatArray) -> list[float | None]:
 def _pose_table(outcome: Outcome) -> PoseTable:
     arm = outcome.urdf.arm
     columns: dict[str, list[Any]] = {"pose": [], "group": [], "heldout": []}
-    joints, sides = [], []
+    joints, sides, before = [], [], []
     for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
         seen = outcome.verification if heldout and outcome.verification is not None else outcome.measurements
         columns["pose"] += [str(value) for value in points.pose_ids]
@@ -247,8 +242,11 @@ def _pose_table(outcome: Outcome) -> PoseTable:
         columns["heldout"] += [heldout] * points.poses
         joints.append(np.round(points.q / arm.joint_units, JOINT_DIGITS))
         sides.append(_came_from(seen, points))
+        stops = np.full(points.q.shape, np.nan) if points.previous is None else points.previous
+        before.append(np.round(stops / arm.joint_units, JOINT_DIGITS))
     came_from = ["".join("-0+"[int(sign) + 1] for sign in column) for column in np.concatenate(sides).T]
-    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from)
+    previous = [_known(column) for column in np.concatenate(before).T]
+    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from, previous=previous)
 
 
 def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
@@ -293,6 +291,7 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         If Pinocchio disagrees with the URDF by more than 1e-9.
     """
     fit, robot = outcome.fit, outcome.fit.robot
+    known = fit.evidence.certainty if isinstance(fit, AveragedFit) else robot.certainty or certainty_of(fit)
     files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
     joint_origins = _joint_origins(outcome.urdf, robot.arm)
     fingerprint = _fingerprint(joint_origins, robot.joint_map, files)
@@ -324,7 +323,8 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         rank=fit.rank,
         parameter_count=fit.parameter_count,
         parameters=_parameters(fit),
-        covariance=_covariance(fit),
+        covariance=CovarianceSection.of(known.covariance),
+        certainty=CertaintySection.of(known),
         held=fit.held(),
         observability=_observability(fit),
         history=_history(fit.history),

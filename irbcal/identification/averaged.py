@@ -70,7 +70,7 @@ class AveragedFit(Speaks):
         """The calibrated robot, warm, with a joint map of terms."""
         found = self.evidence
         joint_map = TermJointMap(found.term_map(), found.joint_ranges)
-        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations)
+        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations, found.certainty)
 
     @property
     def _flat(self) -> int:
@@ -93,13 +93,12 @@ class AveragedFit(Speaks):
 
     @property
     def rms(self) -> float:
-        """Root mean square distance of the fitted points from the warm robot, last moves unknown, metres."""
+        """Root mean square distance of the fitted points from the warm robot, metres."""
         return float(np.sqrt(np.mean(distances(self.robot, self.points) ** 2)))
 
     def covariance(self) -> FloatArray:
         """Of base (turn, shift in the base link), free targets, target frames and the parameters, SI units."""
-        rows = np.concatenate([np.arange(self._flat), self._flat + np.array(self._used, dtype=int)])
-        return self.evidence.covariance[np.ix_(rows, rows)]
+        return self.evidence.certainty.covariance
 
     def held(self) -> list[str]:
         """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""
@@ -143,22 +142,6 @@ class AveragedFit(Speaks):
     def lag(self) -> Lag | None:
         """How readings lag behind programmed joints, where they were found to; else None."""
         return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
-
-    def coverage(self, points: PointSet) -> float:
-        """Share of measured coordinates within the predicted 95 % intervals, last moves unknown.
-
-        Parameters
-        ----------
-        points : PointSet
-            Not those of the fit.
-        """
-        inside = np.zeros((len(points), 3), dtype=bool)
-        for k, name in enumerate(points.target_names):
-            mine = points.target == k
-            if mine.any():
-                seen = self.evidence.predict(points.q[points.pose[mine]], target=name)
-                inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
-        return float(inside.mean())
 
     def explanation(self) -> str:
         """Which error models were averaged with what weights."""
