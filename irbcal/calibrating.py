@@ -11,12 +11,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
 from irbcal.files.outcome import Outcome
 from irbcal.identification import outliers
-from irbcal.identification.averaged import AveragedFit, identify_averaged
+from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
 from irbcal.identification.fit import identify
@@ -92,19 +92,12 @@ class Options:
             if value not in choices:
                 raise OptionError.unknown(name, value, [choice for choice in choices if choice is not None])
         if self.model == "auto":
-            for option, given, own in (
-                ("method", method_of(self.method), "least-squares"),
-                ("objective", self.objective, "rms"),
-                ("loss", self.loss, "linear"),
-                ("free", tuple(self.free), ()),
-                ("hold", tuple(self.hold), ()),
-            ):
-                if given != own:
-                    raise OptionError(
-                        f"{option}: model auto averages error models by their evidence and takes no {option}: choose "
-                        "a level, such as 34, for that",
-                        parameter=option,
-                    )
+            for option in self.of_a_level:
+                raise OptionError(
+                    f"{option}: model auto averages error models by their evidence and takes no {option}: choose "
+                    "a level, such as 34, for that",
+                    parameter=option,
+                )
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -130,6 +123,18 @@ class Options:
             raise OptionError(
                 f"holdout: expected a fraction below 1 or a whole number, found {share!r}", parameter="holdout"
             ) from None
+
+    @property
+    def of_a_level(self) -> tuple[str, ...]:
+        """Names of the given options that only a level of the error model takes."""
+        choices = (
+            ("method", method_of(self.method), "least-squares"),
+            ("objective", self.objective, "rms"),
+            ("loss", self.loss, "linear"),
+            ("free", tuple(self.free), ()),
+            ("hold", tuple(self.hold), ()),
+        )
+        return tuple(option for option, given, own in choices if given != own)
 
     @property
     def share(self) -> float:
@@ -207,7 +212,7 @@ def run(
     _check_known_targets(known, ready.fit, source)
     nominal = identify(arm, ready.fit, "nominal", known_targets=known)
     _refuse_orientations(nominal, ready.fit, source)
-    choice, model = None, default_level(arm) if options.model is None else str(options.model)
+    choice, (model, why) = None, _model(options, arm, ready.fit.poses)
     if model == "best-level":
         choice = choose_level(arm, ready.fit, options.seed, progress=say, known_targets=known)
         model = choice.level
@@ -232,9 +237,24 @@ def run(
         dict(ready.references),
         dict(ready.tool_shape),
         choice,
-        tuple(ready.notes + _doubts(nominal, fit, ready.fit, ready.heldout) + _worth_knowing(fit, ready)),
+        tuple(ready.notes + why + _doubts(nominal, fit, ready.fit, ready.heldout) + _worth_knowing(fit, ready)),
         time.perf_counter() - started,
     )
+
+
+def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
+    """The model that is asked for, or ``auto``; where that cannot serve the level for this arm, and a note why."""
+    if options.model is not None:
+        return str(options.model), []
+    level, own = default_level(arm), options.of_a_level
+    taken = f"Model {level} was taken, not the default, which averages many error models (auto): "
+    if own:
+        return level, [f"{taken}{' and '.join(own)} belong{'s' if len(own) == 1 else ''} to a level."]
+    try:
+        check_averaging(arm, poses)
+    except IdentificationError as error:
+        return level, [f"{taken}{error}."]
+    return "auto", []
 
 
 def _identified(
