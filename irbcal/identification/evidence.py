@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
@@ -34,7 +35,9 @@ COMPARED = 3000
 GIVE_UP = 80.0
 """Nats below the best dictionary at which another one can have no weight, with room for what iterations still gain."""
 READINGS_GATE = 1.5
-"""Factor by which the residuals must fall for readings to count as taken before the arm stood still."""
+"""Factor by which the residuals must fall for readings to count as taken before the arm stood still, beyond what a few
+poses leave to chance."""
+GATE_CERTAINTY = 0.95
 LAG_FAMILIES = ("move",)
 """Families that cannot be told from readings that lag: joints lag by somewhat different shares of their moves. Where
 readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
@@ -172,15 +175,18 @@ class _Work:
 
     def _try_projection(self, geometry: list[Term]) -> float:
         """By how much residuals fall if a share of the last move is taken from each pose; sets ``project``."""
-        sizes = []
+        sizes, spare = [], []
         for project in (False, True):
             state = linearisation.geometry_solution(self.problem, self.motion, geometry, project)
             linear = Linearisation(self.problem, state, self.motion, self.superset, project)
             middle = dictionaries.make(self.superset, ["gravity", "gain", "harmonics"], 2, None)
             sums = linear.sums(middle.columns(linear.flat))
             t = mackay.fit_temper(linear.per_pose)
-            sizes.append(np.sqrt(mackay.fit(sums, linear.flat, middle.group, middle.caps, t).s2))
-        self.project = bool(sizes[0] > READINGS_GATE * sizes[1])
+            found = mackay.fit(sums, linear.flat, middle.group, middle.caps, t)
+            sizes.append(np.sqrt(found.s2))
+            spare.append(max(t * sums.equations - linear.flat - float(found.gammas.sum()), 1.0))
+        chance = np.sqrt(f_distribution.ppf(GATE_CERTAINTY, *spare))
+        self.project = bool(sizes[0] > READINGS_GATE * chance * sizes[1])
         return float(sizes[0] / sizes[1])
 
     def _fit(

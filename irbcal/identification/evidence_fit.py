@@ -184,8 +184,8 @@ class EvidenceFit(Speaks):
             *self._unseen_in_words(),
             *self.gear_sentences(),
             "Intervals of predictions are made to hold 95 % of a coordinate's errors. On held-out poses of two real "
-            "robots they hold 93 to 98 %, 91 to 94 % after fits to readings, and 84 % on a warm arm where only the first "
-            "45 poses of a cold one were fitted. They are valid for poses like those "
+            "robots they hold 93 to 98 %, 91 to 94 % after fits to readings, and 84 % on a warm arm of which "
+            "only 45 poses were fitted, the cold ones. They are valid for poses like those "
             "measured; poses outside the joint ranges of the fit are marked.",
         )
 
