@@ -24,7 +24,7 @@ from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
-from irbcal.measurement import cleaning, lists, table
+from irbcal.measurement import cleaning, fitted, lists, table
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of
 from irbcal.measurement.order import with_last_moves
@@ -35,6 +35,7 @@ from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.options import checked, names, number
 from irbcal.options import seed as check_seed
@@ -306,11 +307,29 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Pr
     heldout, left_out = _without_gross_errors(arm, other, check.source)
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
-    notes += [f"{Path(check.source).name}: {note}" for note in other.notes]
+    heldout, seen_note = _never_seen(heldout, points, check.source)
+    notes += [f"{Path(check.source).name}: {note}" for note in [*other.notes, *seen_note]]
     notes += mixed_use(seen.programmed, check.programmed, check.source)
     poses = seen.poses + check.poses
     fit_points = points.select(moves) if by_axes else points
     return _Prepared(seen, fit_points, heldout, excluded + left_out, notes, poses, references, shape, check)
+
+
+def _never_seen(heldout: PointSet, fit: PointSet, source: str) -> tuple[PointSet, list[str]]:
+    """Poses for the proof without those that are fitted, by rows or by joints."""
+    seen = fitted.rows_of(heldout, fit) | fitted.places_of(heldout, fit)
+    count, n = int(seen.sum()), heldout.poses
+    if not count:
+        return heldout, []
+    if count == n:
+        raise MeasurementError(
+            f"all {n} poses are at joints that are fitted, so they prove nothing: measure other poses, or leave verify "
+            "away and hold some of the measurements out",
+            file=source,
+        )
+    return heldout.select(~seen).with_seen_targets(), [
+        f"{count} of its {n} poses are at joints that are fitted, and are counted out: no proof."
+    ]
 
 
 def _read(measurements: MeasurementsLike, arm: Arm) -> MeasurementSet:
@@ -369,7 +388,7 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
     """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     heldout = ready.heldout
     held = coverage(fit.robot, heldout)
-    notes = [f"Held-out points: {coverage_in_words(held)}"] if held else []
+    notes = [f"Of the poses kept aside, {coverage_in_words(held)}"] if held else []
     if not isinstance(fit, AveragedFit):
         return notes
     notes = [*fit.sentences(), *notes]
@@ -403,6 +422,9 @@ def _doubts(nominal: Fit, fit: Fit | AveragedFit, fit_points: PointSet, heldout:
             f"The nominal robot misses the fitted points by {nominal.rms / MM:.3g} mm (rms), far more than industrial "
             "robots do: something other than the robot is wrong (references, joints, robot file)."
         )
+    beyond = elsewhere(fit.robot, nominal.robot, fit_points.q)
+    if fit.level != "nominal" and beyond is not None and beyond.narrow:
+        doubts.append(beyond.in_words())
     if fit.level != "nominal" and heldout.poses:
         before, after = (distances(item.robot, heldout).mean() for item in (nominal, fit))
         if after >= before:

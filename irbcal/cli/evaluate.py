@@ -19,7 +19,14 @@ def evaluate(
         bool, typer.Option("--refit-base", help="Place the base anew: the tracker or the robot was moved.")
     ] = False,
     intervals: Annotated[
-        bool, typer.Option("--intervals", help="Percentiles and 95 % bootstrap intervals (poses drawn again).")
+        bool,
+        typer.Option(
+            "--intervals",
+            help="Percentiles, 95 % bootstrap intervals (poses drawn again), coverage of predicted intervals.",
+        ),
+    ] = False,
+    include_fitted: Annotated[
+        bool, typer.Option("--include-fitted", help="Keep poses that the calibration was fitted to.")
     ] = False,
     flange: Annotated[
         bool, typer.Option("--flange", help="Position and orientation of the flange, from three targets of a pose.")
@@ -54,6 +61,7 @@ def evaluate(
         measurements,
         refit_base=refit_base,
         intervals=intervals,
+        include_fitted=include_fitted,
         relative=relative,
         frame_points=_frame_points(frame_points, relative),
         sphere=None if sphere is None else [value * MM for value in grid.numbers(sphere, (4,), "--sphere")],
