@@ -70,8 +70,8 @@ class Lag(Speaks):
 def features(fit: EvidenceFit, motion: Motion) -> FloatArray:
     """What a share may depend on: 1, 1/m, 1/L, L/m^2, |D_j|/m^2 and D_j^2/m^3.
 
-    m is the largest joint's move and L the tool's path: times m, the angle by which the leading joint lags, they say how
-    far it went, how the other joints went beside it, and how far the tool went with it.
+    m is the largest joint's move and L the tool's path: times m, the angle by which the leading joint lags, they
+    say how far it went, how the other joints went beside it, and how far the tool went with it.
 
     Returns
     -------
