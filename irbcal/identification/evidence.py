@@ -312,6 +312,7 @@ class _Work:
             poses=len(self.motion),
             readings_gain=self.readings_gain,
             readings_projected=self.project,
+            other_bases=dict(zip(self.problem.sessions[:-1], state.others, strict=True)),
         )
 
     def _table(self) -> list[DictionaryResult]:
