@@ -160,7 +160,8 @@ def _first_of_sessions(problem: Problem) -> State:
         own = replace(points.select(points.session == name), session=None).with_seen_targets()
         if own.poses < MIN_POSES:
             raise IdentificationError(
-                f"{own.poses} poses of session {name} cannot determine its base and tool: {MIN_POSES} are needed at least"
+                f"{own.poses} poses of session {name} cannot determine its base and tool: at least {MIN_POSES} are "
+                "needed"
             )
         found = first_state(Problem(problem.arm, own, (), known_targets=problem.known))
         places = [points.target_names.index(target) for target in own.target_names]

@@ -45,8 +45,8 @@ class MeasurementSet(OwnTables, Speaks):
     ----------
     table : DataFrame
         Checked columns of the file format; ``row`` is the line in the file, ``pose_index`` numbers the poses (of each
-        cycle and session) from 0. Lost points have NaN positions. Every access hands out a copy: what is written into it changes
-        nothing here, ``dataclasses.replace(measurements, table=...)`` makes other measurements.
+        cycle and session) from 0. Lost points have NaN positions. Every access hands out a copy: what is written into
+        it changes nothing here, ``dataclasses.replace(measurements, table=...)`` makes other measurements.
     source : str
         File name for messages.
     sha256 : str
