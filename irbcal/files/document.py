@@ -35,12 +35,14 @@ from irbcal.files.schema import (
     Record,
     RobotSection,
     Row,
+    SessionSection,
 )
 from irbcal.files.urdf import UrdfArm
 from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.history import History
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice as LevelChoice
+from irbcal.measurement.blocks import MARK
 from irbcal.measurement.last_moves import last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
@@ -248,7 +250,9 @@ def _pose_table(outcome: Outcome) -> PoseTable:
         joints.append(np.round(points.q / arm.joint_units, JOINT_DIGITS))
         sides.append(_came_from(seen, points))
     came_from = ["".join("-0+"[int(sign) + 1] for sign in column) for column in np.concatenate(sides).T]
-    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from)
+    known = [value for value in outcome.numbers if value is not None]
+    number = np.concatenate(known).tolist() if sum(map(len, known)) == len(columns["pose"]) else []
+    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), number=number, came_from=came_from)
 
 
 def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
@@ -293,17 +297,21 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         If Pinocchio disagrees with the URDF by more than 1e-9.
     """
     fit, robot = outcome.fit, outcome.fit.robot
+    own_targets = {name: place for name, place in robot.targets.items() if not name.endswith(_behind(outcome))}
     files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
     joint_origins = _joint_origins(outcome.urdf, robot.arm)
     fingerprint = _fingerprint(joint_origins, robot.joint_map, files)
     data = [DataFile(file=Path(item.source).name, sha256=item.sha256, programmed=item.programmed) for item in files]
+    data += [] if outcome.earlier is None else [item for item in outcome.earlier.record.data if item not in data]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    simulated = any(item.simulated for item in files)
+    simulated = any(item.simulated for item in files) or (
+        outcome.earlier is not None and outcome.earlier.record.simulated
+    )
     urdf_bytes = urdf.to_bytes(
         outcome.urdf,
         robot.arm,
         robot.T_world_base if world_link else None,
-        robot.targets if target_links else None,
+        own_targets if target_links else None,
         fingerprint,
         _words(outcome, created, data, simulated),
     )
@@ -332,6 +340,8 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         placement=_placement(robot),
         placement_nominal=_placement(outcome.nominal.robot),
         tool_shape_mm=_in_mm(outcome.tool_shape),
+        sessions=_sessions(outcome),
+        earlier=None if outcome.earlier is None else outcome.earlier.record.fingerprint,
         references_mm=_in_mm(outcome.references),
         **_accuracy(outcome),
         points=_point_table(outcome),
@@ -345,6 +355,17 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         seconds=outcome.seconds,
     )
     return record, urdf_bytes
+
+
+def _behind(outcome: Outcome) -> tuple[str, ...]:
+    """What stands behind the names of targets of other sessions than the last."""
+    return tuple(f"{MARK}{name}" for name in outcome.other_bases)
+
+
+def _sessions(outcome: Outcome) -> list[SessionSection]:
+    bases = [*outcome.other_bases.values(), outcome.fit.robot.T_world_base]
+    pairs = zip(outcome.sessions, bases, strict=False)
+    return [SessionSection(name=name, base=_pose(T)) for name, T in pairs]
 
 
 def _accuracy(outcome: Outcome) -> dict[str, Any]:

@@ -178,22 +178,35 @@ class PoseTable(Section):
     """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
 
     ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
-    where that is not known.
+    where that is not known. ``number`` counts the poses of a session in the order in which the robot visited them;
+    older files have none.
     """
 
     pose: list[str]
     group: list[str]
     heldout: list[bool]
     joints: list[list[float]]
+    number: list[float] = Field(default_factory=list)
     came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
 
     @model_validator(mode="after")
     def _of_one_length(self) -> PoseTable:
         n = len(self.pose)
         columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from]
+        columns += [self.number] if self.number else []
         if any(len(column) != n for column in columns) or len(self.joints) != len(self.came_from):
             raise ValueError(f"every column must have {n} values, one for each pose")
         return self
+
+
+class SessionSection(Section):
+    """A session: its base in its own measuring frame. Its targets are the placement's with its name behind ``@``.
+
+    The last session's frame is that of the calibration: its base is the placement's, and its targets have plain names.
+    """
+
+    name: str
+    base: Pose
 
 
 class Exclusion(Section):
@@ -255,7 +268,9 @@ class Record(Section):
 
     ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map and the data files.
     ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
-    (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians.
+    (rotation vectors in the tip link), bases of sessions before the last and error parameters, in the order of
+    ``parameters``, in metres and radians. ``sessions`` are empty where there is one only; ``earlier`` is the
+    fingerprint of the calibration that was added to.
     """
 
     schema_name: Literal["irbcal-calibration-1"]
@@ -280,6 +295,8 @@ class Record(Section):
     joint_map: Annotated[JointMapSection | TermMapSection, Field(union_mode="left_to_right")]
     placement: Placement
     placement_nominal: Placement
+    sessions: list[SessionSection] = Field(default_factory=list)
+    earlier: str | None = None
     references_mm: dict[str, list[float]]
     tool_shape_mm: dict[str, list[float]]
     fit: Errors

@@ -9,7 +9,8 @@ targets of all sessions but the last are named ``target@session`` (`irbcal.measu
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,6 +22,14 @@ from irbcal.measurement.blocks import MARK, own_targets
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
+
+OF_POSES = tuple(
+    item.name
+    for item in fields(PointSet)
+    if item.name
+    not in ("q", "pose", "target", "xyz", "target_names", "pose_ids", "groups", "rotation", "u95", "session")
+)
+"""Optional fields of a point set with a row for each pose."""
 
 COLUMN = "session"
 """The column of a measurement file that tells sessions apart, unless another is named."""
@@ -108,9 +117,9 @@ def joined(parts: Sequence[tuple[str, PointSet]]) -> PointSet:
         tuple(names),
         np.concatenate([np.asarray(points.pose_ids, dtype=object) for points in sets]),
         np.concatenate([points.groups for points in sets]),
-        _stacked([points.rotation for points in sets], [(len(points), 3, 3) for points in sets]),
-        _stacked([points.u95 for points in sets], [(len(points),) for points in sets]),
         session=_labels([(name, points.poses) for name, points in parts]),
+        **{name: _stacked([(getattr(p, name), len(p)) for p in sets]) for name in ("rotation", "u95")},
+        **{name: _stacked([(getattr(p, name), p.poses) for p in sets]) for name in OF_POSES},
     )
     assert whole.session is not None
     return own_targets(whole, whole.session, parts[-1][0])
@@ -120,12 +129,13 @@ def _labels(counts: Sequence[tuple[str, int]]) -> NameArray:
     return np.repeat(np.array([name for name, _ in counts], dtype=object), [count for _, count in counts])
 
 
-def _stacked(values: Sequence[FloatArray | None], shapes: Sequence[tuple[int, ...]]) -> FloatArray | None:
-    """Arrays one behind the other, NaN for those that are absent; None if all are."""
-    if all(value is None for value in values):
+def _stacked(values: Sequence[tuple[FloatArray | None, int]]) -> Any:
+    """Arrays with their lengths one behind the other, NaN for those that are absent; None if all are."""
+    known = [value for value, _ in values if value is not None]
+    if not known:
         return None
-    pairs = zip(values, shapes, strict=True)
-    return np.concatenate([np.full(shape, np.nan) if value is None else value for value, shape in pairs])
+    tail = known[0].shape[1:]
+    return np.concatenate([np.full((n, *tail), np.nan) if value is None else value for value, n in values])
 
 
 def into_one_frame(points: PointSet, T_world_base: FloatArray, others: Mapping[str, FloatArray]) -> PointSet:

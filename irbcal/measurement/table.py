@@ -15,6 +15,7 @@ the position plus one) and the column.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -63,6 +64,11 @@ class MeasurementSet(OwnTables, Speaks):
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    @property
+    def stem(self) -> str:
+        """Name of the file without folder and ending."""
+        return Path(self.source).stem
 
     @property
     def simulated(self) -> bool:
