@@ -29,6 +29,7 @@ from irbcal.identification.selection import choose_level
 from irbcal.measurement import cleaning, lists, table
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.motions import motion_of
+from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import notes as repeat_notes
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
@@ -232,6 +233,8 @@ def run(
     unseen = [name for name in ready.heldout.target_names if name not in fit.robot.targets]
     if unseen:
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
+    ready.heldout, moves = with_last_moves(fit.robot, ready.heldout)
+    ready.notes += moves
     return Outcome(
         robot_urdf,
         robots.robot_file(robot),

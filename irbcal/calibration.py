@@ -447,7 +447,7 @@ def report(
         If the folder is no calibration or cannot be written, the calibration was not saved yet, or a format is given
         without a folder for figures.
     """
-    from irbcal.atomic import made_folders, write_together
+    from irbcal.atomic import made_folders, write_set
     from irbcal.options import checked
     from irbcal.reports import report_data, report_page
 
@@ -467,8 +467,7 @@ def report(
         if data is not None:
             folders[Path(data)] |= report_data.data_files(record, evidence)
         folders[out][REPORT_NAME] = report_page.render(record, evidence).encode("utf-8")
-        for folder, files in folders.items():
-            write_together(folder, files)
+        write_set({folder / name: content for folder, files in folders.items() for name, content in files.items()})
     return {folder: tuple(files) for folder, files in folders.items()}
 
 

@@ -62,4 +62,5 @@ def motion_of(cell, joints, wait_s=4.0, time_s=0.0):
         still,
         np.zeros(6, dtype=bool),
         np.diff(joints, axis=0, prepend=np.zeros((1, 6))),
+        np.zeros((n, 6, 2)),
     )

@@ -1,6 +1,8 @@
 """Files are written whole or not at all, and never over what was read."""
 
+import json
 import os
+import signal
 
 import pytest
 
@@ -75,3 +77,155 @@ def test_folders_made_for_nothing_go_again(tmp_path):
     with atomic.made_folders(tmp_path / "kept"):
         pass
     assert (tmp_path / "kept").is_dir()
+
+
+# --- killed, and disks that fail ---------------------------------------------------------------------------------
+
+NEW_SET = {"a": b"new a", "b": b"new b", "sub/c": b"new c"}
+OLD_SET = {"a": b"old a", "sub/c": b"old c"}
+
+
+def tree(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def write_new(folder):
+    atomic.write_set({folder / name: content for name, content in NEW_SET.items()})
+
+
+def prepared(folder):
+    for name, content in OLD_SET.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    return folder
+
+
+def killed_at(call, folder):
+    """A child process that writes the set and is killed at a call of the system; whether it came so far."""
+    child = os.fork()
+    if child == 0:
+        count = 0
+
+        def counted(function):
+            def wrapped(*arguments, **options):
+                nonlocal count
+                count += 1
+                if count == call:
+                    os.kill(os.getpid(), signal.SIGKILL)
+                return function(*arguments, **options)
+
+            return wrapped
+
+        for name in ("replace", "link", "fsync", "unlink", "open", "chmod"):
+            setattr(os, name, counted(getattr(os, name)))
+        try:
+            write_new(folder)
+        finally:
+            os._exit(0)
+    return os.waitpid(child, 0)[1] != 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+@pytest.mark.parametrize("opened_first", ["", "sub"])
+def test_killed_anywhere_leaves_the_old_or_the_new_set(tmp_path, opened_first):
+    """SIGKILL at every call that changes the disk; whichever folder is opened first finds what was meant."""
+    seen = set()
+    for call in range(1, 200):
+        folder = prepared(tmp_path / str(call))
+        if not killed_at(call, folder):
+            break
+        atomic.recover(folder / opened_first)
+        atomic.recover(folder)
+        atomic.recover(folder / "sub")
+        found = tree(folder)
+        assert found in (OLD_SET, NEW_SET), f"call {call}: {found}"
+        seen.add(found == NEW_SET)
+        write_new(folder)
+        assert tree(folder) == NEW_SET
+    assert call > 15
+    assert seen == {True, False}
+
+
+@pytest.mark.parametrize("name", ["replace", "fsync", "link", "open", "chmod"])
+@pytest.mark.parametrize("number", [28, 5])  # no space left, input/output error
+def test_a_disk_that_fails_at_any_call_changes_nothing(tmp_path, monkeypatch, name, number):
+    failures = 0
+    for call in range(1, 40):
+        folder = prepared(tmp_path / f"{name}{call}")
+        count, own = 0, getattr(os, name)
+
+        def failing(*arguments, own=own, call=call, **options):
+            nonlocal count
+            count += 1
+            if count == call:
+                raise OSError(number, os.strerror(number))
+            return own(*arguments, **options)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(os, name, failing)
+            try:
+                write_new(folder)
+            except CalibrationError as error:
+                failures += 1
+                assert os.strerror(number) in str(error)
+                assert count >= call
+            else:
+                assert tree(folder) == NEW_SET
+                if count < call:
+                    break
+                continue
+        atomic.recover(folder)
+        assert tree(folder) == OLD_SET, (name, call)
+    assert failures or name == "link"  # without links old files are copied
+
+
+def test_links_and_modes_stay(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "a").write_text("old")
+    (tmp_path / "real" / "a").chmod(0o640)
+    (tmp_path / "a").symlink_to("real/a")
+    atomic.write_together(tmp_path, {"a": b"new", "b": b"1"})
+    assert (tmp_path / "a").is_symlink()
+    assert (tmp_path / "real" / "a").read_bytes() == b"new"
+    assert (tmp_path / "real" / "a").stat().st_mode & 0o777 == 0o640
+
+
+def test_a_journal_from_elsewhere_reaches_no_other_folder(tmp_path):
+    """Somebody's folder may hold any journal: it moves files within that folder only."""
+    given, mine = tmp_path / "given", tmp_path / "mine"
+    given.mkdir()
+    mine.mkdir()
+    (mine / "keep").write_text("mine")
+    word = ".irbcal-0123456789ab"
+    (given / f"{word}-0.new").write_text("theirs")
+    rows = [
+        ["../mine/keep", f"{word}-0.new", f"{word}-0.old", True],
+        ["../mine/keep", f"../mine/{word}-0.new", "x", True],
+    ]
+    (given / f"{word}.journal").write_text(json.dumps({"irbcal": "journal", "forward": True, "files": rows}))
+    (mine / f"{word}-0.new").write_text("theirs")
+    atomic.recover(given)
+    assert (mine / "keep").read_text() == "mine"
+
+
+def test_rubbish_is_swept_and_other_files_are_not(tmp_path):
+    (tmp_path / ".irbcal-0123456789ab-3.new").write_text("left")
+    (tmp_path / ".irbcal-0123456789ab.journal").write_text("{")
+    (tmp_path / ".irbcal-notes").write_text("mine")
+    atomic.recover(tmp_path)
+    assert content(tmp_path) == {".irbcal-notes": b"mine"}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_writers_at_once_leave_the_set_of_one(tmp_path):
+    children = []
+    for k in range(4):
+        child = os.fork()
+        if child == 0:
+            for _ in range(5):
+                atomic.write_together(tmp_path, {name: f"{name} of {k}".encode() for name in "abc"})
+            os._exit(0)
+        children.append(child)
+    assert all(os.waitpid(child, 0)[1] == 0 for child in children)
+    found = content(tmp_path)
+    assert found in [{name: f"{name} of {k}".encode() for name in "abc"} for k in range(4)]

@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, lock
-from irbcal.cell.effect import Effect, Motion, Shot
+from irbcal.cell.effect import Effect, Motion, Shot, size_of
 from irbcal.cell.effects import ALL, MORE, check_names
-from irbcal.cell.gravity import torques_and_origins
+from irbcal.cell.gravity import frame_torques, torques_and_origins
+from irbcal.cell.in_terms import constants, joint_map_amounts, merged
 from irbcal.cell.masses import Bodies
 from irbcal.cell.run import Run
 from irbcal.cell.tool import EndEffector
@@ -31,6 +32,8 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.joint_map import JointMap, stiffness_terms
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.term import Term
 from irbcal.units import DEG
 
 SPEED = 60.0 * DEG
@@ -114,7 +117,7 @@ class Cell:
         cell = self
         for effect in MORE:
             if effect.name in names and effect.name not in cell.on:
-                cell = cell.with_effect(effect())
+                cell = cell.with_effect(effect().for_arm(self.arm.table.prismatic, size_of(self.arm)))
         return cell
 
     def with_payload(self, kilograms: float) -> Cell:
@@ -231,11 +234,16 @@ class Cell:
         theta = joint_map.effective(q)
         stiffness = theta - replace(joint_map, stiffness=np.zeros(2)).effective(q)
         move = np.diff(q, axis=0, prepend=start[None])
-        motion = Motion(q, directions(q, start), stopped, waits, torque, stiffness, arm.table.prismatic, move)
+        bent = "bending" in self.on
+        tilting = frame_torques(arm, self.loaded(), q) if bent else np.zeros((*q.shape, 2))
+        motion = Motion(q, directions(q, start), stopped, waits, torque, stiffness, arm.table.prismatic, move, tilting)
+        xi = []
         for effect in self.effects:
             change = effect.joints(motion, self._stream(effect, run))
             theta = theta if change is None else theta + change
-        T = arm.forward(theta)
+            frame = effect.frames(motion, self._stream(effect, run))
+            xi += [] if frame is None else [frame]
+        T = arm.forward(theta) if not xi else chain.poses(chain.walk(arm, theta, np.sum(xi, axis=0)))
         for effect in self.effects:
             T = effect.tips(T, motion)
         return T, origins, motion
@@ -284,6 +292,18 @@ class Cell:
             np.random.SeedSequence(self.seed, spawn_key=(zlib.crc32(effect.name.encode()), run))
         )
 
+    def terms(self) -> dict[str, tuple[Term, float]]:
+        """What the robot does, in the terms of the error model: name -> term and coefficient, constants among them.
+
+        Time is in minutes. What the error model does not know is not in it: repeatability, settling. Backlash counts
+        as ``direction``, which is the same after long moves; the payload, with the links' weight, as ``gravity``.
+        """
+        amounts = constants(self.arm.table, self.true_arm().table)
+        amounts += joint_map_amounts(self.arm, self.true_joint_map(), stiffness="compliance" not in self.on)
+        for effect in self.effects:
+            amounts += effect.terms(self.arm, self.loaded())
+        return merged(amounts)
+
     def truth(self) -> dict[str, Any]:
         """All that the cell hides, in millimetres and degrees, ready for JSON; see `irbcal.cell.truth`."""
         return truth(
@@ -296,6 +316,7 @@ class Cell:
             self.bodies,
             self.effects,
             self.seed,
+            self.terms(),
         )
 
 

@@ -14,10 +14,11 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.cell import procedure
 from irbcal.cell.cell import WAIT_S, Cell
+from irbcal.cell.history_effects import Backlash
 from irbcal.cell.pose_list import PoseList, numbered
-from irbcal.cell.robot_effects import Backlash, Harmonics
 from irbcal.cell.shipped import open_cell
 from irbcal.cell.tracker_effects import Lost
+from irbcal.cell.turning_effects import Harmonics
 from irbcal.units import DEG
 
 ROBOT = "irb1600"

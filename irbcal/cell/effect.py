@@ -9,13 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.cell.masses import Bodies
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
+from irbcal.modeling.terms.term import Term
 from irbcal.units import DEG, MM
+
+Amounts: TypeAlias = list[tuple[Term, float]]
+"""Terms of the error model and their coefficients, in the terms' units."""
+
+SIZE = 2.0015
+"""Sum of the IRB 1600's nominal lengths, metres: the measure of `size_of`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +46,8 @@ class Motion:
     prismatic : ndarray of bool, shape (joints,)
     move : ndarray, shape (n, joints)
         Commanded joints minus those of the stop before.
+    tilting : ndarray, shape (n, joints, 2)
+        Gravity torques about x and y of each joint's frame before it turns, newton metres.
     """
 
     q: FloatArray
@@ -47,6 +58,7 @@ class Motion:
     stiffness: FloatArray
     prismatic: BoolArray
     move: FloatArray
+    tilting: FloatArray
 
     def __post_init__(self) -> None:
         lock(self)
@@ -98,6 +110,14 @@ class Effect:
         """What is added to the effective joints, shape (n, joints); None for nothing."""
         return None
 
+    def frames(self, motion: Motion, rng: np.random.Generator) -> FloatArray | None:
+        """Small motions of each joint's frame before it turns, shape (n, joints, 6); None for nothing.
+
+        Shifts along its axes, then a turn: `irbcal.modeling.terms.chain`, in the order of
+        `irbcal.modeling.terms.term.AXES`.
+        """
+        return None
+
     def readings(self, motion: Motion, rng: np.random.Generator) -> FloatArray | None:
         """What is added to the commanded joints in the controller's readings, shape (n, joints); None for nothing."""
         return None
@@ -117,6 +137,18 @@ class Effect:
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
         """The same effect for another arm; see `fitted`."""
         return self
+
+    def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
+        """What the effect is in the terms of the error model; empty for what that does not know.
+
+        Parameters
+        ----------
+        arm : Arm
+            Nominal.
+        bodies : Bodies
+            With the payload.
+        """
+        return []
 
     def parameters(self) -> dict[str, Any]:
         """Parameters by name, as they go into the truth's file."""
@@ -141,3 +173,8 @@ def fitted(values: Sequence[float] | FloatArray, prismatic: BoolArray, sliding: 
     head = [values[min(k, 2)] for k in range(max(turning - 3, 0))]
     rest = iter([*head, *values[6 - (turning - len(head)) :]])
     return tuple(sliding if slides else next(rest) for slides in prismatic)
+
+
+def size_of(arm: Arm) -> float:
+    """Sum of an arm's nominal lengths against that of the IRB 1600."""
+    return float((np.abs(arm.table.a) + np.where(arm.table.prismatic, 0.0, np.abs(arm.table.d))).sum() / SIZE)

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from irbcal.cell.effect import Effect
-from irbcal.cell.robot_effects import Backlash, Compliance, Harmonics, ReadingLag, Repeatability, Settling, Tilt, WarmUp
+from irbcal.cell.history_effects import Backlash, Direction, Move, ReadingLag, Settling
+from irbcal.cell.robot_effects import Repeatability, Tilt
 from irbcal.cell.tracker_effects import Drift, Lost, Noise, Visibility
+from irbcal.cell.turning_effects import Gear, Harmonics, Wobble
+from irbcal.cell.warmth_effects import Thaw, WarmUp
+from irbcal.cell.weight_effects import Bending, Compliance
 from irbcal.errors import MeasurementError
 
 EFFECTS: tuple[type[Effect], ...] = (
@@ -24,7 +28,7 @@ EFFECTS: tuple[type[Effect], ...] = (
 )
 """The effects of the shipped cells in the order in which they act."""
 
-MORE: tuple[type[Effect], ...] = (ReadingLag,)
+MORE: tuple[type[Effect], ...] = (ReadingLag, Bending, Gear, Wobble, Direction, Move, Thaw)
 """Effects that the shipped cells leave off: `irbcal.cell.cell.Cell.also` switches them on."""
 
 ALL = EFFECTS + MORE

@@ -7,6 +7,8 @@ mass M beyond joint j and the height of its centre P, ``g_j = 9.81 M (z_j x (P -
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
@@ -46,10 +48,50 @@ def torques_and_origins(arm: Arm, bodies: Bodies, theta: FloatArray) -> tuple[Fl
     return torque, origins
 
 
+def frame_torques(arm: Arm, bodies: Bodies, theta: FloatArray) -> FloatArray:
+    """Gravity torques about the two axes of each joint's frame that it does not turn about, before it turns.
+
+    Parameters
+    ----------
+    arm : Arm
+    bodies : Bodies
+    theta : ndarray, shape (n, joints)
+
+    Returns
+    -------
+    ndarray, shape (n, joints, 2)
+        Derivative of the potential energy by turns about x and y, newton metres.
+    """
+    out = np.empty((*theta.shape, 2))
+    for start in range(0, len(theta), dhm.BLOCK):
+        block = slice(start, min(start + dhm.BLOCK, len(theta)))
+        chain = dhm.chain_frames(arm.table, arm.table.offsets[:, None] + theta[block].T, arm.T_base_0)
+        travel = arm.table.d[:, None] + np.where(arm.table.prismatic[:, None], theta[block].T, 0.0)
+        for j, mass, moment in _carried(bodies, chain):
+            y, z = chain.y_tilt[j], chain.z[j]
+            x = np.cross(y, z, axis=0)
+            lever = moment - mass * (chain.o[j, :2] - travel[j] * z[:2])
+            for k, axis in enumerate((x, y)):
+                out[block, j, k] = GRAVITY * (axis[0] * lever[1] - axis[1] * lever[0])
+    return out
+
+
 def _torques(prismatic: BoolArray, bodies: Bodies, chain: dhm.ChainFrames) -> FloatArray:
-    """Torques of one block, shape (n, joints); sums of mass and first moment run from the tip to the base."""
+    """Torques of one block, shape (n, joints)."""
     joints, _, n = chain.z.shape
     torque = np.empty((n, joints))
+    for j, mass, moment in _carried(bodies, chain):
+        z, o = chain.z[j], chain.o[j]
+        if prismatic[j]:
+            torque[:, j] = GRAVITY * mass * z[2]
+        else:
+            torque[:, j] = GRAVITY * (z[0] * (moment[1] - mass * o[1]) - z[1] * (moment[0] - mass * o[0]))
+    return torque
+
+
+def _carried(bodies: Bodies, chain: dhm.ChainFrames) -> Iterator[tuple[int, float, FloatArray]]:
+    """Each joint from the last to the first, the mass it carries and that mass's first moment (2, n): x and y."""
+    joints, _, n = chain.z.shape
     mass, moment = 0.0, np.zeros((2, n))  # up is z: heights only change with x and y of the lever
     for j in range(joints - 1, -1, -1):
         x = chain.x_before[j + 1] if j + 1 < joints else chain.tip[0]
@@ -58,8 +100,4 @@ def _torques(prismatic: BoolArray, bodies: Bodies, chain: dhm.ChainFrames) -> Fl
         mass += bodies.mass[j]
         for k in range(2):
             moment[k] += bodies.mass[j] * (o[k] + c[0] * x[k] + c[1] * y[k] + c[2] * z[k])
-        if prismatic[j]:
-            torque[:, j] = GRAVITY * mass * z[2]
-        else:
-            torque[:, j] = GRAVITY * (z[0] * (moment[1] - mass * o[1]) - z[1] * (moment[0] - mass * o[0]))
-    return torque
+        yield j, mass, moment

@@ -15,11 +15,12 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.cell.cell import Cell
+from irbcal.cell.effect import size_of
 from irbcal.cell.effects import EFFECTS
 from irbcal.cell.masses import Bodies, bodies
-from irbcal.cell.robot_effects import Compliance
 from irbcal.cell.tool import PAYLOAD_KG, thesis_tool
 from irbcal.cell.tracker import Tracker
+from irbcal.cell.weight_effects import Compliance
 from irbcal.files import urdf as urdf_module
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -49,9 +50,6 @@ SIZES = {"alpha": 0.015 * DEG, "a": 0.15 * MM, "theta": 0.04 * DEG, "d": 0.15 * 
 
 FOURIER = (-0.000373, -0.000750, -0.000956, -0.000244)
 """a1, b1, a2, b2 of joint 6 (Nubiola 2011, Table 5.2), radians."""
-
-SIZE = 2.0015
-"""Sum of the IRB 1600's nominal lengths, metres: the measure of `size_of`."""
 
 T_TRACKER_BASE = frames.from_xyz_angles([2.2400, 0.3671, -1.4795, -0.036 * DEG, -0.717 * DEG, 142.917 * DEG])
 """Where the thesis's robot stood in its tracker's frame: Nubiola 2011, Table A III-1 fitted to the poses of
@@ -91,11 +89,6 @@ def open_cell(
     """
     found = urdf_module.read(robot, base, tip)
     return shipped_cell(found.arm, bodies(found), seed, robot_seed)
-
-
-def size_of(arm: Arm) -> float:
-    """Sum of an arm's nominal lengths against that of the IRB 1600."""
-    return float((np.abs(arm.table.a) + np.where(arm.table.prismatic, 0.0, np.abs(arm.table.d))).sum() / SIZE)
 
 
 def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBOT_SEED) -> Cell:

@@ -15,6 +15,7 @@ from irbcal.cell.run import Run
 from irbcal.measurement.columns import POSITION
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.names import without_formulas
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def files(run: Run, poses: PoseList, cell: Cell, out: str | Path, robot: str) ->
         File name -> content.
     """
     out = Path(out)
-    data = measurement_table(run, poses, cell.arm).to_csv(index=False, lineterminator="\n").encode()
+    data = without_formulas(measurement_table(run, poses, cell.arm)).to_csv(index=False, lineterminator="\n").encode()
     document = {
         "simulated": True,
         "note": "What the virtual cell hides; the identification never reads this file.",
@@ -81,6 +82,7 @@ def files(run: Run, poses: PoseList, cell: Cell, out: str | Path, robot: str) ->
         "plan": Path(poses.source).name,
         "plan_sha256": poses.sha256,
         "units": "mm and degrees; base_*: the base link in the tracker's frame (eq. 3.5); target_*: in the tip link",
+        "terms_are": "what the robot does in the terms of the error model, by their names; rad, m and minutes",
         "stiffness_is": "the two numbers that describe joints 2 and 3 best; the effect compliance says what they do",
         **cell.truth(),
         "unseen": run.unseen,

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal import atomic
 from irbcal.arrays import FloatArray, lock
-from irbcal.cell import pose_list, simulated_files
+from irbcal.cell import pose_list, realistic, simulated_files
 from irbcal.cell.cell import WAIT_S, Cell
 from irbcal.cell.pose_list import PoseList, PosesLike
 from irbcal.cell.run import Run
@@ -26,7 +26,8 @@ from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.joint_map import JointMap
-from irbcal.options import MOST_POSES, names, number, place
+from irbcal.names import without_formulas
+from irbcal.options import MOST_POSES, checked, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.summary import Speaks, Told
 from irbcal.validation.evaluation import statistics_table
@@ -112,7 +113,7 @@ class Simulated(Speaks):
 
     def measurements(self) -> MeasurementSet:
         """The measurements as irbcal reads them from the measurement file: what `irbcal.calibrate` takes."""
-        data = self.to_frame().to_csv(index=False, lineterminator="\n").encode("utf-8")
+        data = without_formulas(self.to_frame()).to_csv(index=False, lineterminator="\n").encode("utf-8")
         return table.parse(data, f"SIMULATED measurements of {self.cell.arm.name}")
 
     def to_dict(self) -> dict[str, Any]:
@@ -166,6 +167,7 @@ def simulate(
     only: Sequence[str] | None = None,
     without: Sequence[str] = (),
     also: Sequence[str] = (),
+    cell: Literal["thesis", "realistic"] = "thesis",
     targets: int | Sequence[str] = 3,
     tracker: ArrayLike | None = None,
     wait: float = WAIT_S,
@@ -191,7 +193,9 @@ def simulate(
     only, without : sequence of str, optional
         Only these effects (none at all if empty), or all but these; names as in `irbcal.cell.effects.NAMES`.
     also : sequence of str, optional
-        Effects to switch on that are off otherwise: ``reading_lag``.
+        Effects to switch on that the cell of the thesis leaves off, such as ``reading_lag``.
+    cell : {"thesis", "realistic"}
+        A robot with the thesis's errors, or with those that measured robots show.
     targets : int or sequence of str
         How many of the tool's nine reflectors, or their names.
     tracker : array_like, shape (3,), optional
@@ -220,19 +224,26 @@ def simulate(
     if (wanted is None) != (calibration is None):
         raise OptionError("wanted and calibration go together", parameter="wanted")
     seed, robot_seed, wait = check_seed(seed), check_seed(robot_seed, "robot_seed"), number("wait", wait, 0)
-    cell = _changed(open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed), only, without, also)
-    cell = cell.with_targets(_targets(targets, cell.tool.names))
-    cell = cell if payload is None else cell.with_payload(number("payload", payload, 0))
-    if tracker is not None:
-        station = place("tracker", tracker, "x, y, z of the tracker in metres")
-        cell = cell.replace(tracker=cell.tracker.moved(station))
-    poses = _poses(cell, plan, random, seed, wait)
-    run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
+    kind = checked("cell", cell, realistic.NAMES)
+    opened = open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed)
+    opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
+    opened = _equipped(opened, targets, payload, tracker)
+    poses = _poses(opened, plan, random, seed, wait)
+    run = opened.measure(poses.q, poses.asked(opened), poses.wait_s)
     found = None
     if wanted is not None and calibration is not None:
-        program = lists.read_joints(wanted, cell.arm.joint_columns)
+        program = lists.read_joints(wanted, opened.arm.joint_columns)
         found = misses(run, program, calibration_folder.opened(calibration))
-    return Simulated(str(robot), cell, poses, run, found)
+    return Simulated(str(robot), opened, poses, run, found)
+
+
+def _equipped(cell: Cell, targets: int | Sequence[str], payload: float | None, tracker: ArrayLike | None) -> Cell:
+    """The cell with the tool's targets, the load and the tracker's place that are asked for."""
+    cell = cell.with_targets(_targets(targets, cell.tool.names))
+    cell = cell if payload is None else cell.with_payload(number("payload", payload, 0))
+    if tracker is None:
+        return cell
+    return cell.replace(tracker=cell.tracker.moved(place("tracker", tracker, "x, y, z of the tracker in metres")))
 
 
 def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> Cell:

@@ -17,6 +17,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import FOURIER
+from irbcal.modeling.terms.term import Term
 from irbcal.units import DEG, MM
 
 _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
@@ -34,6 +35,7 @@ def truth(
     bodies: Bodies,
     effects: Sequence[Effect],
     seed: int,
+    terms: Mapping[str, tuple[Term, float]],
 ) -> dict[str, Any]:
     """The hidden numbers of a cell, in millimetres and degrees, ready for JSON.
 
@@ -48,6 +50,8 @@ def truth(
     bodies : Bodies
     effects : sequence of Effect
     seed : int
+    terms : mapping of str to (Term, float)
+        The same in the terms of the error model, SI units.
 
     Returns
     -------
@@ -73,6 +77,7 @@ def truth(
         "link_masses_kg": _rounded(bodies.mass),
         "link_centres_in_dhm_frames": _rounded(bodies.centre / MM),
         "effects": {effect.name: effect.parameters() for effect in effects},
+        "terms": {name: float(f"{value:.9g}") for name, (_, value) in terms.items() if value},
         "seed": seed,
     }
 

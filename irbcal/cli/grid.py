@@ -7,6 +7,8 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
+from irbcal.names import without_formulas
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -17,7 +19,7 @@ Cell: TypeAlias = "str | int | float | tuple[float, int] | None"
 def write(frame: pd.DataFrame, as_json: bool) -> None:
     """A table for programs on stdout: CSV, or a line of JSON for each row, with null where there is no number."""
     if not as_json:
-        frame.to_csv(sys.stdout, index=False, float_format="%.9f")
+        without_formulas(frame).to_csv(sys.stdout, index=False, float_format="%.9f")
         return
     for record in frame.astype(object).where(frame.notna(), None).to_dict(orient="records"):
         sys.stdout.write(json.dumps(record) + "\n")

@@ -29,6 +29,7 @@ from irbcal.cli import (
     verify,
     view,
 )
+from irbcal.cli.guarded import Guarded
 from irbcal.errors import IrbcalError
 
 app = typer.Typer(
@@ -57,25 +58,25 @@ def common(
     """Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."""
 
 
-app.command("demo", rich_help_panel="Calibrate")(demo.demo)
-app.command("import", rich_help_panel="Calibrate")(import_.import_files)
-app.command("calibrate", rich_help_panel="Calibrate")(calibrate.calibrate)
-app.command("evaluate", rich_help_panel="Calibrate")(evaluate.evaluate)
-app.command("view", rich_help_panel="Calibrate")(view.view)
-app.command("report", rich_help_panel="Calibrate")(report.report)
-app.command("robots", rich_help_panel="Prepare")(robots.robots)
-app.command("fk", rich_help_panel="Use")(fk.fk)
-app.command("ik", rich_help_panel="Use")(ik.ik)
-app.command("filter", rich_help_panel="Use")(filter.filter_program)
-app.command("verify", rich_help_panel="Use")(verify.verify)
-app.command("plan", rich_help_panel="Prepare")(plan.plan)
-app.command("simulate", rich_help_panel="Prepare")(simulate.simulate)
-app.command("study", rich_help_panel="Prepare")(study.study)
-app.command("joints", rich_help_panel="Validate")(joints.joints)
-app.command("axes", hidden=True)(joints.joints)  # its name before
-app.command("iso9283", rich_help_panel="Validate")(iso9283.iso9283)
-app.command("tracker", rich_help_panel="Validate")(tracker.tracker)
-app.command("ballbar", rich_help_panel="Validate")(ballbar.ballbar)
+app.command("demo", rich_help_panel="Calibrate", cls=Guarded)(demo.demo)
+app.command("import", rich_help_panel="Calibrate", cls=Guarded)(import_.import_files)
+app.command("calibrate", rich_help_panel="Calibrate", cls=Guarded)(calibrate.calibrate)
+app.command("evaluate", rich_help_panel="Calibrate", cls=Guarded)(evaluate.evaluate)
+app.command("view", rich_help_panel="Calibrate", cls=Guarded)(view.view)
+app.command("report", rich_help_panel="Calibrate", cls=Guarded)(report.report)
+app.command("robots", rich_help_panel="Prepare", cls=Guarded)(robots.robots)
+app.command("fk", rich_help_panel="Use", cls=Guarded)(fk.fk)
+app.command("ik", rich_help_panel="Use", cls=Guarded)(ik.ik)
+app.command("filter", rich_help_panel="Use", cls=Guarded)(filter.filter_program)
+app.command("verify", rich_help_panel="Use", cls=Guarded)(verify.verify)
+app.command("plan", rich_help_panel="Prepare", cls=Guarded)(plan.plan)
+app.command("simulate", rich_help_panel="Prepare", cls=Guarded)(simulate.simulate)
+app.command("study", rich_help_panel="Prepare", cls=Guarded)(study.study)
+app.command("joints", rich_help_panel="Validate", cls=Guarded)(joints.joints)
+app.command("axes", hidden=True, cls=Guarded)(joints.joints)  # its name before
+app.command("iso9283", rich_help_panel="Validate", cls=Guarded)(iso9283.iso9283)
+app.command("tracker", rich_help_panel="Validate", cls=Guarded)(tracker.tracker)
+app.command("ballbar", rich_help_panel="Validate", cls=Guarded)(ballbar.ballbar)
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -36,7 +36,18 @@ _Payload = Annotated[
 _Only = Annotated[list[str] | None, typer.Option(help="Only this effect (repeat for more); none: no effect at all.")]
 _Without = Annotated[list[str] | None, typer.Option(help="All effects but this one (repeat for more).")]
 _Also = Annotated[
-    list[str] | None, typer.Option(help="An effect that is off otherwise: reading_lag (repeat for more).")
+    list[str] | None,
+    typer.Option(
+        help="An effect that the cell of the thesis leaves off: reading_lag, bending, gear, wobble, direction, move, "
+        "thaw (repeat for more)."
+    ),
+]
+_Cell = Annotated[
+    Literal["thesis", "realistic"],
+    typer.Option(
+        help="A robot with the thesis's errors, or with those that measured robots show: weight at all joints, "
+        "harmonic drives, wobbling bearings, warm-up, direction of approach, early readings."
+    ),
 ]
 _Targets = Annotated[
     str, typer.Option(help="How many of the tool's nine reflectors, or their names with commas between them.")
@@ -69,6 +80,7 @@ def simulate(
     only: _Only = None,
     without: _Without = None,
     also: _Also = None,
+    cell: _Cell = "thesis",
     targets: _Targets = "3",
     tracker: _Tracker = None,
     wait: _Wait = 4.0,
@@ -95,11 +107,9 @@ def simulate(
         raise typer.BadParameter("--wanted and --calibration go together", param_hint="--wanted")
     place = _place(tracker)
 
-    from irbcal.atomic import refuse_to_overwrite
     from irbcal.cell import simulation
     from irbcal.errors import OptionError
 
-    refuse_to_overwrite(out, plan, wanted)
     try:
         simulated = simulation.simulate(
             robot,
@@ -111,6 +121,7 @@ def simulate(
             only=None if not only else () if only == ["none"] else only,
             without=without or (),
             also=also or (),
+            cell=cell,
             targets=int(targets) if targets.isdigit() else [name.strip() for name in targets.split(",")],
             tracker=place,
             wait=wait,

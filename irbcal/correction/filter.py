@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray
-from irbcal.atomic import refuse_to_overwrite, write_together
+from irbcal.atomic import write_set
 from irbcal.correction import languages
 from irbcal.correction.configurations import seeds_of
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_poses
@@ -22,7 +22,9 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
+from irbcal.names import without_formulas
 from irbcal.options import shown
+from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
 
@@ -87,11 +89,7 @@ def correct(
     >>> found = correct("my-robot", "job.mod", out="job_calibrated.mod")  # doctest: +SKIP
     >>> found.to_frame()  # doctest: +SKIP
     """
-    files = [Path(file) for file in (out, changes) if file is not None]
-    for file in files:
-        refuse_to_overwrite(file, program)
-    if len({file.absolute() for file in files}) < len(files):
-        raise OptionError("changes: expected another file than the program's", parameter="changes")
+    refuse_overwriting({"out": out, "changes": changes}, program, calibration)
     language = languages.of(program)
     record = opened(calibration)
     nominal = record.arm(calibrated=False)
@@ -99,19 +97,18 @@ def correct(
     found = filter_program(record.robot_calibrated(), nominal, module, record.fingerprint)
     if record.heldout is not None:
         found = replace(found, expected_error=record.heldout.all.mean_mm * MM)
-    if not files:
+    if out is None and changes is None:
         return found
     if not len(found.targets) or (found.left and not allow_partial):
         raise _not_written(found)
-    contents: dict[Path, dict[str, bytes]] = {file.parent: {} for file in files}
+    contents: dict[Path, bytes] = {}
     if changes is not None:
-        table = found.to_frame().to_csv(index=False, float_format="%.6f")
-        contents[Path(changes).parent][Path(changes).name] = table.encode("utf-8")
+        table = without_formulas(found.to_frame()).to_csv(index=False, float_format="%.6f")
+        contents[Path(changes)] = table.encode("utf-8")
     if out is not None:
-        contents[Path(out).parent][Path(out).name] = found.data
+        contents[Path(out)] = found.data
         found = replace(found, written=Path(out))
-    for folder, new in contents.items():
-        write_together(folder, new)
+    write_set(contents)
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Protocol, TypeAlias
 
 from pydantic import ValidationError
 
-from irbcal.atomic import write_together
+from irbcal.atomic import recover, write_together
 from irbcal.errors import CalibrationError
 from irbcal.files import joint_origins, urdf
 from irbcal.files.absurd_numbers import refuse_absurd
@@ -116,6 +116,17 @@ def read(folder: str | Path) -> Saved:
         with.
     """
     folder = folder_of(folder)
+    recover(folder)
+    saved = _read(folder)
+    if hashlib.sha256(saved.urdf).hexdigest() != saved.record.calibrated_urdf_sha256:
+        recover(folder)  # somebody is writing it just now: the lock waits until both files are new
+        saved = _read(folder)
+    if hashlib.sha256(saved.urdf).hexdigest() != saved.record.calibrated_urdf_sha256:
+        raise CalibrationError(f"this is not the URDF that {JSON_NAME} was written with", file=folder / URDF_NAME)
+    return saved
+
+
+def _read(folder: Path) -> Saved:
     json_path, urdf_path = folder / JSON_NAME, folder / URDF_NAME
     try:
         record = Record.model_validate_json(json_path.read_bytes())
@@ -127,8 +138,6 @@ def read(folder: str | Path) -> Saved:
     except OSError as error:
         raise CalibrationError(f"not a calibration folder: {error.strerror}", file=error.filename or folder) from None
     refuse_absurd(record.model_dump(), json_path)
-    if hashlib.sha256(urdf_bytes).hexdigest() != record.calibrated_urdf_sha256:
-        raise CalibrationError(f"this is not the URDF that {JSON_NAME} was written with", file=urdf_path)
     return Saved(folder, record, urdf_bytes)
 
 

@@ -241,7 +241,7 @@ def _known(values: FloatArray) -> list[float | None]:
 def _pose_table(outcome: Outcome) -> PoseTable:
     arm = outcome.urdf.arm
     columns: dict[str, list[Any]] = {"pose": [], "group": [], "heldout": []}
-    joints, sides = [], []
+    joints, sides, before = [], [], []
     for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
         seen = outcome.verification if heldout and outcome.verification is not None else outcome.measurements
         columns["pose"] += [str(value) for value in points.pose_ids]
@@ -249,10 +249,13 @@ def _pose_table(outcome: Outcome) -> PoseTable:
         columns["heldout"] += [heldout] * points.poses
         joints.append(np.round(points.q / arm.joint_units, JOINT_DIGITS))
         sides.append(_came_from(seen, points))
+        stops = np.full(points.q.shape, np.nan) if points.previous is None else points.previous
+        before.append(np.round(stops / arm.joint_units, JOINT_DIGITS))
     came_from = ["".join("-0+"[int(sign) + 1] for sign in column) for column in np.concatenate(sides).T]
     known = [value for value in outcome.numbers if value is not None]
-    number = np.concatenate(known).tolist() if sum(map(len, known)) == len(columns["pose"]) else []
-    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), number=number, came_from=came_from)
+    columns["number"] = np.concatenate(known).tolist() if sum(map(len, known)) == len(columns["pose"]) else []
+    previous = [_known(column) for column in np.concatenate(before).T]
+    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from, previous=previous)
 
 
 def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
@@ -266,9 +269,10 @@ def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
         key = (name, joints.tobytes())
         # of poses with the same name and joints it is not known which one this is
         found[key] = np.where(found.get(key, row) == row, row, 0.0)
-    unknown = np.zeros(q.shape[1])
-    keys = [(str(name), joints.tobytes()) for name, joints in zip(points.pose_ids, points.q, strict=True)]
-    return np.array([found.get(key, unknown) for key in keys]).reshape(points.poses, q.shape[1])
+    moves = points.moves()  # of poses of an earlier calibration, which are not in the file
+    rows = enumerate(zip(points.pose_ids, points.q, strict=True))
+    came = [found.get((str(name), joints.tobytes()), np.sign(moves[k])) for k, (name, joints) in rows]
+    return np.array(came).reshape(points.poses, q.shape[1])
 
 
 def software() -> dict[str, str]:

@@ -139,7 +139,7 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
         elapsed = np.concatenate(order)
         place = np.argsort(elapsed, kind="stable")
         both = _ordered(replace(both, session=None), place)
-        sessions.append((session, both, Motion(both.q, None, elapsed[place], readings=not record.programmed)))
+        sessions.append((session, both, Motion(both.q, both.moves(), elapsed[place], readings=not record.programmed)))
     return Earlier(record, tuple(sessions))
 
 

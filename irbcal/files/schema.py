@@ -178,8 +178,9 @@ class PoseTable(Section):
     """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
 
     ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
-    where that is not known. ``number`` counts the poses of a session in the order in which the robot visited them;
-    older files have none.
+    where that is not known. ``previous`` holds the joints of the stop before, as ``joints``, null where that is not
+    known; ``number`` counts the poses of a session in the order in which the robot visited them. Older files have
+    neither.
     """
 
     pose: list[str]
@@ -188,13 +189,15 @@ class PoseTable(Section):
     joints: list[list[float]]
     number: list[float] = Field(default_factory=list)
     came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
+    previous: list[list[float | None]] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _of_one_length(self) -> PoseTable:
         n = len(self.pose)
-        columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from]
+        columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from, *self.previous]
         columns += [self.number] if self.number else []
-        if any(len(column) != n for column in columns) or len(self.joints) != len(self.came_from):
+        counts = {len(self.joints), len(self.came_from), len(self.previous or self.joints)}
+        if any(len(column) != n for column in columns) or len(counts) > 1:
             raise ValueError(f"every column must have {n} values, one for each pose")
         return self
 
@@ -406,6 +409,7 @@ class Record(Section):
             np.array(p.group, dtype=object)[poses],
             frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mine]) if t.qw else None,
             u95,
+            np.array(p.previous, dtype=float).T[poses] * units if p.previous else None,
         )
         came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
         return points, came_from.T[poses]

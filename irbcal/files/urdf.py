@@ -26,6 +26,7 @@ from irbcal.files.urdf_xml import XmlElement, XmlTree
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
+from irbcal.names import check_names
 
 LARGEST_ARM = 50.0
 """Metres; no arm is larger."""
@@ -126,6 +127,7 @@ def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | Non
     root = tree.getroot()
     joints = _joints(root, source)
     links = [link.get("name") for link in root.findall("link")]
+    check_names([root.get("name"), *links, *(joint.name for joint in joints)], RobotError, file=source)
     root_link = _check_structure(links, joints, source)
     by_child = {joint.child: joint for joint in joints}
     if base is None:

@@ -94,7 +94,7 @@ class AveragedFit(Speaks):
 
     @property
     def rms(self) -> float:
-        """Root mean square distance of the fitted points from the warm robot, last moves unknown, metres."""
+        """Root mean square distance of the fitted points from the warm robot, metres."""
         return float(np.sqrt(np.mean(distances(self.robot, self.points) ** 2)))
 
     def covariance(self) -> FloatArray:
@@ -159,7 +159,7 @@ class AveragedFit(Speaks):
         return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
 
     def coverage(self, points: PointSet) -> float:
-        """Share of measured coordinates within the predicted 95 % intervals, last moves unknown.
+        """Share of measured coordinates within the predicted 95 % intervals.
 
         Parameters
         ----------
@@ -170,7 +170,9 @@ class AveragedFit(Speaks):
         for k, name in enumerate(points.target_names):
             mine = points.target == k
             if mine.any():
-                seen = self.evidence.predict(points.q[points.pose[mine]], target=name)
+                rows = points.pose[mine]
+                previous = None if points.previous is None else points.previous[rows]
+                seen = self.evidence.predict(points.q[rows], previous, target=name)
                 inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
         return float(inside.mean())
 

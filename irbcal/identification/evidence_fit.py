@@ -346,7 +346,8 @@ class EvidenceFit(Speaks):
         q : ndarray, shape (n, joints)
             Commanded joints, radians (metres for prismatic joints).
         previous : ndarray, shape (n, joints), optional
-            The stop before each. Without it the direction terms are zero, and their size joins the uncertainty.
+            The stop before each. Without it, and for rows with NaN, the direction terms are zero, and their size joins
+            the uncertainty.
         target : str, optional
             The first unless given.
         in_order : bool
@@ -369,16 +370,17 @@ class EvidenceFit(Speaks):
         loo = (self.loo_blocks if in_order else self.loo)[name]
         R = self.T_world_base[:3, :3]
         position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
-        C = self.covariance
-        if previous is None:
-            C = C + np.diag(self._unknown_history())
-        for start in range(0, len(motion), BLOCK):
-            rows = slice(start, start + BLOCK)
-            p, J = self._jacobian(motion.select(rows), name, history_unknown=previous is None)
-            position[rows] = p.T @ R.T + self.T_world_base[:3, 3]
-            CJ = (C @ J.reshape(len(C), -1)).reshape(J.shape)
-            spread = CJ.transpose(2, 1, 0) @ J.transpose(2, 0, 1)
-            covariance[rows] = R @ spread @ R.T
+        known = np.zeros(len(motion), dtype=bool) if previous is None else np.isfinite(previous).all(axis=-1)
+        for unknown in (False, True):
+            C = self.covariance + np.diag(self._unknown_history()) if unknown else self.covariance
+            chosen = np.flatnonzero(np.broadcast_to(known, len(motion)) != unknown)
+            for start in range(0, len(chosen), BLOCK):
+                rows = chosen[start : start + BLOCK]
+                p, J = self._jacobian(motion.select(rows), name, history_unknown=unknown)
+                position[rows] = p.T @ R.T + self.T_world_base[:3, 3]
+                CJ = (C @ J.reshape(len(C), -1)).reshape(J.shape)
+                spread = CJ.transpose(2, 1, 0) @ J.transpose(2, 0, 1)
+                covariance[rows] = R @ spread @ R.T
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         interval = COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0)
         outside = ((motion.q < self.joint_ranges[0]) | (motion.q > self.joint_ranges[1])).any(axis=1)
@@ -418,4 +420,7 @@ class EvidenceFit(Speaks):
 
 def _motion(q: FloatArray, previous: FloatArray | None) -> Motion:
     q = np.atleast_2d(np.asarray(q, dtype=float))
-    return Motion(q, None if previous is None else q - np.atleast_2d(np.asarray(previous, dtype=float)))
+    if previous is None:
+        return Motion(q)
+    move = q - np.atleast_2d(np.asarray(previous, dtype=float))
+    return Motion(q, np.where(np.isfinite(move).all(axis=1, keepdims=True), move, 0.0))

@@ -57,6 +57,7 @@ def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
         xyz=xyz,
         pose_ids=points.pose_ids[first],
         groups=points.groups[first],
+        previous=None if points.previous is None else points.previous[first],
         session=None if points.session is None else points.session[first],
         rotation=None,
         u95=u95,

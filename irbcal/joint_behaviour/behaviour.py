@@ -381,7 +381,8 @@ def _cleaned(
     cleaned = cleaning.clean(numbered, references, known)
     numbers = cleaned.points.pose_ids.astype(int)
     step = last_moves(measurements.joints(), _groups(rows))[numbers]
-    points = replace(cleaned.points, pose_ids=pose_names[numbers])
+    # the moves are what is analysed: no model may take them off beforehand
+    points = replace(cleaned.points, pose_ids=pose_names[numbers], previous=None)
     excluded = [Exclusion(str(pose_names[int(x.pose)]), x.target, x.reason) for x in cleaned.excluded]
     return points, step, excluded, list(cleaned.notes)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
+from irbcal.measurement.last_moves import previous_stops
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.registration import Registration, register
 from irbcal.measurement.table import MeasurementSet
@@ -266,6 +267,7 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
         groups[first][used],
         None if rows.rotation is None else rows.rotation[kept],
         None if u95 is None else u95[kept],
+        previous_stops(measurements.joints(), rows.pose, groups)[used],
     )
 
 

@@ -12,7 +12,6 @@ line 1; the position plus one in a Parquet file or a DataFrame, whose first row 
 import csv
 import hashlib
 import re
-import unicodedata
 import warnings
 from collections.abc import Iterable, Sequence
 from io import BytesIO, StringIO
@@ -26,6 +25,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
+from irbcal.names import fault_of, from_cell
 from irbcal.options import shown
 from irbcal.units import DEG, MM
 
@@ -306,7 +306,7 @@ def names(cells: pd.DataFrame, name: str, source: str) -> Any:
     MeasurementError
         For the first cell that is none.
     """
-    values = cells[name].astype(str).str.strip()
+    values = cells[name].astype(str).str.strip().map(from_cell)
     if (values == "").any():
         row = values.index[values == ""][0]
         raise MeasurementError("expected a name, found nothing", file=source, row=int(row), column=name)
@@ -332,9 +332,10 @@ def refuse_control_characters(values: pd.Series, name: str, source: str) -> None
         For the first such name.
     """
     for value in values.unique():
-        if any(unicodedata.category(character) == "Cc" for character in value):
+        fault = fault_of(value)
+        if fault is not None:
             row = values.index[values == value][0]
-            raise MeasurementError(f"expected a name, found {value!r}", file=source, row=int(row), column=name)
+            raise MeasurementError(fault, file=source, row=int(row), column=name)
 
 
 def lost_points(xyz: FloatArray) -> BoolArray:

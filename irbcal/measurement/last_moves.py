@@ -1,9 +1,9 @@
-"""The last move of each joint before each pose: what backlash and lag depend on."""
+"""The stop before each pose and the last move of each joint: what backlash and lag depend on."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, NameArray
+from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.units import DEG
 
 STILL = 2e-3 * DEG
@@ -34,4 +34,34 @@ def last_moves(q: ArrayLike, groups: NameArray | None = None) -> FloatArray:
     for k in range(1, len(q)):
         if not fresh[k]:
             out[k] = np.where(np.abs(change[k - 1]) > STILL, change[k - 1], out[k - 1])
+    return out
+
+
+def previous_stops(q: FloatArray, pose: IntArray, groups: NameArray) -> FloatArray:
+    """The stop before each pose, from the order of a file's rows.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n, joints)
+        Joints of each pose, radians (metres for prismatic joints).
+    pose : ndarray of int, shape (rows,)
+        Pose of each row, in the order of the file.
+    groups : ndarray of str, shape (rows,)
+        Group of each row.
+
+    Returns
+    -------
+    ndarray, shape (n, joints)
+        NaN rows where it is not known: for the first pose of the file and of each stretch of a group, and for poses
+        that stand in several places of the file behind different poses.
+    """
+    first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])  # of each stretch of rows of one pose
+    stops, of = pose[first], groups[first]
+    before = np.full((len(stops), q.shape[1]), np.nan)
+    same = np.r_[False, of[1:] == of[:-1]]
+    before[same] = q[stops[np.flatnonzero(same) - 1]]
+    out = np.full(q.shape, np.nan)
+    out[stops[::-1]] = before[::-1]  # the first stretch of each pose
+    unlike = (before != out[stops]).any(axis=1)
+    out[stops[unlike]] = np.nan
     return out

@@ -9,6 +9,7 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns
 from irbcal.measurement.columns import JOINTS, POSITION, QUATERNION, TableLike
+from irbcal.names import from_cell
 from irbcal.units import MM
 
 
@@ -131,7 +132,8 @@ def read_targets(table: TableLike) -> dict[str, FloatArray]:
     """
     cells, source, _ = columns.read(table, ["target", *POSITION])
     values = [columns.numbers(cells, name, source, "a position in mm") for name in POSITION]
-    names = cells["target"].str.strip()
+    names = cells["target"].str.strip().map(from_cell)
+    columns.refuse_control_characters(names, "target", source)
     if names.duplicated().any():
         row = names.index[names.duplicated()][0]
         raise MeasurementError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.terms.situation import Motion
@@ -25,24 +24,17 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     Returns
     -------
     Motion
-        Time is the number of the pose. The last move is zero where it is not known: for the first pose of the file and
-        of each group, and for poses whose name and joints several stops of the file share.
+        Time is the number of the pose, the mean number of poses that share a name and joints. The last move is zero
+        where the stop before is not known.
     """
-    first = measurements.table.groupby("pose_index", sort=True).first()
-    groups = first["group"].fillna("").to_numpy(dtype=object) if "group" in first else None
-    whole = Motion.in_order(measurements.joints(), groups=groups)
+    first = measurements.table.groupby("pose_index", sort=True)["pose"].first().astype(str)
     stops: dict[tuple[str, bytes], list[int]] = {}
-    for row, (name, q) in enumerate(zip(first["pose"].astype(str), whole.q, strict=True)):
+    for row, (name, q) in enumerate(zip(first, measurements.joints(), strict=True)):
         stops.setdefault((name, q.tobytes()), []).append(row)
-    move, elapsed = np.zeros(points.q.shape), np.zeros(points.poses)
-    for k, (name, q) in enumerate(zip(points.pose_ids, points.q, strict=True)):
-        rows = stops.get((str(name), np.asarray(q).tobytes()), [])
-        if rows:
-            elapsed[k] = np.mean(rows)
-            move[k] = _same(whole.moves[rows])
-    return Motion(points.q, move, elapsed, readings=not measurements.programmed)
-
-
-def _same(moves: FloatArray) -> FloatArray:
-    """The move of several stops where it is the same, else zero."""
-    return moves[0] if (moves == moves[0]).all() else np.zeros(moves.shape[1])
+    elapsed = np.array(
+        [
+            np.mean(stops.get((str(name), np.asarray(q).tobytes()), [0]))
+            for name, q in zip(points.pose_ids, points.q, strict=True)
+        ]
+    )
+    return Motion(points.q, points.moves(), elapsed, readings=not measurements.programmed)

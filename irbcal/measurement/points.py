@@ -45,6 +45,8 @@ class PointSet(Speaks):
         Measured orientation of a target frame in the measuring frame; NaN for points without one.
     u95 : ndarray, shape (m,), optional
         Expanded uncertainty of each point, metres; NaN where not given.
+    previous : ndarray, shape (n, joints), optional
+        The stop before each pose, as commanded, units as ``q``; NaN rows where it is not known.
     session : ndarray of str, shape (n,), optional
         Session of each pose. Poses of different sessions have bases of their own, which an identification finds; those
         of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base for all.
@@ -59,6 +61,7 @@ class PointSet(Speaks):
     groups: NameArray
     rotation: FloatArray | None = None
     u95: FloatArray | None = None
+    previous: FloatArray | None = None
     session: NameArray | None = None
 
     def __post_init__(self) -> None:
@@ -87,7 +90,7 @@ class PointSet(Speaks):
         return np.asarray(np.isfinite(self.rotation).all(axis=(1, 2)))
 
     def predicted(self, robot: Robot) -> FloatArray:
-        """Where a robot expects the points.
+        """Where a robot expects the points, given the stops before where they are known.
 
         Parameters
         ----------
@@ -111,7 +114,7 @@ class PointSet(Speaks):
                     f"unknown target {self.target_names[k]!r}: this robot has {', '.join(robot.targets) or 'none'}"
                 )
             local[k] = robot.targets[self.target_names[k]]
-        T = robot.forward(self.q)[self.pose]
+        T = robot.forward(self.q, self.previous)[self.pose]
         base = np.einsum("mij,mj->mi", T[:, :3, :3], local[self.target]) + T[:, :3, 3]
         return base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
 
@@ -131,7 +134,7 @@ class PointSet(Speaks):
         for k, name in enumerate(self.target_names):
             if name in robot.target_rotations:
                 local[k] = robot.target_rotations[name]
-        tip = robot.T_world_base[:3, :3] @ robot.forward(self.q)[:, :3, :3]
+        tip = robot.T_world_base[:3, :3] @ robot.forward(self.q, self.previous)[:, :3, :3]
         return tip[self.pose] @ local[self.target]
 
     def take(self, keep: BoolArray | IntArray) -> PointSet:
@@ -156,8 +159,18 @@ class PointSet(Speaks):
             pose=number[rest.pose],
             pose_ids=self.pose_ids[keep],
             groups=self.groups[keep],
+            previous=None if self.previous is None else self.previous[keep],
             session=None if self.session is None else self.session[keep],
         )
+
+    def moves(self) -> FloatArray:
+        """Joints minus those of the stop before, shape (n, joints); zero where it is not known."""
+        return np.zeros(self.q.shape) if self.previous is None else np.nan_to_num(self.q - self.previous)
+
+    @property
+    def known_moves(self) -> int:
+        """Number of poses whose stop before is known."""
+        return 0 if self.previous is None else int(np.isfinite(self.previous).all(axis=1).sum())
 
     def with_seen_targets(self) -> PointSet:
         """The same points without names of targets that none of them has."""

@@ -155,6 +155,11 @@ class AnyJointMap(Protocol):
         ...
 
     @property
+    def has_history(self) -> bool:
+        """Whether effective joints depend on the stop before."""
+        ...
+
+    @property
     def in_words(self) -> str:
         """What the map does, in a few words."""
         ...
@@ -213,6 +218,11 @@ class JointMap:
     def is_identity(self) -> bool:
         """Whether effective and commanded angles are the same."""
         return not (self.gain.any() or self.stiffness.any() or self.fourier.any())
+
+    @property
+    def has_history(self) -> bool:
+        """Whether effective angles depend on the stop before: no."""
+        return False
 
     @property
     def in_words(self) -> str:

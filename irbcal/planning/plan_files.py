@@ -11,6 +11,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.measurement.columns import joint_columns
+from irbcal.names import comment, without_formulas
 from irbcal.planning.conditions import CONDITIONS
 from irbcal.planning.home import DECIMALS, home_joints
 from irbcal.planning.made import Made
@@ -59,7 +60,7 @@ def _csv(table: pd.DataFrame) -> bytes:
     text = table.copy()
     for name in places.keys() & set(table.columns):
         text[name] = [f"{value:.{places[name]}f}" for value in table[name]]
-    return str(text.to_csv(index=False, lineterminator="\n")).encode()
+    return str(without_formulas(text).to_csv(index=False, lineterminator="\n")).encode()
 
 
 def _joints(made: Made) -> FloatArray:
@@ -123,8 +124,11 @@ def rapid(made: Made) -> str:
     home = [f"{value:.{DECIMALS}f}" for value in home_joints(made.scene.setting.arm) / DEG]
     lines = [
         "MODULE irbcal_plan",
-        f"  ! Measuring plan for {made.scene.setting.arm.name}: {len(made.q)} poses, about "
-        f"{made.duration_s / 60:.0f} minutes.",
+        "  ! "
+        + comment(
+            f"Measuring plan for {made.scene.setting.arm.name}: {len(made.q)} poses, about "
+            f"{made.duration_s / 60:.0f} minutes."
+        ),
         f"  ! In each pose: {wish.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, "
         f"{wish.references} references among them.",
         "  ! The commanded joints are those of plan.csv: do not run this module through a filter.",
@@ -135,7 +139,7 @@ def rapid(made: Made) -> str:
     texts = [[f"{value:.{DECIMALS}f}" for value in row] for row in _joints(made)]
     rows = zip(texts, made.groups, _target_texts(made), made.hold_s, made.over_home, strict=True)
     for number, (joints, group, names, hold, over) in enumerate(rows, start=1):
-        lines += [f"    ! pose {number}, {group}: {names}", *([move(home)] if over else [])]
+        lines += ["    ! " + comment(f"pose {number}, {group}: {names}"), *([move(home)] if over else [])]
         lines += [move(joints), f"    WaitTime {hold:g};"]
     return "\n".join([*lines, move(home), "  ENDPROC", "ENDMODULE", ""])
 

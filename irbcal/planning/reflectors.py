@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.cell.shipped import size_of
+from irbcal.cell.effect import size_of
 from irbcal.cell.tool import thesis_tool
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, lists

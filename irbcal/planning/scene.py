@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, lock
-from irbcal.cell.shipped import T_TRACKER_BASE, size_of
+from irbcal.cell.effect import size_of
+from irbcal.cell.shipped import T_TRACKER_BASE
 from irbcal.cell.tracker import ACCEPTANCE
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.files import robots

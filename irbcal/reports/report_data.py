@@ -8,6 +8,7 @@ from io import StringIO
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from irbcal.files.schema import Record
+from irbcal.names import cell
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -103,7 +104,9 @@ def _csv(rows: Sequence[Mapping[str, Any]], simulated: bool) -> bytes:
     columns = list(dict.fromkeys(name for row in rows for name in row))
     writer = csv.DictWriter(stream, [*columns, "simulated"], lineterminator="\n")
     writer.writeheader()
-    writer.writerows({**row, "simulated": int(simulated)} for row in rows)
+    for row in rows:
+        safe = {name: cell(value) if isinstance(value, str) else value for name, value in row.items()}
+        writer.writerow({**safe, "simulated": int(simulated)})
     return stream.getvalue().encode("utf-8", "replace")
 
 

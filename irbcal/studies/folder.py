@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from irbcal.atomic import check_writable, write_together
 from irbcal.cell import simulation
 from irbcal.errors import MeasurementError
+from irbcal.names import without_formulas
 from irbcal.studies.figures import drawn
 from irbcal.studies.page import render
 from irbcal.studies.results import Results, Table
@@ -95,7 +96,9 @@ def part(rows: Sequence[Mapping[str, Any]], series: Mapping[str, NDArray[Any]]) 
     rows, series : bytes
         CSV of the rows; the errors one by one as a NumPy archive.
     """
-    text = pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False, float_format="%.6f", lineterminator="\n")
+    text = without_formulas(pd.DataFrame(rows, columns=list(COLUMNS))).to_csv(
+        index=False, float_format="%.6f", lineterminator="\n"
+    )
     stream = io.BytesIO()
     arrays: dict[str, Any] = dict(series)
     np.savez_compressed(stream, **arrays)
@@ -151,7 +154,7 @@ def write(settings: Settings, folder: Path) -> tuple[list[Table], pd.DataFrame]:
     results = Results(whole, settings)
     found = tables(results)
     contents = {
-        RESULTS: whole.to_csv(index=False, float_format="%.6f", lineterminator="\n").encode(),
+        RESULTS: without_formulas(whole).to_csv(index=False, float_format="%.6f", lineterminator="\n").encode(),
         TABLES: markdown(found, settings).encode(),
         PAGE: render(results, found, series_of(folder, results)).encode(),
     }

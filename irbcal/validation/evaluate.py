@@ -16,6 +16,7 @@ from irbcal.files.calibration_folder import CalibrationLike, opened
 from irbcal.files.schema import Record
 from irbcal.identification import outliers
 from irbcal.measurement import table
+from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
@@ -164,8 +165,14 @@ def in_frame_of_calibration(
     seen.check_joints(record.arm())
     ready = prepare(seen, record)
     robots = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
-    if refit_base:
-        robots = {name: base_on(robot, ready.points) for name, robot in robots.items()}
+
+    def placed() -> dict[str, Robot]:
+        return {name: base_on(robot, ready.points) for name, robot in robots.items()} if refit_base else robots
+
+    robots = placed()
+    points, notes = with_last_moves(robots["calibrated"], ready.points)
+    ready = replace(ready, points=points, notes=(*ready.notes, *notes))
+    robots = placed()
     error = distances(robots["calibrated"], ready.points)
     _refuse_far_points(robots["calibrated"], ready.points, error, seen.source, refit_base)
     return ready, robots

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.cell.effect import Effect, fitted
-from irbcal.cell.robot_effects import Backlash
+from irbcal.cell.history_effects import Backlash
 
 
 def test_an_effect_changes_nothing_unless_it_says_so(cell):

@@ -97,7 +97,7 @@ def test_wrong_calls(source, tmp_path):
     assert run(source, "--out", tmp_path / "m.csv").exit_code == 2
     assert run("--as", "robodk", "--dry-run").exit_code == 2
     before = source.read_text()
-    assert run(source, "--as", "robodk", "--out", source).exit_code == 2
+    assert run(source, "--as", "robodk", "--out", source).exit_code == 1
     assert source.read_text() == before
     assert "found a folder" in str(run(source, "--as", "robodk", "--out", tmp_path).exception)
 

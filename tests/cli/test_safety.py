@@ -26,7 +26,7 @@ def test_names_that_look_like_markup_are_shown_as_they_are(program, demo_calibra
 @pytest.mark.parametrize(("old", "new", "column"), [("iso_cube", "a\x1b[31mred", "group"), ("smr1", "T\x01", "target")])
 def test_control_characters_in_names_are_refused(program, demo_calibration, verification, tmp_path, old, new, column):
     (tmp_path / "m.csv").write_text(verification.replace(old, new))
-    with pytest.raises(MeasurementError, match=rf"m\.csv: row \d+, column {column}: expected a name, found"):
+    with pytest.raises(MeasurementError, match=rf"m\.csv: row \d+, column {column}: expected a name of printable"):
         program("evaluate", demo_calibration, tmp_path / "m.csv")
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from irbcal.measurement.last_moves import last_moves
+from irbcal.measurement.last_moves import last_moves, previous_stops
 
 
 def test_the_last_move_is_kept_while_a_joint_stands_still():
@@ -20,3 +20,26 @@ def test_a_group_begins_with_a_move_that_is_not_known():
     q = np.arange(4.0)[:, None]
     found = last_moves(q, np.array(["a", "a", "b", "b"], dtype=object))
     assert np.array_equal(found[:, 0], [np.nan, 1.0, np.nan, 1.0], equal_nan=True)
+
+
+def test_previous_stops_are_those_of_the_rows_in_order():
+    q = np.arange(8.0).reshape(4, 2)
+    none = np.full(9, "", dtype=object)
+    before = previous_stops(q, np.array([0, 0, 1, 1, 1, 2, 3, 3, 3]), none)
+    assert np.isnan(before[0]).all()
+    assert np.array_equal(before[1:], q[:3])
+    # target by target: the first pose follows nothing the first time and the last pose the second time
+    before = previous_stops(q, np.array([0, 1, 2, 3, 0, 1, 2, 3]), none[:8])
+    assert np.isnan(before[0]).all()
+    assert np.array_equal(before[1:], q[:3])
+
+
+def test_previous_stops_do_not_cross_groups_and_are_unknown_where_two_differ():
+    q = np.arange(8.0).reshape(4, 2)
+    groups = np.array(["a", "a", "b", "b"], dtype=object)
+    before = previous_stops(q, np.arange(4), groups)
+    assert np.isnan(before[[0, 2]]).all()
+    assert np.array_equal(before[[1, 3]], q[[0, 2]])
+    before = previous_stops(q, np.array([0, 1, 2, 1, 3]), np.full(5, "", dtype=object))
+    assert np.isnan(before[[0, 1]]).all()
+    assert np.array_equal(before[[2, 3]], q[[1, 1]])

@@ -30,17 +30,26 @@ def test_moves_are_those_of_the_file_also_where_poses_are_left_out():
     assert motion.readings
 
 
-def test_stops_that_cannot_be_told_apart_have_no_move():
+def test_cycles_of_a_pose_have_their_own_moves():
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (5, 6))
     q[3] = q[1]
     frame = rows(q, names=[0, 1, 2, 1, 4])
     frame["cycle"] = [1, 1, 1, 2, 2]
     seen = table.read(frame)
     motion = motion_of(seen, cleaning.clean(seen).points)
-    twice = np.flatnonzero((np.abs(motion.q - q[1]) < 1e-12).all(axis=1))
-    assert not motion.moves[twice].any()
-    other = np.flatnonzero((np.abs(motion.q - q[2]) < 1e-12).all(axis=1))
-    assert np.abs(motion.moves[other] - (q[2] - q[1])).max() < 1e-12
+    assert np.abs(motion.moves[1:] - np.diff(q, axis=0)).max() < 1e-12
+    assert not motion.moves[0].any()
+    assert np.array_equal(motion.elapsed, [0.0, 2.0, 2.0, 2.0, 4.0])  # which of the two is when is not told
+
+
+def test_a_pose_in_two_places_of_the_file_has_no_move():
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, (5, 6))
+    q[3] = q[1]
+    seen = table.read(rows(q, names=[0, 1, 2, 1, 4]))
+    motion = motion_of(seen, cleaning.clean(seen).points)
+    assert len(motion) == 4
+    assert not motion.moves[1].any()
+    assert np.abs(motion.moves[[2, 3]] - [q[2] - q[1], q[4] - q[1]]).max() < 1e-12
 
 
 def test_programmed_joints_are_no_readings():

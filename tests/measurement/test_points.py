@@ -5,6 +5,7 @@ from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
 import pytest
+from history_cases import sided_points, sided_robot
 from support import arm, measured, random_robot, random_rotation
 
 from irbcal.errors import RobotError
@@ -121,3 +122,22 @@ def test_frame_and_words(points):
     assert points.told()[1].rows == (("a", 5, 10), ("", 3, 9))
     again = pickle.loads(pickle.dumps(points))
     assert np.array_equal(again.xyz, points.xyz)
+
+
+def test_stops_before_are_predicted_with_and_stay_with_their_poses():
+    robot = sided_robot()
+    points = sided_points(robot)
+    q, before, mine = points.q, points.previous, points.pose
+    theta = robot.joint_map.effective(q)
+    theta[1:] = robot.joint_map.effective(q[1:], before[1:])
+    T = robot.T_world_base @ robot.arm.forward(theta)[mine]
+    local = np.array([robot.targets[name] for name in points.names()])
+    expected = np.einsum("mij,mj->mi", T[:, :3, :3], local) + T[:, :3, 3]
+    assert np.abs(points.predicted(robot) - expected).max() < 1e-14
+    assert distances(robot, replace(points, previous=None))[points.pose > 0].mean() > 1e-4
+    assert points.known_moves == points.poses - 1
+    keep = np.arange(points.poses) % 3 > 0
+    part = points.select(keep)
+    assert np.array_equal(part.previous, before[keep], equal_nan=True)
+    assert distances(robot, part).max() < 1e-14
+    assert np.array_equal(part.moves(), np.nan_to_num(q - before)[keep])

@@ -11,13 +11,15 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray
 from irbcal.atomic import write_together
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, QUATERNION
 from irbcal.measurement.imports.column_map import ImportMap
 from irbcal.measurement.imports.poses import pose_keys
 from irbcal.measurement.own_tables import OwnTables
 from irbcal.measurement.table import MeasurementSet
+from irbcal.names import without_formulas
+from irbcal.overwriting import refuse_overwriting
 from irbcal.summary import Cell, Speaks, Table, Told
 
 SHOWN = 5
@@ -94,7 +96,7 @@ class Imported(OwnTables, Speaks):
 
     def _written(self) -> tuple[bytes, MeasurementSet]:
         own, origin = self.table, self.origin
-        data = _rounded(own).to_csv(index=False, lineterminator="\n").encode("utf-8")
+        data = without_formulas(_rounded(own)).to_csv(index=False, lineterminator="\n").encode("utf-8")
         source = str(origin["source"].iloc[0])
         try:
             seen = table.parse(data, source)
@@ -135,7 +137,7 @@ class Imported(OwnTables, Speaks):
             As `csv`.
         CalibrationError
             If the file cannot be written.
-        OptionError
+        CalibrationError
             If it is one of the files that were read.
         """
         out = Path(out)
@@ -189,11 +191,10 @@ def refuse_sources(out: Path, sources: Sequence[str | PathLike[str]]) -> None:
 
     Raises
     ------
-    OptionError
+    CalibrationError
         If it is.
     """
-    if any(out.resolve() == Path(source).resolve() for source in sources):
-        raise OptionError(f"{out} is one of the files to read", parameter="out")
+    refuse_overwriting({"out": out}, list(sources))
 
 
 def _cell(value: Any) -> Cell:

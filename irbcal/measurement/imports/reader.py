@@ -63,7 +63,7 @@ def import_measurements(
     MeasurementError
         If a file does not fit the map; the sentence names file, row, column, what was expected and what was found.
     OptionError
-        If ``out`` is one of the files to read, or ``set_`` is to change an `ImportMap`.
+        If ``set_`` is to change an `ImportMap`.
     """
     if not sources:
         raise OptionError("sources: expected one file or more, found none", parameter="sources")

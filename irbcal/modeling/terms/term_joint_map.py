@@ -81,6 +81,11 @@ class TermJointMap:
         """Whether effective and commanded joints are the same."""
         return not self.terms.coefficients.any()
 
+    @cached_property
+    def has_history(self) -> bool:
+        """Whether effective joints depend on the stop before."""
+        return bool(self._history.coefficients.any())
+
     @property
     def in_words(self) -> str:
         """How many terms of which kinds."""

@@ -58,11 +58,11 @@ def test_nothing_is_written_without_out_and_in_a_dry_run(robodk, tmp_path):
 
 def test_options_of_the_function(robodk, tmp_path):
     assert len(import_measurements(robodk, as_=map_file.read_map("robodk")).table) == 3
-    with pytest.raises(OptionError, match="one of the files to read") as caught:
+    with pytest.raises(CalibrationError, match="this is the file to read from") as caught:
         import_measurements(robodk, as_="robodk", out=tmp_path / "." / "r.csv")
     assert caught.value.parameter == "out"
     mine = make_map(tmp_path, map_file.preset_text("robodk"))
-    with pytest.raises(OptionError, match="one of the files to read"):
+    with pytest.raises(CalibrationError, match="this is the file to read from"):
         import_measurements(robodk, as_=mine, out=mine)
     with pytest.raises(OptionError, match="no changes beside an ImportMap"):
         import_measurements(robodk, as_=map_file.read_map("robodk"), set_={"trust_units": True})

@@ -5,7 +5,7 @@ import pytest
 
 import irbcal
 from irbcal.cell.effects import ALL, EFFECTS, MORE
-from irbcal.cell.robot_effects import ReadingLag
+from irbcal.cell.history_effects import ReadingLag
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 

@@ -1,0 +1,22 @@
+"""Commands that never write over what they read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer.core import TyperCommand
+
+from irbcal.overwriting import refuse_overwriting
+
+OUTPUTS = ("out", "changes", "html", "plot", "plots", "figures", "data")
+"""Parameters that name files or folders to write, of every command: all others that name files are read."""
+
+
+class Guarded(TyperCommand):
+    """A command that compares its outputs with its inputs before it does anything."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command, unless an output is an input or another output."""
+        outputs = {name: value for name, value in ctx.params.items() if name in OUTPUTS}
+        refuse_overwriting(outputs, *(value for name, value in ctx.params.items() if name not in OUTPUTS))
+        return super().invoke(ctx)
