@@ -35,9 +35,11 @@ NONE = "none"
 GROUP = "group"
 NOTICED_FROM = 10
 """Poses of each group from which it is looked at whether groups have bases and tools of their own."""
-GROSS, GROSS_RATIO = 1.0 * MM, 3.0
-"""Median distance from the nominal robot with one base and tool for all groups that tells of several, metres and as a
-multiple of that with one for each. Bases and tools that stayed where they were give a ratio of hardly more than one."""
+APART, RATIO = 1.0 * MM, 3.0
+"""Median distance of a group from the nominal robot with one base and tool for all groups that tells of several, metres
+and as a multiple of that with its own. Bases and tools that stayed where they were give ratios of little more than one."""
+GROSS = 5.0 * MM
+"""The same that no error of a robot explains: groups are sessions then, without being asked."""
 
 
 @dataclass
@@ -158,15 +160,19 @@ def _divided(seen: MeasurementSet, arm: Arm, by: str | None) -> tuple[list[tuple
     found = differ(seen, arm)
     if found is None:
         return parts, []
-    together, apart = found
+    name, together, apart = found
+    text = (
+        f"With one base and one tool for all groups, the nominal robot misses the points of group {name} by "
+        f"{together / MM:.3g} mm (median), with its own by {apart / MM:.3g} mm: "
+    )
+    if together < GROSS:
+        return parts, [f"{text}if base or tool were moved between the groups, add --session-by {GROUP}."]
     return sessions_of(seen, GROUP), [
-        "The groups were not measured with one base and one tool: with one for all, the nominal robot misses the "
-        f"points by {together / MM:.3g} mm (median), with one for each group by {apart / MM:.3g} mm. They were taken "
-        f"as sessions, as --session-by {GROUP} says (--session-by {NONE} forbids it)."
+        f"{text}the groups were taken as sessions, as --session-by {GROUP} says (--session-by {NONE} forbids it)."
     ]
 
 
-def differ(seen: MeasurementSet, arm: Arm) -> tuple[float, float] | None:
+def differ(seen: MeasurementSet, arm: Arm) -> tuple[str, float, float] | None:
     """Whether the groups of a file have bases and tools of their own, seen against the nominal robot.
 
     Parameters
@@ -177,9 +183,9 @@ def differ(seen: MeasurementSet, arm: Arm) -> tuple[float, float] | None:
 
     Returns
     -------
-    (float, float) or None
-        Median distance with one base and tool for all, and with one for each group, metres; None if they do not differ
-        grossly, or if some group is too small or cannot tell.
+    (name, together, apart) or None
+        The group that differs most and its median distance with one base and tool for all groups, and with its own,
+        metres; None if none differs by more than `APART` and `RATIO`, or if some group is too small or cannot tell.
     """
     label = seen.table[GROUP].astype(str)
     names = set(label)
@@ -194,24 +200,17 @@ def differ(seen: MeasurementSet, arm: Arm) -> tuple[float, float] | None:
             sets = [cleaning.clean(part).points for _, part in groups]
         else:
             sets = [points.select(points.groups == name).with_seen_targets() for name, _ in groups]
-        apart = np.concatenate([outliers.trimmed_distances(arm, one) for one in sets])
-        one_name = [(name, one) for (name, _), one in zip(groups, sets, strict=True)]
-        whole = joined(one_name)
-        names_of = {name: name.split("@")[0] for name in whole.target_names}
-        plain = sorted(set(names_of.values()))
-        together = outliers.trimmed_distances(
-            arm,
-            replace(
-                whole,
-                target=np.array([plain.index(names_of[n]) for n in whole.target_names])[whole.target],
-                target_names=tuple(plain),
-                session=None,
-            ),
-        )
+        apart = [float(np.median(outliers.trimmed_distances(arm, one))) for one in sets]
+        whole = replace(joined([("", one) for one in sets]), session=None)
+        distance = outliers.trimmed_distances(arm, whole)
     except IrbcalError:
         return None
-    medians = float(np.median(together)), float(np.median(apart))
-    return medians if medians[0] > max(GROSS, GROSS_RATIO * medians[1]) else None
+    of_group = np.repeat(np.arange(len(sets)), [len(one) for one in sets])
+    together = [float(np.median(distance[of_group == k])) for k in range(len(sets))]
+    most = int(np.argmax(np.array(together) / np.array(apart)))
+    if together[most] < max(APART, RATIO * apart[most]):
+        return None
+    return groups[most][0], together[most], apart[most]
 
 
 def _one(part: MeasurementSet, arm: Arm, options: Options) -> Gathered:

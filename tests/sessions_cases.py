@@ -11,10 +11,10 @@ from irbcal.modeling import frames
 NOISE = 1e-5
 
 
-def truth(level="34", seed=1):
+def truth(level="34", seed=1, size=0.3):
     """Robots that differ in base and tool only: session -> robot."""
     rng = np.random.default_rng(seed)
-    first = random_robot(arm(), level, rng)
+    first = random_robot(arm(), level, rng, size)
     robots = {"mon": first}
     for name in ("tue", "wed"):
         targets = {target: np.add(place, rng.uniform(-0.02, 0.02, 3)) for target, place in TARGETS.items()}
