@@ -22,6 +22,7 @@ from irbcal.identification.averaged import AveragedFit, identify_averaged
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
 from irbcal.identification.fit import identify
+from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.methods import identify_by
 from irbcal.identification.residuals import session_names
 from irbcal.identification.result import Fit
@@ -43,6 +44,7 @@ from irbcal.modeling.terms.situation import Motion
 from irbcal.options import checked, names, number
 from irbcal.options import seed as check_seed
 from irbcal.units import DEG, MM
+from irbcal.validation.coverage import coverage, coverage_in_words
 
 LARGEST_TURN = 3 * DEG
 """Median angle from the nominal robot above which measured orientations are refused, radians."""
@@ -269,7 +271,7 @@ def _identified(
     """The fit of a level, or the average of error models."""
     if model == "auto":
         return identify_averaged(arm, ready.fit, ready.fit_motion, known, options.seed, say)
-    return identify_by(
+    fit = identify_by(
         arm,
         ready.fit,
         checked("model", model, LEVELS),
@@ -281,6 +283,7 @@ def _identified(
         parameters=selected_parameters(model, options.free, options.hold, arm),
         watched=_groups(ready.heldout),
     )
+    return replace(fit, robot=fit.robot.replace(certainty=certainty_of(fit)))
 
 
 def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options, earlier: Earlier | None = None) -> _Prepared:
@@ -368,16 +371,13 @@ def _refuse_orientations(nominal: Fit, points: PointSet, source: str) -> None:
 
 
 def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
-    """Of an average: gears, joint ranges, whether its intervals hold, and whether readings lag."""
-    if not isinstance(fit, AveragedFit):
-        return []
-    notes = fit.sentences()
+    """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     heldout = ready.heldout
-    if heldout.poses:
-        notes.append(
-            f"{fit.coverage(heldout):.0%} of the coordinates of held-out points lie within the intervals that are "
-            "predicted to hold 95 %."
-        )
+    held = coverage(fit.robot, heldout)
+    notes = [f"Held-out points: {coverage_in_words(held)}"] if held else []
+    if not isinstance(fit, AveragedFit):
+        return notes
+    notes = [*fit.sentences(), *notes]
     lag = fit.lag()
     if lag is None:
         return notes

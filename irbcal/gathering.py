@@ -37,7 +37,7 @@ NOTICED_FROM = 10
 """Poses of each group from which it is looked at whether groups have bases and tools of their own."""
 APART, RATIO = 1.0 * MM, 3.0
 """Median distance of a group from the nominal robot with one base and tool for all groups that tells of several, metres
-and as a multiple of that with its own. Bases and tools that stayed where they were give ratios of little more than one."""
+and as a multiple of that with its own. Bases and tools that stayed where they were give little more than one."""
 GROSS = 5.0 * MM
 """The same that no error of a robot explains: groups are sessions then, without being asked."""
 
@@ -111,7 +111,7 @@ def gathered(
         return last
     whole = [*earlier, *((name, one.points, one.motion) for name, one in sets)]
     last.points = joined([(name, points) for name, points, _ in whole])
-    last.motion = _one_behind_the_other([motion for _, _, motion in whole])
+    last.motion = one_behind_the_other([motion for _, _, motion in whole])
     last.notes.append(in_words([(name, points.poses) for name, points, _ in whole], last.target_names[0]))
     return last
 
@@ -254,7 +254,7 @@ def _free_name(name: str, taken: set[str]) -> str:
     return free
 
 
-def _one_behind_the_other(motions: Sequence[Motion]) -> Motion:
+def one_behind_the_other(motions: Sequence[Motion]) -> Motion:
     """Motions of several sessions as one; what only some of them know is zero in the others."""
     values: dict[str, Any] = {}
     for item in fields(Motion):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import OptionError, RobotError
-from irbcal.files.opening import RobotLike, open_robot
+from irbcal.files.opening import Opened, RobotLike, open_robot
 from irbcal.modeling import frames
 from irbcal.options import shown
 from irbcal.summary import Speaks, Table, Told
@@ -53,6 +53,12 @@ class ForwardResult(Speaks):
         They are those of the identified parameters: what the model cannot describe is in the held-out errors only.
     heldout_mean, heldout_rms : float or None
         Of the calibration's held-out errors, metres; None where there are none, or ``std`` was not asked for.
+    interval : ndarray, shape (n, 3), or None
+        Half-widths that hold 95 % of a coordinate's errors, metres; None unless asked for.
+    outside : ndarray of bool, shape (n,), or None
+        Whether a joint is outside the ranges of the calibration's fit; None unless intervals were asked for.
+    note : str
+        How many poses are outside, in which joints and by how much; empty where none is, or nothing is known.
     """
 
     T_base_tip: FloatArray
@@ -63,6 +69,9 @@ class ForwardResult(Speaks):
     std: FloatArray | None = None
     heldout_mean: float | None = None
     heldout_rms: float | None = None
+    interval: FloatArray | None = None
+    outside: BoolArray | None = None
+    note: str = ""
 
     def __post_init__(self) -> None:
         lock(self)
@@ -77,7 +86,8 @@ class ForwardResult(Speaks):
         -------
         DataFrame
             ``x_mm, y_mm, z_mm`` of the target in the measuring frame; without a target of the tip in the base link, and
-            ``qw, qx, qy, qz`` (unit quaternion, scalar first). ``std_x_mm`` and so on where asked for.
+            ``qw, qx, qy, qz`` (unit quaternion, scalar first). ``std_x_mm`` and so on where asked for; ``x_u95_mm`` and
+            so on and ``outside`` with intervals.
         """
         import pandas as pd
 
@@ -88,6 +98,10 @@ class ForwardResult(Speaks):
         if self.std is not None:
             for name, values in zip("xyz", self.std.T, strict=True):
                 table[f"std_{name}_mm"] = values / MM
+        if self.interval is not None and self.outside is not None:
+            for name, values in zip("xyz", self.interval.T, strict=True):
+                table[f"{name}_u95_mm"] = values / MM
+            table["outside"] = np.array(self.outside)
         return table
 
     def to_dict(self) -> dict[str, Any]:
@@ -97,13 +111,14 @@ class ForwardResult(Speaks):
 
     @property
     def caution(self) -> str:
-        """What standard deviations do not say; empty where there are none."""
+        """What standard deviations do not say, and poses outside the joint ranges; empty where there is nothing."""
         if self.heldout_mean is None or self.heldout_rms is None:
-            return ""
-        return (
+            return self.note
+        text = (
             "standard deviations are those of the parameters; held-out errors of this calibration: mean "
             f"{self.heldout_mean / MM:.3f} mm, rms {self.heldout_rms / MM:.3f} mm"
         )
+        return f"{text}. {self.note}" if self.note else text
 
     def told(self) -> Sequence[Told]:
         """What is where, and the first rows."""
@@ -200,6 +215,7 @@ def forward_kinematics(
     *,
     target: str | None = None,
     uncertainty: bool = False,
+    intervals: bool = False,
     nominal: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
@@ -218,6 +234,9 @@ def forward_kinematics(
         Predict the places of this reflector in the measuring frame, too.
     uncertainty : bool
         Add standard deviations of the position (calibrations only).
+    intervals : bool
+        Add half-widths that hold 95 % of a coordinate's errors, and which poses are outside the joint ranges of the
+        calibration's fit (calibrations only), see `irbcal.modeling.robot.Robot.predict`.
     nominal : bool
         Nominal behaviour of a calibration.
     base_link, tip_link : str, optional
@@ -252,27 +271,39 @@ def forward_kinematics(
             "a URDF has no reflectors: name a calibration folder to predict a target's position", parameter="target"
         )
     points = None if target is None else model.points(q, target)
-    std = heldout = None
-    if uncertainty:
-        from irbcal.validation.uncertainty import position_std
-
-        if opened.record is None or nominal:
-            raise RobotError(
-                f"{opened.name}: only the calibrated behaviour of a calibration folder knows its uncertainty",
-                parameter="uncertainty",
-            )
-        std = position_std(opened.record, q, target)
-        heldout = opened.record.heldout
     return ForwardResult(
         T_base_tip=model.poses(q),
         tip=model.arm.tip_link,
         base=model.arm.base_link,
         target=target,
         points=points,
-        std=std,
-        heldout_mean=None if heldout is None else heldout.all.mean_mm * MM,
-        heldout_rms=None if heldout is None else heldout.all.rms_mm * MM,
+        note="" if model.certainty is None else model.certainty.outside_in_words(q),
+        **_certain(opened, q, target, uncertainty, intervals, nominal),
     )
+
+
+def _certain(
+    opened: Opened, q: FloatArray, target: str | None, uncertainty: bool, intervals: bool, nominal: bool
+) -> dict[str, Any]:
+    """What a result says of its certainty, as far as it is asked for."""
+    model, found = opened.robot, dict[str, Any]()
+    for name, asked in (("uncertainty", uncertainty), ("intervals", intervals)):
+        if asked and (opened.record is None or nominal):
+            raise RobotError(
+                f"{opened.name}: only the calibrated behaviour of a calibration folder knows its uncertainty",
+                parameter=name,
+            )
+    if uncertainty and opened.record is not None:
+        from irbcal.validation.uncertainty import position_std
+
+        heldout = opened.record.heldout
+        found["std"] = position_std(opened.record, q, target)
+        if heldout is not None:
+            found |= {"heldout_mean": heldout.all.mean_mm * MM, "heldout_rms": heldout.all.rms_mm * MM}
+    if intervals:
+        seen = model.predict_tip(q) if target is None else model.predict(q, target=target)
+        found |= {"interval": seen.interval, "outside": seen.outside}
+    return found
 
 
 def inverse_kinematics(

@@ -62,7 +62,7 @@ def test_what_was_made_is_what_is_loaded(made, folder):
     assert content["held"] == content["observability"]["singular_values_mm"] == []
     assert content["history"] == {}
     assert {row["state"] for row in content["parameters"]} == {"identified"}
-    assert len(content["covariance"]) == len(content["parameters"])
+    assert content["covariance"]["size"] == len(content["parameters"])
 
 
 def test_the_fingerprint_covers_the_terms(made):
@@ -130,7 +130,7 @@ def test_evaluate_counts_poses_outside_the_joint_ranges(folder, tmp_path):
     notes = [note for note in irbcal.evaluate(folder, outside).notes if "joint ranges" in note]
     assert len(notes) == 1
     assert notes[0].startswith("4 of 20 poses lie outside the joint ranges")
-    assert "(joint_2: 3, joint_5: 1)" in notes[0]
+    assert "(joint_2 in 3 by up to 0.6 degrees, joint_5 in 1 by up to 0.6 degrees)" in notes[0]
 
 
 def test_the_terminal_shows_what_was_averaged(program, folder, made, tmp_path):

@@ -1,6 +1,5 @@
 """Sessions from the file to the saved calibration, new poses added to an earlier one; the real UR10."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -54,7 +53,7 @@ def test_a_session_column_is_enough(made, tmp_path):
     assert b"smr1@mon" not in (tmp_path / "links" / "calibrated.urdf").read_bytes()
     calibration.save(tmp_path)
     loaded = irbcal.load(tmp_path)
-    assert loaded.record == record
+    assert loaded.record.model_copy(update={"seal": None}) == record
     # saved points are all in the frame of the last session
     for heldout, errors in ((False, record.fit), (True, record.heldout)):
         points, _ = loaded.record.used_points(heldout)
@@ -169,19 +168,6 @@ def test_places_that_were_measured_before_prove_nothing(earlier, tmp_path):
     assert sum("@" in name for name in np.array(record.points.target)[record.points.heldout]) == 15
 
 
-def test_the_order_of_the_earlier_poses_is_kept(earlier):
-    from irbcal.files.earlier import earlier_of
-
-    folder, _ = earlier
-    ((name, points, motion),) = earlier_of(folder).sessions
-    assert name == "my-robot"
-    np.testing.assert_array_equal(motion.elapsed, np.arange(90))
-    np.testing.assert_array_equal(points.pose_ids.astype(int), np.arange(90))
-    np.testing.assert_allclose(motion.q, arm().random_joints(90, 100), rtol=0, atol=1e-10)
-    np.testing.assert_allclose(motion.moves[1:], np.diff(motion.q, axis=0), rtol=0, atol=1e-10)
-    np.testing.assert_array_equal(motion.moves[0], 0.0)
-
-
 def test_what_is_refused(earlier, tmp_path):
     folder, robots = earlier
     new = new_file(robots, tmp_path / "new.csv")
@@ -189,14 +175,11 @@ def test_what_is_refused(earlier, tmp_path):
         irbcal.calibrate(new)
     with pytest.raises(OptionError, match="is not the nominal robot of the earlier calibration"):
         irbcal.calibrate(new, "irb120", with_=folder)
-    content = json.loads((folder / "calibration.json").read_text())
-    content["robot"]["urdf"] = "mine.urdf"
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "calibration.json").write_text(json.dumps(content))
-    (tmp_path / "mine" / "calibrated.urdf").write_bytes((folder / "calibrated.urdf").read_bytes())
+    record = irbcal.load(folder).record
+    mine = record.model_copy(update={"robot": record.robot.model_copy(update={"urdf": "mine.urdf"})})
     with pytest.raises(OptionError, match=r"made from mine\.urdf, which is no robot that is known by name"):
-        irbcal.calibrate(new, with_=tmp_path / "mine")
-    assert irbcal.calibrate(new, "irb1600", with_=tmp_path / "mine").record.earlier == content["fingerprint"]
+        irbcal.calibrate(new, with_=mine)
+    assert irbcal.calibrate(new, "irb1600", with_=mine).record.earlier == record.fingerprint
     with pytest.raises(OptionError, match="circles takes one session"):
         irbcal.calibrate(new, "irb1600", "26", with_=folder, method="circles")
 

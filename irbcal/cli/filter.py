@@ -13,17 +13,23 @@ from irbcal.cli import show
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
     from irbcal.correction.filtered import Filtered
+    from irbcal.correction.maker import Maker
 
 
 def filter_program(
     calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
     program: Annotated[
-        Path,
+        list[Path],
         typer.Argument(
-            help="RAPID module (.mod, .prg, .sys, .modx, .sysx), or CSV of joints or poses.", show_default=False
+            help="Program: RAPID, KRL or another language of docs/programs.md, or CSV of joints or poses; several "
+            "files of one language, or a folder.",
+            show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Option(help="File for the program with fake targets.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Option(help="File for the program with fake targets; of several files, a folder.", show_default=False),
+    ],
     allow_partial: Annotated[
         bool, typer.Option("--allow-partial", help="Write it even if some targets could not be corrected.")
     ] = False,
@@ -32,15 +38,22 @@ def filter_program(
     ] = None,
     tool: Annotated[
         list[str] | None,
-        typer.Option(help="A tool the module does not define: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion); likewise"),
+        typer.Option(
+            help="A tool the program does not define: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or six numbers as the "
+            "language writes them; likewise"
+        ),
     ] = None,
-    wobj: Annotated[list[str] | None, typer.Option(help="a work object in the base frame.")] = None,
+    wobj: Annotated[
+        list[str] | None, typer.Option("--wobj", "--frame", help="a work object (base, user frame) in the base frame.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
     from irbcal.correction.filter import NotWritten, correct
+    from irbcal.correction.languages import files_of
 
-    tools, work_objects = _frames(tool, "--tool"), _frames(wobj, "--wobj")
+    maker = files_of(program)[0].MAKER
+    tools, work_objects = _frames(tool, "--tool", maker), _frames(wobj, "--wobj", maker)
     refused = False
     try:
         found = correct(
@@ -81,8 +94,10 @@ def _content(found: Filtered) -> dict[str, Any]:
     }
 
 
-def _frames(given: list[str] | None, option: str) -> dict[str, FloatArray]:
+def _frames(given: list[str] | None, option: str, maker: Maker | None) -> dict[str, FloatArray]:
     """Frames from the command line, dict of name to (4, 4) in metres."""
+    import numpy as np
+
     from irbcal.correction.notation import poses_from_numbers
 
     out = {}
@@ -92,7 +107,13 @@ def _frames(given: list[str] | None, option: str) -> dict[str, FloatArray]:
             values = [float(value) for value in numbers.split(",")]
         except ValueError:
             values = []
+        if name and len(values) == 6 and maker is not None and np.isfinite(values).all():
+            out[name.lower()] = maker.poses(np.array([values]))[0]
+            continue
         if not name or len(values) != 7 or abs(sum(v * v for v in values[3:]) - 1) > 1e-3:
-            raise typer.BadParameter(f"expected NAME=x,y,z,q1,q2,q3,q4, found {text!r}", param_hint=option)
+            expected = "NAME=x,y,z,q1,q2,q3,q4"
+            if maker is not None:
+                expected += f" or NAME=x,y,z,{','.join(maker.orientation.names)}"
+            raise typer.BadParameter(f"expected {expected}, found {text!r}", param_hint=option)
         out[name.lower()] = poses_from_numbers([values])[0]
     return out

@@ -25,6 +25,14 @@ def fk(
     uncertainty: Annotated[
         bool, typer.Option("--uncertainty", help="Add standard deviations of the position (calibrations only).")
     ] = False,
+    intervals: Annotated[
+        bool,
+        typer.Option(
+            "--intervals",
+            help="Add half-widths that hold 95 % of a coordinate's errors, and whether a pose is outside the joint "
+            "ranges of the fit (calibrations only).",
+        ),
+    ] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
     base_link: Annotated[
         str | None, typer.Option(help="Base link of a URDF.", show_default="base_link or the root")
@@ -43,6 +51,7 @@ def fk(
         joints,
         target=target or None,
         uncertainty=uncertainty,
+        intervals=intervals,
         nominal=nominal,
         base_link=base_link,
         tip_link=tip_link,

@@ -1,4 +1,4 @@
-"""``irbcal verify``: is a URDF or a corrected program the one of this calibration."""
+"""``irbcal verify``: is a calibration as it was written, and a URDF or a corrected program of it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.wrong_calls import wrong_calls
 
 
 def verify(
@@ -22,17 +23,25 @@ def verify(
     tip_link: Annotated[
         str | None, typer.Option(help="Tip link in the URDF.", show_default="the calibration's")
     ] = None,
+    reseal: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHY", help="Accept a deliberate change of calibration.json, for a reason.", show_default=False
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
-    """Tell whether a URDF or a program found somewhere is of this calibration; exit code 1 if it is not."""
+    """Tell whether a calibration is as it was written, or a URDF or program its own; exit code 1 if it is not."""
     from irbcal.validation.verification import verify as compare
 
-    if (urdf is None) == (program is None):
+    if urdf is not None and program is not None:
         raise typer.BadParameter("give one of --urdf and --program", param_hint="--urdf")
-    result = compare(calibration, urdf, program=program, base_link=base_link, tip_link=tip_link)
+    with wrong_calls():
+        result = compare(calibration, urdf, program=program, base_link=base_link, tip_link=tip_link, reseal=reseal)
     if json:
         show.print_json(result.to_dict())
     else:
-        show.say(f"{urdf or program}: {result.explanation}")
+        first, *more = result.told()
+        show.tell([f"{urdf or program or calibration}: {first}", *more])
     if not result.is_calibration:
         raise typer.Exit(1)

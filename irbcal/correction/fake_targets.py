@@ -195,6 +195,11 @@ def correct_poses(
     return _correct(robot, nominal, np.asarray(T_base_tip, dtype=float), q)
 
 
+def correct_meant(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, q_nominal: FloatArray) -> Corrected:
+    """Fake targets for poses (n, 4, 4) of which the joints that the nominal robot takes are known: (n, joints)."""
+    return _correct(robot, nominal, np.asarray(T_base_tip, dtype=float), q_nominal)
+
+
 def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatArray) -> Corrected:
     known = np.isfinite(q_nominal).all(axis=1)
     n = len(q_nominal)

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray
+from irbcal.arrays import FloatArray
 from irbcal.atomic import write_set
 from irbcal.correction import languages
-from irbcal.correction.configurations import seeds_of
-from irbcal.correction.fake_targets import Corrected, correct_joints, correct_poses
-from irbcal.correction.filtered import Filtered
-from irbcal.correction.program import Goals, Left, Program, read_bytes, refuse_filtered
+from irbcal.correction.configurations import ConfData, seeds_of
+from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
+from irbcal.correction.filtered import Filtered, together
+from irbcal.correction.program import Given, Goals, Left, Program, read_bytes, refuse_filtered
 from irbcal.errors import OptionError, ProgramError
-from irbcal.files.calibration_folder import CalibrationLike, opened
+from irbcal.files.calibration_folder import CalibrationLike, opened, read
+from irbcal.files.controller_frames import ControllerFrames, controller_frames, unknown
+from irbcal.files.schema import Record
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
@@ -42,7 +45,7 @@ class NotWritten(ProgramError):
 
 def correct(
     calibration: CalibrationLike,
-    program: str | Path,
+    program: str | Path | Sequence[str | Path],
     *,
     out: str | Path | None = None,
     allow_partial: bool = False,
@@ -56,16 +59,19 @@ def correct(
     ----------
     calibration : str, Path, Record or a result that holds one
         Calibration folder, or its content.
-    program : str or Path
-        RAPID module (.mod, .prg, .sys, .modx, .sysx), or CSV of joints or of tip poses.
+    program : str, Path or sequence of these
+        File of a language that is known (docs/programs.md), CSV of joints or of tip poses among them; several files of
+        one language, or a folder with such.
     out : str or Path, optional
-        File for the program with fake targets; without it the bytes are in the result only.
+        File for the program with fake targets, or, where it lies in several files, the folder for them; without it the
+        bytes are in the result only.
     allow_partial : bool
         Write files even if some targets could not be corrected; these stay as they are.
     changes : str or Path, optional
         File for what changed, target by target, as CSV (millimetres and degrees).
     tool, wobj : dict of str to ndarray, shape (4, 4), optional
-        ``T_tip_tcp`` of tools and ``T_base_wobj`` of work objects that a module does not define, metres.
+        ``T_tip_tcp`` of tools and ``T_base_wobj`` of work objects that a program does not define, metres; tip and base
+        are the controller's flange and world.
 
     Returns
     -------
@@ -89,27 +95,57 @@ def correct(
     >>> found = correct("my-robot", "job.mod", out="job_calibrated.mod")  # doctest: +SKIP
     >>> found.to_frame()  # doctest: +SKIP
     """
-    refuse_overwriting({"out": out, "changes": changes}, program, calibration)
-    language = languages.of(program)
+    programs_given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
+    if not programs_given:
+        raise OptionError("program: expected a file, found none", parameter="program")
+    refuse_overwriting({"out": out, "changes": changes}, programs_given, calibration)
+    language, sources = languages.files_of(programs_given)
     record = opened(calibration)
     nominal = record.arm(calibrated=False)
-    module = language.read_for(nominal, program, _given(tool, "tool"), _given(wobj, "wobj"))
-    found = filter_program(record.robot_calibrated(), nominal, module, record.fingerprint)
+    given = Given(_given(tool, "tool"), _given(wobj, "wobj"), _controller(calibration, record))
+    programs = language.read_for(nominal, sources, given)
+    robot = record.robot_calibrated()
+    found = together([filter_program(robot, nominal, one, record.fingerprint) for one in programs])
     if record.heldout is not None:
         found = replace(found, expected_error=record.heldout.all.mean_mm * MM)
     if out is None and changes is None:
         return found
     if not len(found.targets) or (found.left and not allow_partial):
         raise _not_written(found)
+    return _written(found, out, changes, folder=len(found.files) > 1 or len(sources) > 1)
+
+
+def _written(found: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool) -> Filtered:
+    """Write what was asked for, all or nothing."""
     contents: dict[Path, bytes] = {}
     if changes is not None:
         table = without_formulas(found.to_frame()).to_csv(index=False, float_format="%.6f")
         contents[Path(changes)] = table.encode("utf-8")
     if out is not None:
-        contents[Path(out)] = found.data
+        places = _places(Path(out), found.files, folder)
+        refuse_overwriting({"out": [*places], "changes": changes}, [*found.files])
+        contents |= places
         found = replace(found, written=Path(out))
     write_set(contents)
     return found
+
+
+def _places(out: Path, files: Mapping[str, bytes], folder: bool) -> dict[Path, bytes]:
+    """Where files go: all into a folder, or the one into a file."""
+    if not folder:
+        return {out: next(iter(files.values()))}
+    if out.is_file() or (not out.is_dir() and out.suffix and out.suffix == Path(next(iter(files))).suffix):
+        names = ", ".join(Path(name).name for name in files)
+        raise OptionError(f"out: expected a folder for {names}, found the file {out}", parameter="out")
+    return {out / Path(name).name: data for name, data in files.items()}
+
+
+def _controller(calibration: CalibrationLike, record: Record) -> ControllerFrames:
+    """The controller's world and flange, from the calibration's URDF where that is at hand."""
+    data = read(calibration).urdf if isinstance(calibration, (str, os.PathLike)) else getattr(calibration, "urdf", None)
+    if not isinstance(data, bytes):
+        return unknown()
+    return controller_frames(data, "calibrated.urdf", record.robot.base_link, record.robot.tip_link)
 
 
 def _given(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
@@ -173,7 +209,10 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
         As `irbcal.correction.fake_targets.correct_joints` and `irbcal.correction.fake_targets.correct_poses`.
     """
     refuse_filtered(program)
-    found = [(goals, _fake_targets(robot, nominal, goals)) for goals in program.goals()]
+    found = []
+    for goals in program.goals():
+        fake = _fake_targets(robot, nominal, goals)
+        found.append((goals, _refused(fake, program.refused(goals, fake))))
     left = list(program.left())
     names: list[str] = []
     for goals, fake in found:
@@ -183,7 +222,7 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
     none = np.zeros((0, len(nominal.joint_names)))
     return Filtered(
         source=program.source,
-        data=program.with_fake_targets(found, fingerprint),
+        files=program.with_fake_targets(found, fingerprint),
         targets=np.array(names, dtype=object),
         lines=np.concatenate([np.zeros(0, dtype=int), *(goals.lines[fake.ok] for goals, fake in found)]),
         q_before=np.concatenate([none, *(fake.q_nominal[fake.ok] for fake in fakes)]),
@@ -201,19 +240,24 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
 def _fake_targets(robot: Robot, nominal: Arm, goals: Goals) -> Corrected:
     if goals.kind == "joint":
         return correct_joints(robot, nominal, goals.values)
+    if goals.joints is not None:
+        return _refused(correct_meant(robot, nominal, goals.values, goals.joints), goals.unknown)
     if goals.configurations is None:
         return correct_poses(robot, nominal, goals.values)
-    seed, told = seeds_of(nominal, goals.values, goals.configurations)
+    confs = [conf if isinstance(conf, ConfData) else None for conf in goals.configurations]
+    seed, told = seeds_of(nominal, goals.values, confs)
     branch = closed_form.configuration(nominal, np.nan_to_num(seed))
     found = correct_poses(robot, nominal, goals.values, seed, branch)
-    return _without(found, ~told, "its configuration data fit no solution of the robot within the joint limits")
+    reason = "its configuration data fit no solution of the robot within the joint limits"
+    return _refused(found, ["" if known else reason for known in told])
 
 
-def _without(found: Corrected, mask: BoolArray, reason: str) -> Corrected:
+def _refused(found: Corrected, reasons: Sequence[str]) -> Corrected:
+    """Corrections without those that a reason (length n, or none at all) speaks against."""
+    new = np.array([*reasons] or [""] * len(found.ok), dtype=object)
+    mask = new != ""
     ok = found.ok & ~mask
-    reasons = found.reason.copy()
-    reasons[mask] = reason
-    return replace(found, q=np.where(ok[:, None], found.q, np.nan), ok=ok, reason=reasons)
+    return replace(found, q=np.where(ok[:, None], found.q, np.nan), ok=ok, reason=np.where(mask, new, found.reason))
 
 
 def fingerprint_of(program: str | Path) -> str | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,8 +30,8 @@ class Filtered(Speaks):
     ----------
     source : str
         File name of the program.
-    data : bytes
-        Content of the new file; what could not be corrected is as it was.
+    files : dict of str to bytes
+        Contents of the new files by the names of the old ones; what could not be corrected is as it was.
     targets : ndarray of str, shape (n,)
         Names of the corrected targets.
     lines : ndarray of int, shape (n,)
@@ -57,7 +58,7 @@ class Filtered(Speaks):
     """
 
     source: str
-    data: bytes
+    files: Mapping[str, bytes]
     targets: NameArray
     lines: IntArray
     q_before: FloatArray
@@ -74,6 +75,11 @@ class Filtered(Speaks):
 
     def __post_init__(self) -> None:
         lock(self)
+
+    @property
+    def data(self) -> bytes:
+        """Content of the new file, of the first where there are several."""
+        return next(iter(self.files.values()))
 
     @property
     def complete(self) -> bool:
@@ -142,3 +148,32 @@ class Filtered(Speaks):
             tuple((str(name), int(line), float(s), float(t), float(q)) for name, line, s, t, q in rows),
             digits=4,
         )
+
+
+def together(found: Sequence[Filtered]) -> Filtered:
+    """What the filter made of several programs, as one; targets are named with their files."""
+    if len(found) == 1:
+        return found[0]
+    names = [Path(one.source).name for one in found]
+
+    def joined(key: str) -> FloatArray:
+        return np.concatenate([getattr(one, key) for one in found])
+
+    return replace(
+        found[0],
+        source=", ".join(names),
+        files={name: data for one in found for name, data in one.files.items()},
+        targets=np.concatenate([[f"{t} in {name}" for t in one.targets] for one, name in _named(found)]).astype(object),
+        left=tuple(Left(f"{t} in {name}", line, why) for one, name in _named(found) for t, line, why in one.left),
+        notes=tuple(Note(note.line, f"{name}: {note.text}") for one, name in _named(found) for note in one.notes),
+        lines=joined("lines").astype(int),
+        q_before=joined("q_before"),
+        q=joined("q"),
+        shift=joined("shift"),
+        turn=joined("turn"),
+        residual=joined("residual"),
+    )
+
+
+def _named(found: Sequence[Filtered]) -> list[tuple[Filtered, str]]:
+    return [(one, Path(one.source).name) for one in found]

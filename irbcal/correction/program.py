@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol, TypeAlias
 
 from irbcal.arrays import FloatArray, IntArray, lock
-from irbcal.correction.configurations import ConfData
 from irbcal.correction.fake_targets import Corrected
 from irbcal.errors import ProgramError
+from irbcal.files.controller_frames import ControllerFrames
 
 Kind: TypeAlias = Literal["joint", "pose"]
 """What a target is: a set of joints, or a pose of the tool centre point in a work object."""
@@ -41,6 +41,25 @@ class Note(NamedTuple):
     text: str
 
 
+class Stop(NamedTuple):
+    """A stop of the program.
+
+    Attributes
+    ----------
+    line : int
+        Of the move, from 1.
+    target : int or None
+        Number of its target in the program; None where the program computes it.
+    previous : int or None
+        Number of the target of the stop before; None where the arm may come from elsewhere: at the begin of a routine,
+        behind a branch, a label or a computed move.
+    """
+
+    line: int
+    target: int | None
+    previous: int | None
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Goals:
     """The n targets of one kind that may be corrected.
@@ -56,8 +75,13 @@ class Goals:
         Where they stand in the file, from 1.
     values : ndarray, shape (n, joints) or (n, 4, 4)
         Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres.
-    configurations : tuple of ConfData or None, length n, or None
-        Of poses; None in place of the tuple in languages that know none.
+    configurations : tuple, length n, or None
+        Of poses, each a `irbcal.correction.configurations.ConfData` or None; None in place of the tuple where the
+        language knows none.
+    joints : ndarray, shape (n, 6), or None
+        Joints that the controller takes for poses, radians, where the language tells them; NaN where ``unknown``.
+    unknown : tuple of str, length n, or empty
+        Why there are no joints; empty where there are.
     """
 
     kind: Kind
@@ -65,10 +89,27 @@ class Goals:
     names: tuple[str, ...]
     lines: IntArray
     values: FloatArray
-    configurations: tuple[ConfData | None, ...] | None = None
+    configurations: tuple[object, ...] | None = None
+    joints: FloatArray | None = None
+    unknown: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         lock(self)
+
+
+class Given(NamedTuple):
+    """What comes with a program: frames by their names, and the controller's own.
+
+    Attributes
+    ----------
+    tools, work_objects : dict of str to ndarray, shape (4, 4)
+        In the controller's flange and world, metres, by names in lower case.
+    controller : ControllerFrames
+    """
+
+    tools: Mapping[str, FloatArray]
+    work_objects: Mapping[str, FloatArray]
+    controller: ControllerFrames
 
 
 class Program(Protocol):
@@ -102,8 +143,16 @@ class Program(Protocol):
         """What the user should look at."""
         ...
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:
-        """Bytes of the program with the fake targets that were found, marked with a calibration's fingerprint.
+    def stops(self) -> Sequence[Stop]:
+        """The stops in the order of the program; empty where the language does not tell."""
+        ...
+
+    def refused(self, goals: Goals, fake: Corrected) -> Sequence[str]:
+        """Why corrections that were found cannot be written, for each goal; empty where they can."""
+        ...
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+        """Files of the program, by name, with the fake targets that were found and the fingerprint of a calibration.
 
         Targets that are not corrected (``ok`` is false) and all else keep their bytes; a program without any
         corrected target gets no mark.

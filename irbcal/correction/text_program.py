@@ -20,19 +20,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.correction.configurations import ConfData, configuration_of
+from irbcal.correction.configurations import ConfData
 from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
-from irbcal.correction.program import Goals, Kind, Left, Note
-from irbcal.errors import ProgramError
+from irbcal.correction.listing import Edit, Span
+from irbcal.correction.maker import Posture
+from irbcal.correction.program import Goals, Kind, Left, Note, Stop
 from irbcal.modeling import frames
-from irbcal.units import DEG
 
-Span: TypeAlias = tuple[int, int]
-"""First character of a piece of text and the one behind it."""
-
-Edit: TypeAlias = tuple[int, int, str]
-"""A span and the text that takes its place."""
+Configuration: TypeAlias = ConfData | Posture
+"""Which solution of a pose is meant, as a language says it."""
 
 Role: TypeAlias = Literal["to", "via"]
 
@@ -73,7 +69,7 @@ class Target:
         ``joint`` or ``pose``.
     value : ndarray, shape (6,) or (4, 4)
         Joints in radians, or ``T_wobj_tcp`` in metres; locked. NaN where ``conflicts`` says that it has none.
-    configuration : ConfData or None
+    configuration : ConfData, Posture or None
         Of a pose; None where it is not a literal.
     external : str
         External axes as they stand in the file.
@@ -87,6 +83,10 @@ class Target:
         The numbers as they stand in the file: degrees, or mm and quaternion (scalar first).
     spans, configuration_spans : tuple of (int, int)
         Where these numbers stand in the text.
+    near : ndarray, shape (6,) or None
+        Joints that the program names as the ones to start from, radians; locked.
+    after : tuple of int or None
+        For each use the number of the target that the arm comes from; None where it may come from elsewhere.
 
     There is one for each literal of a module, so the array is locked where it is made.
     """
@@ -94,7 +94,7 @@ class Target:
     name: str
     kind: Kind
     value: FloatArray
-    configuration: ConfData | None
+    configuration: Configuration | None
     external: str
     line: int
     column: int
@@ -103,6 +103,8 @@ class Target:
     written: tuple[float, ...]
     spans: tuple[Span, ...]
     configuration_spans: tuple[Span, ...] = ()
+    near: FloatArray | None = None
+    after: tuple[int | None, ...] = ()
 
     @property
     def correctable(self) -> bool:
@@ -165,6 +167,14 @@ class TextProgram(ABC):
     def marked(self, data: bytes, fingerprint: str) -> bytes:
         """Bytes of such a program with the language's mark of a correction."""
 
+    @abstractmethod
+    def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
+        """New text of the numbers that change; see `with_targets`."""
+
+    @abstractmethod
+    def new_configuration(self, target: Target, q: FloatArray) -> Configuration | None:
+        """Configuration of a pose target that joints (6,) in radians reach; None where none is to be written."""
+
     @property
     def data(self) -> bytes:
         """The bytes of the file."""
@@ -205,10 +215,20 @@ class TextProgram(ABC):
         moves = [Left(f"{move.instruction} {move.target}", move.line, move.reason) for move in self.uncorrected]
         return targets + moves
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:
-        """Bytes of the program with fake targets, their configuration data and the language's mark."""
+    def stops(self) -> tuple[Stop, ...]:
+        """The stops in the order of the program; empty where the language does not tell."""
+        return ()
+
+    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
+        """Why corrections that were found cannot be written, for each goal; empty where they can."""
+        return [""] * len(goals.names)
+
+    def new_text(
+        self, found: Sequence[tuple[Goals, Corrected]]
+    ) -> tuple[dict[int, FloatArray], dict[int, Configuration]]:
+        """New values and configurations, by the number of the target, of all targets that are corrected."""
         values: dict[int, FloatArray] = {}
-        configurations: dict[int, ConfData] = {}
+        configurations: dict[int, Configuration] = {}
         for goals, fake in found:
             rows = np.flatnonzero(fake.ok)
             chosen = goals.numbers[rows].tolist()
@@ -217,10 +237,16 @@ class TextProgram(ABC):
                 continue
             values |= values_for_tip_poses(self, chosen, fake.T_fake[rows])
             for row, k in zip(rows, chosen, strict=True):
-                written = self.targets[k].configuration
-                if written is not None:
-                    configurations[k] = configuration_of(fake.q[row], written.cfx)
-        return self.marked(with_targets(self, values, configurations), fingerprint) if values else self.data
+                new = self.new_configuration(self.targets[k], fake.q[row])
+                if new is not None:
+                    configurations[k] = new
+        return values, configurations
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+        """Files of the program with fake targets, their configuration data and the language's mark."""
+        values, configurations = self.new_text(found)
+        data = self.marked(with_targets(self, values, configurations), fingerprint) if values else self.data
+        return {self.source: data}
 
 
 def tip_poses(program: TextProgram, indices: Sequence[int]) -> FloatArray:
@@ -265,7 +291,7 @@ def _frames_of(program: TextProgram, indices: Sequence[int]) -> tuple[FloatArray
 def with_targets(
     program: TextProgram,
     new_values: Mapping[int, FloatArray],
-    configurations: Mapping[int, ConfData] | None = None,
+    configurations: Mapping[int, Configuration] | None = None,
 ) -> bytes:
     """Bytes of the program with new values for some targets and all else untouched.
 
@@ -276,7 +302,7 @@ def with_targets(
     program : TextProgram
     new_values : dict of int to ndarray, shape (6,) or (4, 4)
         By the number of the target: joints in radians or ``T_wobj_tcp`` in metres.
-    configurations : dict of int to ConfData, optional
+    configurations : dict of int to ConfData or Posture, optional
         New configurations of pose targets.
 
     Returns
@@ -290,37 +316,24 @@ def with_targets(
     ValueError
         If a value is not finite, not rigid or of the wrong shape.
     """
-    edits: list[Edit] = []
-    poses = [k for k in new_values if program.targets[k].kind == "pose"]
-    joints = [k for k in new_values if program.targets[k].kind == "joint"]
-    for chosen, shape in ((poses, (4, 4)), (joints, (6,))):
-        wrong = [k for k in chosen if np.shape(new_values[k]) != shape or not np.isfinite(new_values[k]).all()]
-        if wrong:
-            raise ValueError(f"target {program.targets[wrong[0]].name}: expected finite numbers of shape {shape}")
-    if poses:
-        near = np.array([program.targets[k].written[3:] for k in poses])
-        numbers = numbers_from_poses(np.array([new_values[k] for k in poses]), near)
-        for k, row in zip(poses, numbers, strict=True):
-            _edit(edits, program.targets[k], row, [DECIMALS] * 3 + [QUATERNION_DECIMALS] * 4)
-    for k in joints:
-        _edit(edits, program.targets[k], np.asarray(new_values[k]) / DEG, [DECIMALS] * 6)
-    for k, conf in (configurations or {}).items():
-        target = program.targets[k]
-        if target.configuration is None:
-            message = f"target {target.name} has no configuration in numbers to rewrite"
-            raise ProgramError(message, file=program.source, line=target.line)
-        pairs = zip(conf, target.configuration, strict=True)
-        spans = target.configuration_spans
-        edits.extend((*s, str(int(new))) for s, (new, old) in zip(spans, pairs, strict=True) if new != old)
+    check_values(program, new_values)
     pieces: list[str] = []
     end = 0
-    for start, stop, text in sorted(edits):
+    for start, stop, text in sorted(program.edits(new_values, configurations or {})):
         pieces += [program.text[end:start], text]
         end = stop
     return "".join([*pieces, program.text[end:]]).encode(program.encoding)
 
 
-def _edit(edits: list[Edit], target: Target, numbers: FloatArray, decimals: Sequence[int]) -> None:
-    for span, new, old, places in zip(target.spans, numbers, target.written, decimals, strict=True):
-        if not abs(new - old) <= 0.5 * 10.0**-places:
-            edits.append((*span, number_text(new, places)))
+def check_values(program: TextProgram, new_values: Mapping[int, FloatArray]) -> None:
+    """Refuse values that are not finite or of the wrong shape.
+
+    Raises
+    ------
+    ValueError
+        If one is.
+    """
+    for k, value in new_values.items():
+        shape = (4, 4) if program.targets[k].kind == "pose" else (6,)
+        if np.shape(value) != shape or not np.isfinite(value).all():
+            raise ValueError(f"target {program.targets[k].name}: expected finite numbers of shape {shape}")

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from pydantic import ValidationError
 
 from irbcal.atomic import recover, write_together
 from irbcal.errors import CalibrationError
-from irbcal.files import joint_origins, urdf
+from irbcal.files import joint_origins, seal, urdf
 from irbcal.files.absurd_numbers import refuse_absurd
+from irbcal.files.consistency import contradictions
 from irbcal.files.schema import Record
+from irbcal.names import comment
 from irbcal.options import shown
 
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
@@ -86,9 +89,15 @@ def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) ->
             URDF_NAME: urdf_bytes,
             ORIGINS_NAME: joint_origins.to_yaml(record).encode("utf-8"),
             REPORT_NAME: report.encode("utf-8"),
-            JSON_NAME: (record.model_dump_json(indent=1) + "\n").encode("utf-8"),
+            JSON_NAME: text_of(record),
         },
     )
+
+
+def text_of(record: Record) -> bytes:
+    """What stands in ``calibration.json``, sealed."""
+    document = seal.sealed(json.loads(record.model_dump_json()))
+    return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode("utf-8")
 
 
 def folder_of(path: str | os.PathLike[str]) -> Path:
@@ -117,19 +126,91 @@ def read(folder: str | Path) -> Saved:
     """
     folder = folder_of(folder)
     recover(folder)
-    saved = _read(folder)
+    saved, content = _read(folder)
     if hashlib.sha256(saved.urdf).hexdigest() != saved.record.calibrated_urdf_sha256:
         recover(folder)  # somebody is writing it just now: the lock waits until both files are new
-        saved = _read(folder)
+        saved, content = _read(folder)
     if hashlib.sha256(saved.urdf).hexdigest() != saved.record.calibrated_urdf_sha256:
         raise CalibrationError(f"this is not the URDF that {JSON_NAME} was written with", file=folder / URDF_NAME)
+    changed = seal.broken(content)
+    if changed:
+        raise CalibrationError(
+            f"{', '.join(changed)} {'was' if len(changed) == 1 else 'were'} changed after irbcal wrote it: a damaged "
+            "file must not move a robot (irbcal verify FOLDER tells more, --reseal accepts a deliberate change)",
+            file=folder / JSON_NAME,
+        )
+    if changed is None:  # an earlier version wrote it: whether its parts agree is all that can be asked
+        against = contradictions(saved.record, saved.urdf)
+        if against:
+            raise CalibrationError("; ".join(against), file=folder / JSON_NAME)
     return saved
 
 
-def _read(folder: Path) -> Saved:
+def differences(folder: str | Path) -> list[str]:
+    """What is not as it was written in a calibration folder, and what contradicts itself; empty if all is well.
+
+    Parameters
+    ----------
+    folder : str or Path
+
+    Returns
+    -------
+    list of str
+        A part of a sentence each.
+
+    Raises
+    ------
+    CalibrationError
+        If it is no calibration folder.
+    """
+    saved, content = _read(folder_of(folder))
+    found = [f"{name} was changed after it was written" for name in seal.broken(content) or ()]
+    if hashlib.sha256(saved.urdf).hexdigest() != saved.record.calibrated_urdf_sha256:
+        found.append(f"{URDF_NAME} is not the file that {JSON_NAME} was written with")
+    return found + contradictions(saved.record, saved.urdf)
+
+
+def changes(folder: str | Path) -> list[str]:
+    """Lines of the deliberate changes of a ``calibration.json`` since it was written; errors as `differences`."""
+    content = _read(folder_of(folder))[1]
+    return list((content.get(seal.KEY) or {}).get("changes", []))
+
+
+def reseal(folder: str | Path, why: str) -> str:
+    """Accept deliberate changes of a ``calibration.json``.
+
+    Parameters
+    ----------
+    folder : str or Path
+    why : str
+        One line for its history.
+
+    Returns
+    -------
+    str
+        The line as it was added.
+
+    Raises
+    ------
+    CalibrationError
+        If there is nothing to accept, or what it says now contradicts itself.
+    """
+    folder = folder_of(folder)
+    saved, content = _read(folder)
+    against = contradictions(saved.record, saved.urdf)
+    if against:
+        raise CalibrationError(f"this cannot be accepted: {'; '.join(against)}", file=folder / JSON_NAME)
+    document = seal.resealed(content, comment(why))
+    write_together(folder, {JSON_NAME: (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode("utf-8")})
+    return str(document[seal.KEY]["changes"][-1])
+
+
+def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:
+    """A folder as it is, and the content of its ``calibration.json`` as JSON has it."""
     json_path, urdf_path = folder / JSON_NAME, folder / URDF_NAME
     try:
-        record = Record.model_validate_json(json_path.read_bytes())
+        data = json_path.read_bytes()
+        record = Record.model_validate_json(data)
         urdf_bytes = urdf_path.read_bytes()
     except ValidationError as error:
         first = error.errors()[0]
@@ -137,8 +218,9 @@ def _read(folder: Path) -> Saved:
         raise CalibrationError(f"{where}: {first['msg']}", file=json_path, parameter=where) from None
     except OSError as error:
         raise CalibrationError(f"not a calibration folder: {error.strerror}", file=error.filename or folder) from None
-    refuse_absurd(record.model_dump(), json_path)
-    return Saved(folder, record, urdf_bytes)
+    content = json.loads(data)
+    refuse_absurd(record.model_dump(exclude={seal.KEY}), json_path)
+    return Saved(folder, record, urdf_bytes), content
 
 
 def load(folder: str | Path) -> Record:

@@ -16,6 +16,7 @@ import numpy as np
 from irbcal import __version__
 from irbcal.arrays import FloatArray
 from irbcal.files import urdf, urdf_check
+from irbcal.files.certainty_section import CertaintySection, CovarianceSection
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.joint_map_section import section_of
 from irbcal.files.outcome import Outcome
@@ -40,6 +41,7 @@ from irbcal.files.schema import (
 from irbcal.files.urdf import UrdfArm
 from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.history import History
+from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice as LevelChoice
 from irbcal.measurement.blocks import MARK
@@ -184,13 +186,6 @@ def _numbers(joint_map: AnyJointMap) -> list[Any]:
     return [getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")]
 
 
-def _covariance(fit: Fit | AveragedFit) -> list[list[float]]:
-    """Of an average, which has hundreds of terms, with nine digits."""
-    if not isinstance(fit, AveragedFit):
-        return fit.solution.information.covariance().tolist()
-    return [[float(f"{value:.9g}") for value in row] for row in fit.covariance()]
-
-
 def _errors(robot: Robot, points: PointSet) -> Errors | None:
     if not len(points):
         return None
@@ -301,6 +296,7 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         If Pinocchio disagrees with the URDF by more than 1e-9.
     """
     fit, robot = outcome.fit, outcome.fit.robot
+    known = fit.evidence.certainty if isinstance(fit, AveragedFit) else robot.certainty or certainty_of(fit)
     own_targets = {name: place for name, place in robot.targets.items() if not name.endswith(_behind(outcome))}
     files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
     joint_origins = _joint_origins(outcome.urdf, robot.arm)
@@ -336,7 +332,8 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         rank=fit.rank,
         parameter_count=fit.parameter_count,
         parameters=_parameters(fit),
-        covariance=_covariance(fit),
+        covariance=CovarianceSection.of(known.covariance),
+        certainty=CertaintySection.of(known),
         held=fit.held(),
         observability=_observability(fit),
         history=_history(fit.history),

@@ -9,16 +9,23 @@ import numpy as np
 from pydantic import Field, StringConstraints, model_validator
 
 from irbcal.arrays import FloatArray
+from irbcal.files.certainty_section import CertaintySection, CovarianceSection, in_metres, matrix_of
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
+from irbcal.files.seal import Seal
 from irbcal.files.section import Section
+from irbcal.identification.level_certainty import term_of
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.parameters import all_names, parameter
 from irbcal.modeling.robot import Robot
-from irbcal.units import DEG, MM
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 
 class Statistics(Section):
@@ -272,8 +279,10 @@ class Record(Section):
     ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map and the data files.
     ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
     (rotation vectors in the tip link), bases of sessions before the last and error parameters, in the order of
-    ``parameters``, in metres and radians. ``sessions`` are empty where there is one only; ``earlier`` is the
-    fingerprint of the calibration that was added to.
+    ``parameters``, in metres and radians: see `covariance_matrix`. Files of earlier versions have it number by number,
+    and no ``certainty``. ``sessions`` are empty where there is one only; ``earlier`` is the fingerprint of the
+    calibration that was added to. ``seal`` has the hashes of all other parts (`irbcal.files.seal`); null in files of
+    earlier versions.
     """
 
     schema_name: Literal["irbcal-calibration-1"]
@@ -291,7 +300,8 @@ class Record(Section):
     rank: int
     parameter_count: int
     parameters: list[Parameter]
-    covariance: list[list[float]]
+    covariance: CovarianceSection | list[list[float]]
+    certainty: CertaintySection | None = None
     held: list[str]
     observability: Observability
     history: dict[str, list[float]]
@@ -319,6 +329,7 @@ class Record(Section):
     largest_link_shift_mm: float
     software: dict[str, str]
     seconds: float
+    seal: Seal | None = None
 
     def __repr__(self) -> str:
         kind = "SIMULATED, " if self.simulated else ""
@@ -367,9 +378,41 @@ class Record(Section):
         )
 
     def robot_calibrated(self) -> Robot:
-        """The calibrated robot: predicts points and poses from commanded joints."""
+        """The calibrated robot: predicts points and poses from commanded joints, and says how well it knows them."""
         joint_map = self.joint_map.joint_map(self.arm(calibrated=False))
-        return Robot(self.arm(), joint_map, *_placed(self.placement))
+        robot = Robot(self.arm(), joint_map, *_placed(self.placement))
+        return robot.replace(certainty=self._certainty(robot))
+
+    def covariance_matrix(self) -> FloatArray:
+        """``covariance`` as an array, shape (k, k), metres and radians."""
+        return matrix_of(self.covariance)
+
+    def _certainty(self, robot: Robot) -> Certainty:
+        nominal, listed = self.arm(calibrated=False), {row.name: row for row in self.parameters}
+        terms: dict[str, Term] = {}
+        if isinstance(robot.joint_map, TermJointMap):
+            terms = {term.name: term for term in robot.joint_map.terms.terms}
+        known = {name: term_of(parameter(name), nominal) for name in listed if name in all_names(nominal)} | terms
+        names = [name for name in listed if name in known]
+        factor = dict(UNIT_OUTSIDE.values())
+        section, evidence = self.certainty, self.evidence
+        loo, fifths, ranges = {}, {}, None
+        if section is not None:
+            loo, fifths = section.leave_one_out_mm, section.leave_fifths_out_mm
+            ranges = np.array(section.ranges)
+        elif evidence is not None and isinstance(robot.joint_map, TermJointMap):
+            loo, fifths = evidence.leave_one_out_mm, evidence.leave_fifths_out_mm
+            ranges = robot.joint_map.ranges
+        return Certainty(
+            nominal=nominal,
+            terms=tuple(known[name] for name in names),
+            covariance=self.covariance_matrix(),
+            free_targets=tuple(name for name in robot.targets if f"target_{name}_x" in listed),
+            coefficients=np.array([listed[name].value * factor.get(listed[name].unit, 1.0) for name in names]),
+            loo=in_metres(loo),
+            loo_blocks=in_metres(fifths),
+            ranges=ranges,
+        )
 
     def robot_nominal(self) -> Robot:
         """The nominal robot with base and tool identified from the same poses."""

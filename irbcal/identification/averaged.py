@@ -71,7 +71,7 @@ class AveragedFit(Speaks):
         """The calibrated robot, warm, with a joint map of terms."""
         found = self.evidence
         joint_map = TermJointMap(found.term_map(), found.joint_ranges)
-        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations)
+        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations, found.certainty)
 
     @property
     def _flat(self) -> int:
@@ -99,8 +99,7 @@ class AveragedFit(Speaks):
 
     def covariance(self) -> FloatArray:
         """Of base (turn, shift in the base link), free targets, target frames and the parameters, SI units."""
-        rows = np.concatenate([np.arange(self._flat), self._flat + np.array(self._used, dtype=int)])
-        return self.evidence.covariance[np.ix_(rows, rows)]
+        return self.evidence.certainty.covariance
 
     def held(self) -> list[str]:
         """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""
@@ -157,24 +156,6 @@ class AveragedFit(Speaks):
     def lag(self) -> Lag | None:
         """How readings lag behind programmed joints, where they were found to; else None."""
         return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
-
-    def coverage(self, points: PointSet) -> float:
-        """Share of measured coordinates within the predicted 95 % intervals.
-
-        Parameters
-        ----------
-        points : PointSet
-            Not those of the fit.
-        """
-        inside = np.zeros((len(points), 3), dtype=bool)
-        for k, name in enumerate(points.target_names):
-            mine = points.target == k
-            if mine.any():
-                rows = points.pose[mine]
-                previous = None if points.previous is None else points.previous[rows]
-                seen = self.evidence.predict(points.q[rows], previous, target=name)
-                inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
-        return float(inside.mean())
 
     def explanation(self) -> str:
         """Which error models were averaged with what weights."""

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import BLOCK, TermMap, basis_values, term_columns
+from irbcal.modeling.terms.term_map import TermMap
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 if TYPE_CHECKING:
     import pandas as pd
 
-COVERAGE = 1.96
-"""Standard deviations of an interval that holds 95 % of a Gaussian's values."""
-HISTORY = ("direction", "share_of_move")
-"""Bases whose value is between -1 and 1, and unknown without the stop before."""
 SHOWN = 0.1
 """Groups of which less than so much of a coefficient is seen are summed up in a sentence."""
 
@@ -98,53 +96,6 @@ class GearFound:
     cycles_per_turn: int
     chi2: float
     evidence_gain: float
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Prediction(Speaks):
-    """Where a target will be.
-
-    Attributes
-    ----------
-    position : ndarray, shape (n, 3)
-        In the measuring frame, metres.
-    covariance : ndarray, shape (n, 3, 3)
-        Scatter of the parameters and disagreement of the dictionaries, m^2.
-    interval : ndarray, shape (n, 3)
-        Half-width that holds 95 % of a coordinate's errors: 1.96 times the root of the covariance's diagonal and a
-        third of the squared leave-one-out error, metres.
-    outside : ndarray of bool, shape (n,)
-        Whether a joint is outside the range of the fit, where high harmonics must not be trusted.
-    """
-
-    position: FloatArray
-    covariance: FloatArray
-    interval: FloatArray
-    outside: BoolArray
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-    def told(self) -> Sequence[Told]:
-        """How wide the intervals are, and whether poses are outside the joint ranges of the fit."""
-        width = self.interval / MM
-        headline = f"{len(width)} predicted positions"
-        if len(width):
-            headline += (
-                f": 95 % of a coordinate's errors within {np.median(width):.3f} mm (largest {width.max():.3f} mm)"
-            )
-        count = int(self.outside.sum())
-        if not count:
-            return (headline,)
-        return (headline, f"{count} of them outside the joint ranges of the fit: their intervals may not hold.")
-
-    def to_frame(self) -> pd.DataFrame:
-        """A row a position: coordinates and half-widths of their intervals, millimetres, and whether it is outside."""
-        import pandas as pd
-
-        columns = {f"{axis}_mm": self.position[:, k] / MM for k, axis in enumerate("xyz")}
-        columns |= {f"{axis}_u95_mm": self.interval[:, k] / MM for k, axis in enumerate("xyz")}
-        return pd.DataFrame(columns | {"outside": np.array(self.outside)})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -366,56 +317,33 @@ class EvidenceFit(Speaks):
         name = next(iter(self.targets)) if target is None else target
         if name not in self.targets:
             raise IdentificationError(f"unknown target {name!r}: this robot has {', '.join(self.targets)}")
-        motion = _motion(q, previous)
-        loo = (self.loo_blocks if in_order else self.loo)[name]
-        R = self.T_world_base[:3, :3]
-        position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
-        known = np.zeros(len(motion), dtype=bool) if previous is None else np.isfinite(previous).all(axis=-1)
-        for unknown in (False, True):
-            C = self.covariance + np.diag(self._unknown_history()) if unknown else self.covariance
-            chosen = np.flatnonzero(np.broadcast_to(known, len(motion)) != unknown)
-            for start in range(0, len(chosen), BLOCK):
-                rows = chosen[start : start + BLOCK]
-                p, J = self._jacobian(motion.select(rows), name, history_unknown=unknown)
-                position[rows] = p.T @ R.T + self.T_world_base[:3, 3]
-                CJ = (C @ J.reshape(len(C), -1)).reshape(J.shape)
-                spread = CJ.transpose(2, 1, 0) @ J.transpose(2, 0, 1)
-                covariance[rows] = R @ spread @ R.T
-        variance = np.diagonal(covariance, axis1=1, axis2=2)
-        interval = COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0)
-        outside = ((motion.q < self.joint_ranges[0]) | (motion.q > self.joint_ranges[1])).any(axis=1)
-        return Prediction(position, covariance, interval, outside)
+        terms = self.term_map()
+        return self.certainty.predict(
+            lambda motion: chain.walk(self.arm, *terms.split(motion)),
+            q,
+            previous,
+            self.targets[name],
+            name,
+            self.T_world_base,
+            in_order,
+        )
 
-    def _unknown_history(self) -> FloatArray:
-        """Variance that direction terms add to their column where the stop before is unknown, shape (flat + terms,)."""
+    @cached_property
+    def certainty(self) -> Certainty:
+        """What is known of the robot, the warm-up left out."""
+        used = [k for k, term in enumerate(self.terms) if term.family != "warm_up"]
         flat = len(self.covariance) - len(self.terms)
-        squares = [c * c if t.basis in HISTORY else 0.0 for t, c in zip(self.terms, self.coefficients, strict=True)]
-        return np.concatenate([np.zeros(flat), squares])
-
-    def _jacobian(self, motion: Motion, target: str, history_unknown: bool) -> tuple[FloatArray, FloatArray]:
-        """Points in the base link (3, n) and their derivatives by all columns of the covariance, (columns, 3, n)."""
-        path = chain.walk(self.arm, *self.term_map().split(motion))
-        n = len(motion)
-        pose = np.arange(n)
-        p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], self.targets[target])
-        J = np.zeros((len(self.covariance), 3, n))
-        for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            J[k, i], J[k, j] = -p[j], p[i]
-            J[3 + k, k] = 1.0
-        if target in self.free_targets:
-            slot = 6 + 3 * self.free_targets.index(target)
-            J[slot : slot + 3] = path.tip[:3]
-        flat = len(J) - len(self.terms)
-        values = basis_values(self.terms, Situation(self.nominal, motion))
-        if history_unknown:
-            values[[t.basis in HISTORY for t in self.terms]] = 1.0
-        constant = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
-        for part in (True, False):
-            rows = np.flatnonzero(constant == part)
-            columns = chain.point_columns(path, p, pose, part)
-            J[flat + rows] = term_columns([self.terms[k] for k in rows], columns, values[rows], pose)
-        return p, J
+        rows = np.concatenate([np.arange(flat), flat + np.array(used, dtype=int)])
+        return Certainty(
+            nominal=self.nominal,
+            terms=tuple(self.terms[k] for k in used),
+            covariance=self.covariance[np.ix_(rows, rows)],
+            free_targets=self.free_targets,
+            coefficients=self.coefficients[used],
+            loo=self.loo,
+            loo_blocks=self.loo_blocks,
+            ranges=self.joint_ranges,
+        )
 
 
 def _motion(q: FloatArray, previous: FloatArray | None) -> Motion:

@@ -43,15 +43,7 @@ def residuals(linear: Linearisation, columns: IntArray, found: Posterior) -> tup
     out, poses, kept = [], [], []
     for block in linear.blocks(columns):
         e = block.y - found.c @ block.J
-        CJ = found.covariance @ block.J
-        first = np.flatnonzero(np.r_[True, block.pose[1:] != block.pose[:-1]])
-        count = np.diff(np.r_[first, len(e)])
-        u = np.empty_like(e)
-        for size in np.unique(count):  # poses with as many rows are solved together
-            rows = first[count == size][:, None] + np.arange(size)
-            J = block.J[:, rows].transpose(1, 0, 2)
-            share = J.transpose(0, 2, 1) @ CJ[:, rows].transpose(1, 0, 2)
-            u[rows] = np.linalg.solve(np.eye(size) - a * share, e[rows][..., None])[..., 0]
+        u = single(block.J, e, block.pose, found.covariance, a)
         mine = repeated[block.pose]
         kept.append((block.J[:, mine], e[mine]))
         out.append(u.reshape(-1, 3))
@@ -83,13 +75,47 @@ def _together(kept: list[tuple[FloatArray, FloatArray]], place: IntArray, found:
     return u.reshape(-1, 3)
 
 
+def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray, a: float) -> FloatArray:
+    """Residuals of poses left out one at a time.
+
+    Parameters
+    ----------
+    J : ndarray, shape (columns, rows)
+        Rows of a pose stand side by side.
+    e : ndarray, shape (rows,)
+        Residuals of the fit.
+    pose : ndarray of int, shape (rows,)
+    covariance : ndarray, shape (columns, columns)
+    a : float
+        One over the variance of a row, tempered as the fit was.
+
+    Returns
+    -------
+    ndarray, shape (rows,)
+    """
+    CJ = covariance @ J
+    first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])
+    count = np.diff(np.r_[first, len(e)])
+    u = np.empty_like(e)
+    for size in np.unique(count):  # poses with as many rows are solved together
+        rows = first[count == size][:, None] + np.arange(size)
+        Jn = J[:, rows].transpose(1, 0, 2)
+        share = Jn.transpose(0, 2, 1) @ CJ[:, rows].transpose(1, 0, 2)
+        u[rows] = np.linalg.solve(np.eye(size) - a * share, e[rows][..., None])[..., 0]
+    return u
+
+
+def block_numbers(place: IntArray, blocks: int = BLOCKS) -> IntArray:
+    """Number of the contiguous block that each pose belongs to, in the order of the poses, repeats together."""
+    return place * blocks // (int(place.max(initial=0)) + 1)
+
+
 def block_residuals(
     linear: Linearisation, columns: IntArray, found: Posterior, blocks: int = BLOCKS
 ) -> tuple[FloatArray, IntArray]:
     """As `residuals`, leaving out contiguous blocks of poses in place of single ones."""
     a = found.temper / found.s2
-    place = places(linear.problem.points)
-    number = place * blocks // (int(place.max(initial=0)) + 1)  # in the order of the poses, repeats together
+    number = block_numbers(places(linear.problem.points), blocks)
     k = len(columns)
     H, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for block in linear.blocks(columns):

@@ -13,7 +13,10 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.joint_map import AnyJointMap, JointMap
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.situation import Motion
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,6 +38,8 @@ class Robot:
         Reflector positions in the tip link, metres.
     target_rotations : dict of str to ndarray, shape (3, 3)
         Orientation in the tip link of the targets that have one.
+    certainty : Certainty, optional
+        What the identification knows of it: what `predict` needs.
     """
 
     arm: Arm
@@ -42,6 +47,7 @@ class Robot:
     T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
     targets: Mapping[str, FloatArray] = field(default_factory=dict)
     target_rotations: Mapping[str, FloatArray] = field(default_factory=dict)
+    certainty: Certainty | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "T_world_base", np.asarray(self.T_world_base, dtype=float))
@@ -115,6 +121,66 @@ class Robot:
         T = self.forward(q)
         base = np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(local, (len(q), 3))) + T[:, :3, 3]
         return base @ self.T_world_base[:3, :3].T + self.T_world_base[:3, 3]
+
+    def walk(self, motion: Motion) -> chain.Walk:
+        """Axes and origins along the chain at a motion, see `irbcal.modeling.terms.chain.walk`."""
+        previous = None if motion.move is None else motion.q - motion.move
+        return chain.walk(self.arm, self.joint_map.effective(motion.q, previous))
+
+    def predict(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        target: str | None = None,
+        *,
+        in_order: bool = False,
+    ) -> Prediction:
+        """Places of a reflector in the measuring frame, with what is known of them.
+
+        Parameters
+        ----------
+        q : array_like, shape (n, joints)
+            Commanded joints, radians (metres for prismatic joints).
+        previous : array_like, shape (n, joints), optional
+            The stop before each, as commanded. Without it, or in rows with NaN, terms of the last move are zero, and
+            their size joins the uncertainty.
+        target : str, optional
+            The robot's first unless given.
+        in_order : bool
+            The poses of the fit were a program in an order, and others than these are predicted: contiguous blocks of
+            poses count as left out in place of single poses.
+
+        Returns
+        -------
+        Prediction
+            Intervals are valid for poses like those measured; ``outside`` marks the others.
+
+        Raises
+        ------
+        RobotError
+            If nothing is known of the robot's certainty, it has no such target, the joints have another shape, or look
+            like degrees.
+        """
+        if self.certainty is None:
+            raise RobotError(
+                f"nothing is known of how certain {self.arm.name} is: only a calibrated robot predicts with intervals "
+                "(irbcal.load(folder).robot_calibrated())",
+                parameter="certainty",
+            )
+        name = next(iter(self.targets), "") if target is None else target
+        if name not in self.targets:
+            raise RobotError(
+                f"unknown target {name!r}: this robot has {', '.join(self.targets) or 'none'}", parameter="target"
+            )
+        q = self.arm.check_joints(q)
+        return self.certainty.predict(self.walk, q, previous, self.targets[name], name, self.T_world_base, in_order)
+
+    def predict_tip(self, q: ArrayLike, previous: ArrayLike | None = None) -> Prediction:
+        """As `predict` for the origin of the tip in the base link: base and tool do not matter."""
+        if self.certainty is None:
+            raise RobotError(f"nothing is known of how certain {self.arm.name} is", parameter="certainty")
+        q = self.arm.check_joints(q)
+        return self.certainty.predict(self.walk, q, previous, np.zeros(3), None, self.T_world_base)
 
     def replace(self, **changes: Any) -> Robot:
         """A copy with some fields changed."""

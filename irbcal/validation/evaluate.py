@@ -23,20 +23,17 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.options import checked, place
 from irbcal.options import seed as check_seed
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
+from irbcal.validation.coverage import coverage
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
 from irbcal.validation.prepared import Prepared, prepare
 from irbcal.validation.refit import Refit
 
 if TYPE_CHECKING:
     pass
-
-OUTSIDE = 0.01
-"""Degrees or millimetres beyond the joint ranges of a fit that still count as within."""
 
 RELATIVE = ("virtual", "three-points")
 
@@ -77,7 +74,8 @@ def evaluate(
         Poses from which base and tool are placed anew; they are not judged. By default half of them with
         ``refit_tool``; with ``refit_base`` alone all poses, which are judged, too.
     intervals : bool
-        Add bootstrap intervals, see `irbcal.validation.bootstrap`.
+        Add bootstrap intervals, see `irbcal.validation.bootstrap`, and by target how many measured coordinates lie
+        within the predicted 95 % intervals, see `irbcal.modeling.robot.Robot.predict`.
     relative : {"virtual", "three-points"}, optional
         Add relative errors, see `irbcal.validation.accuracy`.
     frame_points : sequence of three (pose, target), optional
@@ -133,6 +131,7 @@ def evaluate(
         largest_covers=accuracy.largest_covers(len(np.unique(places(points)))),
         orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
         intervals=_intervals(errors, points, parts, seed) if intervals else None,
+        coverage=None if refit_base else coverage(robots["calibrated"], points),
         relative=_relative(robots, points, relative, frame_points, seen.source) if relative else None,
         flange=_flange(robots, points, seen.source) if flange else None,
         comparison=None if compare is None else _comparison(opened(compare), ready, refit, robots["calibrated"], seed),
@@ -220,18 +219,9 @@ def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
 
 
 def _outside_ranges(points: PointSet, record: Record) -> list[str]:
-    """How many poses lie beyond the joint ranges of a joint map that knows them, joint by joint."""
-    joint_map = record.robot_calibrated().joint_map
-    if not isinstance(joint_map, TermJointMap):
-        return []
-    beyond = np.abs(joint_map.outside(points.q)) > OUTSIDE * record.arm().joint_units
-    counts = [f"{record.robot.joint_names[j]}: {n}" for j, n in enumerate(beyond.sum(axis=0)) if n]
-    if not counts:
-        return []
-    return [
-        f"{int(beyond.any(axis=1).sum())} of {points.poses} poses lie outside the joint ranges of the calibration's "
-        f"fit ({', '.join(counts)}): poses outside these ranges are extrapolated, and errors there can be far larger."
-    ]
+    """How many poses lie beyond the joint ranges of the calibration's fit, joint by joint."""
+    known = record.robot_calibrated().certainty
+    return [words] if known is not None and (words := known.outside_in_words(points.q)) else []
 
 
 def _known(values: Statistics | None) -> Statistics:

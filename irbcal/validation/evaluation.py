@@ -16,6 +16,7 @@ from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import accuracy
+from irbcal.validation.coverage import coverage_in_words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,6 +50,9 @@ class Evaluation(Speaks):
         Statistics of the angles by model, degrees; None where no orientation was measured.
     intervals, relative, flange, comparison, verified : dict or None
         Where asked for.
+    coverage : dict or None
+        How many measured coordinates lie within the predicted 95 % intervals, see `irbcal.validation.coverage`; None
+        where nothing is known of the calibration's certainty, or the base was placed anew.
     excluded : tuple of Exclusion
     notes : tuple of str
     simulated : bool
@@ -74,6 +78,7 @@ class Evaluation(Speaks):
     flange: Mapping[str, Any] | None
     comparison: Mapping[str, Any] | None
     verified: Mapping[str, Any] | None
+    coverage: Mapping[str, Any] | None
     excluded: tuple[Exclusion, ...]
     notes: tuple[str, ...]
     simulated: bool
@@ -89,7 +94,7 @@ class Evaluation(Speaks):
         """What ``irbcal evaluate --json`` prints."""
         names = (*MODELS, *PARTS, "percentiles", "largest_covers", "orientation", "intervals", "relative", "flange")
         return {
-            **{name: getattr(self, name) for name in (*names, "comparison", "verified")},
+            **{name: getattr(self, name) for name in (*names, "comparison", "verified", "coverage")},
             "excluded": [vars(item) for item in self.excluded],
             "notes": list(self.notes),
             "simulated": self.simulated,
@@ -135,7 +140,7 @@ class Evaluation(Speaks):
         for name, words in shown.items() if self.orientation else ():
             assert self.orientation is not None
             told.append(orientation_line(words, self.orientation[name]))
-        for part in (self._intervals, self._flange, self._relative, self._comparison, self._verified):
+        for part in (self._intervals, self._coverage, self._flange, self._relative, self._comparison, self._verified):
             told += part(shown)
         return [*told, *(f"Note: {note}" for note in self.notes)]
 
@@ -168,6 +173,19 @@ class Evaluation(Speaks):
             Table(title, ("", "model", "value", "interval"), tuple(rows)),
             f"With 95 % confidence {self.largest_covers:.1%} of all such poses stay below the largest error seen.",
         ]
+
+    def _coverage(self, shown: Mapping[str, str]) -> list[Told]:
+        found = self.coverage
+        if found is None:
+            return []
+        told: list[Told] = [coverage_in_words(found)]
+        if self.intervals is not None:
+            rows = tuple(
+                (name, *(row[key] for key in ("n", "inside", "u95_mm"))) for name, row in found["parts"].items()
+            )
+            columns = ("", "coordinates", "within", "half-width (median, mm)")
+            told.append(Table("Coordinates within the predicted 95 % intervals (share)", columns, rows, 3))
+        return told
 
     def _flange(self, shown: Mapping[str, str]) -> list[Told]:
         told: list[Told] = []

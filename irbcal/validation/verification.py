@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from irbcal.correction.filter import fingerprint_of
 from irbcal.errors import OptionError, RobotError
+from irbcal.files import calibration_folder
 from irbcal.files import urdf as urdf_file
 from irbcal.files.calibration_folder import CalibrationLike, opened
 from irbcal.files.schema import Record
@@ -95,6 +96,38 @@ class ProgramVerification(Speaks):
         return [self.explanation]
 
 
+@dataclass(frozen=True, repr=False)
+class FolderVerification(Speaks):
+    """Whether a calibration folder is as it was written; true where it is.
+
+    Attributes
+    ----------
+    is_calibration : bool
+    differences : tuple of str
+        What was changed, or contradicts itself.
+    changes : tuple of str
+        Deliberate changes since it was written: when, what and why.
+    explanation : str
+        One sentence.
+    """
+
+    is_calibration: bool
+    differences: tuple[str, ...]
+    changes: tuple[str, ...]
+    explanation: str
+
+    def __bool__(self) -> bool:
+        return self.is_calibration
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``irbcal verify --json`` prints."""
+        return asdict(self)
+
+    def told(self) -> Sequence[Told]:
+        """One sentence, and the deliberate changes."""
+        return [self.explanation, *(f"Accepted change: {line}" for line in self.changes)]
+
+
 def verify(
     calibration: CalibrationLike,
     urdf: str | Path | None = None,
@@ -102,8 +135,11 @@ def verify(
     program: str | Path | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
-) -> Verification | ProgramVerification:
+    reseal: str | None = None,
+) -> Verification | ProgramVerification | FolderVerification:
     """Tell whether a URDF, or a corrected program, found somewhere is the one of this calibration.
+
+    Without either, tell whether the calibration's own files are as they were written.
 
     Parameters
     ----------
@@ -115,9 +151,12 @@ def verify(
     base_link, tip_link : str, optional
         Base and tip link in the URDF, where a cell's URDF has given them other names; joints may have a prefix then.
 
+    reseal : str, optional
+        Why ``calibration.json`` was changed by hand: the change is accepted, with this line in its history.
+
     Returns
     -------
-    Verification or ProgramVerification
+    Verification, ProgramVerification or FolderVerification
 
     Raises
     ------
@@ -125,11 +164,17 @@ def verify(
         If it is not a URDF with the calibration's joints between its base and tip link.
     ProgramError
         If the program cannot be read.
+    CalibrationError
+        If it is no calibration, or its changes cannot be accepted.
     OptionError
-        If not exactly one of ``urdf`` and ``program`` is given.
+        If both ``urdf`` and ``program`` are given, or the files of a calibration are asked for that is not a folder.
     """
-    if (urdf is None) == (program is None):
+    if urdf is not None and program is not None:
         raise OptionError("expected a URDF or a program to compare with the calibration: one of them", parameter="urdf")
+    if urdf is None and program is None:
+        return _verify_folder(calibration, reseal)
+    if reseal is not None:
+        raise OptionError("reseal: expected no URDF and no program beside it", parameter="reseal")
     record = opened(calibration)
     if program is not None:
         return _verify_program(record, program)
@@ -139,6 +184,17 @@ def verify(
     except OSError as error:
         raise RobotError(f"cannot read this file: {error.strerror}", file=urdf) from None
     return verify_bytes(record, data, str(urdf), base_link, tip_link)
+
+
+def _verify_folder(calibration: CalibrationLike, reseal: str | None) -> FolderVerification:
+    if not isinstance(calibration, (str, Path)):
+        raise OptionError("expected a URDF or a program to compare with the calibration: one of them", parameter="urdf")
+    if reseal is not None:
+        calibration_folder.reseal(calibration, reseal)
+    found = calibration_folder.differences(calibration)
+    words = "; ".join(found) if found else "all its parts are as they were written, and agree with each other"
+    changes = calibration_folder.changes(calibration)
+    return FolderVerification(not found, tuple(found), tuple(changes), words)
 
 
 def _verify_program(record: Record, program: str | Path) -> ProgramVerification:

@@ -27,14 +27,16 @@ def joints(tmp_path):
         ({"target": "smr1"}, ["--target", "smr1"]),
         ({"target": "smr1", "uncertainty": True}, ["--target", "smr1", "--uncertainty"]),
         ({"uncertainty": True}, ["--uncertainty"]),
+        ({"intervals": True, "target": "smr2"}, ["--intervals", "--target", "smr2"]),
+        ({"intervals": True}, ["--intervals"]),
     ],
 )
 def test_the_command_is_the_function(demo_calibration, joints, program, options, words):
     expected = forward_kinematics(demo_calibration, joints, **options).to_frame()
     printed = program("fk", demo_calibration, "--joints", joints, *words).splitlines()
     assert printed[0].split(",") == list(expected.columns)
-    values = np.array([line.split(",") for line in printed[1:]], dtype=float)
-    np.testing.assert_allclose(values, expected, rtol=0, atol=5.1e-10)
+    cells = [line.replace("False", "0").replace("True", "1").split(",") for line in printed[1:]]
+    np.testing.assert_allclose(np.array(cells, dtype=float), expected.astype(float), rtol=0, atol=5.1e-10)
     done = CliRunner().invoke(app, ["fk", str(demo_calibration), "--joints", str(joints), *words, "--json"])
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     assert rows == expected.to_dict(orient="records")

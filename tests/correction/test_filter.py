@@ -11,7 +11,9 @@ from irbcal.correction import text_program as programs
 from irbcal.correction.configurations import configuration_of, seeds_of
 from irbcal.correction.filter import NotWritten, correct, filter_program, fingerprint_of
 from irbcal.correction.languages import rapid, table
+from irbcal.correction.program import Given
 from irbcal.errors import CalibrationError, OptionError, ProgramError, RobotError
+from irbcal.files.controller_frames import unknown
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
 
@@ -238,7 +240,7 @@ def test_what_is_read_is_not_overwritten(calibration, job, tmp_path):
 
 def test_rapid_is_for_six_revolute_joints(job):
     with pytest.raises(ProgramError, match=r"job\.mod: RAPID targets are of six revolute joints"):
-        rapid.read_for(seven_joints(), job, {}, {})
+        rapid.read_for(seven_joints(), [job], Given({}, {}, unknown()))
 
 
 def seven_joints():

@@ -16,7 +16,7 @@ def filtered(n, columns=("q1_deg", "q2_mm"), **more):
     q = np.ones((n, 2)) * [10 * DEG, 20 * MM]
     return Filtered(
         source="job.csv",
-        data=b"new",
+        files={"job.mod": b""},
         targets=np.array([f"t{k} [red]" for k in range(n)], dtype=object),
         lines=np.arange(n) + 2,
         q_before=q,

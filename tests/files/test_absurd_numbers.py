@@ -20,7 +20,7 @@ from irbcal.errors import CalibrationError
         (("joint_map", "stiffness_A_rad"), 1e308),
         (("placement", "base", "x_mm"), 1e308),
         (("placement", "targets", "smr1", 0), 1e308),
-        (("covariance", 0, 0), 1e308),
+        (("certainty", "leave_one_out_mm", ""), 1e308),
         (("points", "x_mm", 0), 1e308),
         (("heldout", "all", "mean_mm"), 1e308),
     ],

@@ -11,6 +11,7 @@ from irbcal.identification.averaged import identify_averaged
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.situation import Motion
+from irbcal.validation.coverage import coverage
 
 
 def cell(seed, poses=100, noise=2e-5):
@@ -57,7 +58,7 @@ def test_parameters_are_those_of_the_covariance(found):
 def test_intervals_hold(found):
     _, _, robot = cell(4)
     test = measured(robot, arm("irb120").random_joints(300, 3), 2e-5, np.random.default_rng(8))
-    assert 0.9 < found.coverage(test) <= 1.0
+    assert 0.9 < coverage(found.robot, test)["parts"]["all"]["inside"] <= 1.0
 
 
 def test_it_speaks_and_can_be_pickled(found):

@@ -112,9 +112,9 @@ def test_a_program_bears_the_mark_of_its_calibration(folders, tmp_path):
 
 
 def test_verify_needs_one_thing_to_compare(folders, tmp_path):
-    for given in ({}, {"urdf": folders[0] / "calibrated.urdf", "program": "job.mod"}):
-        with pytest.raises(OptionError, match="one of them"):
-            verify(folders[0], **given)
+    with pytest.raises(OptionError, match="one of them"):
+        verify(folders[0], urdf=folders[0] / "calibrated.urdf", program="job.mod")
+    assert verify(folders[0]).differences == ()
     with pytest.raises(ProgramError):
         verify(folders[0], program=tmp_path / "none.mod")
 

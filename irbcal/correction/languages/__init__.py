@@ -1,23 +1,25 @@
 """Robot programs: one folder a language.
 
 A language is a package in this folder, listed in `known`, that offers what `Language` says: its name, the endings of
-its files, ``read_for`` and ``fingerprint``. What it reads is a `irbcal.correction.program.Program`: the targets that
-may be corrected, and the way back into the file.
+its files, ``looks_like``, ``read_for`` and ``fingerprint``. What it reads are `irbcal.correction.program.Program`: the
+targets that may be corrected, and the way back into the files.
 
 A language whose targets stand as numbers in a text derives its programs from
-`irbcal.correction.text_program.TextProgram`, which replaces these numbers and keeps every other byte; what is left to
-do is to find the targets and the frames that they refer to, and to say in ``marked`` how a corrected program is
-marked. ``rapid`` is one of these, ``table`` (CSV) stands on its own.
+`irbcal.correction.text_program.TextProgram`, which replaces these numbers and keeps every other byte. Where a pose is
+three lengths and three numbers of orientation (all but ABB's), `irbcal.correction.maker_program.MakerProgram` does the
+rest, too, from a `irbcal.correction.maker.Maker`: how orientations, lengths and joints are written, where the arm's
+axes point, how joints are counted. What is left to do is to find the targets (`Found`) and to tell
+`irbcal.correction.course.Course` of each move, frame and branch. ``table`` (CSV) stands on its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from irbcal.arrays import FloatArray
-from irbcal.correction.program import Program, read_bytes
+from irbcal.correction.maker import Maker
+from irbcal.correction.program import Given, Program, read_bytes
 from irbcal.errors import ProgramError
 from irbcal.modeling.arm import Arm
 
@@ -35,27 +37,35 @@ class Language(Protocol):
         """Of its files, lower case, with the dot."""
         ...
 
-    def read_for(
-        self,
-        arm: Arm,
-        path: str | Path,
-        tools: Mapping[str, FloatArray],
-        work_objects: Mapping[str, FloatArray],
-    ) -> Program:
-        """Read a program for an arm.
+    @property
+    def MAKER(self) -> Maker | None:
+        """How six numbers of a frame are meant; None where frames are given with quaternions only."""
+        ...
+
+    def looks_like(self, data: bytes) -> bool:
+        """Whether a file looks as if it were of this language."""
+        ...
+
+    def read_for(self, arm: Arm, files: Sequence[Path], given: Given) -> Sequence[Program]:
+        """Read programs for an arm.
 
         Parameters
         ----------
         arm : Arm
             What the controller computes with.
-        path : str or Path
-        tools, work_objects : dict of str to ndarray, shape (4, 4)
-            ``T_tip_tcp`` and ``T_base_wobj`` in metres that the program does not define, by names in lower case.
+        files : sequence of Path
+            One at least; they may be several programs, or one that lies in several files.
+        given : Given
+            Frames that the programs do not define, and the controller's own.
+
+        Returns
+        -------
+        sequence of Program
 
         Raises
         ------
         ProgramError
-            If the file cannot be read or understood, or the language cannot serve this arm.
+            If a file cannot be read or understood, or the language cannot serve this arm.
         OptionError
             If frames are given to a language that knows none.
         """
@@ -86,24 +96,69 @@ class Language(Protocol):
 
 def known() -> tuple[Language, ...]:
     """All languages."""
-    from irbcal.correction.languages import rapid, table
+    from irbcal.correction.languages import krl, rapid, table
 
-    return rapid, table
+    return rapid, krl, table
+
+
+_ELSEWISE = (
+    (b"\x1f\x8b", "a compressed file (a PolyScope .urp is one: export the program as .script)"),
+    (b"PK\x03\x04", "a zip archive: unpack it"),
+    (b"%PDF", "a PDF document"),
+    (b"<?xml", "an XML file of no language that is known"),
+)
 
 
 def of(path: str | Path) -> Language:
-    """The language of a file, by its ending.
+    """The language of a file, by its ending, or by what it looks like where no language has such files.
 
     Raises
     ------
     ProgramError
-        If no language has such files, or there is no file to read.
+        If it looks like no language, or there is no file to read.
     """
     ending = Path(path).suffix.lower()
     for language in known():
         if ending in language.ENDINGS:
             return language
-    read_bytes(path)  # whatever else is wrong with it is said first
-    expected = " or ".join(f"{language.NAME} ({', '.join(language.ENDINGS)})" for language in known())
+    data = read_bytes(path)  # whatever else is wrong with it is said first
+    looks = [language for language in known() if language.looks_like(data)]
+    if len(looks) == 1:
+        return looks[0]
+    expected = ", ".join(f"{language.NAME} ({', '.join(language.ENDINGS)})" for language in known())
     found = f"the ending {ending}" if ending else "a name without ending"
-    raise ProgramError(f"expected a program in {expected}, found {found}", file=path)
+    if ending == ".tp":
+        found = "a binary FANUC program: have the controller write it as .LS"
+    else:
+        found = next((words for begin, words in _ELSEWISE if data.startswith(begin)), found)
+    raise ProgramError(f"expected a program in one of {expected}, found {found}", file=path)
+
+
+def files_of(programs: Sequence[str | Path]) -> tuple[Language, list[Path]]:
+    """The language and the files of programs, of all files in folders that are of a language.
+
+    Raises
+    ------
+    ProgramError
+        If there is none, or there are several languages.
+    """
+    endings = {ending for language in known() for ending in language.ENDINGS}
+    files: list[Path] = []
+    for program in map(Path, programs):
+        if program.is_dir():
+            inside = sorted(path for path in program.iterdir() if path.is_file() and path.suffix.lower() in endings)
+            if not inside:
+                raise ProgramError("expected a robot program or a folder with some, found none", file=program)
+            files += inside
+        else:
+            files.append(program)
+    files = list(dict.fromkeys(files))
+    languages = [of(file) for file in files]
+    for file, language in zip(files, languages, strict=True):
+        if language is not languages[0]:
+            message = f"this is {language.NAME}, but {files[0].name} is {languages[0].NAME}: filter them one by one"
+            raise ProgramError(message, file=file)
+    doubled = [file for k, file in enumerate(files) if file.name in {other.name for other in files[:k]}]
+    if doubled:
+        raise ProgramError("there are two files of this name: filter them one by one", file=doubled[0])
+    return languages[0], files

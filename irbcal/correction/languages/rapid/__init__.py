@@ -1,9 +1,10 @@
 """ABB RAPID."""
 
 from irbcal.correction.languages.rapid.marking import fingerprint, mark
-from irbcal.correction.languages.rapid.reader import parse, read, read_for
+from irbcal.correction.languages.rapid.reader import looks_like, parse, read, read_for
 
 NAME = "RAPID"
 ENDINGS = (".mod", ".prg", ".sys", ".modx", ".sysx")
+MAKER = None
 
-__all__ = ["ENDINGS", "NAME", "fingerprint", "mark", "parse", "read", "read_for"]
+__all__ = ["ENDINGS", "MAKER", "NAME", "fingerprint", "looks_like", "mark", "parse", "read", "read_for"]

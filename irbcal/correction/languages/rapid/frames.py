@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages.rapid.parts import ABSENT, Data
 from irbcal.correction.languages.rapid.syntax import Reader
+from irbcal.correction.languages.rapid.tokens import decode
 from irbcal.correction.notation import poses_from_numbers, quaternion_problem
+from irbcal.errors import ProgramError
 
 
 def given_frames(identity: str, frames: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -80,3 +83,24 @@ def read_frame(reader: Reader, data: Data, line: int) -> FloatArray:
             raise reader.error(node.start, f"{what}: {problem}")
         T = T @ poses_from_numbers(leaves)[0]
     return T
+
+
+def shared_frames(contents: Sequence[tuple[bytes, str]]) -> dict[str, dict[str, dict[str, FloatArray]]]:
+    """Tools and work objects that modules define in numbers, by file, by type and by name.
+
+    Raises
+    ------
+    ProgramError
+        If one is no RAPID module.
+    """
+    out = {}
+    for data, source in contents:
+        reader = Reader(decode(data, source)[0], source)
+        reader.read()
+        found: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
+        for name, item in reader.data.items():
+            if item.type in found:
+                with suppress(ProgramError):  # refused where a move needs it
+                    found[item.type][name] = read_frame(reader, item, reader.line(item.start))
+        out[source] = found
+    return out

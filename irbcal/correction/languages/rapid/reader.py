@@ -9,15 +9,16 @@ module is seen: other modules may use its data too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction.configurations import ConfData
-from irbcal.correction.languages.rapid.frames import given_frames
+from irbcal.correction.configurations import ConfData, configuration_of
+from irbcal.correction.languages.rapid.frames import given_frames, shared_frames
 from irbcal.correction.languages.rapid.literals import Literals
 from irbcal.correction.languages.rapid.marking import in_comments, mark
 from irbcal.correction.languages.rapid.needed_frames import needed_frames
@@ -25,9 +26,11 @@ from irbcal.correction.languages.rapid.parts import ABSENT, Literal
 from irbcal.correction.languages.rapid.syntax import Reader
 from irbcal.correction.languages.rapid.tokens import decode
 from irbcal.correction.languages.rapid.uses import Uses
+from irbcal.correction.languages.rapid.writing import edits
+from irbcal.correction.listing import Edit
 from irbcal.correction.notation import poses_from_numbers
-from irbcal.correction.program import Note, read_bytes
-from irbcal.correction.text_program import Target, TextProgram
+from irbcal.correction.program import Given, Note, read_bytes
+from irbcal.correction.text_program import Configuration, Target, TextProgram
 from irbcal.errors import ProgramError
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG
@@ -42,18 +45,44 @@ _NOTES = {
 class Module(TextProgram):
     """A RAPID module as read."""
 
+    def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
+        """New text of numbers and configuration data."""
+        return edits(self, new_values, configurations)
+
+    def new_configuration(self, target: Target, q: FloatArray) -> ConfData | None:
+        """Quadrants of the axes; ``cfx`` stays."""
+        written = target.configuration
+        return configuration_of(q, written.cfx) if isinstance(written, ConfData) else None
+
     def marked(self, data: bytes, fingerprint: str) -> bytes:
         """Bytes of such a module with the comment line that says what its targets are corrected for."""
         return mark(data, fingerprint, self.source)
 
 
-def read_for(
-    arm: Arm, path: str | Path, tools: Mapping[str, FloatArray], work_objects: Mapping[str, FloatArray]
-) -> Module:
-    """Read a RAPID module for an arm; see `irbcal.correction.languages.Language`."""
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like a RAPID module."""
+    return re.search(rb"^\s*(?:%%%[\s\S]{0,200}?)?MODULE\s+\w+", data, re.IGNORECASE | re.MULTILINE) is not None
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[Module]:
+    """Read RAPID modules for an arm; see `irbcal.correction.languages.Language`.
+
+    Tools and work objects that one of them defines in numbers serve all others.
+    """
     if not arm.six_revolute:
-        raise ProgramError(f"RAPID targets are of six revolute joints, {arm.name} has others", file=path)
-    return read(path, tools, work_objects)
+        raise ProgramError(f"RAPID targets are of six revolute joints, {arm.name} has others", file=files[0])
+    contents = [(read_bytes(path), str(path)) for path in files]
+    shared = shared_frames(contents) if len(files) > 1 else {}
+    modules = []
+    for data, source in contents:
+        others = [frames for name, frames in shared.items() if name != source]
+        tools = {name: T for found in others for name, T in found["tooldata"].items()}
+        work_objects = {name: T for found in others for name, T in found["wobjdata"].items()}
+        own = shared.get(source, {"tooldata": {}, "wobjdata": {}})
+        tools = {name: T for name, T in tools.items() if name not in own["tooldata"]} | {**given.tools}
+        work_objects = {name: T for name, T in work_objects.items() if name not in own["wobjdata"]}
+        modules.append(parse(data, source, tools, work_objects | {**given.work_objects}))
+    return modules
 
 
 def read(

@@ -1,9 +1,22 @@
 """CSV tables of joints or poses."""
 
 from irbcal.correction.languages.table.program import MARK, with_values
-from irbcal.correction.languages.table.reader import POSE, fingerprint, parse, read, read_for
+from irbcal.correction.languages.table.reader import POSE, fingerprint, looks_like, parse, read, read_for
 
 NAME = "CSV"
 ENDINGS = (".csv",)
+MAKER = None
 
-__all__ = ["ENDINGS", "MARK", "NAME", "POSE", "fingerprint", "parse", "read", "read_for", "with_values"]
+__all__ = [
+    "ENDINGS",
+    "MAKER",
+    "MARK",
+    "NAME",
+    "POSE",
+    "fingerprint",
+    "looks_like",
+    "parse",
+    "read",
+    "read_for",
+    "with_values",
+]

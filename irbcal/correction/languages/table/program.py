@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, numbers_from_poses
-from irbcal.correction.program import Goals, Kind, Left, Note
+from irbcal.correction.program import Goals, Kind, Left, Note, Stop
 from irbcal.measurement.columns import QUATERNION, joint_units
 
 if TYPE_CHECKING:
@@ -78,11 +78,19 @@ class TableProgram:
         names = tuple(f"row {row}" for row in self.rows)
         return [Goals(self.kind, np.arange(len(names)), names, self.rows, self.values)]
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> bytes:
-        """Bytes of the table with the joints or poses of the rows that are corrected, marked in a column."""
+    def stops(self) -> list[Stop]:
+        """A row a stop, in the order of the file."""
+        return [Stop(int(row), k, k - 1 if k else None) for k, row in enumerate(self.rows)]
+
+    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
+        """Everything can be written into a table."""
+        return [""] * len(goals.names)
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+        """The table with the joints or poses of the rows that are corrected, marked in a column."""
         ((_, fake),) = found
         values = fake.q if self.kind == "joint" else fake.T_fake
-        return with_values(self, values, fingerprint, fake.ok) if fake.ok.any() else self.data
+        return {self.source: with_values(self, values, fingerprint, fake.ok) if fake.ok.any() else self.data}
 
 
 def with_values(

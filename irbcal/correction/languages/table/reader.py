@@ -8,7 +8,7 @@ being line 1) and the column.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -17,7 +17,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages.table.program import MARK, TableProgram
 from irbcal.correction.notation import QUATERNION_TOLERANCE, poses_from_numbers
-from irbcal.correction.program import Kind, read_bytes
+from irbcal.correction.program import Given, Kind, read_bytes
 from irbcal.errors import MeasurementError, OptionError, ProgramError
 from irbcal.measurement.columns import (
     JOINTS,
@@ -42,15 +42,19 @@ LARGEST = 1e9
 """Numbers beyond (9E9, …) stand for no place that a robot could reach."""
 
 
-def read_for(
-    arm: Arm, path: str | Path, tools: Mapping[str, FloatArray], work_objects: Mapping[str, FloatArray]
-) -> TableProgram:
-    """Read a CSV program for an arm; see `irbcal.correction.languages.Language`."""
-    for parameter, given in (("tool", tools), ("wobj", work_objects)):
-        if given:
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like a CSV program: its header names joints or positions."""
+    header = data[:4096].splitlines()[:1]
+    return bool(header) and (b"q1_" in header[0] or b"x_mm" in header[0]) and b"," in header[0]
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[TableProgram]:
+    """Read CSV programs for an arm; see `irbcal.correction.languages.Language`."""
+    for parameter, frames in (("tool", given.tools), ("wobj", given.work_objects)):
+        if frames:
             message = "the poses of a CSV program are those of the tip in the base link: there is no frame to give"
-            raise OptionError(f"{parameter}: {message}", file=path, parameter=parameter)
-    return read(path, arm.joint_columns)
+            raise OptionError(f"{parameter}: {message}", file=files[0], parameter=parameter)
+    return [read(path, arm.joint_columns) for path in files]
 
 
 def read(path: str | Path, joints: Sequence[str] = JOINTS) -> TableProgram:

@@ -1,0 +1,176 @@
+"""The text of a program, in one file or in several: lines, messages, and the way back into the files.
+
+Bytes are read as Latin-1 and written as they were, whatever their encoding: only the bytes of numbers change. The texts
+of several files stand behind one another, so that a place in the text is a place in one of the files.
+"""
+
+from __future__ import annotations
+
+import bisect
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from typing import NamedTuple, TypeAlias
+
+from irbcal.errors import ProgramError
+
+Span: TypeAlias = tuple[int, int]
+"""First character of a piece of text and the one behind it."""
+
+Edit: TypeAlias = tuple[int, int, str]
+"""A span and the text that takes its place."""
+
+BOM = "\xef\xbb\xbf"
+"""The byte order mark of UTF-8, read as Latin-1."""
+
+_MARK = re.compile(r"irbcal:? fake targets?(?:,? calibration)?(?:[ \t]+([0-9A-Za-z_.-]+))?", re.IGNORECASE)
+
+
+class Number(NamedTuple):
+    """A number and where it stands."""
+
+    value: float
+    start: int
+    end: int
+
+
+class Part(NamedTuple):
+    """A file in the text."""
+
+    name: str
+    start: int
+    end: int
+
+
+class Listing:
+    """The text of a program.
+
+    Parameters
+    ----------
+    files : sequence of (str, bytes)
+        Names and contents.
+    what : str
+        The language, for messages.
+
+    Raises
+    ------
+    ProgramError
+        If a file holds binary data.
+    """
+
+    def __init__(self, files: Sequence[tuple[str, bytes]], what: str) -> None:
+        self.parts: list[Part] = []
+        texts: list[str] = []
+        start = 0
+        for name, data in files:
+            if b"\x00" in data:
+                raise ProgramError(f"expected a program in {what}, found binary data", file=name)
+            texts.append(data.decode("latin-1"))
+            self.parts.append(Part(name, start, start + len(data)))
+            start += len(data)
+        self.text = "".join(texts)
+        self._begins = [part.start for part in self.parts]
+        self._lines = [
+            [part.start, *(m.end() for m in re.finditer(r"\r\n|\n|\r", self.text[part.start : part.end]))]
+            for part in self.parts
+        ]
+        for lines, part in zip(self._lines, self.parts, strict=True):
+            lines[1:] = [part.start + end for end in lines[1:]]
+
+    def part(self, position: int) -> int:
+        """Number of the file of a place."""
+        return max(0, bisect.bisect_right(self._begins, position) - 1)
+
+    def line(self, position: int) -> int:
+        """Line of a place in its file, from 1."""
+        return bisect.bisect_right(self._lines[self.part(position)], position)
+
+    def column(self, position: int) -> int:
+        """Column of a place, from 1."""
+        return position - self._lines[self.part(position)][self.line(position) - 1] + 1
+
+    def error(self, position: int, message: str) -> ProgramError:
+        """A refusal that names file and line."""
+        return ProgramError(message, file=self.parts[self.part(position)].name, line=self.line(position))
+
+    def quote(self, start: int, end: int) -> str:
+        """A piece of the program for a message: one printable line, not long."""
+        return quoted(self.text[start:end])
+
+    def newline(self, part: int = 0) -> str:
+        """The line end of a file."""
+        found = re.search(r"\r\n|\n|\r", self.text[self.parts[part].start : self.parts[part].end])
+        return found[0] if found else "\n"
+
+    def after_line(self, position: int) -> int:
+        """Where the line behind the one of a place begins, or the end of its file."""
+        part = self.parts[self.part(position)]
+        lines = self._lines[self.part(position)]
+        k = self.line(position)
+        return lines[k] if k < len(lines) else part.end
+
+    def with_edits(self, edits: Iterable[Edit]) -> str:
+        """The text with edits."""
+        pieces: list[str] = []
+        end = 0
+        for start, stop, new in sorted(edits):
+            pieces += [self.text[end:start], new]
+            end = stop
+        return "".join([*pieces, self.text[end:]])
+
+    def files_with(self, edits: Iterable[Edit]) -> dict[str, bytes]:
+        """Contents of the files with edits, by their names."""
+        sorted_edits = sorted(edits)
+        out = {}
+        for number, part in enumerate(self.parts):
+            pieces: list[str] = []
+            end = part.start
+            for start, stop, new in sorted_edits:
+                if part.start <= start and stop <= part.end and self._holds(number, start, stop):
+                    pieces += [self.text[end:start], new]
+                    end = stop
+            out[part.name] = "".join([*pieces, self.text[end : part.end]]).encode("latin-1")
+        return out
+
+    def _holds(self, number: int, start: int, stop: int) -> bool:
+        """Whether an edit is of this file: a place between two files belongs to the first."""
+        return self.part(max(start, stop - 1) if stop > start else max(0, start - 1)) == number or start == 0
+
+
+def quoted(text: str) -> str:
+    """A piece of a program for a message: in its encoding, on one printable line, not long."""
+    with suppress(UnicodeDecodeError, UnicodeEncodeError):
+        text = text.encode("latin-1").decode("utf-8")
+    text = "".join(char if char.isprintable() else " " for char in text)
+    text = " ".join(text.split())
+    return text if len(text) <= 50 else text[:49] + "…"
+
+
+def one_word(fingerprint: str) -> str:
+    """A fingerprint that may stand in a comment.
+
+    Raises
+    ------
+    ValueError
+        If it is not one printable word, and so might end the comment.
+    """
+    if not fingerprint.isascii() or not fingerprint.isprintable() or fingerprint.split() != [fingerprint]:
+        raise ValueError("expected a fingerprint of one word")
+    return fingerprint
+
+
+def mark_in(comments: Iterable[str]) -> str | None:
+    """Fingerprint in the first mark among comments; empty where it names none, None without mark."""
+    for comment in comments:
+        found = _MARK.search(comment)
+        if found:
+            return found[1] or ""
+    return None
+
+
+def number_like(old: str, value: float, least: int) -> str:
+    """A number with as many decimals as the text that it replaces, ``least`` at least; without exponent."""
+    digits = re.match(r"[-+ \t]*\d*(?:\.(\d*))?", old)
+    decimals = max(least, len(digits[1] or "") if digits else 0)
+    text = f"{value:.{min(decimals, 17)}f}"
+    return text[1:] if text.startswith("-") and not text.strip("-0.") else text

@@ -1,0 +1,233 @@
+"""What a maker's controllers have in common: how they write poses and joints, and which joints a posture means.
+
+Two facts of an arm stand in no URDF and come from the language: how the controller's joints map to those of the URDF
+(``q = matrix @ p``, FANUC measures joint 3 against the ground), and which solution a configuration word names. Both
+hold for arms whose axes point as those of the maker's public URDFs do; other arms are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.correction.orientations import Orientation
+from irbcal.errors import ProgramError
+from irbcal.modeling import dhm
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse import any_arm, closed_form
+from irbcal.modeling.inverse.branches import Branches
+from irbcal.modeling.robot import Robot
+from irbcal.units import DEG
+
+EDGE = 0.05 * DEG
+"""Radians by which the rounding of a program's numbers may put an axis beyond the edge that its posture names."""
+
+NO_POSTURE = "nothing says which of the arm's solutions is meant: no configuration, and no known stop just before it"
+NO_SOLUTION = "its configuration fits no solution of the robot within the joint limits"
+NO_REACH = "the nominal robot does not reach it within its joint limits in this configuration"
+
+
+class Posture(NamedTuple):
+    """Which of the solutions of a pose is meant; None where the program does not say.
+
+    Attributes
+    ----------
+    back : bool or None
+        Whether the wrist centre lies behind axis 1.
+    bent : bool or None
+        Whether the forearm is bent to the other side of the upper arm's line than in `Maker.reference`.
+    wrist : int or None
+        Sign of joint 5 as the controller counts it.
+    low, high : tuple of float
+        Between which the joints lie as the controller counts them, radians.
+    """
+
+    back: bool | None = None
+    bent: bool | None = None
+    wrist: int | None = None
+    low: tuple[float, ...] = (-np.inf,) * 6
+    high: tuple[float, ...] = (np.inf,) * 6
+
+    @property
+    def whole(self) -> bool:
+        """Whether it names one solution, turns aside."""
+        return None not in (self.back, self.bent, self.wrist)
+
+
+@dataclass(frozen=True, eq=False)
+class Maker:
+    """A maker's way to write targets.
+
+    Attributes
+    ----------
+    name : str
+    orientation : Orientation
+    length, angle, joint : float
+        SI value of one unit of positions, orientations and joints.
+    decimals : tuple of int
+        Least decimals written for positions, orientations and joints.
+    axes : tuple of str
+        Directions of the six axes in the base link at zero joints of the URDF, ``+z`` and so on; empty: any.
+    matrix : ndarray, shape (6, 6)
+        Joints of the URDF from those of the controller.
+    reference : tuple of float
+        Joints of the controller, degrees, with the wrist in front and the elbow to the side that ``bent`` false means.
+    aligned : bool
+        Whether numbers keep their right edge, with blanks before them.
+    """
+
+    name: str
+    orientation: Orientation
+    length: float
+    angle: float
+    joint: float
+    decimals: tuple[int, int, int]
+    axes: tuple[str, ...]
+    matrix: FloatArray
+    reference: tuple[float, ...] = (0.0,) * 6
+    aligned: bool = False
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def check(self, arm: Arm, source: str) -> None:
+        """Refuse arms whose joints need not be those of this maker's controllers.
+
+        Raises
+        ------
+        ProgramError
+            If it is not six revolute joints that point as in the maker's URDFs.
+        """
+        if not arm.six_revolute:
+            raise ProgramError(f"{self.name} targets are of six revolute joints, {arm.name} has others", file=source)
+        found = axes_of(arm)
+        if self.axes and found != self.axes:
+            raise ProgramError(
+                f"{self.name} programs are understood for arms whose axes point along {' '.join(self.axes)} at zero "
+                f"joints, those of {arm.name} point along {' '.join(found)}: how its joints are counted is not known",
+                file=source,
+            )
+
+    def joints(self, program: FloatArray) -> FloatArray:
+        """Joints of the URDF (..., 6), radians, from those of the controller, radians."""
+        return np.asarray(program @ self.matrix.T)
+
+    def program_joints(self, q: FloatArray) -> FloatArray:
+        """Joints of the controller (..., 6) from those of the URDF, radians."""
+        return np.asarray(q @ np.linalg.inv(self.matrix).T)
+
+    def poses(self, numbers: FloatArray) -> FloatArray:
+        """Transforms (n, 4, 4) in metres of rows (n, 6) as written."""
+        rows = np.asarray(numbers, dtype=float).reshape(-1, 6)
+        T = np.tile(np.eye(4), (len(rows), 1, 1))
+        T[:, :3, :3] = self.orientation.matrix(rows[:, 3:] * self.angle)
+        T[:, :3, 3] = rows[:, :3] * self.length
+        return T
+
+    def numbers(self, T: FloatArray, near: FloatArray) -> FloatArray:
+        """Rows (n, 6) as written, near to others, of transforms (n, 4, 4)."""
+        old = np.asarray(near, dtype=float).reshape(-1, 6)[:, 3:] * self.angle
+        angles = self.orientation.values(T[:, :3, :3], old)
+        return np.column_stack([T[:, :3, 3] / self.length, angles / self.angle])
+
+    def postures(self, arm: Arm, q: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+        """Whether joints (n, 6) of the URDF are ``back``, ``bent``, and have a negative joint 5 for the controller."""
+        of = closed_form.configuration(arm, q)
+        at = int(closed_form.configuration(arm, self.joints(np.radians([self.reference])))[0])
+        back, bent = (of >> 2) & 1 != at >> 2 & 1, (of >> 1) & 1 != at >> 1 & 1
+        return np.asarray(back), np.asarray(bent), self.program_joints(q)[:, 4] < 0
+
+
+def axes_of(arm: Arm) -> tuple[str, ...]:
+    """Directions of an arm's axes in its base link at zero joints, ``+z`` …, ``?`` where along none of the base's."""
+    chain = dhm.chain_frames(arm.table, arm.table.offsets[:, None], arm.T_base_0)
+    names = []
+    for z in np.asarray(chain.z)[:, :, 0]:
+        k = int(np.argmax(np.abs(z)))
+        names.append(f"{'+' if z[k] > 0 else '-'}{'xyz'[k]}" if abs(abs(z[k]) - 1.0) < 1e-3 else "?")
+    return tuple(names)
+
+
+def joints_of(
+    maker: Maker, arm: Arm, T_base_tip: FloatArray, postures: Sequence[Posture], near: FloatArray
+) -> tuple[FloatArray, list[str]]:
+    """Joints that a controller takes for poses.
+
+    Parameters
+    ----------
+    maker : Maker
+    arm : Arm
+        What the controller computes with.
+    T_base_tip : ndarray, shape (n, 4, 4)
+    postures : sequence of Posture, length n
+    near : ndarray, shape (n, 6)
+        Joints of the URDF that the arm comes from, radians; NaN where they are not known.
+
+    Returns
+    -------
+    q : ndarray, shape (n, 6)
+        Joints of the URDF; NaN where nothing is known.
+    reasons : list of str, length n
+        Why; empty where joints are.
+    """
+    known: BoolArray = np.logical_and.reduce(np.isfinite(near), axis=1)
+    q = np.full((len(postures), 6), np.nan)
+    if not len(postures):
+        return q, []
+    if not closed_form.has_closed_form(arm):
+        rows = np.flatnonzero(known)
+        if len(rows):
+            found = any_arm.solve(Robot(arm), arm, T_base_tip[rows], seed=near[rows], thorough=False)
+            q[rows] = np.where((found.converged & found.inside)[:, None], found.joints, np.nan)
+        reached: BoolArray = np.logical_and.reduce(np.isfinite(q), axis=1)
+        return q, ["" if r else NO_REACH if k else NO_POSTURE for r, k in zip(reached, known, strict=True)]
+    branches = closed_form.branches(arm, T_base_tip)
+    start = np.where(known[:, None], near, 0.0)
+    turned, fits = _fitting(maker, arm, branches, postures, start)
+    told: BoolArray = np.logical_or(known, np.array([posture.whole for posture in postures], dtype=bool))
+    cost = np.where(fits, np.sum((np.nan_to_num(turned) - start[:, None]) ** 2, axis=-1), np.inf)
+    best = np.argmin(cost, axis=1)
+    good: BoolArray = np.logical_and(told, np.isfinite(cost[np.arange(len(best)), best]))
+    q = np.where(good[:, None], turned[np.arange(len(best)), best], np.nan)
+    reach: BoolArray = np.logical_or.reduce(branches.valid, axis=1)
+    reasons = [
+        "" if g else NO_POSTURE if not t else NO_SOLUTION if r else NO_REACH
+        for g, t, r in zip(good, told, reach, strict=True)
+    ]
+    return q, reasons
+
+
+def _fitting(
+    maker: Maker, arm: Arm, branches: Branches, postures: Sequence[Posture], near: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Joints (n, 8, 6) of all branches, turned into limits and postures, and whether they fit (n, 8)."""
+    joints = branches.joints
+    n = len(joints)
+    fits = branches.valid.copy()
+    shape = joints.reshape(-1, 6)
+    back, bent, negative = (m.reshape(n, 8) for m in maker.postures(arm, np.nan_to_num(shape)))
+    for found, wanted in (
+        (back, [p.back for p in postures]),
+        (bent, [p.bent for p in postures]),
+        (negative, [None if p.wrist is None else p.wrist < 0 for p in postures]),
+    ):
+        asked = np.array([w is not None for w in wanted])
+        fits &= ~asked[:, None] | (found == np.array([bool(w) for w in wanted])[:, None])
+    low, high = np.array([p.low for p in postures])[:, None], np.array([p.high for p in postures])[:, None]
+    turns = 2 * np.pi * np.array([0, -1, 1, -2, 2])
+    best = np.full(joints.shape, np.nan)
+    least = np.full(joints.shape, np.inf)
+    for turn in turns:
+        moved = joints + turn
+        program = maker.program_joints(np.nan_to_num(joints)) + turn  # whole turns of a joint are those of its count
+        inside = (moved >= arm.lower - 1e-9) & (moved <= arm.upper + 1e-9)
+        inside &= (program >= low - EDGE) & (program <= high + EDGE)
+        away = np.where(inside, np.abs(moved - near[:, None]), np.inf)
+        better = away < least
+        best, least = np.where(better, moved, best), np.where(better, away, least)
+    fits &= np.isfinite(least).all(axis=-1)
+    return best, fits

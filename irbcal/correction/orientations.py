@@ -1,0 +1,169 @@
+"""How controllers write orientations: three angles about axes in turn, or a rotation vector.
+
+Rotations act on columns: ``p_ref = R p_tool``. Angles about axes ``i j k`` mean ``R = Ri(first) Rj(second) Rk(third)``
+where the order of the fields is that of the product; a maker that writes the fields the other way round (FANUC's
+``W P R`` = fixed x, y, z, so ``Rz(R) Ry(P) Rx(W)``) says so with ``reverse``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray
+from irbcal.modeling import frames
+
+SINGULAR = 1e-7
+"""Cosine (or sine) of the middle angle below which only the sum of the outer two is determined."""
+
+_TURN = 2.0 * np.pi
+
+
+class Orientation(Protocol):
+    """A way to write orientations in three numbers."""
+
+    @property
+    def names(self) -> tuple[str, str, str]:
+        """Of the fields."""
+        ...
+
+    def matrix(self, values: ArrayLike) -> FloatArray:
+        """Rotations (n, 3, 3) of n rows of three numbers, radians."""
+        ...
+
+    def values(self, R: ArrayLike, near: ArrayLike) -> FloatArray:
+        """Numbers (n, 3) of rotations (n, 3, 3), radians: of all that mean the same, the nearest to ``near`` (n, 3)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Angles:
+    """Three angles about axes.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the fields as the maker writes them.
+    axes : str
+        ``zyx`` for ``Rz Ry Rx``, and so on; neighbours differ.
+    reverse : bool
+        Whether the first field is the angle about the last axis.
+    """
+
+    names: tuple[str, str, str]
+    axes: str
+    reverse: bool = False
+
+    def matrix(self, values: ArrayLike) -> FloatArray:
+        """Rotations, see `Orientation.matrix`."""
+        rows = self._in_order(values)
+        first, second, third = (_about(axis, angle) for axis, angle in zip(self.axes, rows.T, strict=True))
+        return np.asarray(first @ second @ third)
+
+    def values(self, R: ArrayLike, near: ArrayLike) -> FloatArray:
+        """Angles, see `Orientation.values`.
+
+        Where the middle angle is singular, the first axis of the product keeps its angle. Angles are between -180 and
+        180 degrees, unless ``near`` is not.
+        """
+        R = np.asarray(R, dtype=float).reshape(-1, 3, 3)
+        old = self._in_order(near)
+        up, along = self._first(R)
+        first = np.where(np.hypot(up, along) < SINGULAR, old[:, 0], np.arctan2(up, along))
+        sets = []
+        for start in (first, first + np.pi):
+            rest = np.swapaxes(_about(self.axes[0], start), 1, 2) @ R
+            second, third = _last_two(rest, self.axes[1], self.axes[2])
+            sets.append(_turned(np.column_stack([start, second, third]), old))
+        away = [np.abs(found - old).max(axis=1) for found in sets]
+        chosen = np.where((away[1] < away[0] - 1e-9)[:, None], sets[1], sets[0])
+        return chosen[:, ::-1] if self.reverse else chosen
+
+    def _in_order(self, values: ArrayLike) -> FloatArray:
+        rows = np.asarray(values, dtype=float).reshape(-1, 3)
+        return rows[:, ::-1] if self.reverse else rows
+
+    def _first(self, R: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Sine and cosine of the first angle, both times the cosine (or sine) of the middle one."""
+        j, k = "xyz".index(self.axes[1]), "xyz".index(self.axes[2])
+        i = _other(j, k)
+        sign = _parity(i, j)
+        if self.axes[0] == self.axes[2]:
+            return R[:, j, k], sign * R[:, i, k]
+        return -sign * R[:, j, k], R[:, k, k]
+
+
+@dataclass(frozen=True)
+class RotationVector:
+    """The axis of the rotation with its angle as length (Universal Robots)."""
+
+    names: tuple[str, str, str] = ("rx", "ry", "rz")
+
+    def matrix(self, values: ArrayLike) -> FloatArray:
+        """Rotations, see `Orientation.matrix`."""
+        rows = np.asarray(values, dtype=float).reshape(-1, 3)
+        half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
+        part = 0.5 * np.sinc(half / np.pi) * rows  # sin(half) / (2 half) of the vector, also at zero
+        return frames.matrix_from_quaternion(np.column_stack([np.cos(half), part]))
+
+    def values(self, R: ArrayLike, near: ArrayLike) -> FloatArray:
+        """Vectors, see `Orientation.values`: next to half a turn, the one on the side of ``near``."""
+        q = frames.quaternion_from_matrix(np.asarray(R, dtype=float).reshape(-1, 3, 3))
+        old = np.asarray(near, dtype=float).reshape(-1, 3)
+        length = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
+        angle = 2.0 * np.arctan2(length, q[:, :1])
+        size = np.linalg.norm(old, axis=1, keepdims=True)
+        fallback = np.where(size > 0, old / np.where(size > 0, size, 1.0), 0.0)
+        axis = np.where(length > 1e-12, q[:, 1:] / np.where(length > 1e-12, length, 1.0), fallback)
+        turns = np.rint((np.sum(axis * old, axis=1, keepdims=True) - angle) / _TURN)
+        return np.asarray(axis * (angle + _TURN * turns))
+
+
+def _about(axis: str, angle: FloatArray) -> FloatArray:
+    """Rotations (n, 3, 3) about one axis by n angles."""
+    k = "xyz".index(axis)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    R = np.zeros((len(angle), 3, 3))
+    R[:, k, k] = 1.0
+    R[:, i, i] = R[:, j, j] = np.cos(angle)
+    R[:, j, i] = np.sin(angle)
+    R[:, i, j] = -R[:, j, i]
+    return R
+
+
+def _other(i: int, j: int) -> int:
+    return 3 - i - j
+
+
+def _parity(i: int, j: int) -> float:
+    """1 where axes i, j and the third are in turn, -1 else."""
+    return 1.0 if (j - i) % 3 == 1 else -1.0
+
+
+def _last_two(M: FloatArray, second: str, third: str) -> tuple[FloatArray, FloatArray]:
+    """Angles of ``M = Rj(second) Rk(third)``."""
+    j, k = "xyz".index(second), "xyz".index(third)
+    i = _other(j, k)
+    sign = _parity(i, j)
+    return np.arctan2(sign * M[:, i, k], M[:, k, k]), np.arctan2(sign * M[:, j, i], M[:, j, j])
+
+
+def _turned(values: FloatArray, old: FloatArray) -> FloatArray:
+    """Angles within half a turn of zero; at the turn of the old one where that is beyond."""
+    inside = values - _TURN * np.rint(values / _TURN)
+    beyond = np.abs(old) > np.pi + 1e-9
+    near = values + _TURN * np.rint((old - values) / _TURN)
+    # 180 and -180 degrees are the same: the sign of the old one is kept
+    edge = (np.abs(np.abs(inside) - np.pi) < 1e-9) & (np.abs(old - inside) > np.pi)
+    return np.where(beyond, near, np.where(edge, -inside, inside))
+
+
+KUKA = Angles(("A", "B", "C"), "zyx")
+FANUC = Angles(("W", "P", "R"), "zyx", reverse=True)
+YASKAWA = Angles(("Rx", "Ry", "Rz"), "zyx", reverse=True)
+KAWASAKI = Angles(("O", "A", "T"), "zyz")
+STAUBLI = Angles(("rx", "ry", "rz"), "xyz")
+UNIVERSAL_ROBOTS = RotationVector()

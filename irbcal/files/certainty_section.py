@@ -1,0 +1,107 @@
+"""What is known of a calibration's predictions, in ``calibration.json``: covariance, left-out errors, joint ranges."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from irbcal.arrays import FloatArray
+from irbcal.files.section import Section
+from irbcal.modeling.certainty import Certainty
+from irbcal.units import MM
+
+
+class CovarianceSection(Section):
+    """A covariance matrix ``C = L L'`` by its factor, packed.
+
+    ``factor`` is base64 of the lower triangle of L, row by row (L11, L21, L22, L31, …), as little-endian floats of four
+    bytes. The factor keeps what is known well beside what is not: a rounding of C itself to four bytes would not.
+    """
+
+    layout: Literal["cholesky-rows-float32-base64"]
+    size: int = Field(ge=0)
+    factor: str
+
+    @model_validator(mode="after")
+    def _whole(self) -> CovarianceSection:
+        try:
+            data = base64.b64decode(self.factor, validate=True)
+        except binascii.Error:
+            raise ValueError("the factor of the covariance is not base64") from None
+        if len(data) != 2 * self.size * (self.size + 1):
+            raise ValueError(f"the factor of a covariance of size {self.size} has {len(data)} bytes")
+        if not np.isfinite(np.frombuffer(data, "<f4")).all():
+            raise ValueError("the factor of the covariance has numbers that are not finite")
+        return self
+
+    @staticmethod
+    def of(matrix: FloatArray) -> CovarianceSection:
+        """The section of a covariance, shape (k, k), which may be singular."""
+        scale = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))
+        scale[scale == 0.0] = 1.0
+        values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+        # R'R = V diag(values) V' with R upper triangular: a factor although directions may be held
+        R: FloatArray = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]
+        L = R.T * scale[:, None]
+        data = L[np.tril_indices(len(L))].astype("<f4").tobytes()
+        return CovarianceSection(
+            layout="cholesky-rows-float32-base64", size=len(L), factor=base64.b64encode(data).decode("ascii")
+        )
+
+    def matrix(self) -> FloatArray:
+        """The covariance, shape (size, size), read-only."""
+        return _unpacked(self.factor, self.size)
+
+
+@lru_cache(maxsize=4)
+def _unpacked(factor: str, size: int) -> FloatArray:
+    L = np.zeros((size, size))
+    L[np.tril_indices(size)] = np.frombuffer(base64.b64decode(factor), "<f4")
+    C: FloatArray = L @ L.T
+    C.setflags(write=False)
+    return C
+
+
+class CertaintySection(Section):
+    """What intervals of predictions need beside the covariance, and where they are valid.
+
+    Leave-one-out errors (mm) are root mean square lengths by target, under the empty name for all: of single poses, and
+    of contiguous fifths of the poses. ``ranges`` are the smallest and the largest joints of the fit, rad (m).
+    """
+
+    leave_one_out_mm: dict[str, float]
+    leave_fifths_out_mm: dict[str, float]
+    ranges: list[list[float]] = Field(min_length=2, max_length=2)
+
+    @staticmethod
+    def of(known: Certainty) -> CertaintySection:
+        """The section of what an identification knows."""
+        assert known.ranges is not None
+        return CertaintySection(
+            leave_one_out_mm=in_mm(known.loo),
+            leave_fifths_out_mm=in_mm(known.loo_blocks),
+            ranges=known.ranges.tolist(),
+        )
+
+
+def in_mm(lengths: Mapping[str, float]) -> dict[str, float]:
+    """Lengths by name, metres, in millimetres."""
+    return {name: value / MM for name, value in lengths.items()}
+
+
+def in_metres(lengths: Mapping[str, float]) -> dict[str, float]:
+    """Lengths by name, millimetres, in metres."""
+    return {name: value * MM for name, value in lengths.items()}
+
+
+def matrix_of(covariance: CovarianceSection | Sequence[Sequence[float]]) -> FloatArray:
+    """The covariance as a file has it: packed, or number by number as earlier versions wrote it, shape (k, k)."""
+    if isinstance(covariance, CovarianceSection):
+        return covariance.matrix()
+    return np.array(covariance, dtype=float).reshape(len(covariance), -1)

@@ -1,0 +1,293 @@
+r"""What is known of a robot's predictions: covariance, 95 % intervals, and the joint ranges that they hold in.
+
+The interval of a coordinate is ``1.96 sqrt(V + B + loo^2 / 3)``: V is the scatter of the parameters, B the disagreement
+of averaged error models (one covariance holds both) and loo the root mean square length of the residuals of poses that
+were left out of the fit one at a time. The scatter of the parameters alone holds 18 to 77 % of held-out coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.errors import RobotError
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import BLOCK, basis_values, term_columns
+from irbcal.summary import Speaks, Told
+from irbcal.units import MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COVERAGE = 1.96
+"""Standard deviations of an interval that holds 95 % of a Gaussian's values."""
+HISTORY = ("direction", "share_of_move")
+"""Bases whose value is between -1 and 1, and unknown without the stop before."""
+OUTSIDE = 0.01
+"""Degrees or millimetres beyond the joint ranges of a fit that still count as within."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Speaks):
+    """Where a target will be.
+
+    Attributes
+    ----------
+    position : ndarray, shape (n, 3)
+        In the measuring frame (of the tip: in the base link), metres.
+    covariance : ndarray, shape (n, 3, 3)
+        Scatter of the parameters and disagreement of the averaged error models, m^2.
+    interval : ndarray, shape (n, 3)
+        Half-width that holds 95 % of a coordinate's errors: 1.96 times the root of the covariance's diagonal and a
+        third of the squared leave-one-out error, metres.
+    outside : ndarray of bool, shape (n,)
+        Whether a joint is outside the range of the fit, where high harmonics must not be trusted.
+    """
+
+    position: FloatArray
+    covariance: FloatArray
+    interval: FloatArray
+    outside: BoolArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> Sequence[Told]:
+        """How wide the intervals are, and whether poses are outside the joint ranges of the fit."""
+        width = self.interval / MM
+        headline = f"{len(width)} predicted positions"
+        if len(width):
+            headline += (
+                f": 95 % of a coordinate's errors within {np.median(width):.3f} mm (largest {width.max():.3f} mm)"
+            )
+        count = int(self.outside.sum())
+        if not count:
+            return (headline,)
+        return (headline, f"{count} of them outside the joint ranges of the fit: their intervals may not hold.")
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a position: coordinates and half-widths of their intervals, millimetres, and whether it is outside."""
+        import pandas as pd
+
+        columns = {f"{axis}_mm": self.position[:, k] / MM for k, axis in enumerate("xyz")}
+        columns |= {f"{axis}_u95_mm": self.interval[:, k] / MM for k, axis in enumerate("xyz")}
+        return pd.DataFrame(columns | {"outside": np.array(self.outside)})
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Certainty:
+    """What an identification knows of the robot that it found.
+
+    Parameters
+    ----------
+    nominal : Arm
+        Attitudes of links are taken from it.
+    terms : tuple of Term
+        What the last columns of the covariance are coefficients of: constants of the geometry (errors of the DHM table)
+        and terms of the joint map and the frames.
+    covariance : ndarray, shape (flat + terms, flat + terms)
+        Of the base (turn, shift in the base link), places of the free targets, turns of target frames, and the
+        coefficients, SI units.
+    free_targets : tuple of str
+        Targets whose places were identified, in the order of their columns.
+    coefficients : ndarray, shape (terms,)
+        Their sizes join the uncertainty where the last move is not known.
+    loo, loo_blocks : dict of str to float
+        Root mean square length of leave-one-pose-out residuals (of contiguous fifths of the poses) by target, ``""``
+        for all, metres; empty where not known.
+    ranges : ndarray, shape (2, joints), optional
+        Smallest and largest commanded joints of the fit, radians (metres).
+    gravity : tuple of three float
+        Direction in the base link.
+    """
+
+    nominal: Arm
+    terms: tuple[Term, ...]
+    covariance: FloatArray
+    free_targets: tuple[str, ...]
+    coefficients: FloatArray
+    loo: Mapping[str, float]
+    loo_blocks: Mapping[str, float]
+    ranges: FloatArray | None
+    gravity: tuple[float, ...] = GRAVITY
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __repr__(self) -> str:
+        return f"<Certainty of {self.nominal.name}: {len(self.terms)} coefficients, {len(self.loo) - 1} targets>"
+
+    # ---------------------------------------------------------------- joint ranges
+
+    def beyond(self, q: FloatArray) -> FloatArray:
+        """How far joints (n, joints) lie outside the ranges of the fit, radians (metres); zeros within, (n, joints)."""
+        if self.ranges is None:
+            return np.zeros(q.shape)
+        far = np.maximum(q - self.ranges[1], self.ranges[0] - q)
+        return np.where(far > OUTSIDE * self.nominal.joint_units, far, 0.0)
+
+    def outside(self, q: FloatArray) -> BoolArray:
+        """Which poses have a joint outside the ranges of the fit, shape (n,)."""
+        return np.asarray(self.beyond(q).any(axis=1))
+
+    def outside_in_words(self, q: FloatArray, what: str = "poses") -> str:
+        """How many poses lie outside, in which joints and by how much; an empty text where none does."""
+        beyond = self.beyond(q)
+        count = int(beyond.any(axis=1).sum())
+        if not count:
+            return ""
+        units, slides = self.nominal.joint_units, self.nominal.table.prismatic
+        words = [
+            f"{self.nominal.joint_names[j]} in {n} by up to {beyond[:, j].max() / units[j]:.1f} "
+            f"{'mm' if slides[j] else 'degrees'}"
+            for j, n in enumerate((beyond > 0.0).sum(axis=0))
+            if n
+        ]
+        return (
+            f"{count} of {len(q)} {what} lie outside the joint ranges of the calibration's fit ({', '.join(words)}): "
+            "the calibration is extrapolated there, and errors can be far larger."
+        )
+
+    # ---------------------------------------------------------------- predictions
+
+    def spread(
+        self, path: chain.Walk, p: FloatArray, motion: Motion, known: BoolArray, target: str | None
+    ) -> FloatArray:
+        """Covariance of points of the tool, one a pose, from that of the parameters.
+
+        Parameters
+        ----------
+        path : Walk
+            The calibrated arm at the motion.
+        p : ndarray, shape (3, n)
+            In the base link, metres.
+        motion : Motion
+        known : ndarray of bool, shape (n,)
+            Where the last move is known.
+        target : str or None
+            The reflector; None for points of the tip in the base link, which neither base nor targets move.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, 3)
+            In the base link, m^2.
+        """
+        J = self._jacobian(path, p, motion, known, target)
+        CJ = (self.covariance @ J.reshape(len(J), -1)).reshape(J.shape)
+        spread = CJ.transpose(2, 1, 0) @ J.transpose(2, 0, 1)
+        history = np.flatnonzero([t.basis in HISTORY for t in self.terms])
+        if len(history) and not known.all():
+            H = J[len(J) - len(self.terms) + history][..., ~known] * self.coefficients[history, None, None]
+            spread[~known] += np.einsum("kin,kjn->nij", H, H)
+        return spread
+
+    def _jacobian(
+        self, path: chain.Walk, p: FloatArray, motion: Motion, known: BoolArray, target: str | None
+    ) -> FloatArray:
+        """Derivative of the points by all columns of the covariance, shape (columns, 3, n), SI units."""
+        n, flat = len(motion), len(self.covariance) - len(self.terms)
+        J = np.zeros((len(self.covariance), 3, n))
+        if target is not None:
+            for k in range(3):
+                i, j = (k + 1) % 3, (k + 2) % 3
+                J[k, i], J[k, j], J[3 + k, k] = -p[j], p[i], 1.0
+            if target in self.free_targets:
+                slot = 6 + 3 * self.free_targets.index(target)
+                J[slot : slot + 3] = path.tip[:3]
+        values = basis_values(self.terms, Situation(self.nominal, motion, self.gravity))
+        history = np.array([t.basis in HISTORY for t in self.terms], dtype=bool)
+        values[np.ix_(history, ~known)] = 1.0
+        constant = np.array([t.basis == "constant" for t in self.terms], dtype=bool)
+        for part in (True, False):
+            rows = np.flatnonzero(constant == part)
+            columns = chain.point_columns(path, p, np.arange(n), part)
+            J[flat + rows] = term_columns([self.terms[k] for k in rows], columns, values[rows], np.arange(n))
+        return J
+
+    def predict(
+        self,
+        walk: Callable[[Motion], chain.Walk],
+        q: ArrayLike,
+        previous: ArrayLike | None,
+        place: FloatArray,
+        target: str | None,
+        T_world_base: FloatArray,
+        in_order: bool = False,
+    ) -> Prediction:
+        """Places of a point of the tool, with what is known of them; see `irbcal.modeling.robot.Robot.predict`.
+
+        Parameters
+        ----------
+        walk : callable
+            From a motion to the calibrated arm there.
+        q : array_like, shape (n, joints)
+            Commanded joints, radians (metres for prismatic joints).
+        previous : array_like, shape (n, joints), optional
+            The stop before each; rows with NaN are not known.
+        place : ndarray, shape (3,)
+            In the tip link, metres.
+        target : str or None
+            Which reflector it is; None for a point of the tip, which is predicted in the base link.
+        T_world_base : ndarray, shape (4, 4)
+        in_order : bool
+            Take the residuals of contiguous blocks of poses in place of single ones.
+
+        Returns
+        -------
+        Prediction
+
+        Raises
+        ------
+        RobotError
+            If leave-one-out residuals are not known.
+        """
+        loo = (self.loo_blocks if in_order else self.loo).get(target or "", self.loo.get(""))
+        if loo is None:
+            raise RobotError(
+                "this calibration knows its covariance but no leave-one-out errors, so it can give no intervals: it "
+                "was saved by an earlier version, calibrate again"
+            )
+        position, covariance, outside = self.positions(walk, q, previous, place, target, T_world_base)
+        variance = np.diagonal(covariance, axis1=1, axis2=2)
+        return Prediction(position, covariance, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0), outside)
+
+    def positions(
+        self,
+        walk: Callable[[Motion], chain.Walk],
+        q: ArrayLike,
+        previous: ArrayLike | None,
+        place: FloatArray,
+        target: str | None,
+        T_world_base: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Positions (n, 3), their covariance (n, 3, 3) and which poses are outside; parameters as `predict`."""
+        motion, known = _motion(q, previous)
+        T = np.eye(4) if target is None else T_world_base
+        R = T[:3, :3]
+        position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))
+        for start in range(0, len(motion), BLOCK):
+            rows = slice(start, start + BLOCK)
+            part = motion.select(rows)
+            path = walk(part)
+            p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], place)
+            position[rows] = p.T @ R.T + T[:3, 3]
+            covariance[rows] = R @ self.spread(path, p, part, known[rows], target) @ R.T
+        return position, covariance, self.outside(motion.q)
+
+
+def _motion(q: ArrayLike, previous: ArrayLike | None) -> tuple[Motion, BoolArray]:
+    """The motion, moves that are not known zero, and where they are known, shape (n,)."""
+    q = np.atleast_2d(np.asarray(q, dtype=float))
+    if previous is None:
+        return Motion(q), np.zeros(len(q), dtype=bool)
+    move = q - np.asarray(previous, dtype=float)
+    known = np.asarray(np.isfinite(move).all(axis=1))
+    return Motion(q, np.where(known[:, None], move, 0.0)), known

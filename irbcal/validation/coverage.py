@@ -1,0 +1,71 @@
+"""Do the intervals hold? Measured coordinates within the 95 % intervals that a calibrated robot predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from irbcal.arrays import BoolArray
+from irbcal.measurement.points import PointSet
+from irbcal.modeling.robot import Robot
+from irbcal.units import MM
+
+EXPECTED = 0.95
+"""Share of a coordinate's errors that an interval is made to hold."""
+
+
+def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
+    """How many measured coordinates lie within the predicted intervals.
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+        In its measuring frame; not those of its fit.
+
+    Returns
+    -------
+    dict or None
+        ``expected`` share and ``parts``: for ``all``, for poses ``within`` and ``outside`` the joint ranges of the fit
+        and for each target the number ``n`` of coordinates, the share ``inside`` and the median half-width ``u95_mm``.
+        None where nothing is known of the robot's certainty.
+    """
+    if robot.certainty is None or not robot.certainty.loo or not len(points):
+        return None
+    inside, width = np.zeros((len(points), 3), dtype=bool), np.zeros((len(points), 3))
+    for k in np.unique(points.target):
+        mine = points.target == k
+        rows = points.pose[mine]
+        previous = None if points.previous is None else points.previous[rows]
+        seen = robot.predict(points.q[rows], previous, points.target_names[k])
+        inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
+        width[mine] = seen.interval
+    outside = robot.certainty.outside(points.q)[points.pose]
+    masks: dict[str, BoolArray] = {"all": np.ones(len(points), dtype=bool), "within": ~outside, "outside": outside}
+    masks |= {name: points.target == k for k, name in enumerate(points.target_names)}
+    parts = {
+        name: {
+            "n": 3 * int(mask.sum()),
+            "inside": float(inside[mask].mean()),
+            "u95_mm": float(np.median(width[mask])) / MM,
+        }
+        for name, mask in masks.items()
+        if mask.any()
+    }
+    return {"expected": EXPECTED, "parts": parts}
+
+
+def coverage_in_words(found: Mapping[str, Any]) -> str:
+    """One sentence on what `coverage` found."""
+    parts = found["parts"]
+    whole = parts["all"]
+    text = (
+        f"{whole['inside']:.1%} of {whole['n']} measured coordinates lie within their predicted 95 % intervals (median "
+        f"half-width {whole['u95_mm']:.3f} mm)"
+    )
+    if "outside" in parts:
+        inner = f"{parts['within']['inside']:.1%} within the joint ranges of the fit, " if "within" in parts else ""
+        text += f": {inner}{parts['outside']['inside']:.1%} outside"
+    return text + "."

@@ -1,0 +1,76 @@
+"""Covariance packed by its factor: layout by hand, accuracy where parameters are nearly tied, damage, older files."""
+
+import base64
+import json
+import struct
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+import irbcal
+from irbcal.files.calibration_folder import JSON_NAME
+from irbcal.files.certainty_section import CovarianceSection, matrix_of
+from irbcal.files.schema import Record
+
+
+def test_the_layout_is_rows_of_the_lower_triangle():
+    factor = base64.b64encode(struct.pack("<6f", 2.0, 1.0, 3.0, 0.5, -1.0, 4.0)).decode()
+    section = CovarianceSection(layout="cholesky-rows-float32-base64", size=3, factor=factor)
+    L = np.array([[2.0, 0, 0], [1.0, 3.0, 0], [0.5, -1.0, 4.0]])
+    np.testing.assert_array_equal(section.matrix(), L @ L.T)
+    np.testing.assert_array_equal(CovarianceSection.of(L @ L.T).matrix().round(5), (L @ L.T).round(5))
+
+
+def test_what_is_known_well_stays_known_well():
+    # a sum is known ten thousand times better than its parts: rounding of the matrix itself would lose it
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((40, 40))
+    V = np.linalg.qr(A)[0]
+    C = (V * np.geomspace(1e-6, 1e-15, 40)) @ V.T
+    there = CovarianceSection.of(C).matrix()
+    for v in V.T:
+        assert np.sqrt(v @ there @ v) == pytest.approx(np.sqrt(v @ C @ v), rel=2e-3)
+    assert abs(v @ C.astype("f4").astype(float) @ v / (v @ C @ v) - 1.0) > 0.1
+
+
+def test_held_directions_and_nothing_are_kept():
+    v = np.array([[1.0, -1.0, 0.0]])
+    C = np.eye(3) - v.T @ v / 2
+    np.testing.assert_allclose(CovarianceSection.of(C).matrix(), C, atol=1e-6)
+    assert CovarianceSection.of(np.zeros((2, 2))).matrix().tolist() == [[0.0, 0.0], [0.0, 0.0]]
+
+
+@pytest.mark.parametrize(
+    ("size", "factor", "words"),
+    [
+        (2, "!!!", "not base64"),
+        (3, base64.b64encode(bytes(12)).decode(), "of size 3 has 12 bytes"),
+        (1, base64.b64encode(struct.pack("<f", np.inf)).decode(), "not finite"),
+    ],
+)
+def test_damage_is_refused(size, factor, words):
+    with pytest.raises(ValidationError, match=words):
+        CovarianceSection(layout="cholesky-rows-float32-base64", size=size, factor=factor)
+
+
+def test_a_folder_gives_the_same_predictions(outcome, folder):
+    fresh, loaded = outcome.fit.robot, irbcal.load(folder).robot_calibrated()
+    q = fresh.arm.random_joints(30, 4)
+    for name in fresh.targets:
+        one, two = fresh.predict(q, target=name), loaded.predict(q, target=name)
+        np.testing.assert_allclose(two.position, one.position, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(two.interval, one.interval, rtol=1e-5)
+        np.testing.assert_array_equal(two.outside, one.outside)
+
+
+def test_files_of_earlier_versions_are_read(folder):
+    content = json.loads((folder / JSON_NAME).read_text())
+    C = matrix_of(CovarianceSection(**content["covariance"]))
+    content["covariance"] = C.tolist()
+    del content["certainty"]
+    old = Record.model_validate_json(json.dumps(content))
+    np.testing.assert_allclose(old.covariance_matrix(), C, rtol=1e-12)
+    robot = old.robot_calibrated()
+    assert robot.certainty.ranges is None
+    assert robot.certainty.loo == {}

@@ -1,0 +1,108 @@
+"""Predictions with intervals: positions are the robot's own, what is not known widens them, ranges are counted."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from evidence_cases import Truth, moves
+from support import arm, random_robot
+
+from irbcal.errors import RobotError
+from irbcal.identification.averaged import identify_averaged
+from irbcal.units import DEG
+
+
+@pytest.fixture(scope="module")
+def robot():
+    truth = Truth(["gravity", "direction"], scale=2.0)
+    motion = replace(moves(truth.nominal, 80, 3), elapsed=None)
+    return identify_averaged(truth.nominal, truth.measured(motion, 1e-5), motion).robot
+
+
+def test_positions_are_forward_kinematics(robot):
+    q, previous = robot.arm.random_joints(30, 5), robot.arm.random_joints(30, 6)
+    for name, place in robot.targets.items():
+        T = robot.T_world_base @ robot.forward(q, previous)
+        expected = T[:, :3, :3] @ place + T[:, :3, 3]
+        np.testing.assert_allclose(robot.predict(q, previous, name).position, expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        robot.predict(q).position, robot.points(q, next(iter(robot.targets))), rtol=0, atol=1e-13
+    )
+    np.testing.assert_allclose(robot.predict_tip(q).position, robot.poses(q)[:, :3, 3], rtol=0, atol=1e-13)
+
+
+def test_unknown_moves_are_unknown_row_by_row(robot):
+    q, previous = robot.arm.random_joints(20, 5), robot.arm.random_joints(20, 6)
+    known, unknown = robot.predict(q, previous), robot.predict(q)
+    previous[::2] = np.nan
+    mixed = robot.predict(q, previous)
+    for name in ("position", "covariance", "interval"):
+        np.testing.assert_allclose(getattr(mixed, name)[::2], getattr(unknown, name)[::2], rtol=1e-9)
+        np.testing.assert_allclose(getattr(mixed, name)[1::2], getattr(known, name)[1::2], rtol=1e-9)
+    assert (unknown.interval > known.interval).all()
+
+
+def test_the_interval_is_the_formula(robot):
+    q = robot.arm.random_joints(9, 5)
+    for in_order, loo in ((False, robot.certainty.loo), (True, robot.certainty.loo_blocks)):
+        seen = robot.predict(q, target="smr2", in_order=in_order)
+        variance = np.einsum("nii->ni", seen.covariance)
+        np.testing.assert_allclose(seen.interval, 1.96 * np.sqrt(variance + loo["smr2"] ** 2 / 3), rtol=1e-12)
+
+
+def test_covariance_grows_with_its_matrix_and_follows_the_base(robot):
+    q = robot.arm.random_joints(9, 5)
+    base = np.zeros_like(robot.certainty.covariance)
+    base[3:6, 3:6] = 1e-8 * np.diag([1.0, 4.0, 9.0])
+    only = robot.replace(
+        certainty=replace(robot.certainty, covariance=base, coefficients=0 * robot.certainty.coefficients)
+    )
+    R = robot.T_world_base[:3, :3]
+    np.testing.assert_allclose(
+        only.predict(q).covariance, np.broadcast_to(R @ base[3:6, 3:6] @ R.T, (9, 3, 3)), atol=1e-20
+    )
+    assert not only.predict_tip(q).covariance.any()
+
+
+def test_poses_outside_are_told_by_joint_and_degrees(robot):
+    low, high = robot.certainty.ranges
+    q = np.tile(0.5 * (low + high), (5, 1))
+    assert robot.certainty.outside_in_words(q) == ""
+    q[0, 1] = high[1] + 3.0 * DEG
+    q[1, 1] = low[1] - 7.25 * DEG
+    q[1, 4] = high[4] + 1.0 * DEG
+    q[2, 3] = high[3] + 0.005 * DEG  # as files are rounded
+    words = robot.certainty.outside_in_words(q, "targets")
+    assert words.startswith(
+        "2 of 5 targets lie outside the joint ranges of the calibration's fit (joint_2 in 2 by up to "
+    )
+    assert "7.2 degrees" in words or "7.3 degrees" in words
+    assert "joint_5 in 1 by up to 1.0 degrees)" in words
+    np.testing.assert_array_equal(robot.predict(q).outside, [True, True, False, False, False])
+
+
+def test_robots_without_certainty_say_so():
+    plain = random_robot(arm(), "34", np.random.default_rng(0))
+    for call in (plain.predict, plain.predict_tip):
+        with pytest.raises(RobotError, match="nothing is known of how certain irb1600"):
+            call(np.zeros((1, 6)))
+
+
+def test_wrong_calls(robot):
+    with pytest.raises(RobotError, match="unknown target 'x': this robot has smr1, smr2, smr3"):
+        robot.predict(np.zeros((1, 6)), target="x")
+    with pytest.raises(RobotError, match="these look like degrees"):
+        robot.predict([[0, 0, 0, 0, 90, 0]])
+    bare = robot.replace(certainty=replace(robot.certainty, loo={}, loo_blocks={}))
+    with pytest.raises(RobotError, match="saved by an earlier version, calibrate again"):
+        bare.predict(np.zeros((1, 6)))
+
+
+def test_predictions_can_be_pickled_and_listed(robot):
+    q = robot.arm.random_joints(4, 2)
+    again = pickle.loads(pickle.dumps(robot))
+    frame = again.predict(q).to_frame()
+    assert list(frame) == ["x_mm", "y_mm", "z_mm", "x_u95_mm", "y_u95_mm", "z_u95_mm", "outside"]
+    np.testing.assert_allclose(frame["y_u95_mm"], 1e3 * robot.predict(q).interval[:, 1], rtol=1e-12)
+    assert len(repr(robot.certainty)) < 200
