@@ -11,14 +11,14 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
 from irbcal.files.calibration_folder import CalibrationLike
 from irbcal.files.earlier import Earlier, earlier_of
 from irbcal.files.outcome import Outcome
 from irbcal.gathering import gathered, of_earlier, without_gross_errors
-from irbcal.identification.averaged import AveragedFit, identify_averaged
+from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
 from irbcal.identification.fit import identify
@@ -27,7 +27,7 @@ from irbcal.identification.methods import identify_by
 from irbcal.identification.residuals import session_names
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
-from irbcal.measurement import cleaning, lists, table
+from irbcal.measurement import cleaning, fitted, lists, table
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.motions import motion_of
 from irbcal.measurement.order import with_last_moves
@@ -99,19 +99,12 @@ class Options:
             if value not in choices:
                 raise OptionError.unknown(name, value, [choice for choice in choices if choice is not None])
         if self.model == "auto":
-            for option, given, own in (
-                ("method", method_of(self.method), "least-squares"),
-                ("objective", self.objective, "rms"),
-                ("loss", self.loss, "linear"),
-                ("free", tuple(self.free), ()),
-                ("hold", tuple(self.hold), ()),
-            ):
-                if given != own:
-                    raise OptionError(
-                        f"{option}: model auto averages error models by their evidence and takes no {option}: choose "
-                        "a level, such as 34, for that",
-                        parameter=option,
-                    )
+            for option in self.of_a_level:
+                raise OptionError(
+                    f"{option}: model auto averages error models by their evidence and takes no {option}: choose "
+                    "a level, such as 34, for that",
+                    parameter=option,
+                )
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -137,6 +130,18 @@ class Options:
             raise OptionError(
                 f"holdout: expected a fraction below 1 or a whole number, found {share!r}", parameter="holdout"
             ) from None
+
+    @property
+    def of_a_level(self) -> tuple[str, ...]:
+        """Names of the given options that only a level of the error model takes."""
+        choices = (
+            ("method", method_of(self.method), "least-squares"),
+            ("objective", self.objective, "rms"),
+            ("loss", self.loss, "linear"),
+            ("free", tuple(self.free), ()),
+            ("hold", tuple(self.hold), ()),
+        )
+        return tuple(option for option, given, own in choices if given != own)
 
     @property
     def share(self) -> float:
@@ -221,7 +226,7 @@ def run(
     _check_known_targets(known, ready.fit, source)
     nominal = identify(arm, ready.fit, "nominal", known_targets=known)
     _refuse_orientations(nominal, ready.fit, source)
-    choice, model = None, default_level(arm) if options.model is None else str(options.model)
+    choice, (model, why) = None, _model(options, arm, ready.fit.poses)
     if model == "best-level":
         choice = choose_level(arm, ready.fit, options.seed, progress=say, known_targets=known)
         model = choice.level
@@ -251,13 +256,28 @@ def run(
         dict(ready.references),
         dict(ready.tool_shape),
         choice,
-        tuple(ready.notes + _doubts(nominal, fit, ready.fit, ready.heldout) + _worth_knowing(fit, ready)),
+        tuple(ready.notes + why + _doubts(nominal, fit, ready.fit, ready.heldout) + _worth_knowing(fit, ready)),
         time.perf_counter() - started,
         dict(fit.other_bases),
         sessions,
         (ready.fit_motion.elapsed, ready.heldout_motion.elapsed),
         earlier,
     )
+
+
+def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
+    """The model that is asked for, or ``auto``; where that cannot serve the level for this arm, and a note why."""
+    if options.model is not None:
+        return str(options.model), []
+    level, own = default_level(arm), options.of_a_level
+    taken = f"Model {level} was taken, not the default, which averages many error models (auto): "
+    if own:
+        return level, [f"{taken}{' and '.join(own)} belong{'s' if len(own) == 1 else ''} to a level."]
+    try:
+        check_averaging(arm, poses)
+    except IdentificationError as error:
+        return level, [f"{taken}{error}."]
+    return "auto", []
 
 
 def _identified(
@@ -304,7 +324,8 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options, earlie
     heldout, left_out = without_gross_errors(arm, other, check.source)
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
-    notes += [f"{Path(check.source).name}: {note}" for note in other.notes]
+    heldout, seen_note = _never_seen(heldout, points, check.source)
+    notes += [f"{Path(check.source).name}: {note}" for note in [*other.notes, *seen_note]]
     notes += mixed_use(seen.programmed, check.programmed, check.source)
     poses = seen.poses + check.poses + (0 if earlier is None else earlier.poses)
     used = moves if by_axes else np.ones(points.poses, dtype=bool)
@@ -330,6 +351,23 @@ def _of_last_session(heldout: PointSet, points: PointSet) -> PointSet:
     target = np.array([number[name] for name in heldout.target_names], dtype=int)[heldout.target]
     session = np.full(heldout.poses, points.session[-1], dtype=object)
     return replace(heldout, target=target, target_names=points.target_names, session=session)
+
+
+def _never_seen(heldout: PointSet, fit: PointSet, source: str) -> tuple[PointSet, list[str]]:
+    """Poses for the proof without those that are fitted, by rows or by joints."""
+    seen = fitted.rows_of(heldout, fit) | fitted.places_of(heldout, fit)
+    count, n = int(seen.sum()), heldout.poses
+    if not count:
+        return heldout, []
+    if count == n:
+        raise MeasurementError(
+            f"all {n} poses are at joints that are fitted, so they prove nothing: measure other poses, or leave verify "
+            "away and hold some of the measurements out",
+            file=source,
+        )
+    return heldout.select(~seen).with_seen_targets(), [
+        f"{count} of its {n} poses are at joints that are fitted, and are counted out: no proof."
+    ]
 
 
 def _read(measurements: MeasurementsLike, arm: Arm) -> MeasurementSet:

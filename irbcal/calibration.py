@@ -295,10 +295,11 @@ def calibrate(
     robot : str or Path
         URDF file or a robot's name, see `irbcal.robots`. Left out only with ``with_``.
     model : str, optional
-        Level: ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement``
-        (any serial arm); ``auto``: the average of many error models by their evidence, docs/calibration-auto.md; or
-        ``best-level``: the level that cross-validation over the poses of the fit chooses. By default ``34``, and
-        ``placement`` for arms that have not six revolute joints.
+        ``auto``, the default: the average of many error models by their evidence, docs/calibration-auto.md. A level:
+        ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement`` (any
+        serial arm). ``best-level``: the level that cross-validation over the poses of the fit chooses. Where no model
+        is named, options of a level (``method``, ``objective``, ``loss``, ``free``, ``hold``) and fewer than ten poses
+        lead to ``34``, or ``placement`` for arms that are not built for it; a note says so.
     holdout : float or int
         Fraction or number of poses that the fit does not see: 0.25 unless given; not with ``verify``.
     split, seed

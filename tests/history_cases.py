@@ -27,9 +27,9 @@ def sided_robot(name="irb120", size=3.0, others=(), seed=1):
     return Robot(calibrated, joint_map, frames.from_xyz_angles([0.4, -1.0, 0.2, 0.1, 0.2, -2.0]), TARGETS)
 
 
-def sided_points(robot, n=40, seed=3, noise=0.0):
-    """Points of stops in an order, measured as the robot goes there."""
-    q = robot.arm.random_joints(n, seed)
+def sided_points(robot, n=40, seed=3, noise=0.0, q=None):
+    """Points of stops in an order, at random joints unless given, measured as the robot goes there."""
+    q = robot.arm.random_joints(n, seed) if q is None else q
     previous = np.vstack([np.full((1, q.shape[1]), np.nan), q[:-1]])
     points = replace(measured(robot, q), previous=previous)
     rng = np.random.default_rng(seed)

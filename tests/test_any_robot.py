@@ -156,7 +156,7 @@ def test_same_commands_for_other_arms(name, rail, tmp_path):
     )
     ends = ["--tip-link", arm.tip_link] + (["--base-link", base] if base else [])
     result = json.loads(run("calibrate", data, "--robot", path, "--out", tmp_path / "cal", *ends, "--json"))
-    assert result["model"] == "placement"
+    assert result["model"] == "auto"
     assert result["nominal_heldout"]["mean_mm"] > 1.0
     assert result["heldout"]["mean_mm"] < 0.15  # noise of 0.03 mm an axis
     assert max(result["pinocchio_check"]["position_m"], result["pinocchio_check"]["rotation_rad"]) < 1e-12
@@ -213,7 +213,11 @@ def test_a_scara_is_calibrated_although_its_base_and_tool_cannot_be_told_apart(n
     data = write_measurements(
         tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), noise, rng), columns=arm.joint_columns
     )
+    with pytest.raises(IdentificationError, match="base and tool cannot be told apart"):
+        outcome_of(data, tmp_path / "scara.urdf", "auto", holdout=0.0)
     outcome = outcome_of(data, tmp_path / "scara.urdf", holdout=0.0)
+    assert outcome.fit.level == "placement"
+    assert any("Model placement was taken, not the default" in note for note in outcome.notes)
     other = measured(robot, arm.random_joints(200, 5))
     error = distances(outcome.fit.robot, other)
     nominal = distances(outcome.nominal.robot, other)
@@ -255,14 +259,14 @@ def test_fk_and_ik_take_the_links_of_a_urdf(rail, tmp_path):
 
 @pytest.mark.parametrize("name", ["ur3", "z1", "kinova"])
 def test_arms_not_built_like_the_thesis_get_the_general_model(name, tmp_path):
-    """By default, and by cross-validation where level 34 does not even apply."""
+    """Where an option belongs to a level, and by cross-validation where level 34 does not even apply."""
     file, base, tip, _, _ = ROBOTS[name]
     arm = urdf.read(example_robot(file), base, tip).arm
     rng = np.random.default_rng(5)
     robot = random_robot(arm, "placement", rng, size=0.1)
     data = write_measurements(tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), 1e-5, rng))
-    for model in (None, "best-level"):
-        outcome = outcome_of(data, example_robot(file), model, base_link=base, tip_link=tip)
+    for options in ({"hold": ["gain1"]}, {"model": "best-level"}):
+        outcome = outcome_of(data, example_robot(file), base_link=base, tip_link=tip, **options)
         assert outcome.fit.level == "placement"
         assert distances(outcome.fit.robot, outcome.heldout_points).mean() < 4e-5
 

@@ -54,7 +54,7 @@ def test_what_was_made_is_what_is_loaded(made, folder):
     one, two = made.outcome.fit.robot, loaded.robot_calibrated()
     assert_same_poses(one.poses(q), two.poses(q), 1e-12, 1e-12)
     assert_same_poses(one.forward(q, previous), two.forward(q, previous), 1e-12, 1e-12)
-    assert loaded.record == made.record
+    assert loaded.record.model_dump(exclude={"seal"}) == made.record.model_dump(exclude={"seal"})
     assert loaded.record.heldout.all.mean_mm < 0.05 * loaded.record.heldout_nominal.all.mean_mm
     content = json.loads((folder / "calibration.json").read_text())
     assert content["joint_map"]["schema"] == "irbcal-joint-map-2"
@@ -172,6 +172,17 @@ def test_other_options_of_the_levels_are_refused(made, tmp_path):
     for option, value in (("objective", "max"), ("method", "nelder-mead"), ("loss", "huber"), ("free", ["gain1"])):
         with pytest.raises(OptionError, match=f"takes no {option}"):
             irbcal.calibrate(tmp_path / "m.csv", "irb120", "auto", **{option: value})
+
+
+def test_it_is_the_default_but_where_it_cannot_serve(made, tmp_path):
+    data = write_measurements(tmp_path / "m.csv", made.outcome.fit_points)
+    assert irbcal.calibrate(data, "irb120", holdout=0).model == "auto"
+    level = irbcal.calibrate(data, "irb120", loss="huber", hold=["delta_d5"], holdout=0)
+    assert level.model == "34"
+    assert any("(auto): loss and hold belong to a level" in note for note in level.notes)
+    few = irbcal.calibrate(data, "irb120", holdout=0.9)
+    assert (few.model, few.poses_fit) == ("34", 9)
+    assert any("9 poses are too few to weigh error models" in note for note in few.notes)
 
 
 def test_arms_with_a_prismatic_joint(tmp_path):

@@ -54,7 +54,7 @@ def test_its_python_examples_run_one_after_the_other(tmp_path, monkeypatch):
     exec(examples[1], names)
     assert Path("errors.png").read_bytes().startswith(b"\x89PNG")
     assert names["evaluation"].calibrated["n"] == len(names["evaluation"].to_frame())
-    assert irbcal.load("my-robot-2").model == "34"
+    assert irbcal.load("my-robot-2").model == "auto"
     exec(examples[2], names)
     assert_same_poses(names["planning"].placement(names["q"]), names["robot"].poses(names["q"]), 1e-12, 1e-12)
     exec(examples[3], names)

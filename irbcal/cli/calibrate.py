@@ -30,9 +30,9 @@ def calibrate(
     model: Annotated[
         Model | None,
         typer.Option(
-            help="Level of the error model (thesis, section 5.4); offsets, placement: for any arm; auto: the "
-            "average of many models by their evidence; best-level: chosen by cross-validation.",
-            show_default="34; placement for other arms than six revolute joints",
+            help="auto: the average of many error models by their evidence; a level (thesis, section 5.4); offsets, "
+            "placement: levels for any arm; best-level: chosen by cross-validation.",
+            show_default="auto; 34 or placement with options of a level",
         ),
     ] = None,
     method: Annotated[

@@ -32,6 +32,9 @@ def evaluate(
     intervals: Annotated[
         bool, typer.Option("--intervals", help="Percentiles and 95 % bootstrap intervals (poses drawn again).")
     ] = False,
+    include_fitted: Annotated[
+        bool, typer.Option("--include-fitted", help="Keep poses that the calibration was fitted to.")
+    ] = False,
     flange: Annotated[
         bool, typer.Option("--flange", help="Position and orientation of the flange, from three targets of a pose.")
     ] = False,
@@ -67,6 +70,7 @@ def evaluate(
         refit_tool=refit_tool,
         refit_from=refit_from,
         intervals=intervals,
+        include_fitted=include_fitted,
         relative=relative,
         frame_points=_frame_points(frame_points, relative),
         sphere=None if sphere is None else [value * MM for value in grid.numbers(sphere, (4,), "--sphere")],

@@ -90,7 +90,23 @@ def _content(found: Filtered) -> dict[str, Any]:
         "mean_shift_mm": float(found.shift.mean() / MM) if some else None,
         "max_shift_mm": float(found.shift.max() / MM) if some else None,
         "expected_error_mm": None if found.expected_error is None else found.expected_error / MM,
+        **_last_moves(found),
         "fingerprint": found.fingerprint,
+    }
+
+
+def _last_moves(found: Filtered) -> dict[str, Any]:
+    """What is known of last moves; nothing for calibrations that do not depend on them."""
+    from irbcal.units import MM
+
+    if found.last_moves is None or found.last_move_error is None:
+        return {}
+    expected = found.expected_errors
+    return {
+        "last_moves_known": found.last_moves[0],
+        "stops": found.last_moves[1],
+        "max_last_move_mm": float(found.last_move_error.max(initial=0.0) / MM),
+        "expected_with_last_moves_mm": None if expected is None else float(expected.mean() / MM),
     }
 
 

@@ -16,6 +16,7 @@ from irbcal.correction import languages
 from irbcal.correction.configurations import ConfData, seeds_of
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
 from irbcal.correction.filtered import Filtered, together
+from irbcal.correction.last_moves import with_last_moves
 from irbcal.correction.program import Given, Goals, Left, Program, read_bytes, refuse_filtered
 from irbcal.errors import OptionError, ProgramError
 from irbcal.files.calibration_folder import CalibrationLike, opened, read
@@ -209,10 +210,11 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
         As `irbcal.correction.fake_targets.correct_joints` and `irbcal.correction.fake_targets.correct_poses`.
     """
     refuse_filtered(program)
-    found = []
+    alone = []
     for goals in program.goals():
         fake = _fake_targets(robot, nominal, goals)
-        found.append((goals, _refused(fake, program.refused(goals, fake))))
+        alone.append((goals, _refused(fake, program.refused(goals, fake))))
+    found, last_moves = with_last_moves(robot, nominal, alone, program.stops())
     left = list(program.left())
     names: list[str] = []
     for goals, fake in found:
@@ -220,6 +222,10 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
         left += [Left(goals.names[k], int(goals.lines[k]), fake.reason[k]) for k in np.flatnonzero(~fake.ok)]
     fakes = [fake for _, fake in found]
     none = np.zeros((0, len(nominal.joint_names)))
+    last_move_error = None
+    if last_moves is not None:
+        errors = [error[fake.ok] for error, fake in zip(last_moves.errors, fakes, strict=True)]
+        last_move_error = np.concatenate([none[:, 0], *errors])
     return Filtered(
         source=program.source,
         files=program.with_fake_targets(found, fingerprint),
@@ -231,9 +237,11 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
         turn=np.concatenate([none[:, 0], *(fake.turn[fake.ok] for fake in fakes)]),
         residual=np.concatenate([none[:, 0], *(fake.residual[fake.ok] for fake in fakes)]),
         left=tuple(sorted(left, key=lambda item: item.line)),
-        notes=tuple(program.notes),
+        notes=(*program.notes, *(last_moves.notes if last_moves else ())),
         joint_columns=tuple(nominal.joint_columns),
         fingerprint=fingerprint,
+        last_move_error=last_move_error,
+        last_moves=None if last_moves is None else (last_moves.known, last_moves.stops),
     )
 
 

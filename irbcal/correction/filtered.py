@@ -55,6 +55,11 @@ class Filtered(Speaks):
         Mean error of the calibration's held-out poses, metres; None where it has none.
     written : Path or None
         File of the program with fake targets, if it was asked for.
+    last_move_error : ndarray, shape (n,), or None
+        What an unknown last move, or one from different sides, adds to the error, metres (root mean square); None
+        for calibrations that do not depend on last moves.
+    last_moves : tuple of two int, or None
+        Stops whose last move the order of the program tells, and all stops at corrected targets.
     """
 
     source: str
@@ -72,6 +77,8 @@ class Filtered(Speaks):
     fingerprint: str
     expected_error: float | None = None
     written: Path | None = None
+    last_move_error: FloatArray | None = None
+    last_moves: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -86,11 +93,20 @@ class Filtered(Speaks):
         """Whether nothing was left as it was."""
         return not self.left
 
+    @property
+    def expected_errors(self) -> FloatArray | None:
+        """Of each target the held-out error and what an unknown last move adds, metres, (n,); None where not known."""
+        if self.last_move_error is None or self.expected_error is None:
+            return None
+        return np.hypot(self.expected_error, self.last_move_error)
+
     def to_frame(self) -> pd.DataFrame:
         """A row for each corrected target, in the units of files.
 
         Columns ``target``, ``line``, joints before (``q1_deg_before`` …) and after (``q1_deg`` …), ``shift_mm``,
         ``turn_deg`` (from the wanted to the fake pose) and ``residual_mm`` (what the calibrated model still misses by).
+        Of calibrations that depend on the last move also ``last_move_mm`` (what an unknown one adds) and
+        ``expected_mm`` (with the mean error of held-out poses).
         """
         import pandas as pd
 
@@ -104,6 +120,8 @@ class Filtered(Speaks):
                 "shift_mm": self.shift / MM,
                 "turn_deg": self.turn / DEG,
                 "residual_mm": self.residual / MM,
+                **({} if self.last_move_error is None else {"last_move_mm": self.last_move_error / MM}),
+                **({} if self.expected_errors is None else {"expected_mm": self.expected_errors / MM}),
             }
         )
 
@@ -132,10 +150,26 @@ class Filtered(Speaks):
         if self.expected_error is not None:
             mean = self.expected_error / MM
             told.append(f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses")
+        told += self._last_moves_in_words()
         told += [f"  left as it was: {item.target} (line {item.line}): {item.reason}" for item in self.left]
         told += [f"Note: line {note.line}: {note.text}" for note in self.notes]
         if self.written is not None:
             told.append(f"Written to {self.written}")
+        return told
+
+    def _last_moves_in_words(self) -> list[Told]:
+        if self.last_moves is None or self.last_move_error is None:
+            return []
+        known, stops = self.last_moves
+        told: list[Told] = [f"The order of the program tells the last move before {known} of {stops} stops"]
+        much = float(self.last_move_error.max(initial=0.0)) / MM
+        if much >= 5e-4:
+            found = self.expected_errors
+            mean = "" if found is None else f"; with it the expected error is {found.mean() / MM:.3f} mm mean"
+            told.append(
+                f"  where it is not known, or a target is reached from several sides, up to {much:.3f} mm is added "
+                f"(root mean square){mean}"
+            )
         return told
 
     def _first_changes(self) -> Table:
@@ -172,7 +206,14 @@ def together(found: Sequence[Filtered]) -> Filtered:
         shift=joined("shift"),
         turn=joined("turn"),
         residual=joined("residual"),
+        last_move_error=None if found[0].last_move_error is None else joined("last_move_error"),
+        last_moves=_sum([one.last_moves for one in found]),
     )
+
+
+def _sum(counts: Sequence[tuple[int, int] | None]) -> tuple[int, int] | None:
+    known = [count for count in counts if count is not None]
+    return (sum(k for k, _ in known), sum(n for _, n in known)) if known else None
 
 
 def _named(found: Sequence[Filtered]) -> list[tuple[Filtered, str]]:

@@ -26,6 +26,9 @@ from irbcal.units import DEG
 EDGE = 0.05 * DEG
 """Radians by which the rounding of a program's numbers may put an axis beyond the edge that its posture names."""
 
+BEYOND = 10 * DEG
+"""Radians beyond a joint limit from which on joints are none of this arm."""
+
 NO_POSTURE = "nothing says which of the arm's solutions is meant: no configuration, and no known stop just before it"
 NO_SOLUTION = "its configuration fits no solution of the robot within the joint limits"
 NO_REACH = "the nominal robot does not reach it within its joint limits in this configuration"
@@ -78,6 +81,8 @@ class Maker:
         Joints of the controller, degrees, with the wrist in front and the elbow to the side that ``bent`` false means.
     aligned : bool
         Whether numbers keep their right edge, with blanks before them.
+    world : bool
+        Whether the controller's world need not be the arm's base link, so that the URDF must name it.
     """
 
     name: str
@@ -90,6 +95,7 @@ class Maker:
     matrix: FloatArray
     reference: tuple[float, ...] = (0.0,) * 6
     aligned: bool = False
+    world: bool = False
 
     def __post_init__(self) -> None:
         lock(self)
@@ -174,6 +180,7 @@ def joints_of(
     reasons : list of str, length n
         Why; empty where joints are.
     """
+    near = np.where((near >= arm.lower - BEYOND) & (near <= arm.upper + BEYOND), near, np.nan)
     known: BoolArray = np.logical_and.reduce(np.isfinite(near), axis=1)
     q = np.full((len(postures), 6), np.nan)
     if not len(postures):

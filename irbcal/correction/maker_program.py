@@ -16,20 +16,15 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Edit, Listing, Number, Span, number_like, one_word
-from irbcal.correction.maker import NO_POSTURE, Maker, Posture, joints_of
+from irbcal.correction.maker import BEYOND, NO_POSTURE, Maker, Posture, joints_of
 from irbcal.correction.program import Given, Goals, Kind, Stop
 from irbcal.correction.text_program import Configuration, Target, TextProgram, Use, check_values, tip_poses
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.units import DEG
 
 LARGEST = 1e6
 """Millimetres and degrees beyond which a number stands for no place."""
-
-
-BEYOND = 10 * DEG
-"""Radians beyond a joint limit from which on a target is none of this arm."""
 
 
 class Found:
@@ -335,8 +330,36 @@ def frames_for(
     return found
 
 
+def check_ends(maker: Maker, arm: Arm, given: Given, targets: Sequence[Target], source: str) -> None:
+    """Refuse poses where it is not known in which frames the controller counts them.
+
+    Raises
+    ------
+    ProgramError
+        If there are some, and the URDF names no ``base`` or ``tool0`` where these matter.
+    """
+    if not any(target.kind == "pose" and target.correctable for target in targets):
+        return
+    missing = [
+        name
+        for name, needed, there in (
+            ("base (the controller's world)", maker.world, given.controller.base_known),
+            ("tool0 (its flange)", arm.tip_link != "tool0", given.controller.flange_known),
+        )
+        if needed and not there
+    ]
+    if missing:
+        raise ProgramError(
+            f"the URDF of {arm.name} has no link {' and no link '.join(missing)} that is fixed to its ends, or it is "
+            "not at hand: without it the poses of this program have no place",
+            file=source,
+        )
+
+
 def frame(maker: Maker, numbers: Sequence[float]) -> FloatArray:
-    """A frame (4, 4) from six numbers as the maker writes them."""
+    """A frame (4, 4) from six numbers as the maker writes them; NaN where they are too large."""
+    if not all(abs(value) <= LARGEST for value in numbers):
+        return np.full((4, 4), np.nan)
     return maker.poses(np.array([numbers]))[0]
 
 

@@ -244,6 +244,26 @@ def _row(name: str, value: float, std: float, unit: str) -> ParameterReport:
     return ParameterReport(name, float(value) / factor, outside, float(std) / factor, "identified", "")
 
 
+def check_averaging(arm: Arm, poses: int) -> None:
+    """Refuse what cannot be averaged by evidence.
+
+    Raises
+    ------
+    IdentificationError
+        If the poses are too few to weigh error models, or all axes of the arm are parallel.
+    """
+    if poses < FEWEST:
+        raise IdentificationError(
+            f"{poses} poses are too few to weigh error models against each other, which needs at least {FEWEST}: "
+            "measure more, or choose model placement"
+        )
+    if arm.planar:
+        raise IdentificationError(
+            "all axes of this arm are parallel, so that base and tool cannot be told apart, and the evidence of error "
+            "models has no meaning: choose model placement"
+        )
+
+
 def identify_averaged(
     arm: Arm,
     points: PointSet,
@@ -275,13 +295,9 @@ def identify_averaged(
     Raises
     ------
     IdentificationError
-        If the poses are too few to compare models.
+        As `check_averaging`, or if the poses do not determine base and targets.
     """
-    if points.poses < FEWEST:
-        raise IdentificationError(
-            f"{points.poses} poses are too few for model auto, which needs at least {FEWEST}: choose model "
-            "placement, or measure more poses"
-        )
+    check_averaging(arm, points.poses)
     known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
     found = identify_evidence(
         arm, points, motion, terms=dictionaries.JOINT_MAP, seed=seed, known_targets=known, progress=progress

@@ -160,6 +160,11 @@ class AnyJointMap(Protocol):
         ...
 
     @property
+    def history_std(self) -> FloatArray:
+        """By how much each joint's stop is uncertain where the stop before is not known, shape (joints,)."""
+        ...
+
+    @property
     def in_words(self) -> str:
         """What the map does, in a few words."""
         ...
@@ -223,6 +228,11 @@ class JointMap:
     def has_history(self) -> bool:
         """Whether effective angles depend on the stop before: no."""
         return False
+
+    @property
+    def history_std(self) -> FloatArray:
+        """Zeros: nothing depends on the stop before, shape (joints,)."""
+        return np.zeros(len(self.gain))
 
     @property
     def in_words(self) -> str:

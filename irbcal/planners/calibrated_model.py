@@ -33,7 +33,7 @@ from irbcal.files.urdf_check import LIMIT, ArmInModel
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm, relative_difference
 from irbcal.modeling.joint_map import AnyJointMap, JointMap
-from irbcal.planners import jacobians, payload
+from irbcal.planners import jacobians, paths, payload
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 Reference: TypeAlias = "str | pin.ReferenceFrame"
 """One of Pinocchio's reference frames, by name or as it is."""
-
 WITHIN = 1e-9
 """How far a command may lie beyond a limit, radians or metres: rounding."""
 
@@ -182,7 +181,8 @@ class CalibratedModel(Speaks):
 
     def _check_arm(self) -> None:
         q = self.arm.random_joints(5, seed=2)
-        position, rotation = relative_difference(self._loop_placements(q, self._place.tip), self.arm.forward(q))
+        at_tip = jacobians.placements(self.model, self._place, self._place.tip, q, self._rest)
+        position, rotation = relative_difference(at_tip, self.arm.forward(q))
         if not max(position, rotation) <= LIMIT:
             raise CalibrationError(
                 f"the URDF is not that of the calibrated {self.arm.name}: "
@@ -206,8 +206,6 @@ class CalibratedModel(Speaks):
             if joint.nq == 1 and np.isfinite([lower, upper]).all():
                 self.model.lowerPositionLimit[joint.idx_q] = lower
                 self.model.upperPositionLimit[joint.idx_q] = upper
-
-    # Commands and configurations
 
     def model_from_command(self, q: ArrayLike, rest: ArrayLike | None = None) -> FloatArray:
         """Configurations that the robot really takes up for commanded joints.
@@ -241,8 +239,9 @@ class CalibratedModel(Speaks):
         ----------
         configurations : array_like, shape (n, nq)
         path : bool
-            The rows are one motion: continuous joints go on turning beyond half a turn. Otherwise, and at the path's
-            first row, they lie between -180 and 180 degrees.
+            The rows are one motion: joints come from the side that their speed tells (`irbcal.planners.paths`; unknown
+            at the first row), and continuous joints go on turning beyond half a turn. Otherwise last moves are unknown,
+            and continuous joints, as at a path's first row, lie between -180 and 180 degrees.
         check_limits : bool
             Refuse commands outside the URDF's joint limits.
 
@@ -260,7 +259,8 @@ class CalibratedModel(Speaks):
         if path:
             continuous = [k for k, joint in enumerate(self._place.joint_ids) if self.model.joints[joint].nq == 2]
             theta[:, continuous] = np.unwrap(theta[:, continuous], axis=0)
-        q = self.joint_map.commanded(theta)
+        previous = paths.previous_on_path(theta, self.arm.table.prismatic) if path else None
+        q = self.joint_map.commanded(theta, previous)
         if check_limits:
             self.check_commands(q)
         return q
@@ -331,7 +331,13 @@ class CalibratedModel(Speaks):
 
     # Kinematics of commanded joints
 
-    def placement(self, q: ArrayLike, frame: str | None = None, relative_to: str | None = None) -> FloatArray:
+    def placement(
+        self,
+        q: ArrayLike,
+        frame: str | None = None,
+        relative_to: str | None = None,
+        previous: ArrayLike | None = None,
+    ) -> FloatArray:
         """Where frames really are for commanded joints.
 
         Parameters
@@ -341,19 +347,25 @@ class CalibratedModel(Speaks):
         frame, relative_to : str, optional
             Names of frames of `model`: a link, a joint, an added frame or ``universe``. By default the tip link,
             relative to the base link.
+        previous : array_like, shape (n, joints), optional
+            The stop before each, as commanded; unknown where not given or NaN.
 
         Returns
         -------
         ndarray, shape (n, 4, 4)
             ``T_relative_frame``.
         """
-        theta = self.joint_map.effective(self.arm.check_joints(q))
+        theta = self.joint_map.effective(self.arm.check_joints(q), previous)
         numbers = (self._number(frame, self._place.tip), self._number(relative_to, self._place.base))
         T_universe_frame, T_universe_relative = (self._placements(theta, number) for number in numbers)
         return frames.inverse(T_universe_relative) @ T_universe_frame
 
     def jacobian(
-        self, q: ArrayLike, frame: str | None = None, reference: Reference = LOCAL_WORLD_ALIGNED
+        self,
+        q: ArrayLike,
+        frame: str | None = None,
+        reference: Reference = LOCAL_WORLD_ALIGNED,
+        previous: ArrayLike | None = None,
     ) -> FloatArray:
         """Jacobian of a frame's velocity by the speeds of the commanded joints.
 
@@ -367,6 +379,8 @@ class CalibratedModel(Speaks):
             As in Pinocchio, for the velocity relative to the universe: ``LOCAL_WORLD_ALIGNED`` (of the frame's origin,
             along the universe's axes), ``LOCAL`` (the same along the frame's own axes) or ``WORLD`` (of the point of
             the body that passes the universe's origin, along the universe's axes).
+        previous : array_like, shape (n, joints), optional
+            As `placement`; held.
 
         Returns
         -------
@@ -374,8 +388,8 @@ class CalibratedModel(Speaks):
             Rows: linear, then angular velocity.
         """
         q = self.arm.check_joints(q)
-        J = self._effective_jacobians(self.joint_map.effective(q), None, frame, reference)[0]
-        return J @ self.joint_map.jacobian(q)
+        J = self._effective_jacobians(self.joint_map.effective(q, previous), None, frame, reference)[0]
+        return J @ self.joint_map.jacobian(q, previous)
 
     def jacobian_derivative(
         self, q: ArrayLike, dq: ArrayLike, frame: str | None = None, reference: Reference = LOCAL_WORLD_ALIGNED
@@ -416,18 +430,7 @@ class CalibratedModel(Speaks):
         if listed[frame].parentJoint == listed[self._place.base].parentJoint:
             T_base_frame = listed[self._place.base].placement.actInv(listed[frame].placement).homogeneous
             return np.broadcast_to(self.T_universe_base @ T_base_frame, (len(theta), 4, 4))
-        return self.T_universe_base @ self._loop_placements(theta, frame)
-
-    def _loop_placements(self, theta: FloatArray, frame: int) -> FloatArray:
-        """``T_base_frame`` by Pinocchio, pose by pose."""
-        import pinocchio as pin
-
-        data = self.model.createData()
-        out = np.empty((len(theta), 4, 4))
-        for k, configuration in enumerate(self._place.configurations(theta, self._rest)):
-            pin.framesForwardKinematics(self.model, data, configuration)
-            out[k] = data.oMf[self._place.base].actInv(data.oMf[frame]).homogeneous
-        return out
+        return self.T_universe_base @ jacobians.placements(self.model, self._place, frame, theta, self._rest)
 
     def _effective_jacobians(
         self, theta: FloatArray, dtheta: FloatArray | None, frame: str | None, reference: Reference

@@ -99,6 +99,18 @@ def by_pinocchio(
     return J * moves, None if dtheta is None else dJ * moves
 
 
+def placements(model: pin.Model, place: ArmInModel, frame: int, theta: FloatArray, rest: FloatArray) -> FloatArray:
+    """``T_base_frame`` of any frame by Pinocchio, pose by pose, (n, 4, 4); parameters as `by_pinocchio`."""
+    import pinocchio as pin
+
+    data = model.createData()
+    out = np.empty((len(theta), 4, 4))
+    for k, configuration in enumerate(place.configurations(theta, rest)):
+        pin.framesForwardKinematics(model, data, configuration)
+        out[k] = data.oMf[place.base].actInv(data.oMf[frame]).homogeneous
+    return out
+
+
 def referred(world: JacobianAndRate, dtheta: FloatArray | None, T: FloatArray, reference: str) -> JacobianAndRate:
     """World Jacobians referred to another of Pinocchio's reference frames.
 

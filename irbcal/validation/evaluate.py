@@ -31,6 +31,7 @@ from irbcal.validation.coverage import coverage
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
 from irbcal.validation.prepared import Prepared, prepare
 from irbcal.validation.refit import Refit
+from irbcal.validation.unseen import without_fitted
 
 if TYPE_CHECKING:
     pass
@@ -51,6 +52,7 @@ def evaluate(
     refit_tool: bool = False,
     refit_from: int | None = None,
     intervals: bool = False,
+    include_fitted: bool = False,
     relative: Literal["virtual", "three-points"] | None = None,
     frame_points: Sequence[tuple[str, str]] | None = None,
     sphere: Sequence[float] | None = None,
@@ -76,6 +78,8 @@ def evaluate(
     intervals : bool
         Add bootstrap intervals, see `irbcal.validation.bootstrap`, and by target how many measured coordinates lie
         within the predicted 95 % intervals, see `irbcal.modeling.robot.Robot.predict`.
+    include_fitted : bool
+        Keep poses that the calibration was fitted to; they are counted out otherwise.
     relative : {"virtual", "three-points"}, optional
         Add relative errors, see `irbcal.validation.accuracy`.
     frame_points : sequence of three (pose, target), optional
@@ -110,6 +114,7 @@ def evaluate(
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
     refit = Refit(refit_base, refit_tool, refit_from, seed)
     ready, robots = in_frame_of_calibration(record, measurements, refit)
+    ready = without_fitted(ready, record, include_fitted)
     ready = _inside(ready, robots["calibrated"], sphere)
     seen, points = ready.measurements, ready.points
     errors = {name: distances(robot, points) for name, robot in robots.items()}
@@ -213,8 +218,6 @@ def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Pr
 def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
     seen = ready.measurements
     notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
-    if seen.sha256 in {item.sha256 for item in record.data}:
-        notes += ("This file was used for the calibration: fitted poses among these are no proof of accuracy.",)
     return (*notes, *_outside_ranges(ready.points, record))
 
 

@@ -20,6 +20,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.validation.evaluate import in_frame_of_calibration
 from irbcal.validation.refit import Refit
+from irbcal.validation.unseen import without_fitted
 from irbcal.viewer.scene import Points
 
 if TYPE_CHECKING:
@@ -53,8 +54,7 @@ def registered(
     if ready.excluded:
         count = len(ready.excluded)
         notes.insert(0, f"{count} points are left out (lost, or wrong); irbcal evaluate lists them.")
-    if seen.sha256 in {item.sha256 for item in calibration.data}:
-        notes.append("This file was used for the calibration: fitted poses among these are no proof of accuracy.")
+    notes += without_fitted(ready, calibration, include=True).notes[len(ready.notes) :]
     return seen, ready.points, robots["calibrated"], robots["nominal"], notes
 
 

@@ -54,7 +54,7 @@ def data(tmp_path_factory):
 @pytest.fixture(scope="module")
 def calibration(data):
     """The same calibrated by the program."""
-    done = run("calibrate", data / "good.csv", "--robot", "irb120", "--out", data / "cal", "--json")
+    done = run("calibrate", data / "good.csv", "--robot", "irb120", "--model", "34", "--out", data / "cal", "--json")
     assert done.returncode == 0, done.stderr
     return data / "cal", json.loads(done.stdout)
 
@@ -106,17 +106,19 @@ def test_evaluate_json_keeps_its_contract(calibration, data):
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert set(result["per_target"]) == {"smr1", "smr2", "smr3"}
-    assert result["per_target"]["smr1"]["calibrated"]["n"] == 60
+    assert result["per_target"]["smr1"]["calibrated"]["n"] == 15  # the 45 that were fitted are counted out
     assert result["calibrated"]["rms_mm"] < 0.1 * result["nominal"]["rms_mm"]
     assert result["excluded"] == []
-    assert "used for the calibration" in result["notes"][-1]
+    assert any("45 of these 60 poses were fitted and are counted out" in note for note in result["notes"])
+    whole = json.loads(run("evaluate", calibration[0], data / "good.csv", "--include-fitted", "--json").stdout)
+    assert whole["per_target"]["smr1"]["calibrated"]["n"] == 60
 
 
 def test_tables_for_people(calibration, data):
     done = run("evaluate", calibration[0], data / "good.csv")
     assert done.returncode == 0
     assert "model 34" in done.stdout
-    assert "no proof of accuracy" in done.stdout
+    assert "counted out" in done.stdout
     assert max(map(len, done.stdout.splitlines()[:12])) <= 100
 
 
@@ -313,8 +315,8 @@ def test_three_targets_as_one_pose_and_the_same_tool_again(data, tmp_path):
     assert loaded.heldout.orientation.max_deg < 0.05 < loaded.heldout_nominal.orientation.max_deg
     done = run("evaluate", tmp_path / "out", data / "good.csv", "--json")
     again = json.loads(done.stdout)
-    assert again["calibrated"]["n"] == 60
-    assert again["orientation"]["calibrated"]["mean_deg"] < 0.02
+    assert again["calibrated"]["n"] == 15
+    assert again["orientation"]["calibrated"]["mean_deg"] < 0.04
     assert again["calibrated"]["mean_mm"] < 2 * result["heldout"]["mean_mm"]
 
 

@@ -78,5 +78,5 @@ def test_it_speaks_and_can_be_pickled(found):
 
 def test_too_few_poses_are_refused():
     model, points, _ = cell(4, poses=8)
-    with pytest.raises(IdentificationError, match="8 poses are too few for model auto"):
+    with pytest.raises(IdentificationError, match="8 poses are too few to weigh"):
         identify_averaged(model, points, Motion(points.q))

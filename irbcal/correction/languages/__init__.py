@@ -96,9 +96,9 @@ class Language(Protocol):
 
 def known() -> tuple[Language, ...]:
     """All languages."""
-    from irbcal.correction.languages import krl, rapid, table
+    from irbcal.correction.languages import fanuc, krl, rapid, table, urscript
 
-    return rapid, krl, table
+    return rapid, krl, fanuc, urscript, table
 
 
 _ELSEWISE = (

@@ -86,6 +86,17 @@ class TermJointMap:
         """Whether effective joints depend on the stop before."""
         return bool(self._history.coefficients.any())
 
+    @cached_property
+    def history_std(self) -> FloatArray:
+        """By how much each joint's stop is uncertain where the stop before is not known, shape (joints,), rad (m).
+
+        The root of the sum of the squares of its terms' coefficients, each with a function of one.
+        """
+        squares = np.zeros(len(self.terms.arm.joint_names))
+        for term, coefficient in zip(self._history.terms, self._history.coefficients, strict=True):
+            squares[[term.joint, *term.also]] += coefficient**2
+        return np.sqrt(squares)
+
     @property
     def in_words(self) -> str:
         """How many terms of which kinds."""
@@ -225,10 +236,10 @@ class TermJointMap:
         return out
 
     def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """A box of effective joints whose commands all respect joint limits, the stop before unknown.
+        """A box of effective joints whose commands all respect joint limits, whatever the stop before.
 
         Each effective joint grows with its own command: gains and series are taken at the limit itself, and what
-        depends on other joints, gravity, draws the box in by as much as it can be.
+        depends on other joints, gravity, or on the last move, draws the box in by as much as it can be.
 
         Parameters
         ----------
@@ -244,6 +255,11 @@ class TermJointMap:
         for term, coefficient in zip(self._levers.terms, self._levers.coefficients, strict=True):
             vector = np.asarray(term.parameters.get("vector", (1.0,)), dtype=float)
             slack[[term.joint, *term.also]] += abs(coefficient) * np.linalg.norm(vector)
+        longest = np.subtract(upper, lower)
+        longest = np.where(np.isfinite(longest), longest, 0.0)
+        for term, coefficient in zip(self._history.terms, self._history.coefficients, strict=True):
+            joints = [term.joint, *term.also]
+            slack[joints] += abs(coefficient) * (longest[joints] if term.basis == "move" else 1.0)
         limits = []
         for bounds, inwards in ((lower, 1.0), (upper, -1.0)):
             bounds = np.array(bounds, dtype=float)

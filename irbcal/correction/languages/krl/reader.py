@@ -16,7 +16,7 @@ from irbcal.correction.languages.krl.tokens import Line, lines_of
 from irbcal.correction.languages.krl.writing import KUKA, KrlProgram, integer
 from irbcal.correction.listing import Listing, mark_in
 from irbcal.correction.maker import Maker
-from irbcal.correction.maker_program import Found, frames_for, targets_of
+from irbcal.correction.maker_program import Found, check_ends, frames_for, targets_of
 from irbcal.correction.program import Given, Note, read_bytes
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -112,6 +112,7 @@ def _program(
     order = statements.course.order({id(one): k for k, one in enumerate(found)})
     targets = targets_of(maker, arm, listing, found)
     eye = {NULLFRAME: frames.transform()}
+    check_ends(maker, arm, given, targets, listing.parts[0].name)
     main = next((p for p in listing.parts if Path(p.name).suffix.lower() != ".dat"), listing.parts[0])
     tools, bases = frames_for(targets, given, {**statements.tools, **eye}, {**statements.frames, **eye}, main.name)
     notes = [Note(listing.line(at), text) for at, text in statements.notes]

@@ -22,6 +22,7 @@ from irbcal.correction.languages.rapid.frames import given_frames, shared_frames
 from irbcal.correction.languages.rapid.literals import Literals
 from irbcal.correction.languages.rapid.marking import in_comments, mark
 from irbcal.correction.languages.rapid.needed_frames import needed_frames
+from irbcal.correction.languages.rapid.order import stops
 from irbcal.correction.languages.rapid.parts import ABSENT, Literal
 from irbcal.correction.languages.rapid.syntax import Reader
 from irbcal.correction.languages.rapid.tokens import decode
@@ -29,7 +30,7 @@ from irbcal.correction.languages.rapid.uses import Uses
 from irbcal.correction.languages.rapid.writing import edits
 from irbcal.correction.listing import Edit
 from irbcal.correction.notation import poses_from_numbers
-from irbcal.correction.program import Given, Note, read_bytes
+from irbcal.correction.program import Given, Note, Stop, read_bytes
 from irbcal.correction.text_program import Configuration, Target, TextProgram
 from irbcal.errors import ProgramError
 from irbcal.modeling.arm import Arm
@@ -43,7 +44,19 @@ _NOTES = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Module(TextProgram):
-    """A RAPID module as read."""
+    """A RAPID module as read.
+
+    Attributes
+    ----------
+    order : tuple of Stop
+        Its stops in the order of the text.
+    """
+
+    order: tuple[Stop, ...] = ()
+
+    def stops(self) -> tuple[Stop, ...]:
+        """The stops in the order of the text, see `irbcal.correction.languages.rapid.order`."""
+        return self.order
 
     def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
         """New text of numbers and configuration data."""
@@ -127,7 +140,9 @@ def parse(
     given = {"tooldata": given_frames("tool0", tools or {}), "wobjdata": given_frames("wobj0", work_objects or {})}
     literals = Literals(reader)
     literals.collect()
-    Uses(literals, given).gather()
+    uses = Uses(literals, given)
+    uses.gather()
+    numbers = {id(literal): k for k, literal in enumerate(_in_file_order(literals.found))}
     found = needed_frames(reader, literals.found, given)
     return Module(
         source=source,
@@ -139,12 +154,17 @@ def parse(
         uncorrected=tuple(sorted(literals.uncorrected, key=lambda entry: (entry.line, entry.column))),
         notes=_notes(reader, literals.found),
         fingerprint=in_comments(reader.comments),
+        order=stops(reader, uses.goals, numbers),
     )
+
+
+def _in_file_order(found: list[Literal]) -> list[Literal]:
+    return sorted(found, key=lambda literal: literal.start)
 
 
 def _targets(reader: Reader, found: list[Literal]) -> tuple[Target, ...]:
     """The targets in the order of the file."""
-    literals = sorted(found, key=lambda literal: literal.start)
+    literals = _in_file_order(found)
     poses = [k for k, literal in enumerate(literals) if literal.kind == "pose" and not literal.problem]
     values = [np.full((4, 4) if literal.kind == "pose" else 6, np.nan) for literal in literals]
     for k, T in zip(poses, poses_from_numbers([literals[k].values for k in poses]), strict=True):

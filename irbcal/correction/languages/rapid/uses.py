@@ -23,10 +23,16 @@ class Uses:
         As collected; gathers the uses.
     given : dict of str to dict of str to ndarray
         Frames from the caller, by ``tooldata`` and ``wobjdata`` and by name.
+
+    Attributes
+    ----------
+    goals : list of (Move, list of (list of Literal, bool))
+        For each move and each of its points the literals that it may stand for, and whether it may be another place.
     """
 
     def __init__(self, literals: Literals, given: Mapping[str, Mapping[str, FloatArray]]) -> None:
         self.literals, self.reader, self.given = literals, literals.reader, given
+        self.goals: list[tuple[Move, list[tuple[list[Literal], bool]]]] = []
 
     def gather(self) -> None:
         """Give every literal its uses and what speaks against changing it.
@@ -51,11 +57,14 @@ class Uses:
         wobj, no_wobj = self._frame_name(move, move.work_object, "wobjdata", "work object")
         use = Use(line, reader.column(move.start), move.name, "to", tool, wobj)
         unknown = no_tool or no_wobj if kind == "pose" else ""
+        points: list[tuple[list[Literal], bool]] = []
+        self.goals.append((move, points))
         for role, arg in move.points:
             if role == "w":
                 continue
             as_role: Role = "via" if role == "via" else "to"
             found, reason = self._goals(move, arg, kind, line)
+            points.append((found, bool(reason)))
             if reason or unknown:
                 self.literals.report(move.start, move.name, arg.text, reason or unknown)
             for literal in found:

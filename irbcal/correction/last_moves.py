@@ -1,0 +1,192 @@
+"""Fake targets of a program in its order: where a joint stops depends on the side it comes from.
+
+The order of the stops tells the last move; the command of each stop is found from the corrected command of the one
+before. Where the order is not known, what the last move does is not known either: its size joins the expected error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.program import Goals, Note, Stop
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse.closed_form import LIMIT_TOLERANCE
+from irbcal.modeling.inverse.in_order import commanded_in_order, stops_before
+from irbcal.modeling.robot import Robot
+from irbcal.units import MM
+
+WORTH_SAYING = 1e-3 * MM
+"""Distance between the places where a target is reached from different sides that is told."""
+MOST = 10
+"""Targets that are named for that, those with the largest distances; the others are counted."""
+
+
+@dataclass(frozen=True, eq=False)
+class LastMoves:
+    """What is known of the last moves of a program whose robot depends on them.
+
+    Attributes
+    ----------
+    errors : tuple of ndarray, each of shape (n,)
+        For each kind of goals and each of its targets what the last move leaves, metres, root mean square over its
+        stops: the effect of a move that is not known, or of sides that differ. NaN where not corrected.
+    stops, known : int
+        Stops at corrected targets, and those of them whose last move is known.
+    notes : tuple of Note
+        Targets that are reached from different sides, with the distance.
+    """
+
+    errors: tuple[FloatArray, ...]
+    stops: int
+    known: int
+    notes: tuple[Note, ...]
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+Found = Sequence[tuple[Goals, Corrected]]
+
+
+def with_last_moves(robot: Robot, nominal: Arm, found: Found, stops: Sequence[Stop]) -> tuple[Found, LastMoves | None]:
+    """Corrections that take account of the last moves of a program.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated.
+    nominal : Arm
+        What the controller computes with.
+    found : sequence of (Goals, Corrected)
+        Corrected with unknown last moves.
+    stops : sequence of Stop
+        In the order of the program; targets without any are taken as stops with an unknown last move.
+
+    Returns
+    -------
+    found : sequence of (Goals, Corrected)
+        With the last moves where they are known. A target that is reached from different sides gets the command in
+        the middle.
+    last_moves : LastMoves or None
+        None for robots that do not depend on last moves: their corrections are returned as they are.
+
+    Raises
+    ------
+    RobotError
+        If the joint map cannot be inverted in order.
+    """
+    if not robot.joint_map.has_history:
+        return found, None
+    if not any(fake.ok.any() for _, fake in found):
+        return found, LastMoves(tuple(np.full(len(fake.ok), np.nan) for _, fake in found), 0, 0, ())
+    numbers = np.concatenate([goals.numbers for goals, _ in found])
+    names = [name for goals, _ in found for name in goals.names]
+    lines = np.concatenate([goals.lines for goals, _ in found])
+    ok = np.concatenate([fake.ok for _, fake in found])
+    T_wanted = np.concatenate([fake.T_wanted for _, fake in found])
+    # what is not corrected stays as it is, which tells the last move of the stop behind it
+    commands = np.concatenate([np.where(fake.ok[:, None], fake.q, fake.q_nominal) for _, fake in found])
+    theta = commands.copy()
+    theta[ok] = robot.joint_map.effective(commands[ok])
+    rows = np.flatnonzero(np.isfinite(commands).all(axis=1))
+    target, before, at = _uses(commands, numbers, lines, rows, stops, nominal)
+    q = commands.copy()
+    place = np.zeros(len(q), dtype=int)
+    place[rows] = np.arange(len(rows))
+    sweep = place[target], np.where(before >= 0, place[before], -1)
+    q[rows] = commanded_in_order(robot.joint_map, theta[rows], *sweep, ~ok[rows])
+    beyond = ok & ((q < nominal.lower - LIMIT_TOLERANCE) | (q > nominal.upper + LIMIT_TOLERANCE)).any(axis=1)
+    q[beyond] = commands[beyond]
+
+    mine = ok[target]
+    target, before, at = target[mine], before[mine], at[mine]
+    off = _places(robot, robot.forward(q[target], _rows(q, before))) - _places(robot, T_wanted[target])
+    squares = np.mean(np.sum(off**2, axis=2), axis=1)
+    unknown = before < 0
+    squares[unknown] += _unknown_effect(robot, q[target[unknown]]) ** 2
+    count = np.bincount(target, minlength=len(q))
+    error = np.sqrt(np.bincount(target, squares, len(q)) / np.where(count, count, np.nan))
+
+    new, errors, first = [], [], 0
+    for goals, fake in found:
+        part = slice(first, first + len(fake.ok))
+        T_fake = fake.T_fake.copy()
+        if fake.ok.any():
+            T_fake[fake.ok] = nominal.forward(q[part][fake.ok])
+        new.append((goals, replace(fake, q=np.where(fake.ok[:, None], q[part], np.nan), T_fake=T_fake)))
+        errors.append(error[part])
+        first = part.stop
+    notes = _sides(names, lines, target, before, at, off)
+    return new, LastMoves(tuple(errors), len(target), int((~unknown).sum()), notes)
+
+
+def _uses(
+    q: FloatArray, numbers: IntArray, lines: IntArray, rows: IntArray, stops: Sequence[Stop], nominal: Arm
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Rows of target and target before of each stop, -1 where not known, and lines; all ``rows`` have a stop."""
+    row = {int(numbers[k]): int(k) for k in rows}
+    target = np.array([-1 if s.target is None else row.get(s.target, -1) for s in stops], dtype=int)
+    follows = np.zeros(len(stops), dtype=bool)
+    for k in range(1, len(stops)):
+        follows[k] = stops[k].previous is not None and stops[k].previous == stops[k - 1].target
+    before = stops_before(q, target, follows, nominal.table.prismatic)
+    at = np.array([s.line for s in stops], dtype=int)
+    used = target >= 0
+    idle = np.setdiff1d(rows, target)
+    parts = (target[used], idle), (before[used], np.full(len(idle), -1)), (at[used], lines[idle])
+    together = [np.concatenate(part) for part in parts]
+    return together[0], together[1], together[2]
+
+
+def _rows(q: FloatArray, before: IntArray) -> FloatArray:
+    """Joints of the stops before, NaN where they are not known."""
+    return np.where(before[:, None] >= 0, q[before], np.nan)
+
+
+def _places(robot: Robot, T: FloatArray) -> FloatArray:
+    """Places (n, k, 3) in the base link of the robot's targets, of the tip's origin where it has none."""
+    local = np.array(list(robot.targets.values())).reshape(-1, 3) if robot.targets else np.zeros((1, 3))
+    return np.einsum("nij,kj->nki", T[:, :3, :3], local) + T[:, None, :3, 3]
+
+
+def _unknown_effect(robot: Robot, q: FloatArray) -> FloatArray:
+    """By how much an unknown last move shifts the robot's targets, root mean square, (n,), metres."""
+    theta = robot.joint_map.effective(q)
+    still = _places(robot, robot.arm.forward(theta))
+    squares = np.zeros(len(q))
+    for joint, size in enumerate(robot.joint_map.history_std):
+        if size:
+            turned = theta.copy()
+            turned[:, joint] += size
+            squares += np.mean(np.sum((_places(robot, robot.arm.forward(turned)) - still) ** 2, axis=2), axis=1)
+    return np.sqrt(squares)
+
+
+def _sides(
+    names: Sequence[str], lines: IntArray, target: IntArray, before: IntArray, at: IntArray, off: FloatArray
+) -> tuple[Note, ...]:
+    """Targets that are reached from different sides, the largest distances first."""
+    known: BoolArray = before >= 0
+    several = np.flatnonzero(np.bincount(target[known], minlength=len(names)) > 1)
+    found: list[tuple[float, Note]] = []
+    for k in several.tolist():
+        mine = np.flatnonzero(known & (target == k))
+        apart = np.sqrt(np.mean(np.sum((off[mine][:, None] - off[mine][None]) ** 2, axis=3), axis=2))
+        if apart.max() > WORTH_SAYING:
+            i, j = np.unravel_index(int(np.argmax(apart)), apart.shape)
+            text = (
+                f"{names[k]} is reached from different sides (lines {at[mine[i]]} and {at[mine[j]]}): the robot stops "
+                f"up to {apart.max() / MM:.3f} mm apart; its command is the middle, two targets would do better"
+            )
+            found.append((float(apart.max()), Note(int(lines[k]), text)))
+    found.sort(key=lambda item: -item[0])
+    notes = [note for _, note in found[:MOST]]
+    if len(found) > MOST:
+        text = f"so are {len(found) - MOST} more targets, up to {found[MOST][0] / MM:.3f} mm apart"
+        notes.append(Note(found[MOST][1].line, text))
+    return tuple(notes)

@@ -1,0 +1,48 @@
+"""Which poses a fit has seen: they prove nothing about it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from irbcal.arrays import BoolArray
+from irbcal.measurement.places import SAME_PLACE
+from irbcal.measurement.points import PointSet
+
+SAME_POINT = 2e-6
+"""Metres: two measurements of one reflector differ by more, one that was rounded and registered again does not."""
+SAME_JOINTS = 1e-7
+"""Radians (metres): joints of one row, as they are written into files."""
+
+
+def rows_of(points: PointSet, fit: PointSet) -> BoolArray:
+    """Which poses are rows of the fit: the same joints and, for one of their targets, the same measured place.
+
+    Parameters
+    ----------
+    points, fit : PointSet
+        In the same measuring frame.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    from scipy.spatial import cKDTree
+
+    out = np.zeros(points.poses, dtype=bool)
+    if not len(points) or not len(fit) or points.q.shape[1] != fit.q.shape[1]:
+        return out
+    distance, nearest = cKDTree(fit.xyz).query(points.xyz, distance_upper_bound=SAME_POINT)
+    found = np.flatnonzero(np.isfinite(distance))
+    same = np.abs(points.joints()[found] - fit.joints()[nearest[found]]).max(axis=1) <= SAME_JOINTS
+    out[points.pose[found[same]]] = True
+    return out
+
+
+def places_of(points: PointSet, fit: PointSet) -> BoolArray:
+    """Which poses are at joints of the fit, within `irbcal.measurement.places.SAME_PLACE`; as `rows_of`."""
+    from scipy.spatial import cKDTree
+
+    if not points.poses or not fit.poses or points.q.shape[1] != fit.q.shape[1]:
+        return np.zeros(points.poses, dtype=bool)
+    distance, _ = cKDTree(fit.q).query(points.q, p=np.inf, distance_upper_bound=SAME_PLACE)
+    return np.isfinite(distance)

@@ -1,0 +1,109 @@
+"""Commands of a sequence of stops: each depends on the command of the stop before, which is a correction itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.errors import RobotError
+from irbcal.modeling.joint_map import AnyJointMap
+from irbcal.units import DEG, MM
+
+STILL = {True: 0.2 * MM, False: 0.2 * DEG}
+"""Moves of all joints, prismatic or not, that are too short to change the side to which they lean."""
+
+LOOK_BACK = 100
+"""Stops among which one far enough away is looked for."""
+
+STEPS = 200
+CONVERGED, GOOD_ENOUGH = 3e-14, 1e-11
+
+
+def stops_before(theta: FloatArray, target: IntArray, follows: BoolArray, prismatic: BoolArray) -> IntArray:
+    """The stop from which each stop of a sequence is approached.
+
+    Where the one before lies next to it, the last one that does not is taken: the arm still leans to the side it came
+    from.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (n, joints)
+        Joints of each target, radians (metres for prismatic joints).
+    target : ndarray of int, shape (m,)
+        Target of each stop, in the order of the program; -1 where it is not known.
+    follows : ndarray of bool, shape (m,)
+        Whether a stop is known to follow the one above it.
+    prismatic : ndarray of bool, shape (joints,)
+
+    Returns
+    -------
+    ndarray of int, shape (m,)
+        Targets, -1 where they are not known.
+    """
+    out = np.full(len(target), -1)
+    still = np.array([STILL[bool(slides)] for slides in prismatic])
+    left = np.flatnonzero(target >= 0)
+    for back in range(1, LOOK_BACK + 1):
+        left = left[left >= back]
+        left = left[follows[left - back + 1] & (target[left - back] >= 0)]
+        if not len(left):
+            break
+        there = target[left - back]
+        far = (np.abs(theta[target[left]] - theta[there]) >= still).any(axis=1)
+        out[left[far]] = there[far]
+        left = left[~far]
+    return out
+
+
+def commanded_in_order(
+    joint_map: AnyJointMap, theta: FloatArray, target: IntArray, before: IntArray, fixed: BoolArray | None = None
+) -> FloatArray:
+    """Commanded joints that give effective ones at stops that follow one another.
+
+    ``q <- theta - f(q, q - q_before)`` with the commands of the stops before of the last sweep, for the whole sequence
+    at a time: a contraction by about one tenth a sweep.
+
+    Parameters
+    ----------
+    joint_map : AnyJointMap
+    theta : ndarray, shape (n, joints)
+        Effective joints of n targets, radians (metres for prismatic joints).
+    target, before : ndarray of int, shape (m,)
+        Which target each of m stops goes to, and from which one; -1 where that is not known. A target with several
+        stops gets the command in the middle: minus the mean of what its last moves do.
+    fixed : ndarray of bool, shape (n,), optional
+        Targets whose commands are not to be found: ``theta`` holds them.
+
+    Returns
+    -------
+    ndarray, shape (n, joints)
+        Targets without stops are taken with unknown last moves.
+
+    Raises
+    ------
+    RobotError
+        If the map is so far from the identity that the iteration does not converge.
+    """
+    q = joint_map.commanded(theta)
+    if fixed is not None:
+        q[fixed] = theta[fixed]
+    if not joint_map.has_history or not len(target):
+        return q
+    count = np.bincount(target, minlength=len(theta))
+    idle = np.flatnonzero(count == 0)
+    target, before = np.concatenate([target, idle]), np.concatenate([before, np.full(len(idle), -1)])
+    count = np.maximum(count, 1)
+    change = np.inf
+    for _ in range(STEPS):
+        previous = np.where(before[:, None] >= 0, q[before], np.nan)
+        reached = joint_map.effective(q[target], previous) - q[target]
+        mean = np.column_stack([np.bincount(target, part, len(theta)) / count for part in reached.T])
+        new = theta - mean
+        if fixed is not None:
+            new[fixed] = theta[fixed]
+        change, q = np.abs(new - q).max(), new
+        if change < CONVERGED:
+            break
+    if not change < GOOD_ENOUGH:
+        raise RobotError(f"the joint map cannot be inverted in order: {change:.3g} rad left after {STEPS} sweeps")
+    return q
