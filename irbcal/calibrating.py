@@ -39,6 +39,7 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.sessions import into_one_frame
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.modeling.terms.situation import Motion
 from irbcal.options import checked, names, number
@@ -412,7 +413,7 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
     """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     heldout = ready.heldout
     held = coverage(fit.robot, heldout)
-    notes = [f"Held-out points: {coverage_in_words(held)}"] if held else []
+    notes = [f"Of the poses kept aside, {coverage_in_words(held)}"] if held else []
     if not isinstance(fit, AveragedFit):
         return notes
     notes = [*fit.sentences(), *notes]
@@ -445,6 +446,9 @@ def _doubts(nominal: Fit, fit: Fit | AveragedFit, fit_points: PointSet, heldout:
             f"The nominal robot misses the fitted points by {nominal.rms / MM:.3g} mm (rms), far more than industrial "
             "robots do: something other than the robot is wrong (references, joints, robot file)."
         )
+    beyond = elsewhere(fit.robot, nominal.robot, fit_points.q)
+    if fit.level != "nominal" and beyond is not None and beyond.narrow:
+        doubts.append(beyond.in_words())
     if fit.level != "nominal" and heldout.poses:
         before, after = (distances(item.robot, heldout).mean() for item in (nominal, fit))
         if after >= before:

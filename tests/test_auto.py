@@ -15,6 +15,7 @@ from irbcal.modeling.terms import families
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.planners.calibrated_model import CalibratedModel
+from irbcal.validation.coverage import coverage
 from irbcal.validation.uncertainty import position_std
 
 POSES = 120
@@ -226,6 +227,8 @@ def test_irb120_at_programmed_joints(shared_data, tmp_path):
     made.save(tmp_path / "cal")
     loaded = irbcal.load(tmp_path / "cal").robot_calibrated()
     assert_same_poses(loaded.poses(q), made.outcome.fit.robot.poses(q), 1e-9, 1e-9)
+    assert 0.92 < coverage(loaded, made.outcome.heldout_points)["parts"]["all"]["inside"] < 0.98
+    assert not [note for note in made.notes if "only where measured" in note]
 
 
 def test_irb120_at_readings(shared_data, tmp_path):
@@ -248,3 +251,8 @@ def test_ur10(shared_data, tmp_path, group, mean):
     rows.to_csv(tmp_path / "m.csv", index=False)
     made = irbcal.calibrate(tmp_path / "m.csv", "ur10", "auto", holdout=rows["pose"].nunique() - 300, split="last")
     assert made.heldout.all.mean_mm <= mean
+    parts = coverage(made.record.robot_calibrated(), made.outcome.heldout_points)["parts"]
+    assert 0.92 < parts["all"]["inside"] < 0.98
+    assert parts["outside"]["n"] > 100
+    assert parts["outside"]["inside"] > 0.8
+    assert [note for note in made.notes if "Calibrated only where measured" in note]

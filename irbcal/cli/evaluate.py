@@ -30,7 +30,11 @@ def evaluate(
         ),
     ] = None,
     intervals: Annotated[
-        bool, typer.Option("--intervals", help="Percentiles and 95 % bootstrap intervals (poses drawn again).")
+        bool,
+        typer.Option(
+            "--intervals",
+            help="Percentiles, 95 % bootstrap intervals (poses drawn again), coverage of predicted intervals.",
+        ),
     ] = False,
     include_fitted: Annotated[
         bool, typer.Option("--include-fitted", help="Keep poses that the calibration was fitted to.")

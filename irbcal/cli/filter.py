@@ -87,6 +87,7 @@ def _content(found: Filtered) -> dict[str, Any]:
         "corrected": len(found.targets),
         "left": [item._asdict() for item in found.left],
         "notes": [note._asdict() for note in found.notes],
+        "cautions": list(found.cautions),
         "mean_shift_mm": float(found.shift.mean() / MM) if some else None,
         "max_shift_mm": float(found.shift.max() / MM) if some else None,
         "expected_error_mm": None if found.expected_error is None else found.expected_error / MM,

@@ -107,6 +107,8 @@ def correct(
     programs = language.read_for(nominal, sources, given)
     robot = record.robot_calibrated()
     found = together([filter_program(robot, nominal, one, record.fingerprint) for one in programs])
+    if robot.certainty is not None and (outside := robot.certainty.outside_in_words(found.q_before, "targets")):
+        found = replace(found, cautions=(outside,))
     if record.heldout is not None:
         found = replace(found, expected_error=record.heldout.all.mean_mm * MM)
     if out is None and changes is None:

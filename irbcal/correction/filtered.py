@@ -53,6 +53,8 @@ class Filtered(Speaks):
         Of the calibration, as in the mark.
     expected_error : float or None
         Mean error of the calibration's held-out poses, metres; None where it has none.
+    cautions : tuple of str
+        What to doubt of all corrections: targets outside the joint ranges of the calibration's fit.
     written : Path or None
         File of the program with fake targets, if it was asked for.
     last_move_error : ndarray, shape (n,), or None
@@ -77,6 +79,7 @@ class Filtered(Speaks):
     fingerprint: str
     expected_error: float | None = None
     written: Path | None = None
+    cautions: tuple[str, ...] = ()
     last_move_error: FloatArray | None = None
     last_moves: tuple[int, int] | None = None
 
@@ -135,6 +138,7 @@ class Filtered(Speaks):
             "targets": self.to_frame().to_dict(orient="records"),
             "left": [item._asdict() for item in self.left],
             "notes": [note._asdict() for note in self.notes],
+            "cautions": list(self.cautions),
         }
 
     def _in_units(self, q: FloatArray) -> FloatArray:
@@ -152,6 +156,7 @@ class Filtered(Speaks):
             told.append(f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses")
         told += self._last_moves_in_words()
         told += [f"  left as it was: {item.target} (line {item.line}): {item.reason}" for item in self.left]
+        told += [f"Note: {caution}" for caution in self.cautions]
         told += [f"Note: line {note.line}: {note.text}" for note in self.notes]
         if self.written is not None:
             told.append(f"Written to {self.written}")

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from irbcal.arrays import FloatArray
 from irbcal.files.section import Section
 from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.elsewhere import Elsewhere
 from irbcal.units import MM
 
 
@@ -68,6 +69,35 @@ def _unpacked(factor: str, size: int) -> FloatArray:
     return C
 
 
+class ElsewhereSection(Section):
+    """Expected errors (rms, mm) at the poses of the fit and anywhere within the joint limits.
+
+    ``shares`` of its limits that each joint went through; ``difference_mm`` between the predictions of the calibrated
+    and the nominal robot anywhere; see `irbcal.modeling.elsewhere`.
+    """
+
+    shares: list[float]
+    here_mm: float
+    there_mm: float
+    difference_mm: float
+
+    @staticmethod
+    def of(found: Elsewhere | None) -> ElsewhereSection | None:
+        """The section of what was found."""
+        if found is None:
+            return None
+        return ElsewhereSection(
+            shares=found.shares.tolist(),
+            here_mm=found.here / MM,
+            there_mm=found.there / MM,
+            difference_mm=found.difference / MM,
+        )
+
+    def found(self) -> Elsewhere:
+        """What the section tells."""
+        return Elsewhere(np.array(self.shares), self.here_mm * MM, self.there_mm * MM, self.difference_mm * MM)
+
+
 class CertaintySection(Section):
     """What intervals of predictions need beside the covariance, and where they are valid.
 
@@ -78,16 +108,22 @@ class CertaintySection(Section):
     leave_one_out_mm: dict[str, float]
     leave_fifths_out_mm: dict[str, float]
     ranges: list[list[float]] = Field(min_length=2, max_length=2)
+    elsewhere: ElsewhereSection | None = None
 
     @staticmethod
-    def of(known: Certainty) -> CertaintySection:
+    def of(known: Certainty, found: Elsewhere | None) -> CertaintySection:
         """The section of what an identification knows."""
         assert known.ranges is not None
         return CertaintySection(
             leave_one_out_mm=in_mm(known.loo),
             leave_fifths_out_mm=in_mm(known.loo_blocks),
             ranges=known.ranges.tolist(),
+            elsewhere=ElsewhereSection.of(found),
         )
+
+    def warning(self) -> str:
+        """The warning of a calibration that is that of a corner of the workspace; else an empty text."""
+        return "" if self.elsewhere is None else self.elsewhere.found().in_words()
 
 
 def in_mm(lengths: Mapping[str, float]) -> dict[str, float]:

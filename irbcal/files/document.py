@@ -52,6 +52,7 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
+from irbcal.modeling.elsewhere import Elsewhere, elsewhere
 from irbcal.modeling.joint_map import AnyJointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term_joint_map import TermJointMap
@@ -276,6 +277,12 @@ def software() -> dict[str, str]:
     return {"python": platform.python_version(), "irbcal": __version__, **packages}
 
 
+def _elsewhere(outcome: Outcome) -> Elsewhere | None:
+    """Of a calibrated robot; the nominal one promises nothing."""
+    robots = outcome.fit.robot, outcome.nominal.robot
+    return None if outcome.fit.level == "nominal" else elsewhere(*robots, outcome.fit_points.q)
+
+
 def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = False) -> tuple[Record, bytes]:
     """Content of a calibration folder, checked against Pinocchio.
 
@@ -333,7 +340,7 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         parameter_count=fit.parameter_count,
         parameters=_parameters(fit),
         covariance=CovarianceSection.of(known.covariance),
-        certainty=CertaintySection.of(known),
+        certainty=CertaintySection.of(known, _elsewhere(outcome)),
         held=fit.held(),
         observability=_observability(fit),
         history=_history(fit.history),

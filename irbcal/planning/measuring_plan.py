@@ -300,7 +300,8 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
     first = prediction.model.targets.names[0]
     std = {name: prediction.position_std(places, first) for name, places in there.items()}
     times = stops(scene, wish, poses.q, asked, start, over_home)
-    notes = [*scene.notes, *notes]
+    outside = "" if scene.certainty is None else scene.certainty.outside_in_words(poses.q, "planned poses")
+    notes = [*scene.notes, *notes, *([outside] if outside else [])]
     return Plan(
         scene, wish, poses.q, asked, poses.groups, over_home, tallies, prediction, std, times, comparison, tuple(notes)
     )

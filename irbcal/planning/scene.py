@@ -20,6 +20,7 @@ from irbcal.files.opening import RobotLike, open_robot
 from irbcal.files.urdf import UrdfArm
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.options import length, names, place
 from irbcal.planning.conditions import CONDITIONS, SOLID, Setting
@@ -59,6 +60,8 @@ class Scene:
     joint_speed : ndarray, shape (joints,)
         SI units.
     notes : tuple of str
+    certainty : Certainty or None
+        Of a calibration: with the joint ranges of its fit.
     """
 
     source: RobotLike
@@ -70,6 +73,7 @@ class Scene:
     cube: tuple[FloatArray, float]
     joint_speed: FloatArray
     notes: tuple[str, ...] = ()
+    certainty: Certainty | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -154,7 +158,8 @@ def open_scene(
     setting = Setting(opened.robot, seen, station, on, margin, acceptance, min_height, solids)
     where = _cube(setting) if cube is None else (place("cube_centre", cube[0]), length("cube_edge", cube[1]))
     links, speed = (base_link, tip_link), _joint_speed(opened.urdf)
-    return Scene(robot, links, tuple(package_dirs), setting, opened.nominal, T_world_base, where, speed, tuple(notes))
+    known, dirs = opened.robot.certainty, tuple(package_dirs)
+    return Scene(robot, links, dirs, setting, opened.nominal, T_world_base, where, speed, tuple(notes), known)
 
 
 def _solids(

@@ -119,7 +119,7 @@ def figure_files(calibration: Record, evidence: Evidence, kind: Literal["png", "
 
 
 def verdict(calibration: Record) -> str:
-    """What the calibration is worth, in one sentence (two where nothing was held out).
+    """What the calibration is worth, in one sentence (two where nothing was held out), and where it is not.
 
     Parameters
     ----------
@@ -130,6 +130,11 @@ def verdict(calibration: Record) -> str:
     str
     """
     c = calibration
+    warning = c.certainty.warning() if c.certainty is not None else ""
+    return f"{_accuracy(c)} {warning}".rstrip()
+
+
+def _accuracy(c: Record) -> str:
     if c.heldout is None or c.heldout_nominal is None:
         opening = "Nothing is proven: no poses were held out, so the accuracy of this robot is unknown. "
         poses = f"On the {_count(c.poses_fit, 'fitted pose')}"

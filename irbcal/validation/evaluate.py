@@ -218,7 +218,8 @@ def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Pr
 def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
     seen = ready.measurements
     notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
-    return (*notes, *_outside_ranges(ready.points, record))
+    corner = record.certainty.warning() if record.certainty is not None else ""
+    return (*notes, *_outside_ranges(ready.points, record), *([corner] if corner else []))
 
 
 def _outside_ranges(points: PointSet, record: Record) -> list[str]:

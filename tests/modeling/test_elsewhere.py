@@ -1,0 +1,119 @@
+"""Calibrations from a corner of the workspace: the warning comes, names the size of the danger, and only then comes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from evidence_cases import Truth, irb120
+from support import arm, measured, random_robot
+
+import irbcal
+from irbcal.identification.averaged import identify_averaged
+from irbcal.identification.fit import identify
+from irbcal.identification.level_certainty import certainty_of
+from irbcal.measurement.points import distances
+from irbcal.modeling.elsewhere import Elsewhere, _limits, elsewhere
+from irbcal.modeling.terms.situation import Motion
+
+MIDDLE = np.radians([20.0, 20, 0, 30, 40, 10])
+
+
+def box(model, width, n, seed):
+    """Random joints in a box about some pose, ``width`` of the limits wide."""
+    half = 0.5 * width * (model.upper - model.lower)
+    middle = np.clip(MIDDLE, model.lower + half, model.upper - half)
+    return middle + half * np.random.default_rng(seed).uniform(-1.0, 1.0, (n, 6))
+
+
+def fitted(points, motion, level):
+    """Calibrated robot with its certainty, and the nominal one."""
+    model = arm("irb120")
+    nominal = identify(model, points, "nominal").robot
+    if level == "auto":
+        return identify_averaged(model, points, motion).robot, nominal
+    fit = identify(model, points, level)
+    return fit.robot.replace(certainty=certainty_of(fit)), nominal
+
+
+def case(width, seed, level):
+    """What is expected elsewhere of a robot with physics beyond the levels, and its true errors (rms, metres) there."""
+    truth = Truth(["gravity", "gain", "harmonics"], seed)
+    motion = Motion(box(truth.nominal, width, 60, seed))
+    robot, nominal = fitted(truth.measured(motion, 3e-5), motion, level)
+    test = truth.measured(Motion(truth.nominal.random_joints(200, 99)), 0.0)
+    errors = [float(np.sqrt(np.mean(distances(item, test) ** 2))) for item in (robot, nominal)]
+    return elsewhere(robot, nominal, motion.q), errors
+
+
+@pytest.mark.parametrize(("width", "level"), [(0.1, "34"), (0.2, "auto"), (0.2, "placement")])
+def test_a_corner_is_told_with_its_danger(width, level):
+    found, (true, _) = case(width, 1, level)
+    assert found.narrow
+    np.testing.assert_allclose(found.shares[:5], width, rtol=0.2)
+    assert true > 3.0 * found.here  # the danger is real
+    words = found.in_words()
+    assert words.startswith("Calibrated only where measured: ")
+    assert f"{found.there / found.here:.1f} times those at poses like the fitted ones" in words
+
+
+@pytest.mark.parametrize(("width", "seed"), [(0.1, 1), (0.2, 2), (0.4, 3)])
+def test_the_expected_error_of_an_average_is_that_of_the_truth(width, seed):
+    found, (true, _) = case(width, seed, "auto")
+    assert 0.5 < found.there / true < 2.0
+
+
+def test_worse_than_nominal_is_never_silent():
+    worse = 0
+    for width, seed in ((0.05, 1), (0.05, 4), (0.05, 5), (0.07, 1), (0.07, 3), (0.1, 2)):
+        found, (true, nominal) = case(width, seed, "34")
+        worse += true > nominal
+        assert true < nominal or "may be worse than the nominal robot" in found.in_words()
+    assert worse >= 3
+
+
+@pytest.mark.parametrize("level", ["auto", "34"])
+def test_a_plan_leads_to_no_warning(level):
+    q = irbcal.plan("irb120").q
+    robot = random_robot(arm("irb120"), "34", np.random.default_rng(3), size=0.1)
+    points = measured(robot, q, 3e-5, np.random.default_rng(4))
+    found = elsewhere(*fitted(points, Motion.in_order(q), level), q)
+    assert not found.narrow
+    assert found.in_words() == ""
+    assert found.share > 0.9
+
+
+def test_a_robot_measured_in_its_cell_has_none(shared_data):
+    seen = irb120(shared_data)
+    rows = np.arange(seen.points.poses) < 200
+    points, motion = seen.points.select(rows), seen.motion.select(rows)
+    found = elsewhere(*fitted(points, motion, "auto"), motion.q)
+    assert not found.narrow
+    assert 0.7 < found.share < 0.9
+
+
+def test_joints_that_turn_for_ever_are_looked_at_for_one_turn():
+    model = arm("irb120")
+    endless = replace(model, lower=np.array([-np.inf, *model.lower[1:]]), upper=np.array([np.inf, *model.upper[1:]]))
+    ranges = np.array([model.lower, model.upper]) * 0.5 + 0.2
+    lower, upper = _limits(endless, ranges)
+    assert (lower[0], upper[0]) == pytest.approx((0.2 - np.pi, 0.2 + np.pi))
+    turn = _limits(model, ranges)
+    np.testing.assert_array_equal(lower[1:5], model.lower[1:5])
+    assert turn[1][5] - turn[0][5] == pytest.approx(2 * np.pi)  # joint 6 may turn by 800 degrees
+    assert model.lower[5] - 1e-12 <= turn[0][5]
+    assert turn[1][5] <= model.upper[5] + 1e-12
+
+
+def test_without_certainty_nothing_is_said():
+    robot = random_robot(arm("irb120"), "34", np.random.default_rng(3))
+    assert elsewhere(robot, robot, np.zeros((3, 6))) is None
+
+
+def test_words():
+    wide = Elsewhere(np.full(6, 0.9), 1e-4, 2e-4, 1e-3)
+    assert wide.in_words() == ""
+    grown = replace(wide, there=4e-4)
+    assert "errors of 0.400 mm (rms) or more must be expected, 4.0 times" in grown.in_words()
+    assert "nominal" in grown.in_words()
+    assert "nominal" not in replace(grown, difference=2e-3).in_words()
+    assert replace(wide, shares=np.full(6, 0.4)).narrow
