@@ -137,6 +137,8 @@ def of_earlier(robot: str | Path | None, options: Options, earlier: Earlier | No
     changes = {name: value for name, value in changes.items() if getattr(options, name) is None}
     if record.tool_shape_mm:
         changes["as_poses"] = True
+    if record.frame_terms is not None and changes.get("model", options.model) == "auto":
+        changes["terms"] = "all"
     return earlier.robot() if robot is None else robot, replace(options, **changes)
 
 
