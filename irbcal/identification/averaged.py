@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import dictionaries
+from irbcal.identification import dictionaries, shown
 from irbcal.identification.evidence import Progress, identify_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.readings import Lag, lag
@@ -196,6 +196,7 @@ class AveragedFit(Speaks):
                 "that of the warm arm, so that the first poses miss it by more."
             )
         return [
+            shown.sentence(found.families),
             *found.gear_sentences(),
             *warm,
             f"Valid within the joint ranges of the fitted poses: {ranges}. Beyond them the joint map is extrapolated "

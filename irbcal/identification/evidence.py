@@ -14,11 +14,12 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
-from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats
+from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats, shown
 from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit, GearFound, GroupResult
 from irbcal.identification.linearisation import Linearisation
 from irbcal.identification.mackay import Posterior
+from irbcal.identification.shown import FamilyShown
 from irbcal.identification.sums import Sums
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
@@ -271,7 +272,17 @@ class _Work:
             item.by_fit, item.loo = fit, _of_points(u, self.points)[""]
             u_pose, u_block = u_pose + item.weight * u, u_block + item.weight * v
         covariance = second - np.outer(mean, mean)
+        top = max(range(len(kept)), key=lambda k: kept[k].weight)
+        self.shown = self._shown(kept[top], sums.part(places[top]))
         return self._result(linear, kept, mean, covariance, u_pose, u_block, found)
+
+    def _shown(self, item: _Compared, sums: Sums) -> tuple[FamilyShown, ...]:
+        """What a fitted dictionary would lose without each of its families, from the sums of its columns."""
+        if item.by_fit is None:
+            return ()
+        families = [self.superset[k].family for k in item.dictionary.terms]
+        t = mackay.evidence_temper(self.linear.per_pose)
+        return shown.families_shown(sums, self.linear.flat, families, item.dictionary, t, item.by_fit)
 
     def _result(
         self,
@@ -305,6 +316,7 @@ class _Work:
             loo_blocks=_of_points(u_block, self.points),
             dictionaries=tuple(self._table()),
             groups=tuple(_groups(kept)),
+            families=self.shown,
             gears=tuple(GearFound(f.joint, f.cycles, f.chi2, f.evidence_gain) for f in found),
             joint_ranges=np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)]),
             kind=self.kind,

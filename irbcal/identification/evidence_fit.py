@@ -11,6 +11,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
+from irbcal.identification import shown
+from irbcal.identification.shown import FamilyShown
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.terms import chain
@@ -128,6 +130,8 @@ class EvidenceFit(Speaks):
         for all, metres.
     dictionaries : tuple of DictionaryResult
     groups : tuple of GroupResult
+    families : tuple of FamilyShown
+        What the best choice of terms would lose without each of its families.
     gears : tuple of GearFound
     joint_ranges : ndarray, shape (2, joints)
         Smallest and largest joints of the fit, radians (metres).
@@ -160,6 +164,7 @@ class EvidenceFit(Speaks):
     loo_blocks: Mapping[str, float]
     dictionaries: tuple[DictionaryResult, ...]
     groups: tuple[GroupResult, ...]
+    families: tuple[FamilyShown, ...]
     gears: tuple[GearFound, ...]
     joint_ranges: FloatArray
     kind: str
@@ -186,6 +191,7 @@ class EvidenceFit(Speaks):
             self._dictionary_table(),
             self._group_table(),
             *self._unseen_in_words(),
+            shown.sentence(self.families),
             *self.gear_sentences(),
             "Intervals of predictions are made to hold 95 % of a coordinate's errors. On held-out poses of two real "
             "robots they hold 93 to 98 % with 200 poses and more, 84 % with 45. They are valid for poses like those "
