@@ -307,22 +307,19 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
     """
     fit, robot = outcome.fit, outcome.fit.robot
     known = fit.evidence.certainty if isinstance(fit, AveragedFit) else robot.certainty or certainty_of(fit)
-    own_targets = {name: place for name, place in robot.targets.items() if not name.endswith(_behind(outcome))}
     files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
     joint_origins = _joint_origins(outcome.urdf, robot.arm)
     fingerprint = _fingerprint(joint_origins, robot, files)
     data = [DataFile(file=Path(item.source).name, sha256=item.sha256, programmed=item.programmed) for item in files]
-    data += [] if outcome.earlier is None else [item for item in outcome.earlier.record.data if item not in data]
+    data += [item for record in _earlier(outcome) for item in record.data if item not in data]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    simulated = any(item.simulated for item in files) or (
-        outcome.earlier is not None and outcome.earlier.record.simulated
-    )
+    simulated = any([*(item.simulated for item in files), *(item.simulated for item in _earlier(outcome))])
     frame_terms = FrameTermsSection.of_robot(robot)
     urdf_bytes = urdf.to_bytes(
         outcome.urdf,
         robot.arm,
         robot.T_world_base if world_link else None,
-        own_targets if target_links else None,
+        _own_targets(outcome) if target_links else None,
         fingerprint,
         _words(outcome, created, data, simulated, frame_terms),
     )
@@ -370,9 +367,15 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
     return record, urdf_bytes
 
 
-def _behind(outcome: Outcome) -> tuple[str, ...]:
-    """What stands behind the names of targets of other sessions than the last."""
-    return tuple(f"{MARK}{name}" for name in outcome.other_bases)
+def _earlier(outcome: Outcome) -> list[Record]:
+    """The calibration that was added to, if any."""
+    return [] if outcome.earlier is None else [outcome.earlier.record]
+
+
+def _own_targets(outcome: Outcome) -> dict[str, FloatArray]:
+    """Targets of the last session."""
+    others = tuple(f"{MARK}{name}" for name in outcome.other_bases)
+    return {name: place for name, place in outcome.fit.robot.targets.items() if not name.endswith(others)}
 
 
 def _sessions(outcome: Outcome) -> list[SessionSection]:
