@@ -20,7 +20,7 @@ FLOORS = (
     ("validation", "joint_behaviour", "cell"),
     ("planning", "planners", "kinematics"),
     ("reports", "viewer", "studies"),
-    ("calibrating", "calibration", "shipped"),
+    ("calibrating", "calibration", "gathering", "shipped"),
     ("cli",),
 )
 """Rooms from the ground up; one imports only what is below, or beside it where that does not import it back."""

@@ -187,13 +187,15 @@ class PoseTable(Section):
 
     ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
     where that is not known. ``previous`` holds the joints of the stop before, as ``joints``, null where that is not
-    known; older files have none.
+    known; ``number`` counts the poses of a session in the order in which the robot visited them. Older files have
+    neither.
     """
 
     pose: list[str]
     group: list[str]
     heldout: list[bool]
     joints: list[list[float]]
+    number: list[float] = Field(default_factory=list)
     came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
     previous: list[list[float | None]] = Field(default_factory=list)
 
@@ -201,10 +203,21 @@ class PoseTable(Section):
     def _of_one_length(self) -> PoseTable:
         n = len(self.pose)
         columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from, *self.previous]
+        columns += [self.number] if self.number else []
         counts = {len(self.joints), len(self.came_from), len(self.previous or self.joints)}
         if any(len(column) != n for column in columns) or len(counts) > 1:
             raise ValueError(f"every column must have {n} values, one for each pose")
         return self
+
+
+class SessionSection(Section):
+    """A session: its base in its own measuring frame. Its targets are the placement's with its name behind ``@``.
+
+    The last session's frame is that of the calibration: its base is the placement's, and its targets have plain names.
+    """
+
+    name: str
+    base: Pose
 
 
 class Exclusion(Section):
@@ -267,9 +280,11 @@ class Record(Section):
     ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map, frame terms and the data
     files. ``frame_terms`` are null where URDF and joint map are the whole truth.
     ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
-    (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians: see
-    `covariance_matrix`. Files of earlier versions have it number by number, and no ``certainty``.
-    ``seal`` has the hashes of all other parts (`irbcal.files.seal`); null in files of earlier versions.
+    (rotation vectors in the tip link), bases of sessions before the last and error parameters, in the order of
+    ``parameters``, in metres and radians: see `covariance_matrix`. Files of earlier versions have it number by number,
+    and no ``certainty``. ``sessions`` are empty where there is one only; ``earlier`` is the fingerprint of the
+    calibration that was added to. ``seal`` has the hashes of all other parts (`irbcal.files.seal`); null in files of
+    earlier versions.
     """
 
     schema_name: Literal["irbcal-calibration-1"]
@@ -296,6 +311,8 @@ class Record(Section):
     frame_terms: FrameTermsSection | None = None
     placement: Placement
     placement_nominal: Placement
+    sessions: list[SessionSection] = Field(default_factory=list)
+    earlier: str | None = None
     references_mm: dict[str, list[float]]
     tool_shape_mm: dict[str, list[float]]
     fit: Errors

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
@@ -35,7 +36,12 @@ COMPARED = 3000
 GIVE_UP = 80.0
 """Nats below the best dictionary at which another one can have no weight, with room for what iterations still gain."""
 READINGS_GATE = 1.5
-"""Factor by which the residuals must fall for readings to count as taken before the arm stood still."""
+"""Factor by which the residuals must fall for readings to count as taken before the arm stood still, beyond what a few
+poses leave to chance."""
+GATE_CERTAINTY = 0.95
+LAG_FAMILIES = ("move",)
+"""Families that cannot be told from readings that lag: joints lag by somewhat different shares of their moves. Where
+readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
 
 Progress = Callable[[str], None]
 
@@ -170,15 +176,18 @@ class _Work:
 
     def _try_projection(self, geometry: list[Term]) -> float:
         """By how much residuals fall if a share of the last move is taken from each pose; sets ``project``."""
-        sizes = []
+        sizes, spare = [], []
         for project in (False, True):
             state = linearisation.geometry_solution(self.problem, self.motion, geometry, project)
             linear = Linearisation(self.problem, state, self.motion, self.superset, project)
             middle = dictionaries.make(self.superset, ["gravity", "gain", "harmonics"], 2, None)
             sums = linear.sums(middle.columns(linear.flat))
             t = mackay.fit_temper(linear.per_pose)
-            sizes.append(np.sqrt(mackay.fit(sums, linear.flat, middle.group, middle.caps, t).s2))
-        self.project = bool(sizes[0] > READINGS_GATE * sizes[1])
+            found = mackay.fit(sums, linear.flat, middle.group, middle.caps, t)
+            sizes.append(np.sqrt(found.s2))
+            spare.append(max(t * sums.equations - linear.flat - float(found.gammas.sum()), 1.0))
+        chance = np.sqrt(f_distribution.ppf(GATE_CERTAINTY, *spare))
+        self.project = bool(sizes[0] > READINGS_GATE * chance * sizes[1])
         return float(sizes[0] / sizes[1])
 
     def _fit(
@@ -269,7 +278,7 @@ class _Work:
             second += item.weight * (C + np.outer(c, c))
             u, _ = leave_one_out.residuals(linear, columns, fit)
             v, _ = leave_one_out.block_residuals(linear, columns, fit)
-            item.by_fit, item.loo = fit, _of_points(u, self.points)[""]
+            item.by_fit, item.loo = fit, _of_points(u, self.points, self.project)[""]
             u_pose, u_block = u_pose + item.weight * u, u_block + item.weight * v
         covariance = second - np.outer(mean, mean)
         top = max(range(len(kept)), key=lambda k: kept[k].weight)
@@ -298,22 +307,26 @@ class _Work:
         arm, _ = self.problem.model(state)
         flat = linear.flat
         names = self.points.target_names
+        lagging = LAG_FAMILIES if self.project else ()
+        own = np.array([k for k, term in enumerate(linear.terms) if term.family not in lagging], dtype=int)
+        columns = np.concatenate([np.arange(flat), flat + own])
+        scale = linear.sizes[columns]
         fits = [item.by_fit for item in kept if item.by_fit is not None]
         shares = np.array([item.weight for item in kept])
         return EvidenceFit(
             nominal=self.arm,
             arm=arm,
-            terms=tuple(linear.terms),
-            coefficients=linear.sizes[flat:] * mean[flat:],
-            covariance=covariance * np.outer(linear.sizes, linear.sizes),
+            terms=tuple(linear.terms[k] for k in own),
+            coefficients=scale[flat:] * mean[columns[flat:]],
+            covariance=covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
             T_world_base=state.T_world_base,
             targets=dict(zip(names, state.targets, strict=True)),
             free_targets=tuple(names[k] for k in self.problem.free),
             framed_targets=tuple(names[k] for k in self.problem.framed),
             target_rotations={names[k]: state.rotations[k] for k in self.problem.framed},
             sigma=float(np.sqrt(shares @ [fit.s2 for fit in fits])) * MM,
-            loo=_of_points(u_pose, self.points),
-            loo_blocks=_of_points(u_block, self.points),
+            loo=_of_points(u_pose, self.points, self.project),
+            loo_blocks=_of_points(u_block, self.points, self.project),
             dictionaries=tuple(self._table()),
             groups=tuple(_groups(kept)),
             families=self.shown,
@@ -324,6 +337,7 @@ class _Work:
             poses=len(self.motion),
             readings_gain=self.readings_gain,
             readings_projected=self.project,
+            other_bases=dict(zip(self.problem.sessions[:-1], state.others, strict=True)),
         )
 
     def _table(self) -> list[DictionaryResult]:
@@ -367,16 +381,25 @@ def _groups(kept: list[_Compared]) -> list[GroupResult]:
     return [GroupResult(name, int(row[2]), row[0], float(np.sqrt(row[1]))) for name, row in totals.items()]
 
 
-def _of_points(u: FloatArray, points: PointSet) -> dict[str, float]:
+def _of_points(u: FloatArray, points: PointSet, projected: bool) -> dict[str, float]:
     """Root mean square length of leave-one-out residuals of each target and of all together (``""``), metres.
 
-    Rows are ordered by pose: positions, then orientations of a pose, which are left out.
+    Rows are ordered by pose: positions, then orientations of a pose, which are left out. Where a direction of each pose
+    was projected out, what all its points have in common shows in two of three coordinates only; the third is as large.
     """
     oriented = points.oriented()
     pose = np.concatenate([points.pose, points.pose[oriented]])
     kind = np.concatenate([points.target, np.full(int(oriented.sum()), -1)])
-    kind = kind[np.argsort(pose, kind="stable")]
-    out = {"": leave_one_out.rms_length(u[kind >= 0]) * MM}
+    order = np.argsort(pose, kind="stable")
+    seen = kind[order] >= 0
+    kind, pose, u = kind[order][seen], pose[order][seen], u[seen]
+    square = np.sum(u * u, axis=1)
+    if projected:
+        count = np.bincount(pose, minlength=points.poses)
+        total = [np.bincount(pose, u[:, k], points.poses) for k in range(3)]
+        common = np.sum(np.square(total), axis=0) / np.maximum(count, 1) ** 2
+        square = square + 0.5 * common[pose]
+    out = {"": float(np.sqrt(square.mean())) * MM}
     for k, name in enumerate(points.target_names):
-        out[name] = leave_one_out.rms_length(u[kind == k]) * MM
+        out[name] = float(np.sqrt(square[kind == k].mean())) * MM
     return out

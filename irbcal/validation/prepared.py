@@ -65,13 +65,15 @@ def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value).strip()
 
 
-def prepare(measurements: MeasurementSet, calibration: Record | None = None) -> Prepared:
+def prepare(measurements: MeasurementSet, calibration: Record | None = None, any_target: bool = False) -> Prepared:
     """Clean measurements and bring them into the frame of a calibration.
 
     Parameters
     ----------
     measurements : MeasurementSet
     calibration : Record, optional
+    any_target : bool
+        Take targets that the calibration does not know, too.
 
     Returns
     -------
@@ -91,7 +93,8 @@ def prepare(measurements: MeasurementSet, calibration: Record | None = None) -> 
     else:
         shape = calibration.tool_shape()
         targets = list(shape or calibration.robot_calibrated().targets)
-        cleaned = cleaning.clean(numbered, calibration.reference_places() or None, targets)
+        known = None if any_target else targets
+        cleaned = cleaning.clean(numbered, calibration.reference_places() or None, known)
     points = as_poses(cleaned.points, measurements.source, shape)[0] if shape else cleaned.points
     number = points.pose_ids.astype(int)
     excluded = tuple(replace(item, pose=str(names[int(item.pose)])) for item in cleaned.excluded)
