@@ -18,6 +18,17 @@ def evaluate(
     refit_base: Annotated[
         bool, typer.Option("--refit-base", help="Place the base anew: the tracker or the robot was moved.")
     ] = False,
+    refit_tool: Annotated[
+        bool, typer.Option("--refit-tool", help="Place the targets anew: the reflectors were mounted anew.")
+    ] = False,
+    refit_from: Annotated[
+        int | None,
+        typer.Option(
+            min=3,
+            help="Poses that place base and tool anew and are not judged.",
+            show_default="half with --refit-tool; with --refit-base alone all, which are judged, too",
+        ),
+    ] = None,
     intervals: Annotated[
         bool,
         typer.Option(
@@ -68,6 +79,8 @@ def evaluate(
         calibration,
         measurements,
         refit_base=refit_base,
+        refit_tool=refit_tool,
+        refit_from=refit_from,
         intervals=intervals,
         include_fitted=include_fitted,
         relative=relative,

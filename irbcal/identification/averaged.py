@@ -18,6 +18,7 @@ from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.readings import Lag, lag
 from irbcal.identification.result import ParameterReport
 from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
@@ -43,7 +44,7 @@ class AveragedFit(Speaks):
     ----------
     evidence : EvidenceFit
     points : PointSet
-        Those of the fit.
+        Those of the fit, in the measuring frame of the last session.
     motion : Motion
         Of their poses.
     level, method, objective : str
@@ -131,13 +132,18 @@ class AveragedFit(Speaks):
     def _outer(self) -> list[ParameterReport]:
         """Base and targets, which have no nominal values."""
         found = self.evidence
-        C, T = found.covariance, found.T_world_base
-        std = np.sqrt(np.maximum(np.diagonal(C), 0.0))
-        shift = np.sqrt(np.maximum(np.diagonal(T[:3, :3] @ C[3:6, 3:6] @ T[:3, :3].T), 0.0))
-        base = frames.to_xyz_angles(T)
-        rows = [_row(f"base_{name}", base[k], shift[k], "m") for k, name in enumerate("xyz")]
-        rows += [_row(f"base_r{name}", base[3 + k], std[k], "rad") for k, name in enumerate("xyz")]
-        at = 6
+        std = np.sqrt(np.maximum(np.diagonal(found.covariance), 0.0))
+
+        def base(label: str, T: FloatArray, at: int) -> list[ParameterReport]:
+            C = found.covariance[at + 3 : at + 6, at + 3 : at + 6]
+            shift = np.sqrt(np.maximum(np.diagonal(T[:3, :3] @ C @ T[:3, :3].T), 0.0))
+            place = frames.to_xyz_angles(T)
+            return [
+                *(_row(f"{label}_{name}", place[k], shift[k], "m") for k, name in enumerate("xyz")),
+                *(_row(f"{label}_r{name}", place[3 + k], std[at + k], "rad") for k, name in enumerate("xyz")),
+            ]
+
+        rows, at = base("base", found.T_world_base, 0), 6
         for name in found.free_targets:
             place = found.targets[name]
             rows += [_row(f"target_{name}_{'xyz'[k]}", place[k], std[at + k], "m") for k in range(3)]
@@ -146,7 +152,15 @@ class AveragedFit(Speaks):
             angles = frames.to_xyz_angles(frames.transform(found.target_rotations[name]))[3:]
             rows += [_row(f"target_{name}_r{'xyz'[k]}", angles[k], std[at + k], "rad") for k in range(3)]
             at += 3
+        for session, T in found.other_bases.items():
+            rows += base(f"base@{session}", T, at)
+            at += 6
         return rows
+
+    @property
+    def other_bases(self) -> Mapping[str, FloatArray]:
+        """Base (4, 4) in the measuring frame of each session but the last one."""
+        return self.evidence.other_bases
 
     def lag(self) -> Lag | None:
         """How readings lag behind programmed joints, where they were found to; else None."""
@@ -343,4 +357,4 @@ def identify_averaged(
         usual_kg=usual_kg,
         progress=progress,
     )
-    return AveragedFit(found, points, motion)
+    return AveragedFit(found, into_one_frame(points, found.T_world_base, found.other_bases), motion)

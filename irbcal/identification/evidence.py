@@ -350,6 +350,7 @@ class _Work:
             usual_kg=self.usual_kg,
             readings_gain=self.readings_gain,
             readings_projected=self.project,
+            other_bases=dict(zip(self.problem.sessions[:-1], state.others, strict=True)),
         )
 
     def _table(self) -> list[DictionaryResult]:

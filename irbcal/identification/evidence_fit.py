@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -149,6 +149,8 @@ class EvidenceFit(Speaks):
         Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
     readings_projected : bool
         Whether that was so much that readings were taken before the arm stood still.
+    other_bases : dict of str to ndarray, shape (4, 4)
+        Base in the measuring frame of each session but the last one; behind the target frames in the covariance.
     """
 
     nominal: Arm
@@ -176,6 +178,7 @@ class EvidenceFit(Speaks):
     usual_kg: float | None = None
     readings_gain: float | None = None
     readings_projected: bool = False
+    other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         lock(self)

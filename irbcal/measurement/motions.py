@@ -45,7 +45,7 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
             for name, q in zip(points.pose_ids, points.q, strict=True)
         ]
     )
-    load, place = _payload(measurements, points)
+    load, place = payload_of(points, measurements.source)
     return Motion(points.q, points.moves(), elapsed, load, not measurements.programmed, place, points.torques)
 
 
@@ -65,8 +65,20 @@ def usual_load(loads: FloatArray | None) -> float | None:
     return float(next(load for load in told[::-1] if load in often))
 
 
-def _payload(measurements: MeasurementSet, points: PointSet) -> tuple[FloatArray | None, FloatArray | None]:
-    """Mass and its place at each pose, without gaps."""
+def payload_of(points: PointSet, source: str) -> tuple[FloatArray | None, FloatArray | None]:
+    """Mass and its place at each pose, without gaps; None where they are not told.
+
+    Parameters
+    ----------
+    points : PointSet
+    source : str
+        File name for messages.
+
+    Raises
+    ------
+    MeasurementError
+        If several loads were carried and it is not told where which.
+    """
     load, place = points.payload_kg, points.payload_place
     if load is None:
         return None, None
@@ -77,7 +89,7 @@ def _payload(measurements: MeasurementSet, points: PointSet) -> tuple[FloatArray
             raise MeasurementError(
                 f"pose {points.pose_ids[gaps][0]} has no payload, others carry {loads[0]:g} to {loads[-1]:g} kg: write "
                 "0 for a bare flange",
-                file=measurements.source,
+                file=source,
                 column="payload_kg",
             )
         load = np.full(len(load), loads[0]) if len(loads) else None
@@ -87,7 +99,7 @@ def _payload(measurements: MeasurementSet, points: PointSet) -> tuple[FloatArray
     if (gaps & (load > 0.0)).any():
         raise MeasurementError(
             f"pose {points.pose_ids[gaps & (load > 0.0)][0]} has a payload without a place",
-            file=measurements.source,
+            file=source,
             column=tuple(PLACE),
         )
     return load, np.where(gaps[:, None], 0.0, place)

@@ -2,8 +2,8 @@
 
 A measurement file, or a DataFrame, has the columns::
 
-    pose,q1_deg,...,q6_deg,target,x_mm,y_mm,z_mm[,c1_deg,...,c6_deg,group,payload_kg,time_s,cycle,u95_mm,qw,qx,qy,qz,
-        payload_x_mm,payload_y_mm,payload_z_mm,tau1_nm,...,tau6_nm,...]
+    pose,q1_deg,...,q6_deg,target,x_mm,y_mm,z_mm[,c1_deg,...,c6_deg,group,session,payload_kg,time_s,cycle,u95_mm,
+        qw,qx,qy,qz,payload_x_mm,payload_y_mm,payload_z_mm,tau1_nm,...,tau6_nm,...]
 
 Arms with another number of joints have as many columns; the travel of a prismatic joint is ``q1_mm``. Where there are
 ``c1_deg`` … (``c1_mm``), these are the programmed joints: they are what models take, and ``q1_deg`` … are the
@@ -17,6 +17,7 @@ being line 1; in a DataFrame the position plus one) and the column.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -47,8 +48,8 @@ class MeasurementSet(OwnTables, Speaks):
     ----------
     table : DataFrame
         Checked columns of the file format; ``row`` is the line in the file, ``pose_index`` numbers the poses (of each
-        cycle) from 0. Lost points have NaN positions. Every access hands out a copy: what is written into it changes
-        nothing here, ``dataclasses.replace(measurements, table=...)`` makes other measurements.
+        cycle and session) from 0. Lost points have NaN positions. Every access hands out a copy: what is written into
+        it changes nothing here, ``dataclasses.replace(measurements, table=...)`` makes other measurements.
     source : str
         File name for messages.
     sha256 : str
@@ -65,6 +66,11 @@ class MeasurementSet(OwnTables, Speaks):
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    @property
+    def stem(self) -> str:
+        """Name of the file without folder and ending."""
+        return Path(self.source).stem
 
     @property
     def simulated(self) -> bool:
@@ -284,7 +290,7 @@ def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
         if name in NUMERIC_EXTRAS:
             table[name] = columns.numbers(cells, name, source, "a number or nothing", lost=True)
         else:
-            if name in ("group", "cycle"):
+            if name in ("group", "cycle", "session"):
                 columns.refuse_control_characters(cells[name].astype(str), name, source)
             table[name] = cells[name].to_numpy()
     table.loc[columns.lost_points(table[POSITION].to_numpy()), POSITION] = np.nan
@@ -300,6 +306,8 @@ def _pose_index(table: pd.DataFrame, source: str) -> IntArray:
     key: Any = table["pose"]
     if "cycle" in table.columns:
         key = key + " / " + table["cycle"].astype(str)
+    if "session" in table.columns:
+        key = key + " / " + table["session"].astype(str)
     index = pd.factorize(key)[0]
     first = np.unique(index, return_index=True)[1]
     programmed = columns.programmed_columns(table.columns, source)

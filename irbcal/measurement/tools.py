@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.errors import MeasurementError
+from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.table import MeasurementSet
 
@@ -45,7 +46,11 @@ def with_tool_per_load(measurements: MeasurementSet, usual_kg: float | None) -> 
 
 
 def as_calibrated(
-    measurements: MeasurementSet, targets: Collection[str], usual_kg: float | None, same_tool: bool = False
+    measurements: MeasurementSet,
+    targets: Collection[str],
+    usual_kg: float | None,
+    same_tool: bool = False,
+    any_target: bool = False,
 ) -> tuple[MeasurementSet, list[str]]:
     """Measurements with the names that a calibration gave to its targets.
 
@@ -58,6 +63,8 @@ def as_calibrated(
         Its usual load.
     same_tool : bool
         The reflectors of loads that the calibration does not know are where they were with its usual load.
+    any_target : bool
+        Their places are found anew, so that unknown ones are welcome.
 
     Returns
     -------
@@ -79,7 +86,7 @@ def as_calibrated(
     strange &= (rows != usual_kg) if usual_kg is not None else False
     out = _renamed(measurements, rows, known if same_tool else known | strange)
     loads = ", ".join(f"{load:g}" for load in np.unique(rows[strange]))
-    if not loads:
+    if not loads or any_target:
         return out, []
     if same_tool:
         return out, [f"The reflectors are taken to be where they were with {usual_kg:g} kg for {loads} kg, too."]
@@ -93,6 +100,80 @@ def as_calibrated(
     return out, [
         f"Where the reflectors were with {loads} kg is not known: the calibration has a tool for each load. These "
         "points are left out; --same-tool takes them where they were with its usual load."
+    ]
+
+
+class LoadOptions(Protocol):
+    """Options of a calibration on the load."""
+
+    @property
+    def payload_place(self) -> Sequence[float] | None:
+        """Centre of the payload in the tip link."""
+        ...
+
+    @property
+    def same_tool(self) -> bool:
+        """Whether reflectors stayed."""
+        ...
+
+    @property
+    def torques(self) -> bool:
+        """Whether torques shall be used."""
+        ...
+
+    @property
+    def as_poses(self) -> bool:
+        """Whether reflectors are taken as one body."""
+        ...
+
+
+def check(measurements: MeasurementSet, averaged: bool, options: LoadOptions) -> None:
+    """Refuse options on the load that the measurements do not allow.
+
+    Parameters
+    ----------
+    measurements : MeasurementSet
+    averaged : bool
+        Whether the model may be the average, which alone knows the load.
+    options : LoadOptions
+
+    Raises
+    ------
+    IrbcalError
+        The sentence names the option.
+    """
+    for name, given in (("payload_place", options.payload_place is not None), ("torques", options.torques)):
+        if given and not averaged:
+            raise OptionError(f"{name}: only model auto knows the load: leave it out", parameter=name)
+    if options.torques and measurements.torques() is None:
+        raise MeasurementError(
+            "there are no torques: expected the columns tau1_nm … of all joints",
+            file=measurements.source,
+            parameter="torques",
+        )
+    if options.payload_place is not None and measurements.payload_places() is not None:
+        raise OptionError(
+            "payload_place: the measurements tell the payload's place themselves: leave it out",
+            parameter="payload_place",
+        )
+    if options.as_poses and not options.same_tool and several_loads(measurements):
+        raise OptionError(
+            "as_poses: the poses carry several loads, so that the reflectors may have been mounted anew and are no one "
+            "rigid body: give same_tool if they stayed where they were",
+            parameter="as_poses",
+        )
+
+
+def in_words(measurements: MeasurementSet, usual_kg: float | None, same_tool: bool) -> list[str]:
+    """What the user should know of the tools, in sentences; nothing where one load was carried."""
+    if usual_kg is None or not several_loads(measurements):
+        return []
+    if same_tool:
+        return ["The reflectors are taken to be at the same places with all loads (same_tool)."]
+    return [
+        "Each load has a tool of its own, because reflectors are mounted anew with it: those of "
+        f"{usual_kg:g} kg keep their names, others are called like {of_load('smr1', 2.0)}. If they stayed where "
+        "they were: --same-tool."
     ]
 
 

@@ -65,13 +65,20 @@ def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value).strip()
 
 
-def prepare(measurements: MeasurementSet, calibration: Record | None = None, same_tool: bool = False) -> Prepared:
+def prepare(
+    measurements: MeasurementSet,
+    calibration: Record | None = None,
+    any_target: bool = False,
+    same_tool: bool = False,
+) -> Prepared:
     """Clean measurements and bring them into the frame of a calibration.
 
     Parameters
     ----------
     measurements : MeasurementSet
     calibration : Record, optional
+    any_target : bool
+        Take targets that the calibration does not know, too.
     same_tool : bool
         With loads that the calibration does not know the reflectors are where they were with its usual load.
 
@@ -86,8 +93,8 @@ def prepare(measurements: MeasurementSet, calibration: Record | None = None, sam
     """
     notes: list[str] = []
     if calibration is not None:
-        known, usual = calibration.placement.targets, calibration.usual_load
-        measurements, notes = tools.as_calibrated(measurements, known, usual, same_tool)
+        names_there, usual = calibration.placement.targets, calibration.usual_load
+        measurements, notes = tools.as_calibrated(measurements, names_there, usual, same_tool, any_target)
     names = measurements.table.groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
     # poses go by their number meanwhile: names repeat from cycle to cycle
     numbered = replace(measurements, table=measurements.table.assign(pose=measurements.table["pose_index"].astype(str)))
@@ -97,7 +104,8 @@ def prepare(measurements: MeasurementSet, calibration: Record | None = None, sam
     else:
         shape = calibration.tool_shape()
         targets = list(shape or calibration.robot_calibrated().targets)
-        cleaned = cleaning.clean(numbered, calibration.reference_places() or None, targets)
+        known = None if any_target else targets
+        cleaned = cleaning.clean(numbered, calibration.reference_places() or None, known)
     points = as_poses(cleaned.points, measurements.source, shape)[0] if shape else cleaned.points
     number = points.pose_ids.astype(int)
     excluded = tuple(replace(item, pose=str(names[int(item.pose)])) for item in cleaned.excluded)
