@@ -20,13 +20,14 @@ from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.cell.effect import Effect, Motion, Shot, size_of
 from irbcal.cell.effects import ALL, MORE, check_names
 from irbcal.cell.gravity import frame_torques, torques_and_origins
-from irbcal.cell.in_terms import constants, joint_map_amounts, merged
+from irbcal.cell.in_terms import constants, joint_map_amounts, merged, payload_amounts
 from irbcal.cell.masses import Bodies
 from irbcal.cell.run import Run
 from irbcal.cell.tool import EndEffector
 from irbcal.cell.tracker import Tracker
 from irbcal.cell.tracker_effects import Visibility
 from irbcal.cell.truth import truth
+from irbcal.cell.weight_effects import Compliance
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -292,16 +293,26 @@ class Cell:
             np.random.SeedSequence(self.seed, spawn_key=(zlib.crc32(effect.name.encode()), run))
         )
 
-    def terms(self) -> dict[str, tuple[Term, float]]:
+    def terms(self, payload: bool = False) -> dict[str, tuple[Term, float]]:
         """What the robot does, in the terms of the error model: name -> term and coefficient, constants among them.
 
         Time is in minutes. What the error model does not know is not in it: repeatability, settling. Backlash counts
-        as ``direction``, which is the same after long moves; the payload, with the links' weight, as ``gravity``.
+        as ``direction``, which is the same after long moves.
+
+        Parameters
+        ----------
+        payload : bool
+            Tell what the payload does to the joints as terms of their own (``payload``, for any mass at its place); as
+            a part of ``gravity`` unless told otherwise.
         """
         amounts = constants(self.arm.table, self.true_arm().table)
         amounts += joint_map_amounts(self.arm, self.true_joint_map(), stiffness="compliance" not in self.on)
         for effect in self.effects:
-            amounts += effect.terms(self.arm, self.loaded())
+            if payload and isinstance(effect, Compliance):
+                amounts += effect.terms(self.arm, self.bodies)
+                amounts += payload_amounts(self.arm, effect.rad_per_Nm, self.tool.payload_centre)
+            else:
+                amounts += effect.terms(self.arm, self.loaded())
         return merged(amounts)
 
     def truth(self) -> dict[str, Any]:

@@ -6,7 +6,7 @@ units. The tests walk the chain with both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.harmonics import pair
+from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import AXES, Term
 from irbcal.modeling.terms.term_map import TermMap, basis_values
@@ -143,6 +144,12 @@ def lever_amounts(arm: Arm, bodies: Bodies, family: str, compliance: Mapping[str
             values = np.linalg.lstsq(basis_values(own, here).T, wanted, rcond=None)[0]
             out += list(zip(own, values.tolist(), strict=True))
     return out
+
+
+def payload_amounts(arm: Arm, rad_per_Nm: Sequence[float], place: FloatArray) -> Amounts:
+    """How each joint gives way under a mass at a place of the tip link, as terms of the family payload."""
+    terms = Payload([float(x) for x in place]).terms(arm)
+    return [(term, float(rad_per_Nm[term.joint])) for term in terms]
 
 
 def merged(amounts: Iterable[tuple[Term, float]]) -> dict[str, tuple[Term, float]]:

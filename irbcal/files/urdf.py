@@ -177,9 +177,8 @@ def _limits(element: XmlElement, kind: str, what: str, source: str) -> tuple[flo
         float(_numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
     )
     if lower > upper:
-        raise RobotError(
-            f"{what}: expected a lower limit below the upper one, found {lower:g} and {upper:g}", file=source
-        )
+        found = f"{lower:g} and {upper:g}"
+        raise RobotError(f"{what}: expected a lower limit below the upper one, found {found}", file=source)
     # some programs write that there is no limit as 1e16
     return (lower if lower > -NO_LIMIT else -np.inf), (upper if upper < NO_LIMIT else np.inf)
 

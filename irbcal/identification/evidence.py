@@ -11,15 +11,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
-from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats
+from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats, shown
 from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit, GearFound, GroupResult
 from irbcal.identification.linearisation import Linearisation
 from irbcal.identification.mackay import Posterior
+from irbcal.identification.shown import FamilyShown
 from irbcal.identification.sums import Sums
+from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.gear import gear_terms
@@ -34,7 +37,12 @@ COMPARED = 3000
 GIVE_UP = 80.0
 """Nats below the best dictionary at which another one can have no weight, with room for what iterations still gain."""
 READINGS_GATE = 1.5
-"""Factor by which the residuals must fall for readings to count as taken before the arm stood still."""
+"""Factor by which the residuals must fall for readings to count as taken before the arm stood still, beyond what a few
+poses leave to chance."""
+GATE_CERTAINTY = 0.95
+LAG_FAMILIES = ("move",)
+"""Families that cannot be told from readings that lag: joints lag by somewhat different shares of their moves. Where
+readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
 
 Progress = Callable[[str], None]
 
@@ -48,7 +56,8 @@ def identify_evidence(
     gear_scan: bool = True,
     seed: int = 0,
     known_targets: dict[str, FloatArray] | None = None,
-    payload_place: Sequence[float] = (0.0, 0.0, 0.0),
+    payload_place: Sequence[float] | None = None,
+    usual_kg: float | None = None,
     progress: Progress | None = None,
 ) -> EvidenceFit:
     """Identify base, targets and the averaged terms.
@@ -70,8 +79,10 @@ def identify_evidence(
         Of the poses on which dictionaries are compared where there are more than `COMPARED`.
     known_targets : dict of str to ndarray, shape (3,), optional
         Targets whose places in the tip link are known, metres.
-    payload_place : sequence of three float
-        Centre of the payload in the tip link, metres.
+    payload_place : sequence of three float, optional
+        Centre of the payload in the tip link where the motion does not tell it, metres; the tip unless given.
+    usual_kg : float, optional
+        The load of predictions where none is given; the one of most poses unless given.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -96,7 +107,7 @@ def identify_evidence(
     if motion.q.shape != points.q.shape:
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
     points, motion = repeats.averaged(replace(points, q=np.array(motion.q)), motion)
-    work = _Work(arm, points, motion, terms, known_targets, payload_place, seed)
+    work = _Work(arm, points, motion, terms, known_targets, payload_place, usual_kg, seed)
     say("fitting the geometry")
     work.prepare()
     say(f"comparing {len(work.dictionaries)} choices of terms")
@@ -127,11 +138,18 @@ class _Work:
         motion: Motion,
         kind: str,
         known: dict[str, FloatArray] | None,
-        payload_place: Sequence[float],
+        payload_place: Sequence[float] | None,
+        usual_kg: float | None,
         seed: int,
     ) -> None:
         self.arm, self.points, self.motion, self.kind = arm, points, motion, kind
-        self.known, self.payload_place, self.seed = known, payload_place, seed
+        self.known, self.seed = known, seed
+        loads, places = motion.payload_kg, motion.payload_place
+        self.usual_kg = usual_load(loads) if usual_kg is None else usual_kg
+        self.payload_place = (0.0, 0.0, 0.0) if payload_place is None else tuple(float(x) for x in payload_place)
+        if loads is not None and places is not None:
+            usual = np.flatnonzero(loads == self.usual_kg)
+            self.payload_place = tuple(float(x) for x in places[usual[-1] if len(usual) else -1])
         self.project = False
         self.compared: list[_Compared] = []
 
@@ -145,7 +163,7 @@ class _Work:
         span = 0.0 if elapsed is None else float(np.ptp(elapsed))
         self.taus = [share * span for share in SHARES] if span > 0.0 else []
         self.superset: list[Term] = dictionaries.superset(
-            self.arm, self.kind, bool(self.motion.moves.any()), payload, self.taus
+            self.arm, self.kind, bool(self.motion.moves.any()), payload, self.taus, self.motion.torques is not None
         )
         self.readings_gain: float | None = None
         if self.motion.readings and self.motion.moves.any():
@@ -169,15 +187,18 @@ class _Work:
 
     def _try_projection(self, geometry: list[Term]) -> float:
         """By how much residuals fall if a share of the last move is taken from each pose; sets ``project``."""
-        sizes = []
+        sizes, spare = [], []
         for project in (False, True):
             state = linearisation.geometry_solution(self.problem, self.motion, geometry, project)
             linear = Linearisation(self.problem, state, self.motion, self.superset, project)
             middle = dictionaries.make(self.superset, ["gravity", "gain", "harmonics"], 2, None)
             sums = linear.sums(middle.columns(linear.flat))
             t = mackay.fit_temper(linear.per_pose)
-            sizes.append(np.sqrt(mackay.fit(sums, linear.flat, middle.group, middle.caps, t).s2))
-        self.project = bool(sizes[0] > READINGS_GATE * sizes[1])
+            found = mackay.fit(sums, linear.flat, middle.group, middle.caps, t)
+            sizes.append(np.sqrt(found.s2))
+            spare.append(max(t * sums.equations - linear.flat - float(found.gammas.sum()), 1.0))
+        chance = np.sqrt(f_distribution.ppf(GATE_CERTAINTY, *spare))
+        self.project = bool(sizes[0] > READINGS_GATE * chance * sizes[1])
         return float(sizes[0] / sizes[1])
 
     def _fit(
@@ -268,10 +289,20 @@ class _Work:
             second += item.weight * (C + np.outer(c, c))
             u, _ = leave_one_out.residuals(linear, columns, fit)
             v, _ = leave_one_out.block_residuals(linear, columns, fit)
-            item.by_fit, item.loo = fit, _of_points(u, self.points)[""]
+            item.by_fit, item.loo = fit, _of_points(u, self.points, self.project)[""]
             u_pose, u_block = u_pose + item.weight * u, u_block + item.weight * v
         covariance = second - np.outer(mean, mean)
+        top = max(range(len(kept)), key=lambda k: kept[k].weight)
+        self.shown = self._shown(kept[top], sums.part(places[top]))
         return self._result(linear, kept, mean, covariance, u_pose, u_block, found)
+
+    def _shown(self, item: _Compared, sums: Sums) -> tuple[FamilyShown, ...]:
+        """What a fitted dictionary would lose without each of its families, from the sums of its columns."""
+        if item.by_fit is None:
+            return ()
+        families = [self.superset[k].family for k in item.dictionary.terms]
+        t = mackay.evidence_temper(self.linear.per_pose)
+        return shown.families_shown(sums, self.linear.flat, families, item.dictionary, t, item.by_fit)
 
     def _result(
         self,
@@ -287,31 +318,39 @@ class _Work:
         arm, _ = self.problem.model(state)
         flat = linear.flat
         names = self.points.target_names
+        lagging = LAG_FAMILIES if self.project else ()
+        own = np.array([k for k, term in enumerate(linear.terms) if term.family not in lagging], dtype=int)
+        columns = np.concatenate([np.arange(flat), flat + own])
+        scale = linear.sizes[columns]
         fits = [item.by_fit for item in kept if item.by_fit is not None]
         shares = np.array([item.weight for item in kept])
         return EvidenceFit(
             nominal=self.arm,
             arm=arm,
-            terms=tuple(linear.terms),
-            coefficients=linear.sizes[flat:] * mean[flat:],
-            covariance=covariance * np.outer(linear.sizes, linear.sizes),
+            terms=tuple(linear.terms[k] for k in own),
+            coefficients=scale[flat:] * mean[columns[flat:]],
+            covariance=covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
             T_world_base=state.T_world_base,
             targets=dict(zip(names, state.targets, strict=True)),
             free_targets=tuple(names[k] for k in self.problem.free),
             framed_targets=tuple(names[k] for k in self.problem.framed),
             target_rotations={names[k]: state.rotations[k] for k in self.problem.framed},
             sigma=float(np.sqrt(shares @ [fit.s2 for fit in fits])) * MM,
-            loo=_of_points(u_pose, self.points),
-            loo_blocks=_of_points(u_block, self.points),
+            loo=_of_points(u_pose, self.points, self.project),
+            loo_blocks=_of_points(u_block, self.points, self.project),
             dictionaries=tuple(self._table()),
             groups=tuple(_groups(kept)),
+            families=self.shown,
             gears=tuple(GearFound(f.joint, f.cycles, f.chi2, f.evidence_gain) for f in found),
             joint_ranges=np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)]),
             kind=self.kind,
             tau=dictionaries.tau_of(max(kept, key=lambda item: item.weight).dictionary, self.superset),
             poses=len(self.motion),
+            loads=() if self.motion.payload_kg is None else tuple(float(m) for m in np.unique(self.motion.payload_kg)),
+            usual_kg=self.usual_kg,
             readings_gain=self.readings_gain,
             readings_projected=self.project,
+            other_bases=dict(zip(self.problem.sessions[:-1], state.others, strict=True)),
         )
 
     def _table(self) -> list[DictionaryResult]:
@@ -355,16 +394,25 @@ def _groups(kept: list[_Compared]) -> list[GroupResult]:
     return [GroupResult(name, int(row[2]), row[0], float(np.sqrt(row[1]))) for name, row in totals.items()]
 
 
-def _of_points(u: FloatArray, points: PointSet) -> dict[str, float]:
+def _of_points(u: FloatArray, points: PointSet, projected: bool) -> dict[str, float]:
     """Root mean square length of leave-one-out residuals of each target and of all together (``""``), metres.
 
-    Rows are ordered by pose: positions, then orientations of a pose, which are left out.
+    Rows are ordered by pose: positions, then orientations of a pose, which are left out. Where a direction of each pose
+    was projected out, what all its points have in common shows in two of three coordinates only; the third is as large.
     """
     oriented = points.oriented()
     pose = np.concatenate([points.pose, points.pose[oriented]])
     kind = np.concatenate([points.target, np.full(int(oriented.sum()), -1)])
-    kind = kind[np.argsort(pose, kind="stable")]
-    out = {"": leave_one_out.rms_length(u[kind >= 0]) * MM}
+    order = np.argsort(pose, kind="stable")
+    seen = kind[order] >= 0
+    kind, pose, u = kind[order][seen], pose[order][seen], u[seen]
+    square = np.sum(u * u, axis=1)
+    if projected:
+        count = np.bincount(pose, minlength=points.poses)
+        total = [np.bincount(pose, u[:, k], points.poses) for k in range(3)]
+        common = np.sum(np.square(total), axis=0) / np.maximum(count, 1) ** 2
+        square = square + 0.5 * common[pose]
+    out = {"": float(np.sqrt(square.mean())) * MM}
     for k, name in enumerate(points.target_names):
-        out[name] = leave_one_out.rms_length(u[kind == k]) * MM
+        out[name] = float(np.sqrt(square[kind == k].mean())) * MM
     return out

@@ -20,6 +20,10 @@ CAP, GEOMETRY_CAP = 4.0, 400.0
 """Largest variances, in squared natural sizes: without them a fit on one corner of the workspace ran off."""
 PRIOR_C2, PRIOR_GAMMA = 0.002, 0.2
 """What keeps a group's variance from zero: ``v = (|c|^2 + .002) / (gamma + .2)``."""
+NOISE, NOISE_COUNT = 0.01, 5.0
+"""Residual standard deviation of a coordinate that is plausible before anything is measured, mm (trackers and the
+repeatability of arms), and how many coordinates that knowledge is worth. Without it, long series of terms that pass
+through the few points of a small set leave no residuals, and seem certain."""
 ITERATIONS = 60
 EARLY = 5
 """Iterations after which the log evidence is known within some nats."""
@@ -132,7 +136,7 @@ def fit(
             break
         last = evidence
         v = np.minimum((np.bincount(group, c[flat:] ** 2, len(caps)) + PRIOR_C2) / (gammas + PRIOR_GAMMA), caps)
-        s2 = t * rss / max(spare - float(gammas.sum()), 0.05 * spare)
+        s2 = (t * rss + NOISE_COUNT * NOISE**2) / (max(spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
     covariance = whitened.T @ whitened
     covariance *= np.outer(scale, scale)
     return Posterior(c, covariance, v, gammas, float(s2), float(evidence), iteration, t)

@@ -68,11 +68,14 @@ class Lag(Speaks):
 
 
 def features(fit: EvidenceFit, motion: Motion) -> FloatArray:
-    """What a share may depend on: 1, 1/m, 1/L and |D_j|/m^2, with m the largest joint's move and L the tool's path.
+    """What a share may depend on: 1, 1/m, 1/L, L/m^2, |D_j|/m^2 and D_j^2/m^3.
+
+    m is the largest joint's move and L the tool's path: times m, the angle by which the leading joint lags, they
+    say how far it went, how the other joints went beside it, and how far the tool went with it.
 
     Returns
     -------
-    ndarray, shape (n, 3 + joints)
+    ndarray, shape (n, 4 + 2 joints)
         Zero rows for stops without a move.
     """
     size = np.abs(motion.moves)
@@ -83,7 +86,8 @@ def features(fit: EvidenceFit, motion: Motion) -> FloatArray:
     L = np.linalg.norm((there - before)[:, :3] @ place, axis=1)
     moved = m > SHORTEST
     m, L = np.where(moved, m, 1.0), np.where(moved, np.maximum(L, 1e-3), 1.0)
-    out = np.column_stack([np.ones(len(m)), 1.0 / m, 1.0 / L, size / (m * m)[:, None]])
+    beside = size / m[:, None]
+    out = np.column_stack([m, np.ones(len(m)), m / L, L / m, beside, beside * beside]) / m[:, None]
     return np.where(moved[:, None], out, 0.0)
 
 

@@ -275,7 +275,7 @@ def _elsewhere(folder: Path, name: str, random: Random) -> str:
 
 def _option(words: list[str], random: Random) -> list[str]:
     """Another value of an option, a word lost, or a word more."""
-    spots = [k for k in range(1, len(words))]
+    spots = range(1, len(words))
     kind = random.randrange(5)
     if not spots:
         return words

@@ -169,7 +169,7 @@ def _validation(folder: Path) -> None:
     for p in range(5):
         poses.append(f"P{p + 1},{900 + 50 * p},{30 * p},{700 - 20 * p}")
         for c in range(1, 4):
-            place = RNG.normal(0, 0.02, 3) + [900 + 50 * p, 30 * p, 700 - 20 * p]
+            place = RNG.normal(0, 0.02, 3) + np.array([900.0 + 50 * p, 30 * p, 700 - 20 * p])
             joints = ",".join(f"{v:.3f}" for v in (10.0 * p, -10 + 5.0 * p, 20 - 3.0 * p, 15.0, 40.0, -30.0))
             rows.append(f"P{p + 1},{joints},{c},smr1," + ",".join(f"{v:.5f}" for v in place))
     for c in (1, 2, 3):

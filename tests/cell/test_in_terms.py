@@ -24,10 +24,10 @@ def minutes(cell, q):
     return cell._times(q, np.zeros(q.shape[1]), np.full(len(q), 4.0), asked)[0] / 60
 
 
-def gap(cell, q):
+def gap(cell, q, told=None, payload_kg=None):
     """Largest distance (m) between the cell's tips and those of the terms that it tells."""
-    told = cell.terms()
-    motion = Motion(q, np.diff(q, axis=0, prepend=np.zeros((1, q.shape[1]))), minutes(cell, q))
+    told = cell.terms() if told is None else told
+    motion = Motion(q, np.diff(q, axis=0, prepend=np.zeros((1, q.shape[1]))), minutes(cell, q), payload_kg)
     T = in_terms.term_map(cell.arm, told).forward(in_terms.true_arm(cell.arm, told), motion)
     return np.linalg.norm(T[:, :3, 3] - cell.measure(q).T_base_tip[:, :3, 3], axis=1).max()
 
@@ -47,6 +47,14 @@ def test_all_effects_together_on_other_arms(robot, tmp_path):
     cell = realistic.realistic(open_cell(robot_file(robot, tmp_path), *OTHERS.get(robot, (None, None))))
     cell = cell.without("repeatability", "visibility", "lost")
     assert gap(cell, cell.arm.random_joints(80, seed=2)) < 5e-6
+
+
+def test_the_payload_can_be_told_apart_and_holds_for_other_loads(cell, q):
+    told = cell.only("compliance").terms(payload=True)
+    for kilograms in (0.0, 3.0, 7.0):
+        loaded = cell.only("compliance").with_payload(kilograms)
+        assert gap(loaded, q[:40], told, np.full(40, kilograms)) < 2e-6
+    assert gap(cell.only("compliance").with_payload(7.0), q[:40], told, np.full(40, 3.0)) > 1e-4
 
 
 def test_backlash_is_a_direction_after_long_moves(cell):

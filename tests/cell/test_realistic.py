@@ -5,6 +5,7 @@ import pytest
 
 import irbcal
 from irbcal.cell import realistic
+from irbcal.cell.gravity import torques_and_origins
 from irbcal.cell.shipped import open_cell
 from irbcal.errors import OptionError
 from irbcal.identification.fit import identify
@@ -49,6 +50,17 @@ def test_all_families_are_there_and_the_thesis_s_own_effects_are_not():
     assert not {"tilt", "backlash", "settling", "warm_up"} & set(cell.on)
     assert {"reading_lag", "noise", "repeatability", "drift", "visibility", "lost"} < set(cell.on)
     assert realistic.realistic(open_cell("irb120")).effects == cell.effects
+
+
+def test_joints_give_way_by_as_much_whatever_the_arm_weighs():
+    for robot in ("irb120", "irb1600"):
+        cell = realistic.realistic(open_cell(robot))
+        q = cell.arm.random_joints(500, seed=9)
+        soft = next(effect for effect in cell.effects if effect.name == "compliance").rad_per_Nm
+        bent = np.array(soft) * torques_and_origins(cell.arm, cell.loaded(), q)[0]
+        rms = np.sqrt(np.mean(bent**2, axis=0))
+        assert rms[0] == 0.0  # joint 1 stands upright
+        assert ((rms[1:5] > 0.4 * realistic.DEFLECTION) & (rms[1:5] < 1.6 * realistic.DEFLECTION)).all()
 
 
 def test_it_can_be_asked_for_by_name(tmp_path):

@@ -1,5 +1,7 @@
 """The filter end to end: read, correct, write, and what the controller then makes of the file."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -291,3 +293,53 @@ def test_frames_come_with_their_names(option, calibration, job):
     with pytest.raises(OptionError, match=f"{option}: expected frames by their names") as refused:
         correct(calibration, job, **{option: [1, 2]})
     assert refused.value.parameter == option
+
+
+# --- several files ---------------------------------------------------------------------------------------
+
+
+def two_modules(folder):
+    """Targets and moves in one module, the tool in another, as RobotStudio writes them."""
+    folder.mkdir()
+    calib = (
+        f"MODULE CalibData\nPERS tooldata tGrip:=[TRUE,{frame_text(TOOL)},[1,[0,0,1],[1,0,0,0],0,0,0]];\nENDMODULE\n"
+    )
+    T = arm().forward(np.radians([[10, -14, 14, 0, 30, 0]]))[0] @ TOOL
+    xyz, q = literal(T)
+    target = f"CONST robtarget p:=[[{xyz}],[{q}],[0,0,0,0],{FAR}];"
+    job = f"MODULE Job\n{target}\nPROC main()\nMoveL p,v1,fine,tGrip;\nENDPROC\nENDMODULE\n"
+    (folder / "CalibData.mod").write_text(calib)
+    (folder / "Job.mod").write_text(job)
+    return folder
+
+
+def test_a_tool_of_one_module_serves_the_others(calibration, tmp_path):
+    folder = two_modules(tmp_path / "job")
+    with pytest.raises(ProgramError, match="give its frame"):
+        correct(calibration, folder / "Job.mod")
+    found = correct(calibration, folder, out=tmp_path / "new")
+    assert found.targets.tolist() == ["p in Job.mod"]
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["CalibData.mod", "Job.mod"]
+    assert (tmp_path / "new" / "CalibData.mod").read_bytes() == (folder / "CalibData.mod").read_bytes()
+    files = [folder / "Job.mod", folder / "CalibData.mod"]
+    again = correct(calibration, files)
+    assert {Path(name).name for name in again.files} == {"CalibData.mod", "Job.mod"}
+    assert again.data == (tmp_path / "new" / "Job.mod").read_bytes()
+    alone = correct(calibration, folder / "Job.mod", tool={"tGrip": TOOL})
+    np.testing.assert_allclose(again.q, alone.q, rtol=0, atol=1e-7)
+
+
+def test_several_files_go_into_a_folder_and_never_over_themselves(calibration, tmp_path):
+    folder = two_modules(tmp_path / "job")
+    with pytest.raises(OptionError, match="expected a folder for"):
+        correct(calibration, folder, out=tmp_path / "new.mod")
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises((CalibrationError, OptionError)):
+        correct(calibration, folder, out=folder)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("pulses", [[1, 2], "abc", [1000.0] * 5 + ["x"], [1000.0] * 5 + [0.0]])
+def test_pulses_are_six_numbers(calibration, job, pulses):
+    with pytest.raises(OptionError, match="pulses: expected six numbers"):
+        correct(calibration, job, pulses=pulses)

@@ -51,7 +51,17 @@ def test_posterior_is_ridge_regression_at_the_fixed_point():
     squares = [np.sum(found.c[FLAT:][g == GROUP] ** 2) for g in (0, 1)]
     np.testing.assert_allclose(found.variances, (np.array(squares) + 0.002) / (found.gammas + 0.2), rtol=1e-4)
     left = y - found.c @ J
-    assert found.s2 == pytest.approx(left @ left / (len(y) - found.gammas.sum() - FLAT), rel=1e-4)
+    known, count = mackay.NOISE_COUNT * mackay.NOISE**2, mackay.NOISE_COUNT
+    assert found.s2 == pytest.approx((left @ left + known) / (len(y) - found.gammas.sum() - FLAT + count), rel=1e-4)
+
+
+def test_a_fit_that_passes_through_every_point_does_not_seem_certain():
+    rng = np.random.default_rng(4)
+    J = rng.standard_normal((60, 24))  # more terms than equations
+    y = 0.3 * rng.standard_normal(24)
+    sums = Sums(J @ J.T, J @ y, float(y @ y), len(y))
+    found = mackay.fit(sums, 1, np.zeros(59, dtype=int), np.array([mackay.CAP]), 1.0, iterations=500)
+    assert np.sqrt(found.s2) > 0.1 * mackay.NOISE
 
 
 def test_variances_have_caps_and_unseen_groups_shrink():

@@ -24,6 +24,24 @@ def lagging():
     return truth, commands, share, points, motion, identify_evidence(truth.nominal, points, motion, gear_scan=False)
 
 
+def test_joints_that_lag_by_different_shares_leave_no_terms_of_the_robot():
+    truth = Truth(["gravity"])
+    commands = moves(truth.nominal, 150, 3)
+    rng = np.random.default_rng(6)
+    turn = np.radians(0.05) * np.abs(1.0 + 0.3 * rng.standard_normal(150))  # of the joint that moved most
+    share = (turn / np.maximum(np.abs(commands.moves).max(axis=1), 1e-3))[:, None] * np.linspace(0.85, 1.15, 6)
+    points = truth.measured(replace(commands, elapsed=None), 1e-5)
+    read = commands.q - share * commands.moves
+    motion = Motion(read, np.diff(read, axis=0, prepend=read[:1]), readings=True)
+    found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
+    assert found.readings_projected
+    assert not any(term.family == "move" for term in found.terms)
+    test = Motion.in_order(truth.nominal.random_joints(100, 9))
+    there = found.predict(test.q, test.q - test.moves, "smr1").position
+    error = np.linalg.norm(there - truth.points(replace(test, elapsed=None), "smr1"), axis=1)
+    assert error.mean() < 1e-5
+
+
 def test_readings_that_lag_are_recognised(lagging):
     truth, commands, share, points, motion, found = lagging
     assert found.readings_projected
@@ -55,11 +73,13 @@ def test_features_of_a_move_by_hand(lagging):
     q = motion.q[:3]
     move = np.array([[0.1, -0.2, 0.0, 0.05, 0.0, 0.0], [0.0] * 6, [1e-4, 0.0, 0.0, 0.0, 0.0, 0.0]])
     rows = readings.features(found, Motion(q, move))
-    assert rows.shape == (3, 9)
+    assert rows.shape == (3, 16)
     assert rows[0, 0] == 1.0
     assert rows[0, 1] == pytest.approx(5.0)
-    np.testing.assert_allclose(rows[0, 3:], np.abs(move[0]) / 0.04, rtol=1e-12)
+    np.testing.assert_allclose(rows[0, 4:10], np.abs(move[0]) / 0.04, rtol=1e-12)
+    np.testing.assert_allclose(rows[0, 10:], move[0] ** 2 / 0.008, rtol=1e-12)
     T = found.arm.forward(np.array([q[0], q[0] - move[0]]))
     place = np.append(next(iter(found.targets.values())), 1.0)
-    assert 1.0 / rows[0, 2] == pytest.approx(np.linalg.norm((T[0] - T[1])[:3] @ place), rel=1e-9)
+    path = np.linalg.norm((T[0] - T[1])[:3] @ place)
+    np.testing.assert_allclose(rows[0, 2:4], [1.0 / path, path / 0.04], rtol=1e-9)
     assert not rows[1:].any()  # no move, or one below a tenth of a degree
