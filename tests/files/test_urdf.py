@@ -214,8 +214,7 @@ def test_levels_name_existing_parameters():
     ("old", "new", "words"),
     [
         ('xyz="0 0 1"/>', 'xyz="0 0 0"/>', "the axis has no direction"),
-        ('lower="', 'lower="1e5', "expected a lower limit below the upper one"),
-        ('<origin xyz="', '<origin xyz="1e300', "expected an origin within 10000 m"),
+        ('upper="', 'upper="-9', "expected a lower limit below the upper one"),
     ],
 )
 def test_numbers_that_no_robot_has_are_refused(old, new, words):
@@ -236,3 +235,10 @@ def test_long_axes_and_limits_that_are_none():
     free = urdf.from_bytes(text.replace(first[0], 'lower="-1e16" upper="1e16"', 1).encode(), "robot.urdf").arm
     assert np.isinf(free.lower[0])
     assert np.isinf(free.upper[0])
+
+
+def test_origins_at_the_end_of_the_world_are_refused():
+    text = robots.robot_file("irb1600").read_text()
+    far = re.sub(r'(<joint.*?<origin xyz=")\S+', r"\g<1>1e300", text, count=1, flags=re.DOTALL)
+    with pytest.raises(RobotError, match="expected an origin within 10000 m"):
+        urdf.from_bytes(far.encode(), "robot.urdf")
