@@ -14,9 +14,11 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
+from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.earlier import Earlier, earlier_of
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.outcome import Outcome
-from irbcal.identification import outliers
+from irbcal.gathering import gathered, of_earlier, without_gross_errors
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import (
@@ -32,22 +34,25 @@ from irbcal.identification.choices import (
 from irbcal.identification.fit import identify
 from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.methods import identify_by
+from irbcal.identification.residuals import session_names
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
-from irbcal.measurement import cleaning, fitted, lists, table
-from irbcal.measurement.cleaning import Cleaned, Exclusion
+from irbcal.measurement import cleaning, fitted, lists, table, tools
+from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.motions import motion_of
 from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import notes as repeat_notes
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
-from irbcal.measurement.poses import as_poses, in_frame_of
+from irbcal.measurement.poses import as_poses
 from irbcal.measurement.reading_lag import mixed_use
+from irbcal.measurement.sessions import into_one_frame
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.parameters import default_level, selected_parameters
-from irbcal.options import checked, names, number
+from irbcal.modeling.terms.situation import Motion
+from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.units import DEG, MM
 from irbcal.validation.coverage import coverage, coverage_in_words
@@ -90,6 +95,11 @@ class Options:
     targets: str | Path | Mapping[str, FloatArray] | None = None
     frame: Sequence[str] | None = None
     as_poses: bool = False
+    session_by: str | None = None
+    with_: CalibrationLike | None = None
+    payload_place: Sequence[float] | None = None
+    same_tool: bool = False
+    torques: bool = False
 
     def __post_init__(self) -> None:
         if isinstance(self.model, int):
@@ -114,6 +124,8 @@ class Options:
         if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
             level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
             raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
+        if self.payload_place is not None:
+            place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -165,12 +177,15 @@ class _Prepared:
     measurements: MeasurementSet
     fit: PointSet
     heldout: PointSet
+    fit_motion: Motion
+    heldout_motion: Motion
     excluded: list[Exclusion]
     notes: list[str]
     poses_asked: int
     references: Mapping[str, FloatArray]
     tool_shape: Mapping[str, FloatArray] = field(default_factory=dict)
     verification: MeasurementSet | None = None
+    usual_kg: float | None = None
 
 
 def split(points: PointSet, holdout: float, order: str = "random", seed: int = 0) -> BoolArray:
@@ -213,17 +228,22 @@ def split(points: PointSet, holdout: float, order: str = "random", seed: int = 0
 
 
 def run(
-    measurements: MeasurementsLike, robot: str | Path, options: Options, progress: Progress | None = None
+    measurements: MeasurementsLike, robot: str | Path | None, options: Options, progress: Progress | None = None
 ) -> Outcome:
     """The main job: read, clean, divide, identify, doubt; parameters and errors as `irbcal.calibrate`."""
     started = time.perf_counter()
     say: Progress = progress or (lambda text: None)
+    earlier = None if options.with_ is None else earlier_of(options.with_)
+    robot, options = of_earlier(robot, options, earlier)
     robot_urdf = urdf_module.read(robot, options.base_link, options.tip_link)
     arm = robot_urdf.arm
+    if earlier is not None:
+        earlier.check(arm)
     known = lists.read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
-    ready = _prepared(measurements, arm, options)
+    ready = _prepared(measurements, arm, options, earlier)
     source = ready.measurements.source
+    sessions = () if ready.fit.session is None else session_names(ready.fit)
     say(f"identifying base and tool from {ready.fit.poses} poses")
     _check_known_targets(known, ready.fit, source)
     nominal = identify(arm, ready.fit, "nominal", known_targets=known)
@@ -234,6 +254,11 @@ def run(
         model = choice.level
     say(f"identifying model {model}")
     fit = _identified(arm, ready, model, options, known, say)
+    if fit.other_bases:
+        ready.fit, ready.heldout = (
+            into_one_frame(points, fit.robot.T_world_base, fit.other_bases) for points in (ready.fit, ready.heldout)
+        )
+        nominal = identify(arm, ready.fit, "nominal", known_targets=known)
     unseen = [name for name in ready.heldout.target_names if name not in fit.robot.targets]
     if unseen:
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
@@ -255,6 +280,10 @@ def run(
         choice,
         tuple(ready.notes + why + _doubts(nominal, fit, ready.fit, ready.heldout) + _worth_knowing(fit, ready)),
         time.perf_counter() - started,
+        dict(fit.other_bases),
+        sessions,
+        (ready.fit_motion.elapsed, ready.heldout_motion.elapsed),
+        earlier,
     )
 
 
@@ -283,8 +312,9 @@ def _identified(
 ) -> Fit | AveragedFit:
     """The fit of a level, or the average of error models."""
     if model == "auto":
-        motion = motion_of(ready.measurements, ready.fit)
-        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms)
+        motion = ready.fit_motion if options.torques else replace(ready.fit_motion, torques=None)
+        load = options.payload_place, ready.usual_kg
+        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms, *load)
     fit = identify_by(
         arm,
         ready.fit,
@@ -300,34 +330,56 @@ def _identified(
     return replace(fit, robot=fit.robot.replace(certainty=certainty_of(fit)))
 
 
-def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options) -> _Prepared:
+def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options, earlier: Earlier | None = None) -> _Prepared:
     seen = _read(measurements, arm)
-    cleaned = cleaning.clean(seen)
-    points, excluded = _without_gross_errors(arm, cleaned, seen.source)
-    references: Mapping[str, FloatArray] = cleaned.registration.references if cleaned.registration else {}
-    if options.frame is not None:
-        points, references = in_frame_of(points, references, options.frame, seen.source)
-    shape: Mapping[str, FloatArray] = {}
-    if options.as_poses:
-        points, shape = as_poses(points, seen.source)
-    notes = [*cleaned.notes, *repeat_notes(points)]
+    tools.check(seen, options.model in (None, "auto"), options)
+    usual = tools.usual(seen)
+    words = tools.in_words(seen, usual, options.same_tool)
+    seen = seen if options.same_tool else tools.with_tool_per_load(seen, usual)
+    found = gathered(seen, arm, options, () if earlier is None else earlier.sessions)
+    points, motion, references, shape = found.points, found.motion, found.references, found.tool_shape
+    excluded, notes = found.excluded, [*found.notes, *words, *repeat_notes(points)]
     moves = np.isin(points.groups.astype(str), GROUPS)
     by_axes = method_of(options.method) == "circles" and moves.any()
     if options.verify is None:
-        aside = ~moves if by_axes else split(points, options.share, options.split, options.seed)
+        aside = ~moves if by_axes else _aside(points, options, earlier)
         parts = points.select(~aside), points.select(aside)
-        return _Prepared(seen, *parts, excluded, notes, seen.poses, references, shape)
+        motions = motion.select(~aside), motion.select(aside)
+        poses = seen.poses + (0 if earlier is None else earlier.poses)
+        return _Prepared(seen, *parts, *motions, excluded, notes, poses, references, shape, usual_kg=usual)
     check = _read(options.verify, arm)
-    other = cleaning.clean(check, references or None, cleaned.points.target_names)
-    heldout, left_out = _without_gross_errors(arm, other, check.source)
+    check = check if options.same_tool else tools.with_tool_per_load(check, usual)
+    other = cleaning.clean(check, references or None, found.target_names)
+    heldout, left_out = without_gross_errors(arm, other, check.source)
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
     heldout, seen_note = _never_seen(heldout, points, check.source)
     notes += [f"{Path(check.source).name}: {note}" for note in [*other.notes, *seen_note]]
     notes += mixed_use(seen.programmed, check.programmed, check.source)
-    poses = seen.poses + check.poses
-    fit_points = points.select(moves) if by_axes else points
-    return _Prepared(seen, fit_points, heldout, excluded + left_out, notes, poses, references, shape, check)
+    poses = seen.poses + check.poses + (0 if earlier is None else earlier.poses)
+    used = moves if by_axes else np.ones(points.poses, dtype=bool)
+    sets = points.select(used), _of_last_session(heldout, points), motion.select(used), motion_of(check, heldout)
+    return _Prepared(seen, *sets, excluded + left_out, notes, poses, references, shape, check, usual)
+
+
+def _aside(points: PointSet, options: Options, earlier: Earlier | None) -> BoolArray:
+    """Which poses are held out; of an addition to an earlier calibration those at places of new poses."""
+    if earlier is None:
+        return split(points, options.share, options.split, options.seed)
+    new = np.arange(points.poses) >= earlier.poses
+    place = places(points)
+    aside = split(points.select(new), options.share, options.split, options.seed)
+    return np.isin(place, place[new][aside])
+
+
+def _of_last_session(heldout: PointSet, points: PointSet) -> PointSet:
+    """Points of a file of their own: measured in the last session, where there are several."""
+    if points.session is None:
+        return heldout
+    number = {name: k for k, name in enumerate(points.target_names)}
+    target = np.array([number[name] for name in heldout.target_names], dtype=int)[heldout.target]
+    session = np.full(heldout.poses, points.session[-1], dtype=object)
+    return replace(heldout, target=target, target_names=points.target_names, session=session)
 
 
 def _never_seen(heldout: PointSet, fit: PointSet, source: str) -> tuple[PointSet, list[str]]:
@@ -353,21 +405,6 @@ def _read(measurements: MeasurementsLike, arm: Arm) -> MeasurementSet:
     return seen
 
 
-def _without_gross_errors(arm: Arm, cleaned: Cleaned, source: str) -> tuple[PointSet, list[Exclusion]]:
-    points = cleaned.points
-    keep, distance = outliers.find_gross_errors(arm, points, source)
-    targets = points.names()
-    found = [
-        cleaning.Exclusion(
-            str(points.pose_ids[points.pose[k]]),
-            str(targets[k]),
-            f"gross error: {distance[k] / MM:.4g} mm from the nominal robot",
-        )
-        for k in np.flatnonzero(~keep)
-    ]
-    return points.take(keep).without_empty_poses(), [*cleaned.excluded, *found]
-
-
 def _groups(points: PointSet) -> dict[str, PointSet]:
     """Points by group, for the history of a fit; all together where there are no groups."""
     groups = sorted({str(name) for name in points.groups if name})
@@ -389,6 +426,7 @@ def _check_known_targets(known: Mapping[str, FloatArray] | None, points: PointSe
 
 def _refuse_orientations(nominal: Fit, points: PointSet, source: str) -> None:
     """Measured orientations that have nothing to do with the robot, such as a constant default in an export."""
+    points = into_one_frame(points, nominal.robot.T_world_base, nominal.other_bases)
     angles = rotation_distances(nominal.robot, points)
     if len(angles) and np.median(angles) > LARGEST_TURN:
         raise MeasurementError(
@@ -417,8 +455,7 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
         "joints; errors at these readings are mostly theirs."
     )
     if heldout.poses:
-        motion = motion_of(ready.measurements if ready.verification is None else ready.verification, heldout)
-        at_programmed = replace(heldout, q=lag.programmed(fit.evidence, motion))
+        at_programmed = replace(heldout, q=lag.programmed(fit.evidence, ready.heldout_motion))
         mean = float(distances(fit.robot, at_programmed).mean())
         note += f" At joints estimated from the readings the held-out mean is {mean / MM:.3f} mm."
     return [*notes, note]

@@ -13,7 +13,7 @@ from irbcal.arrays import FloatArray
 from irbcal.calibrating import Options, Progress
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.files import calibration_folder
-from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, Saved
+from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, CalibrationLike, Saved
 from irbcal.files.choice_section import EvidenceChoice
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import Errors, Parameter, Record
@@ -265,7 +265,7 @@ def _parameter_row(item: Parameter) -> tuple[Cell, ...]:
 @renamed(order="split", known_targets="targets", poses="as_poses", base="base_link", tip="tip_link")
 def calibrate(
     measurements: MeasurementsLike,
-    robot: str | Path,
+    robot: str | Path | None = None,
     model: str | int | None = None,
     *,
     terms: Literal["joint-map", "all"] = "joint-map",
@@ -284,6 +284,11 @@ def calibrate(
     targets: str | Path | Mapping[str, FloatArray] | None = None,
     frame: Sequence[str] | None = None,
     as_poses: bool = False,
+    session_by: str | None = None,
+    with_: CalibrationLike | None = None,
+    payload_place: Sequence[float] | None = None,
+    same_tool: bool = False,
+    torques: bool = False,
     progress: Progress | None = None,
 ) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -292,7 +297,7 @@ def calibrate(
     ----------
     measurements : str, Path, DataFrame, MeasurementSet or a result that holds one
     robot : str or Path
-        URDF file or a robot's name, see `irbcal.robots`.
+        URDF file or a robot's name, see `irbcal.robots`. Left out only with ``with_``.
     model : str, optional
         ``auto``, the default: the average of many error models by their evidence, docs/calibration-auto.md. A level:
         ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement`` (any
@@ -322,6 +327,19 @@ def calibrate(
         Reference points that define the measuring frame, see `irbcal.measurement.poses.in_frame_of`.
     as_poses : bool
         Turn the points of each pose into one full pose first, see `irbcal.measurement.poses.as_poses`.
+    session_by : str, optional
+        Column that names the session of each row: each session has its own base and tool, the robot is shared
+        (docs/sessions.md). By default ``session`` where there is one, and ``group`` where groups differ grossly;
+        ``none`` for one session.
+    with_ : str, Path or Calibration, optional
+        An earlier calibration: its points are fitted together with the new measurements, as sessions before them. Robot
+        and model are its own unless given; held out are new poses only.
+    payload_place : sequence of three float, optional
+        Centre of the payloads (column ``payload_kg``) in the tip link where the measurements do not tell it, metres.
+    same_tool : bool
+        The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
+    torques : bool
+        Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -352,6 +370,11 @@ def calibrate(
         targets,
         frame,
         as_poses,
+        session_by,
+        with_,
+        payload_place,
+        same_tool,
+        torques,
     )
     return Calibration(calibrating.run(measurements, robot, options, progress))
 

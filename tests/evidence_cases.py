@@ -86,7 +86,7 @@ def moves(model, n, seed):
     return Motion.in_order(model.random_joints(n, seed))
 
 
-def linear_case(poses=30, orientations=False):
+def linear_case(poses=30, orientations=False, sessions=False):
     model, rng = arm("irb120"), np.random.default_rng(7)
     robot = random_robot(model, "26", rng)
     points = measured(robot, model.random_joints(poses, 2), 5e-5, rng)
@@ -95,6 +95,14 @@ def linear_case(poses=30, orientations=False):
         T = (robot.T_world_base @ robot.poses(points.q))[points.pose, :3, :3].copy()
         T[rng.uniform(size=len(T)) > 0.5] = np.nan
         points = replace(points, rotation=T, u95=rng.uniform(1e-5, 4e-5, len(points)))
+    if sessions:  # the first half as seen from another place
+        own = np.where(np.arange(poses) < poses // 2, "first", "second").astype(object)
+        T = np.where(
+            (points.pose < poses // 2)[:, None, None], frames.from_xyz_angles([2, -1, 0.5, 0.3, 1, -2]), np.eye(4)
+        )
+        points = replace(points, xyz=np.einsum("mij,mj->mi", T[:, :3, :3], points.xyz) + T[:, :3, 3], session=own)
+        if points.rotation is not None:
+            points = replace(points, rotation=T[:, :3, :3] @ points.rotation)
     motion = Motion.in_order(points.q)
     geometry = GEOMETRY.terms(model)
     problem = linearisation.geometry_problem(model, points, geometry, None)

@@ -138,7 +138,7 @@ def test_former_option_names_work_with_a_warning():
 
 
 def test_there_is_no_default_robot():
-    with pytest.raises(TypeError, match="robot"):
+    with pytest.raises(OptionError, match="expected a URDF or the name of a robot"):
         irbcal.calibrate(irbcal.shipped.demo_file("demo_identification.csv"))
 
 

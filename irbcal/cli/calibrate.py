@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from irbcal.cli import show
+from irbcal.cli import grid, show
 from irbcal.cli.wrong_calls import path_to_write, wrong_calls
 from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective, Terms
 
@@ -16,13 +16,17 @@ STEPS = 6
 
 def calibrate(
     measurements: Annotated[Path, typer.Argument(help="Measurement file (CSV or Parquet).", show_default=False)],
-    robot: Annotated[
-        str, typer.Option(help="URDF of the nominal robot, or a name: see irbcal robots.", show_default=False)
-    ],
     out: Annotated[
         Path,
         typer.Option(parser=path_to_write, metavar="PATH", help="Folder for the calibration.", show_default=False),
     ],
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="URDF of the nominal robot, or a name: see irbcal robots. Needed unless --with is given.",
+            show_default=False,
+        ),
+    ] = None,
     model: Annotated[
         Model | None,
         typer.Option(
@@ -61,6 +65,32 @@ def calibrate(
     as_poses: Annotated[
         bool, typer.Option("--as-poses", help="Turn three or more targets of each pose into one full pose.")
     ] = False,
+    session_by: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="Column that names sessions with a base and a tool of their own; none for one session.",
+            show_default="session; group where groups differ grossly",
+        ),
+    ] = None,
+    with_: Annotated[
+        Path | None,
+        typer.Option(
+            "--with",
+            help="An earlier calibration, which these measurements are added to as a new session.",
+            show_default=False,
+        ),
+    ] = None,
+    payload_place: Annotated[
+        str | None,
+        typer.Option(help="Centre of the payload in the tip link: x,y,z in mm.", show_default="column, or 0,0,0"),
+    ] = None,
+    same_tool: Annotated[
+        bool, typer.Option("--same-tool", help="The reflectors stayed in their places when the payload was changed.")
+    ] = False,
+    torques: Annotated[
+        bool, typer.Option("--torques", help="Model auto: use measured torques, columns tau1_nm … (a mass is better).")
+    ] = False,
     holdout: Annotated[
         float | None,
         typer.Option(
@@ -86,6 +116,8 @@ def calibrate(
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report."""
+    if robot is None and with_ is None:
+        raise typer.BadParameter("name the nominal robot, or an earlier calibration with --with", param_hint="--robot")
     if power is not None and objective != "pnorm":
         raise typer.BadParameter("only --objective pnorm has a power", param_hint="--power")
     run(
@@ -111,10 +143,15 @@ def calibrate(
         targets=targets,
         frame=None if frame is None else [name.strip() for name in frame.split(",")],
         as_poses=as_poses,
+        session_by=session_by,
+        with_=with_,
+        payload_place=grid.metres(payload_place, "--payload-place"),
+        same_tool=same_tool,
+        torques=torques,
     )
 
 
-def run(measurements: Path, robot: str, out: Path, json: bool, links: dict[str, bool], **options: Any) -> None:
+def run(measurements: Path, robot: str | None, out: Path, json: bool, links: dict[str, bool], **options: Any) -> None:
     """The main job with its output; also what the demo runs."""
     from irbcal.atomic import made_folders
     from irbcal.calibration import calibrate as identify

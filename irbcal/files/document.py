@@ -21,6 +21,7 @@ from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.joint_map_section import section_of
 from irbcal.files.outcome import Outcome
+from irbcal.files.point_tables import PointTable, PoseTable
 from irbcal.files.schema import (
     Correlation,
     DataFile,
@@ -31,12 +32,11 @@ from irbcal.files.schema import (
     Origin,
     Parameter,
     Placement,
-    PointTable,
     Pose,
-    PoseTable,
     Record,
     RobotSection,
     Row,
+    SessionSection,
 )
 from irbcal.files.urdf import UrdfArm
 from irbcal.identification.averaged import AveragedFit
@@ -45,8 +45,8 @@ from irbcal.identification.history import History
 from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice as LevelChoice
+from irbcal.measurement.blocks import MARK
 from irbcal.measurement.last_moves import last_moves
-from irbcal.measurement.motions import motion_of
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.measurement.table import MeasurementSet
@@ -56,6 +56,7 @@ from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.elsewhere import Elsewhere, elsewhere
 from irbcal.modeling.joint_map import AnyJointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import LOAD
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.units import DEG, MM
 
@@ -140,8 +141,8 @@ def _evidence(outcome: Outcome) -> EvidenceSection | None:
     if not isinstance(fit, AveragedFit):
         return None
     # poses of another file were not measured while the arm warmed up as in the fit
-    motion = motion_of(outcome.measurements, heldout) if outcome.verification is None else None
-    return EvidenceSection.of(fit.evidence, explain(fit, heldout, motion))
+    elapsed = outcome.numbers[1] if outcome.verification is None else None
+    return EvidenceSection.of(fit.evidence, explain(fit, heldout, elapsed))
 
 
 def _history(history: History | None) -> dict[str, list[float]]:
@@ -251,6 +252,7 @@ def _pose_table(outcome: Outcome) -> PoseTable:
     arm = outcome.urdf.arm
     columns: dict[str, list[Any]] = {"pose": [], "group": [], "heldout": []}
     joints, sides, before = [], [], []
+    loads: dict[str, list[FloatArray | None]] = {name: [] for name in LOAD}
     for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
         seen = outcome.verification if heldout and outcome.verification is not None else outcome.measurements
         columns["pose"] += [str(value) for value in points.pose_ids]
@@ -260,9 +262,25 @@ def _pose_table(outcome: Outcome) -> PoseTable:
         sides.append(_came_from(seen, points))
         stops = np.full(points.q.shape, np.nan) if points.previous is None else points.previous
         before.append(np.round(stops / arm.joint_units, JOINT_DIGITS))
+        for name, value in points.load().items():
+            width = {"payload_kg": (), "payload_place": (3,), "torques": (len(arm.joint_names),)}[name]
+            loads[name].append(value if value is not None or points.poses else np.zeros((0, *width)))
     came_from = ["".join("-0+"[int(sign) + 1] for sign in column) for column in np.concatenate(sides).T]
-    previous = [_known(column) for column in np.concatenate(before).T]
-    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from, previous=previous)
+    known = [value for value in outcome.numbers if value is not None]
+    columns["number"] = np.concatenate(known).tolist() if sum(map(len, known)) == len(columns["pose"]) else []
+    kg, place, torques = (
+        None if any(part is None for part in parts) else np.concatenate([part for part in parts if part is not None])
+        for parts in loads.values()
+    )
+    return PoseTable(
+        **columns,
+        joints=np.concatenate(joints).T.tolist(),
+        came_from=came_from,
+        previous=[_known(column) for column in np.concatenate(before).T],
+        payload_kg=[] if kg is None else _known(kg),
+        payload_place_mm=[] if place is None else [_known(column) for column in place.T / MM],
+        torques_nm=[] if torques is None else torques.T.tolist(),
+    )
 
 
 def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
@@ -276,9 +294,10 @@ def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
         key = (name, joints.tobytes())
         # of poses with the same name and joints it is not known which one this is
         found[key] = np.where(found.get(key, row) == row, row, 0.0)
-    unknown = np.zeros(q.shape[1])
-    keys = [(str(name), joints.tobytes()) for name, joints in zip(points.pose_ids, points.q, strict=True)]
-    return np.array([found.get(key, unknown) for key in keys]).reshape(points.poses, q.shape[1])
+    moves = points.moves()  # of poses of an earlier calibration, which are not in the file
+    rows = enumerate(zip(points.pose_ids, points.q, strict=True))
+    came = [found.get((str(name), joints.tobytes()), np.sign(moves[k])) for k, (name, joints) in rows]
+    return np.array(came).reshape(points.poses, q.shape[1])
 
 
 def software() -> dict[str, str]:
@@ -318,14 +337,15 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
     joint_origins = _joint_origins(outcome.urdf, robot.arm)
     fingerprint = _fingerprint(joint_origins, robot, files)
     data = [DataFile(file=Path(item.source).name, sha256=item.sha256, programmed=item.programmed) for item in files]
+    data += [item for record in _earlier(outcome) for item in record.data if item not in data]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    simulated = any(item.simulated for item in files)
+    simulated = any([*(item.simulated for item in files), *(item.simulated for item in _earlier(outcome))])
     frame_terms = FrameTermsSection.of_robot(robot)
     urdf_bytes = urdf.to_bytes(
         outcome.urdf,
         robot.arm,
         robot.T_world_base if world_link else None,
-        robot.targets if target_links else None,
+        _own_targets(outcome) if target_links else None,
         fingerprint,
         _words(outcome, created, data, simulated, frame_terms),
     )
@@ -356,6 +376,8 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         placement=_placement(robot),
         placement_nominal=_placement(outcome.nominal.robot),
         tool_shape_mm=_in_mm(outcome.tool_shape),
+        sessions=_sessions(outcome),
+        earlier=None if outcome.earlier is None else outcome.earlier.record.fingerprint,
         references_mm=_in_mm(outcome.references),
         **_accuracy(outcome),
         points=_point_table(outcome),
@@ -369,6 +391,23 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         seconds=outcome.seconds,
     )
     return record, urdf_bytes
+
+
+def _earlier(outcome: Outcome) -> list[Record]:
+    """The calibration that was added to, if any."""
+    return [] if outcome.earlier is None else [outcome.earlier.record]
+
+
+def _own_targets(outcome: Outcome) -> dict[str, FloatArray]:
+    """Targets of the last session."""
+    others = tuple(f"{MARK}{name}" for name in outcome.other_bases)
+    return {name: place for name, place in outcome.fit.robot.targets.items() if not name.endswith(others)}
+
+
+def _sessions(outcome: Outcome) -> list[SessionSection]:
+    bases = [*outcome.other_bases.values(), outcome.fit.robot.T_world_base]
+    pairs = zip(outcome.sessions, bases, strict=False)
+    return [SessionSection(name=name, base=_pose(T)) for name, T in pairs]
 
 
 def _accuracy(outcome: Outcome) -> dict[str, Any]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from irbcal.arrays import FloatArray, lock
+from irbcal.files.earlier import Earlier
 from irbcal.files.urdf import UrdfArm
 from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.result import Fit
@@ -43,6 +44,15 @@ class Outcome:
         The comparison of levels, where the level was chosen by it.
     notes : tuple of str
     seconds : float
+    other_bases : dict of str to ndarray, shape (4, 4)
+        Bases of the sessions before the last one, each in its own measuring frame. The points are all in the frame of
+        the last session.
+    sessions : tuple of str
+        Names of all sessions, the last one last; empty where there is one only.
+    numbers : (ndarray, ndarray)
+        Number of each pose in its session: those of the fit, and those held out.
+    earlier : Earlier or None
+        The calibration that was added to.
     """
 
     urdf: UrdfArm
@@ -60,6 +70,10 @@ class Outcome:
     choice: Choice | None
     notes: tuple[str, ...]
     seconds: float
+    other_bases: dict[str, FloatArray] = field(default_factory=dict)
+    sessions: tuple[str, ...] = ()
+    numbers: tuple[FloatArray | None, FloatArray | None] = (None, None)
+    earlier: Earlier | None = None
 
     def __post_init__(self) -> None:
         lock(self)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import Field, model_validator
 
 from irbcal.arrays import FloatArray
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection, in_metres, matrix_of
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
+from irbcal.files.point_tables import PointTable, PoseTable
 from irbcal.files.seal import Seal
 from irbcal.files.section import Section
 from irbcal.identification.level_certainty import term_of
@@ -148,63 +149,14 @@ class Errors(Section):
     per_group: dict[str, Statistics]
 
 
-class PointTable(Section):
-    """Every used point, column by column: what the report's figures are drawn from.
+class SessionSection(Section):
+    """A session: its base in its own measuring frame. Its targets are the placement's with its name behind ``@``.
 
-    ``row`` counts the poses of `PoseTable`; places are in the measuring frame; uncertainties and orientations (unit
-    quaternion, scalar first) are null where a point has none, and the columns are empty where no point has.
+    The last session's frame is that of the calibration: its base is the placement's, and its targets have plain names.
     """
 
-    pose: list[str]
-    group: list[str]
-    target: list[str]
-    heldout: list[bool]
-    nominal_mm: list[float]
-    calibrated_mm: list[float]
-    row: list[int] = Field(default_factory=list)
-    x_mm: list[float] = Field(default_factory=list)
-    y_mm: list[float] = Field(default_factory=list)
-    z_mm: list[float] = Field(default_factory=list)
-    u95_mm: list[float | None] = Field(default_factory=list)
-    qw: list[float | None] = Field(default_factory=list)
-    qx: list[float | None] = Field(default_factory=list)
-    qy: list[float | None] = Field(default_factory=list)
-    qz: list[float | None] = Field(default_factory=list)
-
-    @model_validator(mode="after")
-    def _of_one_length(self) -> PointTable:
-        n = len(self.pose)
-        for name in type(self).model_fields:
-            column: list[Any] = getattr(self, name)
-            added_later = not type(self).model_fields[name].is_required()
-            if len(column) != n and not (added_later and not column):
-                raise ValueError(f"column {name} has {len(column)} values for {n} points")
-        return self
-
-
-class PoseTable(Section):
-    """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
-
-    ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
-    where that is not known. ``previous`` holds the joints of the stop before, as ``joints``, null where that is not
-    known; older files have none.
-    """
-
-    pose: list[str]
-    group: list[str]
-    heldout: list[bool]
-    joints: list[list[float]]
-    came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
-    previous: list[list[float | None]] = Field(default_factory=list)
-
-    @model_validator(mode="after")
-    def _of_one_length(self) -> PoseTable:
-        n = len(self.pose)
-        columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from, *self.previous]
-        counts = {len(self.joints), len(self.came_from), len(self.previous or self.joints)}
-        if any(len(column) != n for column in columns) or len(counts) > 1:
-            raise ValueError(f"every column must have {n} values, one for each pose")
-        return self
+    name: str
+    base: Pose
 
 
 class Exclusion(Section):
@@ -267,9 +219,11 @@ class Record(Section):
     ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map, frame terms and the data
     files. ``frame_terms`` are null where URDF and joint map are the whole truth.
     ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
-    (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians: see
-    `covariance_matrix`. Files of earlier versions have it number by number, and no ``certainty``.
-    ``seal`` has the hashes of all other parts (`irbcal.files.seal`); null in files of earlier versions.
+    (rotation vectors in the tip link), bases of sessions before the last and error parameters, in the order of
+    ``parameters``, in metres and radians: see `covariance_matrix`. Files of earlier versions have it number by number,
+    and no ``certainty``. ``sessions`` are empty where there is one only; ``earlier`` is the fingerprint of the
+    calibration that was added to. ``seal`` has the hashes of all other parts (`irbcal.files.seal`); null in files of
+    earlier versions.
     """
 
     schema_name: Literal["irbcal-calibration-1"]
@@ -296,6 +250,8 @@ class Record(Section):
     frame_terms: FrameTermsSection | None = None
     placement: Placement
     placement_nominal: Placement
+    sessions: list[SessionSection] = Field(default_factory=list)
+    earlier: str | None = None
     references_mm: dict[str, list[float]]
     tool_shape_mm: dict[str, list[float]]
     fit: Errors
@@ -328,6 +284,11 @@ class Record(Section):
     def programmed(self) -> bool:
         """Whether it was made from programmed joints, not from joint readings."""
         return bool(self.data) and self.data[0].programmed
+
+    @property
+    def usual_load(self) -> float | None:
+        """The payload that it is for where none is told, kg; None if it is not known, or for levels of the thesis."""
+        return self.joint_map.payload_kg if isinstance(self.joint_map, TermMapSection) else None
 
     @model_validator(mode="after")
     def _points_of_known_poses(self) -> Record:
@@ -443,6 +404,9 @@ class Record(Section):
             frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mine]) if t.qw else None,
             u95,
             np.array(p.previous, dtype=float).T[poses] * units if p.previous else None,
+            payload_kg=np.array(p.payload_kg, dtype=float)[poses] if p.payload_kg else None,
+            payload_place=np.array(p.payload_place_mm, dtype=float).T[poses] * MM if p.payload_place_mm else None,
+            torques=np.array(p.torques_nm, dtype=float).T[poses] if p.torques_nm else None,
         )
         came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
         return points, came_from.T[poses]

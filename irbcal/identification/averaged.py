@@ -18,6 +18,7 @@ from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.readings import Lag, lag
 from irbcal.identification.result import ParameterReport
 from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
@@ -43,7 +44,7 @@ class AveragedFit(Speaks):
     ----------
     evidence : EvidenceFit
     points : PointSet
-        Those of the fit.
+        Those of the fit, in the measuring frame of the last session.
     motion : Motion
         Of their poses.
     level, method, objective : str
@@ -69,7 +70,8 @@ class AveragedFit(Speaks):
     def robot(self) -> Robot:
         """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
         found, terms = self.evidence, self.evidence.term_map()
-        joint_map, frame_terms = TermJointMap(terms.part(False), found.joint_ranges), terms.part(True)
+        joint_map = TermJointMap(terms.part(False), found.joint_ranges, found.usual_kg)
+        frame_terms = terms.part(True)
         return Robot(
             found.arm,
             joint_map,
@@ -130,13 +132,18 @@ class AveragedFit(Speaks):
     def _outer(self) -> list[ParameterReport]:
         """Base and targets, which have no nominal values."""
         found = self.evidence
-        C, T = found.covariance, found.T_world_base
-        std = np.sqrt(np.maximum(np.diagonal(C), 0.0))
-        shift = np.sqrt(np.maximum(np.diagonal(T[:3, :3] @ C[3:6, 3:6] @ T[:3, :3].T), 0.0))
-        base = frames.to_xyz_angles(T)
-        rows = [_row(f"base_{name}", base[k], shift[k], "m") for k, name in enumerate("xyz")]
-        rows += [_row(f"base_r{name}", base[3 + k], std[k], "rad") for k, name in enumerate("xyz")]
-        at = 6
+        std = np.sqrt(np.maximum(np.diagonal(found.covariance), 0.0))
+
+        def base(label: str, T: FloatArray, at: int) -> list[ParameterReport]:
+            C = found.covariance[at + 3 : at + 6, at + 3 : at + 6]
+            shift = np.sqrt(np.maximum(np.diagonal(T[:3, :3] @ C @ T[:3, :3].T), 0.0))
+            place = frames.to_xyz_angles(T)
+            return [
+                *(_row(f"{label}_{name}", place[k], shift[k], "m") for k, name in enumerate("xyz")),
+                *(_row(f"{label}_r{name}", place[3 + k], std[at + k], "rad") for k, name in enumerate("xyz")),
+            ]
+
+        rows, at = base("base", found.T_world_base, 0), 6
         for name in found.free_targets:
             place = found.targets[name]
             rows += [_row(f"target_{name}_{'xyz'[k]}", place[k], std[at + k], "m") for k in range(3)]
@@ -145,7 +152,15 @@ class AveragedFit(Speaks):
             angles = frames.to_xyz_angles(frames.transform(found.target_rotations[name]))[3:]
             rows += [_row(f"target_{name}_r{'xyz'[k]}", angles[k], std[at + k], "rad") for k in range(3)]
             at += 3
+        for session, T in found.other_bases.items():
+            rows += base(f"base@{session}", T, at)
+            at += 6
         return rows
+
+    @property
+    def other_bases(self) -> Mapping[str, FloatArray]:
+        """Base (4, 4) in the measuring frame of each session but the last one."""
+        return self.evidence.other_bases
 
     def lag(self) -> Lag | None:
         """How readings lag behind programmed joints, where they were found to; else None."""
@@ -186,8 +201,33 @@ class AveragedFit(Speaks):
             shown.sentence(found.families),
             *found.gear_sentences(),
             *warm,
+            *self._loads(),
             f"Valid within the joint ranges of the fitted poses: {ranges}. Beyond them the joint map is extrapolated "
             "and must not be trusted.",
+        ]
+
+    def _loads(self) -> list[str]:
+        """What loads it is valid for."""
+        found = self.evidence
+        torques = [
+            "It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
+            "predictions without them miss what the joints give way."
+        ]
+        torques = torques if any(term.basis == "torque" for term in found.terms) else []
+        if not found.loads:
+            return torques
+        if len(found.loads) == 1:
+            return [
+                *torques,
+                f"All poses were measured with a payload of {found.loads[0]:g} kg: the calibration is that of the "
+                "robot with this load, and does not tell what another one does.",
+            ]
+        some = ", ".join(f"{load:g}" for load in found.loads)
+        return [
+            *torques,
+            f"Measured with payloads of {some} kg: where no payload is given, predictions and corrections are for "
+            f"{found.usual_kg:g} kg, which most poses were measured with (of all loads, if as many); other loads: "
+            "--payload.",
         ]
 
     def told(self) -> Sequence[Told]:
@@ -273,6 +313,8 @@ def identify_averaged(
     seed: int = 0,
     progress: Progress | None = None,
     terms: str = dictionaries.JOINT_MAP,
+    payload_place: Sequence[float] | None = None,
+    usual_kg: float | None = None,
 ) -> AveragedFit:
     """Identify base, targets and the average of error models.
 
@@ -291,6 +333,8 @@ def identify_averaged(
         Called with a short text at each step.
     terms : str
         ``joint-map``: what URDF and a joint map can carry; ``all``: frame terms, too.
+    payload_place, usual_kg : optional
+        See `irbcal.identification.evidence.identify_evidence`.
 
     Returns
     -------
@@ -303,5 +347,15 @@ def identify_averaged(
     """
     check_averaging(arm, points.poses)
     known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
-    found = identify_evidence(arm, points, motion, terms=terms, seed=seed, known_targets=known, progress=progress)
-    return AveragedFit(found, points, motion)
+    found = identify_evidence(
+        arm,
+        points,
+        motion,
+        terms=terms,
+        seed=seed,
+        known_targets=known,
+        payload_place=payload_place,
+        usual_kg=usual_kg,
+        progress=progress,
+    )
+    return AveragedFit(found, into_one_frame(points, found.T_world_base, found.other_bases), motion)

@@ -75,7 +75,7 @@ class Stage:
     timed: float | None
 
 
-def explain(fit: AveragedFit, heldout: PointSet, motion: Motion | None = None) -> tuple[Stage, ...]:
+def explain(fit: AveragedFit, heldout: PointSet, elapsed: FloatArray | None = None) -> tuple[Stage, ...]:
     """Fit one family after the other and predict held-out poses.
 
     Parameters
@@ -84,9 +84,8 @@ def explain(fit: AveragedFit, heldout: PointSet, motion: Motion | None = None) -
         What was identified: its points, choice of gears and time constant are taken.
     heldout : PointSet
         May be empty.
-    motion : Motion, optional
-        Of the held-out poses; its time is that of the fit's motion. Their joints and last moves unless given, and then
-        nothing is known of their warmth.
+    elapsed : ndarray, shape (n,), optional
+        Time of the held-out poses, that of the fit's motion; unless given nothing is known of their warmth.
 
     Returns
     -------
@@ -102,7 +101,7 @@ def explain(fit: AveragedFit, heldout: PointSet, motion: Motion | None = None) -
     terms = [term for _, added, _ in plan for term in added]
     linear = Linearisation(problem, state, stops, terms, found.readings_projected)
     sums, t = linear.sums(), mackay.fit_temper(linear.per_pose)
-    use = Motion.after(heldout.q, heldout.previous) if motion is None else motion
+    use = found.motion(heldout.q, heldout.previous, **heldout.load())
     count, out = 0, []
     for words, added, carried in plan:
         count += len(added)
@@ -111,9 +110,9 @@ def explain(fit: AveragedFit, heldout: PointSet, motion: Motion | None = None) -
         got = mackay.fit(sums.part(columns), linear.flat, choice.group, choice.caps, t)
         u, _ = leave_one_out.residuals(linear, columns, got)
         predicted = _Predicted(linear, got.c, terms[:count], found.readings_projected)
-        errors = predicted.errors(heldout, replace(use, elapsed=None))
+        errors = predicted.errors(heldout, use)
         warm = any(term.family == "warm_up" for term in terms[:count])
-        timed = predicted.errors(heldout, use) if warm and use.elapsed is not None else None
+        timed = predicted.errors(heldout, replace(use, elapsed=elapsed)) if warm and elapsed is not None else None
         out.append(
             Stage(
                 added=words,

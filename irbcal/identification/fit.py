@@ -127,7 +127,9 @@ def fit_of(problem: Problem, solution: least_squares.Solution, level: Level, gue
 
 
 def first_state(problem: Problem) -> State:
-    """Closed form; where the data leave it open, the best of a turn of nominal fits."""
+    """Closed form, each session by itself; where the data leave it open, the best of a turn of nominal fits."""
+    if len(problem.sessions) > 1:
+        return _first_of_sessions(problem)
     state, spread = start.closed_form(problem)
     if spread > SPREAD:
         return state
@@ -146,3 +148,23 @@ def first_state(problem: Problem) -> State:
     if best is None:
         raise failure
     return replace(best.state, errors=np.zeros(len(problem.parameters)))
+
+
+def _first_of_sessions(problem: Problem) -> State:
+    """Base and targets of each session from its own points; a target of several sessions from the last of them."""
+    points = problem.points
+    assert points.session is not None
+    targets, bases = np.zeros((len(points.target_names), 3)), []
+    rotations = np.tile(np.eye(3), (len(targets), 1, 1))
+    for name in problem.sessions:
+        own = replace(points.select(points.session == name), session=None).with_seen_targets()
+        if own.poses < MIN_POSES:
+            raise IdentificationError(
+                f"{own.poses} poses of session {name} cannot determine its base and tool: at least {MIN_POSES} are "
+                "needed"
+            )
+        found = first_state(Problem(problem.arm, own, (), known_targets=problem.known))
+        places = [points.target_names.index(target) for target in own.target_names]
+        targets[places], rotations[places] = found.targets, found.rotations
+        bases.append(found.T_world_base)
+    return State(bases[-1], targets, np.zeros(len(problem.parameters)), rotations, np.array(bases[:-1]))

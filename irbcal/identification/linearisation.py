@@ -135,6 +135,7 @@ class Linearisation:
         tip = path.tip[..., pose]
         p = tip[3] + np.einsum("acm,am->cm", tip[:3], local)
         flats = flat_columns(self.problem, tip, p, target, turned - some[0] if len(some) else turned)
+        self.problem.share_out(flats, self.problem.session_of_points()[np.concatenate([some, turned])])
         numbers = columns[columns >= self.flat] - self.flat
         chosen = [self.terms[j] for j in numbers]
         values = basis_values(chosen, Situation(self.problem.arm, motion))
@@ -235,13 +236,13 @@ class Linearisation:
         terms = TermMap(self.problem.arm, tuple(self.terms[k] for k in rows), values[rows])
         out = np.empty((len(points), 3))
         edges = np.searchsorted(points.pose, starts := [*range(0, points.poses, BLOCK), points.poses])
-        R, t = state.T_world_base[:3, :3], state.T_world_base[:3, 3]
+        seen = self.problem.in_base_link(state)
         for k in range(len(starts) - 1):
             some = slice(edges[k], edges[k + 1])
             path = chain.walk(arm, *terms.split(self.motion.select(slice(starts[k], starts[k + 1]))))
             tip = path.tip[..., points.pose[some] - starts[k]]
             p = tip[3] + np.einsum("acm,am->cm", tip[:3], state.targets[points.target[some]].T)
-            out[some] = (points.xyz[some] - t) @ R - p.T
+            out[some] = seen[some] - p.T
         return out
 
     def moved(self, coefficients: FloatArray) -> State:
@@ -254,13 +255,13 @@ class Linearisation:
 
 def flat_units(problem: Problem) -> FloatArray:
     """SI value of one unit of each flat column, shape (flat,)."""
-    shifts = 3 * len(problem.free)
-    turns = problem.outer - 6 - shifts
-    return np.concatenate([np.full(3, TURN_UNIT), np.full(3 + shifts, MM), np.full(turns, TURN_UNIT)])
+    base = np.r_[np.full(3, TURN_UNIT), np.full(3, MM)]
+    shifts, turns = np.full(3 * len(problem.free), MM), np.full(3 * len(problem.framed), TURN_UNIT)
+    return np.concatenate([base, shifts, turns, np.tile(base, len(problem.sessions) - 1)])
 
 
 def flat_columns(problem: Problem, tip: FloatArray, p: FloatArray, target: IntArray, turned: IntArray) -> FloatArray:
-    """Derivatives by base and targets, SI units, shape (flat, 3, points + orientations).
+    """Derivatives by base and targets, SI units, shape (flat, 3, points + orientations); all points on one base.
 
     Parameters
     ----------
@@ -331,4 +332,4 @@ def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term]
 def at_poses(problem: Problem, points: PointSet) -> Problem:
     """The same problem for other points (of the same targets)."""
     same = replace(points, target_names=problem.points.target_names)
-    return Problem(problem.arm, same, problem.parameters, known_targets=problem.known)
+    return Problem(problem.arm, same, problem.parameters, known_targets=problem.known, sessions=problem.sessions)

@@ -94,7 +94,7 @@ def identify_by(
         return _by_circles(arm, points, known_targets)
     problem, guess = make_problem(arm, points, level, known_targets, parameters)
     followed = {
-        name: Problem(arm, seen, problem.parameters, problem.joint_map.phases, problem.known)
+        name: Problem(arm, seen, problem.parameters, problem.joint_map.phases, problem.known, sessions=problem.sessions)
         for name, seen in (watched or {}).items()
         if seen.target_names == points.target_names
     }

@@ -57,17 +57,25 @@ class State:
         Error parameters, SI units.
     rotations : ndarray, shape (T, 3, 3)
         Target frames in the tip link; identity for targets without measured orientation.
+    others : ndarray, shape (sessions - 1, 4, 4)
+        Bases in the measuring frames of the sessions before the last one.
     """
 
     T_world_base: FloatArray
     targets: FloatArray
     errors: FloatArray
     rotations: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    others: FloatArray = field(default_factory=lambda: np.zeros((0, 4, 4)))
 
     def __post_init__(self) -> None:
         if not len(self.rotations):
             object.__setattr__(self, "rotations", np.tile(np.eye(3), (len(self.targets), 1, 1)))
         lock(self)
+
+    @property
+    def bases(self) -> FloatArray:
+        """Bases of all sessions, the last one's last, shape (sessions, 4, 4)."""
+        return np.concatenate([self.others, self.T_world_base[None]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +93,8 @@ class _Block:
     rotation : ndarray, shape (o, 3, 3)
     rows : ndarray of int, shape (m + o,)
         Of the whole problem: the points', then the orientations'.
+    session : ndarray of int, shape (m + o,)
+        Of each row.
     stiffness : ndarray, shape (2, n)
         Terms of A and B at each pose; empty where no parameter needs them.
     fourier : ndarray, shape (4, n)
@@ -98,6 +108,7 @@ class _Block:
     turned: IntArray
     rotation: FloatArray
     rows: IntArray
+    session: IntArray
     stiffness: FloatArray
     fourier: FloatArray
 
@@ -112,8 +123,11 @@ class Problem:
     measured target frame, times `ORIENTATION_LENGTH`. Rows are ordered: all positions, then all orientations.
 
     The unknowns are ordered: base (rotation vector, translation, in the base link), positions of the targets
-    that are not known, orientations of the targets that were measured with one, error parameters. The first
-    three kinds have no nominal value and are called *outer*.
+    that are not known, orientations of the targets that were measured with one, bases of the sessions before the last
+    one, error parameters. All but the last kind have no nominal value and are called *outer*.
+
+    Points of different sessions (`PointSet.session`) are in measuring frames of their own, which share nothing: each
+    has its own base. That of the last pose's session is *the* base.
 
     Parameters
     ----------
@@ -127,9 +141,14 @@ class Problem:
         Positions in the tip link that are not identified, metres.
     orientation_length : float
         Metres per radian.
+    sessions : sequence of str, optional
+        Names of all sessions, the last one last, where the points are only some of a larger set; by default those of
+        the points in the order in which they are first seen, that of the last pose last.
 
     Attributes
     ----------
+    sessions : tuple of str
+        One without a name where the points have none.
     rows : int
         Number of measured vectors, positions and orientations.
     outer : int
@@ -146,6 +165,7 @@ class Problem:
         phases: ArrayLike = (0.0, np.pi / 2),
         known_targets: Mapping[str, ArrayLike] | None = None,
         orientation_length: float = ORIENTATION_LENGTH,
+        sessions: Sequence[str] | None = None,
     ) -> None:
         self.arm = arm
         self.points = points
@@ -153,11 +173,13 @@ class Problem:
         self.joint_map = JointMap(np.zeros(len(arm.joint_names)), phases=np.asarray(phases, dtype=float))
         self.known = {k: np.asarray(v, float) for k, v in (known_targets or {}).items() if k in points.target_names}
         self.orientation_length = orientation_length
+        self.sessions = session_names(points) if sessions is None else tuple(sessions)
         names = points.target_names
         oriented = points.oriented()
         self.free = np.array([k for k, name in enumerate(names) if name not in self.known], dtype=int)
         self.framed = np.unique(points.target[oriented])
-        self.outer = 6 + 3 * len(self.free) + 3 * len(self.framed)
+        self.others = 6 + 3 * len(self.free) + 3 * len(self.framed)
+        self.outer = self.others + 6 * (len(self.sessions) - 1)
         self.rows = len(points) + int(oriented.sum())
         self.weights = _weights(points, oriented)
         self._blocks = self._cut(points, oriented)
@@ -165,6 +187,7 @@ class Problem:
     def _cut(self, points: PointSet, oriented: BoolArray) -> list[_Block]:
         """The points in blocks of poses."""
         starts = range(0, points.poses, BLOCK)
+        session = self.session_of_points()
         edges = np.searchsorted(points.pose, [*starts, points.poses])
         before = np.concatenate([[0], np.cumsum(oriented)])
         kinds = {parameter.kind for parameter in self.parameters}
@@ -184,6 +207,7 @@ class Problem:
                     turned=turned,
                     rotation=np.zeros((0, 3, 3)) if points.rotation is None else points.rotation[rows][turned],
                     rows=np.r_[rows, o : o + len(turned)],
+                    session=np.r_[session[rows], session[rows][turned]],
                     stiffness=np.asarray(stiffness_terms(q, self.joint_map.phases)) if "stiffness" in kinds else none,
                     fourier=fourier_terms(q) if "fourier" in kinds else none,
                 )
@@ -205,9 +229,34 @@ class Problem:
         targets, rotations = state.targets.copy(), state.rotations.copy()
         k = 6 + 3 * len(self.free)
         targets[self.free] += step[6:k].reshape(-1, 3)
-        for j, turn in zip(self.framed, step[k : self.outer].reshape(-1, 3), strict=True):
+        for j, turn in zip(self.framed, step[k : self.others].reshape(-1, 3), strict=True):
             rotations[j] = frames.rotation_from_vector(turn) @ rotations[j]
-        return State(state.T_world_base @ shift, targets, state.errors + step[self.outer :], rotations)
+        steps = step[self.others : self.outer].reshape(-1, 6)
+        others = [
+            T @ frames.transform(frames.rotation_from_vector(s[:3]), s[3:])
+            for T, s in zip(state.others, steps, strict=True)
+        ]
+        return State(
+            state.T_world_base @ shift,
+            targets,
+            state.errors + step[self.outer :],
+            rotations,
+            np.array(others).reshape(-1, 4, 4),
+        )
+
+    def session_of_points(self) -> IntArray:
+        """Number of each point's session in ``sessions``, shape (m,)."""
+        if len(self.sessions) < 2:
+            return np.zeros(len(self.points), dtype=int)
+        number = {name: k for k, name in enumerate(self.sessions)}
+        own = np.full(self.points.poses, self.sessions[-1]) if self.points.session is None else self.points.session
+        return np.array([number[str(name)] for name in own], dtype=int)[self.points.pose]
+
+    def in_base_link(self, state: State) -> FloatArray:
+        """Measured points in the base link, shape (m, 3), metres."""
+        T = frames.inverse(state.bases)
+        T = T[self.session_of_points()]
+        return np.einsum("mij,mj->mi", T[:, :3, :3], self.points.xyz) + T[:, :3, 3]
 
     def model(self, state: State) -> tuple[Arm, JointMap]:
         """Arm and joint map with the state's error parameters added."""
@@ -277,12 +326,18 @@ class Problem:
         m = len(block.pose)
         local = state.targets[block.target].T
         p = tip[3] + tip[0] * local[0] + tip[1] * local[1] + tip[2] * local[2]
-        T_base_world = frames.inverse(state.T_world_base)
+        T = frames.inverse(state.bases)
         r = np.empty((3, m + len(block.turned)))
-        r[:, :m] = T_base_world[:3, :3] @ block.xyz + T_base_world[:3, 3:] - p
+        R: FloatArray = T[-1, :3, :3]
+        if len(T) == 1:
+            r[:, :m] = R @ block.xyz + T[-1, :3, 3:] - p
+        else:
+            each = T[block.session]
+            r[:, :m] = np.einsum("mij,jm->im", each[:m, :3, :3], block.xyz) + each[:m, :3, 3].T - p
+            R = each[m:, :3, :3]
         if len(block.turned):
             predicted = tip[:3, :, block.turned].transpose(2, 1, 0) @ state.rotations[block.target[block.turned]]
-            measured = T_base_world[:3, :3] @ block.rotation
+            measured = R @ block.rotation
             r[:, m:] = self.orientation_length * _rotation_vectors(measured @ predicted.transpose(0, 2, 1)).T
         return r, p
 
@@ -310,7 +365,15 @@ class Problem:
         self._robot_columns(J[self.outer :, :, :m], chain, p, block)
         if len(block.turned):
             self._orientation_columns(J[:, :, m:], chain, tip, block)
+        self.share_out(J, block.session)
         return r, J
+
+    def share_out(self, J: FloatArray, session: IntArray) -> None:
+        """Give derivatives by the base, (unknowns, 3, rows), to the base of each row's session (rows,), in place."""
+        for k in range(len(self.sessions) - 1):
+            mine = np.flatnonzero(session == k)
+            J[self.others + 6 * k : self.others + 6 * k + 6, :, mine] = J[:6, :, mine]
+            J[:6, :, mine] = 0.0
 
     def _orientation_columns(self, J: FloatArray, chain: dhm.ChainFrames, tip: FloatArray, block: _Block) -> None:
         """Fill derivatives of the predicted rotation vectors, (unknowns, 3, o)."""
@@ -361,6 +424,15 @@ class Problem:
                 J[slot] = columns["theta"][1] * block.stiffness[0][pose]
             elif kind == "stiffness":  # B
                 J[slot] = (columns["theta"][1] + columns["theta"][2]) * block.stiffness[1][pose]
+
+
+def session_names(points: PointSet) -> tuple[str, ...]:
+    """Sessions in the order in which they are first seen, that of the last pose last; one without a name for none."""
+    if points.session is None or not points.poses:
+        return ("",)
+    names = list(dict.fromkeys(str(name) for name in points.session))
+    names.remove(last := str(points.session[-1]))
+    return (*names, last)
 
 
 def _weights(points: PointSet, oriented: BoolArray) -> FloatArray:

@@ -104,6 +104,11 @@ class Fit(Speaks):
         return self.solution.information.rank
 
     @property
+    def other_bases(self) -> dict[str, FloatArray]:
+        """Base (4, 4) in the measuring frame of each session but the last one."""
+        return dict(zip(self.problem.sessions[:-1], self.solution.state.others, strict=True))
+
+    @property
     def parameter_count(self) -> int:
         """Number of parameters as the thesis counts them (Nubiola 2011, section 5.4), targets included."""
         return thesis_count(self.problem.parameters) + self.problem.outer - 6
@@ -149,7 +154,7 @@ class Fit(Speaks):
         )
         J = problem.jacobian(state).reshape(n, 3, -1)
         C = self.solution.information.covariance()
-        # orientations of target frames do not move its position: the new problem has no columns for them
+        # target frames and bases of other sessions do not move its position: the new problem has no columns for them
         turns = np.arange(problem.outer, self.problem.outer)
         C = np.delete(np.delete(C, turns, axis=0), turns, axis=1)
         J = state.T_world_base[:3, :3] @ J
@@ -216,10 +221,11 @@ def _held_sentences(fit: Fit) -> list[tuple[list[int], str]]:
         partners = [int(j) for j in np.flatnonzero(np.abs(errors) > 0.05) if j != leading]
         tied = [names[j] for j in partners]
         # base and targets move too: translations and targets against 1 % of a plausible size
-        base_moves = np.abs(others[:6]).max() > 0.01 * information.scale[leading]
+        tools = others[6 : problem.others]
+        base_moves = np.abs(np.r_[others[:6], others[problem.others :]]).max() > 0.01 * information.scale[leading]
         if base_moves:
             tied.append("the base")
-        if np.abs(others[6:]).max(initial=0.0) > 1e-5:
+        if np.abs(tools).max(initial=0.0) > 1e-5:
             tied.append("the targets' coordinates")
         if tied:
             sentence = (
@@ -291,14 +297,17 @@ def _add_outer(fit: Fit, covariance: FloatArray, std: FloatArray, rows: _Rows) -
         else:
             rows.add(name, value, unit, None, "tied", reason)
 
-    T = state.T_world_base
-    moved = T[:3, :3] @ covariance[3:6, 3:6] @ T[:3, :3].T
-    moved_hidden = np.linalg.norm(T[:3, :3] @ information.outer_null[3:6], axis=1)
-    base = frames.to_xyz_angles(T)
-    for k, name in enumerate("xyz"):
-        add(f"base_{name}", base[k], "m", np.sqrt(moved[k, k]), moved_hidden[k])
-    for k, name in enumerate(("rx", "ry", "rz")):
-        add(f"base_{name}", base[3 + k], "rad", std[k], hidden[k])
+    def add_base(label: str, T: FloatArray, at: int) -> None:
+        part = slice(at + 3, at + 6)
+        moved = T[:3, :3] @ covariance[part, part] @ T[:3, :3].T
+        moved_hidden = np.linalg.norm(T[:3, :3] @ information.outer_null[part], axis=1)
+        base = frames.to_xyz_angles(T)
+        for k, name in enumerate("xyz"):
+            add(f"{label}_{name}", base[k], "m", np.sqrt(moved[k, k]), moved_hidden[k])
+        for k, name in enumerate(("rx", "ry", "rz")):
+            add(f"{label}_{name}", base[3 + k], "rad", std[at + k], hidden[at + k])
+
+    add_base("base", state.T_world_base, 0)
     names, b = fit.problem.points.target_names, 6
     for j in fit.problem.free:
         for k in range(3):
@@ -309,6 +318,9 @@ def _add_outer(fit: Fit, covariance: FloatArray, std: FloatArray, rows: _Rows) -
         for k in range(3):
             add(f"target_{names[j]}_r{'xyz'[k]}", angles[k], "rad", std[b + k], hidden[b + k])
         b += 3
+    for session, T in fit.other_bases.items():
+        add_base(f"base@{session}", T, b)
+        b += 6
 
 
 def _add_physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray, rows: _Rows) -> None:

@@ -15,6 +15,7 @@ from irbcal.identification.choices import LEVELS, Level
 from irbcal.identification.fit import identify
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import levels_of
 from irbcal.options import checked
@@ -101,9 +102,9 @@ def pose_errors(
     errors = np.full(points.poses, np.nan)
     for fold in range(folds.max() + 1):
         out = folds == fold
-        robot = identify(arm, points.select(~out), level, known_targets).robot
-        seen = points.select(out)
-        distance = distances(robot, seen)
+        found = identify(arm, points.select(~out), level, known_targets)
+        seen = into_one_frame(points.select(out), found.robot.T_world_base, found.other_bases)
+        distance = distances(found.robot, seen)
         count = np.bincount(seen.pose, minlength=seen.poses)
         errors[out] = np.bincount(seen.pose, distance, minlength=seen.poses) / np.maximum(count, 1)
     return errors

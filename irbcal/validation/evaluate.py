@@ -20,23 +20,27 @@ from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
-from irbcal.measurement.registration import base_on
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.options import checked, place
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.options import checked, number, place
 from irbcal.options import seed as check_seed
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
 from irbcal.validation.coverage import coverage
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
 from irbcal.validation.prepared import Prepared, prepare
+from irbcal.validation.refit import Refit
 from irbcal.validation.unseen import without_fitted
 
 if TYPE_CHECKING:
     pass
 
 RELATIVE = ("virtual", "three-points")
+
+NOTHING = Refit()
+"""Base and tool stay where the calibration has them."""
 
 T = TypeVar("T")
 
@@ -46,6 +50,8 @@ def evaluate(
     measurements: table.MeasurementsLike,
     *,
     refit_base: bool = False,
+    refit_tool: bool = False,
+    refit_from: int | None = None,
     intervals: bool = False,
     include_fitted: bool = False,
     relative: Literal["virtual", "three-points"] | None = None,
@@ -55,6 +61,8 @@ def evaluate(
     compare: CalibrationLike | None = None,
     verified: table.MeasurementsLike | None = None,
     seed: int = 0,
+    payload: float | None = None,
+    same_tool: bool = False,
 ) -> Evaluation:
     """Errors of a calibration and of its nominal robot on other measurements.
 
@@ -65,6 +73,11 @@ def evaluate(
         Registered to the calibration's reference points where both have them.
     refit_base : bool
         Place the base anew for each model (for measurements from another tracker station without references).
+    refit_tool : bool
+        Place the targets anew for each model, because reflectors were mounted anew; their names may be others.
+    refit_from : int, optional
+        Poses from which base and tool are placed anew; they are not judged. By default half of them with
+        ``refit_tool``; with ``refit_base`` alone all poses, which are judged, too.
     intervals : bool
         Add bootstrap intervals, see `irbcal.validation.bootstrap`, and by target how many measured coordinates lie
         within the predicted 95 % intervals, see `irbcal.modeling.robot.Robot.predict`.
@@ -83,7 +96,11 @@ def evaluate(
     verified : str, Path, DataFrame or MeasurementSet, optional
         Measurements of the same poses (by name) run with this calibration's fake targets.
     seed : int
-        Of the bootstrap.
+        Of the bootstrap and of the poses for ``refit_from``.
+    payload : float, optional
+        Mass carried, kg, where the measurements do not tell it (column ``payload_kg``).
+    same_tool : bool
+        With a load that the calibration does not know the reflectors are where they were with its usual load.
 
     Returns
     -------
@@ -102,7 +119,9 @@ def evaluate(
         checked("relative", relative, RELATIVE)
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
-    ready, robots = in_frame_of_calibration(record, measurements, refit_base)
+    measurements = _carrying(table.read(measurements), payload)
+    refit = Refit(refit_base, refit_tool, refit_from, seed)
+    ready, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
     ready = without_fitted(ready, record, include_fitted)
     ready = _inside(ready, robots["calibrated"], sphere)
     seen, points = ready.measurements, ready.points
@@ -128,21 +147,20 @@ def evaluate(
         coverage=None if refit_base else coverage(robots["calibrated"], points),
         relative=_relative(robots, points, relative, frame_points, seen.source) if relative else None,
         flange=_flange(robots, points, seen.source) if flange else None,
-        comparison=None
-        if compare is None
-        else _comparison(opened(compare), ready, refit_base, robots["calibrated"], seed),
+        comparison=None if compare is None else _comparison(opened(compare), ready, refit, robots["calibrated"], seed),
         verified=None if verified is None else _verified(record, robots["calibrated"], points, verified),
         excluded=tuple(ready.excluded),
         notes=_notes(ready, record),
         simulated=seen.simulated or record.simulated,
         model=record.model,
         refit_base=refit_base,
+        refit_tool=refit_tool,
         errors=_pose_errors(robots, points, errors),
     )
 
 
 def in_frame_of_calibration(
-    calibration: CalibrationLike, measurements: table.MeasurementsLike, refit_base: bool = False
+    calibration: CalibrationLike, measurements: table.MeasurementsLike, refit: Refit = NOTHING, same_tool: bool = False
 ) -> tuple[Prepared, dict[str, Robot]]:
     """Clean measurements in the frame of a calibration, and its robots.
 
@@ -150,7 +168,9 @@ def in_frame_of_calibration(
     ----------
     calibration : str, Path or a loaded calibration
     measurements : str, Path, DataFrame or MeasurementSet
-    refit_base : bool
+    refit : Refit
+        What to place anew; the poses that do it are not in the result, except where they are judged, too.
+    same_tool : bool
         As `evaluate`.
 
     Returns
@@ -167,19 +187,33 @@ def in_frame_of_calibration(
     record = opened(calibration)
     seen = table.read(measurements)
     seen.check_joints(record.arm())
-    ready = prepare(seen, record)
+    ready = prepare(seen, record, any_target=refit.tool, same_tool=same_tool)
     robots = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
 
-    def placed() -> dict[str, Robot]:
-        return {name: base_on(robot, ready.points) for name, robot in robots.items()} if refit_base else robots
+    def placed(points: PointSet) -> dict[str, Robot]:
+        if not refit:
+            return robots
+        return {name: refit.placed(robot, points, seen.source) for name, robot in robots.items()}
 
-    robots = placed()
+    chosen, judged = refit.chosen(ready.points, seen.source) if refit else (np.ones(ready.points.poses, bool),) * 2
+    placing = ready.points.select(chosen)
+    robots, ready = placed(placing), ready.select(judged)
     points, notes = with_last_moves(robots["calibrated"], ready.points)
     ready = replace(ready, points=points, notes=(*ready.notes, *notes))
-    robots = placed()
+    if points.previous is None:
+        robots = placed(replace(placing, previous=None))
+    if not judged[chosen].any():
+        ready = replace(ready, notes=(*ready.notes, _placed_in_words(refit, placing.poses, points.poses)))
     error = distances(robots["calibrated"], ready.points)
-    _refuse_far_points(robots["calibrated"], ready.points, error, seen.source, refit_base)
+    _refuse_far_points(robots["calibrated"], ready.points, error, seen.source, bool(refit))
     return ready, robots
+
+
+def _placed_in_words(refit: Refit, placing: int, judged: int) -> str:
+    return (
+        f"The {refit.what} {'were' if refit.base and refit.tool else 'was'} placed anew on {placing} poses of these "
+        f"measurements, for each model; errors are those of the other {judged} poses."
+    )
 
 
 def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Prepared:
@@ -195,7 +229,39 @@ def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
     seen = ready.measurements
     notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
     corner = record.certainty.warning() if record.certainty is not None else ""
-    return (*notes, *_outside_ranges(ready.points, record), *([corner] if corner else []))
+    return (
+        *notes,
+        *_other_loads(ready.points, record),
+        *_outside_ranges(ready.points, record),
+        *([corner] if corner else []),
+    )
+
+
+def _carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
+    """Measurements with a load where they do not tell it."""
+    if payload is None:
+        return measurements
+    if measurements.payloads() is not None:
+        raise OptionError(
+            "payload: the measurements tell it themselves (payload_kg): leave it out", parameter="payload"
+        )
+    load = number("payload", payload, 0.0)
+    return replace(measurements, table=measurements.table.assign(payload_kg=load))
+
+
+def _other_loads(points: PointSet, record: Record) -> list[str]:
+    """That a joint map of one load is judged at others."""
+    usual, loads = record.usual_load, points.payload_kg
+    joint_map = record.robot_calibrated().joint_map
+    if usual is None or loads is None or (isinstance(joint_map, TermJointMap) and joint_map.knows_loads):
+        return []
+    other = np.unique(loads[np.isfinite(loads) & (loads != usual)])
+    if not len(other):
+        return []
+    return [
+        f"Poses with {', '.join(f'{load:g}' for load in other)} kg are judged by a calibration that was measured with "
+        f"{usual:g} kg only: what the joints give way under another load is in their errors."
+    ]
 
 
 def _outside_ranges(points: PointSet, record: Record) -> list[str]:
@@ -307,9 +373,9 @@ def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[
     return out
 
 
-def _comparison(other: Record, ready: Prepared, refit_base: bool, robot: Robot, seed: int) -> dict[str, Any]:
+def _comparison(other: Record, ready: Prepared, refit: Refit, robot: Robot, seed: int) -> dict[str, Any]:
     """Two calibrations, pose by pose on the points that both know."""
-    theirs, robots = in_frame_of_calibration(other, ready.measurements, refit_base)
+    theirs, robots = in_frame_of_calibration(other, ready.measurements, refit)
     mine = [replace(item.points, pose_ids=item.number) for item in (ready, theirs)]
     rows = comparison.common_points(*mine)
     first = distances(robot, ready.points)[rows[0]]
@@ -344,7 +410,7 @@ def _verified(
     return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, other)
 
 
-def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source: str, refit_base: bool) -> None:
+def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source: str, refitted: bool) -> None:
     """Points that are nowhere near their predictions: another unit, another place, another robot."""
     spread = outliers.spread(robot.arm, points)
     median = np.median(error)
@@ -353,7 +419,12 @@ def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source
     for reading, factors in outliers.READINGS.items():
         if np.median(distances(robot, outliers.scaled(points, *factors))) < 0.1 * median:
             raise MeasurementError(f"these look like {reading}", file=source)
-    hint = "" if refit_base else "; if the tracker or the base was moved, evaluate with --refit-base"
+    hint = (
+        ""
+        if refitted
+        else "; evaluate with --refit-base if the tracker or the base was moved, with --refit-tool if the reflectors "
+        "were mounted anew"
+    )
     raise MeasurementError(
         f"the calibrated robot misses these points by {median / MM:.4g} mm (median): not measured in its frame, with "
         f"its tool or on this robot{hint}",

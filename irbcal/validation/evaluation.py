@@ -58,7 +58,8 @@ class Evaluation(Speaks):
     simulated : bool
     model : str
         Level of the calibration.
-    refit_base : bool
+    refit_base, refit_tool : bool
+        What was placed anew.
     errors : PoseErrors
         Of each point and pose.
     """
@@ -84,6 +85,7 @@ class Evaluation(Speaks):
     model: str
     refit_base: bool
     errors: PoseErrors
+    refit_tool: bool = False
 
     def __post_init__(self) -> None:
         lock(self)
@@ -131,7 +133,7 @@ class Evaluation(Speaks):
         """What ``irbcal evaluate`` prints."""
         shown = {"nominal": "nominal", "calibrated": f"model {self.model}"}
         told: list[Told] = [self._error_table(shown)]
-        if self.refit_base:
+        if self.refit_base and not self.refit_tool and not any("was placed anew on" in note for note in self.notes):
             told.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:
             told += [f"Left out: {len(self.excluded)} points", *left_out(self.excluded)]

@@ -19,6 +19,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.validation.evaluate import in_frame_of_calibration
+from irbcal.validation.refit import Refit
 from irbcal.validation.unseen import without_fitted
 from irbcal.viewer.scene import Points
 
@@ -48,7 +49,7 @@ def registered(
     calibrated, nominal : Robot
     notes : list of str
     """
-    ready, robots = in_frame_of_calibration(calibration, measurements, refit_base)
+    ready, robots = in_frame_of_calibration(calibration, measurements, Refit(refit_base))
     seen, notes = ready.measurements, list(ready.notes)
     if ready.excluded:
         count = len(ready.excluded)

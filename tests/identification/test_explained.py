@@ -34,13 +34,13 @@ def weighed():
     extra = [(term, 1.5e-4) for term in gear_terms(3, 202)]
     truth = Truth(["gravity", "gain"], extra=extra)
     points, motion = measured(truth, 120, 1)
-    heldout, later = measured(truth, 60, 2)
-    return truth, identify_averaged(truth.nominal, points, motion), heldout, later
+    heldout, _ = measured(truth, 60, 2)
+    return truth, identify_averaged(truth.nominal, points, motion), heldout
 
 
 def test_the_families_that_are_there_explain_and_others_do_not(weighed):
-    _, fit, heldout, later = weighed
-    stages = explain(fit, heldout, replace(later, elapsed=None))
+    _, fit, heldout = weighed
+    stages = explain(fit, heldout)
     found = by_words(stages)
     assert [stage.added for stage in stages] == [
         "geometry",
@@ -53,7 +53,7 @@ def test_the_families_that_are_there_explain_and_others_do_not(weighed):
     assert found["geometry"].mean > 3 * found["gravity, gain"].mean
     assert found["harmonics to 2"].mean == pytest.approx(found["gravity, gain"].mean, rel=0.1)
     assert found["direction, move"].mean == pytest.approx(found["gravity, gain"].mean, rel=0.1)
-    assert found["gears"].mean < 0.5 * found["direction, move"].mean
+    assert found["gears"].mean < 0.6 * found["direction, move"].mean
     assert found["bending, wobble: terms all"].mean == pytest.approx(found["gears"].mean, rel=0.2)
     assert found["gears"].mean < 2.0 * NOISE
     assert [stage.carried for stage in stages] == [True] * 5 + [False]
@@ -67,7 +67,7 @@ def test_the_families_that_are_there_explain_and_others_do_not(weighed):
 
 
 def test_the_last_stage_is_about_what_the_calibration_is(weighed):
-    _, fit, heldout, _ = weighed
+    _, fit, heldout = weighed
     found = by_words(explain(fit, heldout))
     own = float(distances(fit.robot, heldout).mean())
     assert found["gears"].mean == pytest.approx(own, abs=0.003 * MM)
@@ -80,7 +80,7 @@ def test_warmth_is_told_apart_from_use():
     points = replace(truth.measured(motion, NOISE, 3), previous=motion.q - motion.moves)
     aside = np.arange(150) % 5 == 2
     fit = identify_averaged(truth.nominal, points.select(~aside), motion.select(~aside))
-    stages = explain(fit, points.select(aside), motion.select(aside))
+    stages = explain(fit, points.select(aside), motion.elapsed[aside])
     last = by_words(stages)["warm-up"]
     assert last.timed < 3 * NOISE
     assert last.mean > 2 * last.timed
@@ -88,7 +88,7 @@ def test_warmth_is_told_apart_from_use():
 
 
 def test_nothing_held_out_leaves_the_poses_that_are_left_out_one_at_a_time(weighed):
-    _, fit, heldout, _ = weighed
+    _, fit, heldout = weighed
     none = heldout.select(np.zeros(heldout.poses, dtype=bool))
     for stage, other in zip(explain(fit, none), explain(fit, heldout), strict=True):
         assert stage.mean is None
@@ -97,7 +97,7 @@ def test_nothing_held_out_leaves_the_poses_that_are_left_out_one_at_a_time(weigh
 
 
 def test_targets_that_the_fit_never_saw_do_not_count(weighed):
-    _, fit, heldout, _ = weighed
+    _, fit, heldout = weighed
     names = (*heldout.target_names[:-1], "another")
     fewer = explain(fit, replace(heldout, target_names=names))
     known = heldout.take(heldout.target != len(names) - 1)

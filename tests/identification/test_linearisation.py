@@ -14,8 +14,9 @@ from irbcal.modeling.terms.term_map import TermMap
 
 
 @pytest.mark.parametrize("orientations", [False, True])
-def test_geometry_columns_are_the_jacobian_of_the_problem(orientations):
-    problem, state, motion, terms = linear_case(12, orientations)
+@pytest.mark.parametrize("sessions", [False, True])
+def test_geometry_columns_are_the_jacobian_of_the_problem(orientations, sessions):
+    problem, state, motion, terms = linear_case(12 + 8 * sessions, orientations, sessions)
     linear = Linearisation(problem, state, motion, terms)
     k = problem.unknowns
     sums = linear.sums(np.arange(k))

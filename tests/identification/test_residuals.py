@@ -61,6 +61,42 @@ def test_jacobian_agrees_with_central_differences():
     assert (np.abs(analytic - numeric) / scale)[:, 6:].max() < 1e-7
 
 
+def test_jacobian_of_sessions_agrees_with_central_differences():
+    one, state = problem_and_state(poses=9)
+    session = np.array([*"aabcacbcb"], dtype=object)
+    problem = residuals.Problem(one.arm, dataclasses.replace(one.points, session=session), one.parameters)
+    assert problem.sessions == ("a", "c", "b")  # that of the last pose is last
+    rng = np.random.default_rng(8)
+    others = np.array([frames.from_xyz_angles(rng.normal(size=6)) for _ in range(2)])
+    state = dataclasses.replace(state, others=others)
+    # points of the other sessions as they are seen from there
+    T = np.stack([*others, state.T_world_base])[problem.session_of_points()]
+    xyz = np.einsum(
+        "mij,mj->mi", T[:, :3, :3] @ state.T_world_base[:3, :3].T, one.points.xyz - state.T_world_base[:3, 3]
+    )
+    points = dataclasses.replace(problem.points, xyz=xyz + T[:, :3, 3])
+    problem = residuals.Problem(one.arm, points, one.parameters)
+    np.testing.assert_allclose(
+        problem.residuals(state), one.residuals(dataclasses.replace(state, others=np.zeros((0, 4, 4)))), atol=1e-12
+    )
+    analytic = problem.jacobian(state)
+    numeric = -central_differences(
+        lambda x: problem.residuals(problem.moved(state, x)).ravel(), np.zeros(problem.unknowns), 1e-3
+    )
+    bases = np.r_[0:6, problem.others : problem.outer]
+    scale = np.abs(analytic).max(axis=0)
+    assert (np.abs(np.delete(analytic - numeric, bases, axis=1)) / np.delete(scale, bases)).max() < 1e-7
+    # bases: exact for the point, first order for the residual, whose size is some centimetres here
+    assert np.abs((analytic - numeric)[:, bases]).max() < 1.5 * np.abs(problem.residuals(state)).max()
+    of_c = np.repeat(problem.session_of_points() == 1, 3)
+    np.testing.assert_array_equal(analytic[~of_c, problem.others + 6 : problem.others + 12], 0.0)
+    np.testing.assert_array_equal(analytic[of_c, :6], 0.0)
+    np.testing.assert_array_equal(
+        analytic[of_c, problem.others + 6 : problem.others + 12],
+        one.jacobian(dataclasses.replace(state, others=np.zeros((0, 4, 4))))[of_c, :6],
+    )
+
+
 def test_base_columns_are_the_derivative_of_the_moved_prediction():
     problem, state = problem_and_state()
     predicted = problem.points.xyz - problem.residuals(state) @ state.T_world_base[:3, :3].T  # in the measuring frame

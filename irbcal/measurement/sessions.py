@@ -1,0 +1,166 @@
+"""Sessions: measurements of one robot between which the tracker, the robot's base or the tool's reflectors were moved.
+
+Each session has its own base in its measuring frame and its own places of the targets; the robot is shared. While an
+identification looks for them, points keep the frame in which they were measured, and `PointSet.session` says which; the
+targets of all sessions but the last are named ``target@session`` (`irbcal.measurement.blocks`). Afterwards
+`into_one_frame` moves all points into the frame of the last session, so that a robot has one base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import FloatArray, NameArray
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.measurement import columns
+from irbcal.measurement.blocks import MARK, own_targets
+from irbcal.measurement.points import PointSet
+from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling import frames
+
+OF_POSES = tuple(
+    item.name
+    for item in fields(PointSet)
+    if item.name
+    not in ("q", "pose", "target", "xyz", "target_names", "pose_ids", "groups", "rotation", "u95", "session")
+)
+"""Optional fields of a point set with a row for each pose."""
+
+COLUMN = "session"
+"""The column of a measurement file that tells sessions apart, unless another is named."""
+
+
+def sessions_of(measurements: MeasurementSet, by: str | None = None) -> list[tuple[str, MeasurementSet]]:
+    """Measurements by session, in the order in which sessions are first seen.
+
+    Parameters
+    ----------
+    measurements : MeasurementSet
+    by : str, optional
+        Column that names the session of each row; by default ``session`` where there is one.
+
+    Returns
+    -------
+    list of (name, MeasurementSet)
+        One without a name where there is no such column or no name in it. Poses of each are numbered from 0.
+
+    Raises
+    ------
+    OptionError
+        If there is no such column.
+    MeasurementError
+        If a row has no session's name, or if a pose is in two sessions.
+    """
+    table = measurements.table
+    if by is not None and by not in table.columns:
+        raise OptionError(
+            f"session_by: {measurements.source} has no column {by}; found {columns.listed(list(table.columns))}",
+            parameter="session_by",
+        )
+    name = COLUMN if by is None else by
+    if name not in table.columns:
+        return [("", measurements)]
+    label = table[name].fillna("").astype(str).str.strip()
+    if (label == "").all():
+        return [("", measurements)]
+    for k in np.flatnonzero((label == "") | label.str.contains(MARK, regex=False)):
+        found = repr(label.iloc[k]) if label.iloc[k] else "nothing"
+        raise MeasurementError(
+            f"expected the name of a session without {MARK}, found {found}",
+            file=measurements.source,
+            row=int(table["row"].iloc[k]),
+            column=name,
+        )
+    first = label.groupby(table["pose_index"]).transform("first")
+    for k in np.flatnonzero(label != first):
+        raise MeasurementError(
+            f"pose {table['pose'].iloc[k]} is in two sessions, {first.iloc[k]} and {label.iloc[k]}",
+            file=measurements.source,
+            row=int(table["row"].iloc[k]),
+            column=name,
+        )
+    parts = []
+    for session in dict.fromkeys(label):
+        mine = table[label == session].reset_index(drop=True)
+        mine["pose_index"] = pd.factorize(mine["pose_index"])[0]
+        parts.append((str(session), replace(measurements, table=mine)))
+    return parts
+
+
+def joined(parts: Sequence[tuple[str, PointSet]]) -> PointSet:
+    """Points of several sessions as one set: each in its own frame, targets by names of their own.
+
+    Parameters
+    ----------
+    parts : sequence of (name, PointSet)
+        The last one's targets keep their names. A single one is returned as it is.
+
+    Returns
+    -------
+    PointSet
+    """
+    if len(parts) == 1:
+        return parts[0][1]
+    names = list(dict.fromkeys(name for _, points in parts for name in points.target_names))
+    sets = [points for _, points in parts]
+    before = np.cumsum([0, *(points.poses for points in sets)])
+    whole = PointSet(
+        np.concatenate([points.q for points in sets]),
+        np.concatenate([points.pose + start for points, start in zip(sets, before, strict=False)]),
+        np.concatenate([np.array([names.index(n) for n in p.target_names], dtype=int)[p.target] for p in sets]),
+        np.concatenate([points.xyz for points in sets]),
+        tuple(names),
+        np.concatenate([np.asarray(points.pose_ids, dtype=object) for points in sets]),
+        np.concatenate([points.groups for points in sets]),
+        session=_labels([(name, points.poses) for name, points in parts]),
+        **{name: _stacked([(getattr(p, name), len(p)) for p in sets]) for name in ("rotation", "u95")},
+        **{name: _stacked([(getattr(p, name), p.poses) for p in sets]) for name in OF_POSES},
+    )
+    assert whole.session is not None
+    return own_targets(whole, whole.session, parts[-1][0])
+
+
+def _labels(counts: Sequence[tuple[str, int]]) -> NameArray:
+    return np.repeat(np.array([name for name, _ in counts], dtype=object), [count for _, count in counts])
+
+
+def _stacked(values: Sequence[tuple[FloatArray | None, int]]) -> Any:
+    """Arrays with their lengths one behind the other, NaN for those that are absent; None if all are."""
+    known = [value for value, _ in values if value is not None]
+    if not known:
+        return None
+    tail = known[0].shape[1:]
+    return np.concatenate([np.full((n, *tail), np.nan) if value is None else value for value, n in values])
+
+
+def into_one_frame(points: PointSet, T_world_base: FloatArray, others: Mapping[str, FloatArray]) -> PointSet:
+    """Points of all sessions in the measuring frame of the last one.
+
+    Parameters
+    ----------
+    points : PointSet
+        Each pose in its session's own measuring frame.
+    T_world_base : ndarray, shape (4, 4)
+        Base in the measuring frame of the last session.
+    others : dict of str to ndarray, shape (4, 4)
+        Base in the measuring frame of each other session.
+
+    Returns
+    -------
+    PointSet
+        Without sessions: they are all on one base now.
+    """
+    if points.session is None:
+        return points
+    T = np.tile(np.eye(4), (points.poses, 1, 1))
+    for name, base in others.items():
+        T[points.session == name] = T_world_base @ frames.inverse(base)
+    T = T[points.pose]
+    xyz = np.einsum("mij,mj->mi", T[:, :3, :3], points.xyz) + T[:, :3, 3]
+    rotation = None if points.rotation is None else T[:, :3, :3] @ points.rotation
+    return replace(points, xyz=xyz, rotation=rotation, session=None)

@@ -1,0 +1,194 @@
+"""Sessions from the file to the saved calibration, new poses added to an earlier one; the real UR10."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from sessions_cases import NOISE, parts, truth
+from support import arm, measured, write_measurements
+
+import irbcal
+from irbcal import gathering
+from irbcal.errors import OptionError
+from irbcal.measurement import table
+from irbcal.measurement.points import distances
+
+COUNTS = {"mon": 60, "wed": 40}
+
+
+def file_of(folder, counts=COUNTS, column="session", **options):
+    """One file of several sessions, poses numbered through; returns its path and the robots."""
+    sets, robots = parts(counts, **options)
+    frames, start = [], 0
+    for name, points in sets:
+        numbered = replace(points, pose_ids=points.pose_ids + start)
+        start += points.poses
+        frames.append(pd.read_csv(write_measurements(folder / f"{name}.csv", numbered)).assign(**{column: name}))
+    path = folder / f"{column}.csv"
+    pd.concat(frames).to_csv(path, index=False)
+    return path, robots
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    path, robots = file_of(tmp_path_factory.mktemp("sessions"))
+    return irbcal.calibrate(path, "irb1600", "34"), robots
+
+
+def test_a_session_column_is_enough(made, tmp_path):
+    calibration, robots = made
+    record = calibration.record
+    assert [item.name for item in record.sessions] == ["mon", "wed"]
+    assert set(record.placement.targets) == {f"smr{k}{s}" for k in (1, 2, 3) for s in ("", "@mon")}
+    assert any(note.startswith("Sessions mon (60 poses), wed (40 poses) share one robot") for note in record.notes)
+    assert record.heldout.all.mean_mm < 4e3 * NOISE
+    other = measured(robots["wed"], arm().random_joints(50, 9))
+    assert distances(calibration.robot_calibrated(), other).max() < 20 * NOISE
+    for item in record.sessions:
+        T = robots[item.name].T_world_base[:3, 3]
+        base = 1e-3 * np.array([item.base.x_mm, item.base.y_mm, item.base.z_mm])
+        np.testing.assert_allclose(base, T, rtol=0, atol=2e-3)  # as far as base and link errors can be told apart
+    calibration.save(tmp_path / "links", target_links=True)
+    assert b"smr1@mon" not in (tmp_path / "links" / "calibrated.urdf").read_bytes()
+    calibration.save(tmp_path)
+    loaded = irbcal.load(tmp_path)
+    assert loaded.record.model_copy(update={"seal": None}) == record
+    # saved points are all in the frame of the last session
+    for heldout, errors in ((False, record.fit), (True, record.heldout)):
+        points, _ = loaded.record.used_points(heldout)
+        assert 1e3 * distances(loaded.robot_calibrated(), points).mean() == pytest.approx(errors.all.mean_mm, abs=1e-5)
+
+
+def test_one_session_is_what_it_was(tmp_path):
+    path, _ = file_of(tmp_path, {"mon": 40})
+    frame = pd.read_csv(path)
+    one = irbcal.calibrate(frame, "irb1600", "26").record
+    two = irbcal.calibrate(frame.drop(columns="session"), "irb1600", "26").record
+    assert one.sessions == []
+    assert one.joint_origins == two.joint_origins
+    assert one.placement == two.placement
+
+
+def test_groups_that_differ_grossly_are_taken_as_sessions(tmp_path):
+    path, _ = file_of(tmp_path, column="group")
+    found = irbcal.calibrate(path, "irb1600", "26")
+    notes = " ".join(found.record.notes)
+    assert "the groups were taken as sessions, as --session-by group says" in notes
+    named = irbcal.calibrate(path, "irb1600", "26", session_by="group")
+    assert named.record.joint_origins == found.record.joint_origins
+    assert "were taken as sessions" not in " ".join(named.record.notes)
+    one = irbcal.calibrate(path, "irb1600", "26", session_by="none").record
+    assert one.sessions == []
+    assert len(one.excluded) == 3 * 40  # the smaller group is all gross errors
+
+
+@pytest.mark.parametrize("column", ["group", "day"])
+def test_groups_of_one_base_and_tool_stay_one(tmp_path, column):
+    robot = truth()["mon"]
+    points = measured(robot, arm().random_joints(60, 1), NOISE, np.random.default_rng(1))
+    frame = pd.read_csv(write_measurements(tmp_path / "m.csv", points))
+    frame["group"] = np.where(frame["pose"] < 30, "near", "far")
+    seen = table.read(frame)
+    assert gathering.differ(seen, arm()) is None
+    assert irbcal.calibrate(frame, "irb1600", "11").record.sessions == []
+
+
+def test_a_tool_moved_by_millimetres_is_noticed(tmp_path):
+    robot = truth("11", size=0.05)["mon"]
+    shifted = robot.replace(targets={name: np.add(place, [0.0025, 0, 0.002]) for name, place in robot.targets.items()})
+    q = arm().random_joints(60, 1)
+    one, two = (
+        measured(robot, q, NOISE, np.random.default_rng(1)),
+        measured(shifted, q, NOISE, np.random.default_rng(2)),
+    )
+    late = (np.arange(60) >= 30)[one.pose]
+    frame = pd.read_csv(
+        write_measurements(tmp_path / "m.csv", replace(one, xyz=np.where(late[:, None], two.xyz, one.xyz)))
+    )
+    frame["group"] = np.where(frame["pose"] < 30, "a", "b")
+    _, together, apart = gathering.differ(table.read(frame), arm())
+    assert 5e-3 > together > 3 * apart
+    record = irbcal.calibrate(frame, "irb1600", "11").record
+    assert record.sessions == []
+    assert any("if base or tool were moved between the groups, add --session-by group" in note for note in record.notes)
+
+
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory):
+    """A saved calibration of 90 poses, and the robots."""
+    folder = tmp_path_factory.mktemp("earlier")
+    path, robots = file_of(folder, {"mon": 90})
+    irbcal.calibrate(pd.read_csv(path).drop(columns="session"), "irb1600", "34").save(folder / "my-robot")
+    return folder / "my-robot", robots
+
+
+def new_file(robots, path, poses=12, seed=31):
+    points = measured(robots["wed"], arm().random_joints(poses, seed), NOISE, np.random.default_rng(seed))
+    return write_measurements(path, points)
+
+
+def test_few_new_poses_join_an_earlier_calibration(earlier, tmp_path, program):
+    folder, robots = earlier
+    new = new_file(robots, tmp_path / "new.csv")
+    program("calibrate", new, "--with", folder, "--out", tmp_path / "both", "--holdout", "4")
+    found, old = irbcal.load(tmp_path / "both"), irbcal.load(folder).record
+    record = found.record
+    assert record.model == "34"
+    assert record.earlier == old.fingerprint != record.fingerprint
+    assert [item.name for item in record.sessions] == ["my-robot", "new"]
+    assert {item.sha256 for item in record.data} > {item.sha256 for item in old.data}
+    assert (record.poses_fit, record.poses_heldout) == (90 + 8, 4)
+    assert set(np.array(record.points.target)[record.points.heldout]) == {"smr1", "smr2", "smr3"}
+    other = measured(robots["wed"], arm().random_joints(200, 5))
+    alone = irbcal.calibrate(new, "irb1600", "34", holdout=4)
+    errors = [distances(item.robot_calibrated(), other).mean() for item in (found, alone)]
+    assert errors[0] < 0.6 * errors[1]
+
+
+def test_a_third_session_keeps_the_first_two(earlier, tmp_path):
+    folder, robots = earlier
+    irbcal.calibrate(new_file(robots, tmp_path / "new.csv"), with_=folder).save(tmp_path / "two")
+    points = measured(robots["tue"], arm().random_joints(12, 8), NOISE, np.random.default_rng(8))
+    third = irbcal.calibrate(write_measurements(tmp_path / "new.v2.csv", points), with_=tmp_path / "two")
+    assert [item.name for item in third.record.sessions] == ["my-robot", "new", "new.v2"]
+    assert third.record.heldout.all.mean_mm < 5e3 * NOISE
+    assert third.record.fit.all.mean_mm < 3e3 * NOISE
+    again = irbcal.calibrate(write_measurements(tmp_path / "new.csv", points), with_=irbcal.load(tmp_path / "two"))
+    assert [item.name for item in again.record.sessions] == ["my-robot", "new", "new-2"]
+
+
+def test_places_that_were_measured_before_prove_nothing(earlier, tmp_path):
+    folder, robots = earlier
+    q = irbcal.load(folder).record.used_points(False)[0].q[:20]
+    new = write_measurements(tmp_path / "same.csv", measured(robots["wed"], q, NOISE, np.random.default_rng(4)))
+    record = irbcal.calibrate(new, with_=folder, holdout=5).record
+    # the old poses at the places that are held out are held out, too
+    assert record.poses_heldout == 10
+    assert sum("@" in name for name in np.array(record.points.target)[record.points.heldout]) == 15
+
+
+def test_what_is_refused(earlier, tmp_path):
+    folder, robots = earlier
+    new = new_file(robots, tmp_path / "new.csv")
+    with pytest.raises(OptionError, match="expected a URDF or the name of a robot"):
+        irbcal.calibrate(new)
+    with pytest.raises(OptionError, match="is not the nominal robot of the earlier calibration"):
+        irbcal.calibrate(new, "irb120", with_=folder)
+    record = irbcal.load(folder).record
+    mine = record.model_copy(update={"robot": record.robot.model_copy(update={"urdf": "mine.urdf"})})
+    with pytest.raises(OptionError, match=r"made from mine\.urdf, which is no robot that is known by name"):
+        irbcal.calibrate(new, with_=mine)
+    assert irbcal.calibrate(new, "irb1600", with_=mine).record.earlier == record.fingerprint
+    with pytest.raises(OptionError, match="circles takes one session"):
+        irbcal.calibrate(new, "irb1600", "26", with_=folder, method="circles")
+
+
+def test_the_ur10_goes_through_as_it_is(shared_data, tmp_path):
+    data = shared_data / "ur10_laser_tracker_6d" / "measurements.csv"
+    found = irbcal.calibrate(data, "ur10", "placement", session_by="group")
+    assert [item.name for item in found.record.sessions] == ["grid", "random"]
+    assert 0.40 < found.record.heldout.all.mean_mm < 0.50
+    assert found.record.heldout.per_target["tmac@grid"].mean_mm < 0.5
+    _, together, apart = gathering.differ(table.read(data), irbcal.read_urdf("ur10").arm)
+    assert together > 100 * apart
