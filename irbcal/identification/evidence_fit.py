@@ -89,6 +89,9 @@ class GroupResult:
     found: float
     std: float
 
+    def __post_init__(self) -> None:
+        lock(self)
+
 
 @dataclass(frozen=True)
 class GearFound:
