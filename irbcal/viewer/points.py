@@ -73,8 +73,9 @@ def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_worl
         modelled[0],
         frames.apply(T_scene_world, points.xyz),
         modelled[1],
-        *turns,
-        None if known is None else known[1].max(axis=1),
+        turn_calibrated=turns[0],
+        turn_nominal=turns[1],
+        u95=None if known is None else known[1].max(axis=1),
     )
 
 
