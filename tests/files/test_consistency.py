@@ -31,7 +31,7 @@ def test_another_calibrations_urdf_is_seen(tmp_path):
         (lambda d: d["placement"]["base"].update(qw=0.0, qx=0.0, qy=0.0, qz=0.0), "no unit quaternion"),
         (lambda d: d["placement"]["targets"]["smr1"].pop(), "smr1: List should have at least 3 items"),
         (lambda d: d["robot"]["dhm_calibrated"][1].update(a_mm=800.0), "not the geometry of calibrated.urdf"),
-        (lambda d: d["covariance"]["std"].pop() if isinstance(d["covariance"], dict) else d["covariance"].pop(), "."),
+        (lambda d: d["covariance"].update(size=3), "covariance"),
     ],
 )
 def test_a_renewed_seal_helps_no_contradiction(folder, tmp_path, change, words):

@@ -51,7 +51,7 @@ def test_presets_are_maps_that_explain_themselves(name):
         ("!!python/object/apply:os.system ['true']", "not a map in YAML"),
         ("? {a: 1}\n: 2", "not a map in YAML"),
         ("just words", "expected keys and values"),
-        ("# " + "x" * 70_000, "expected a map of at most 64 KiB"),
+        ("# " + "x" * 70_000, "expected a file of at most 64 KiB"),
     ],
 )
 def test_bad_maps_are_named(tmp_path, text, expected):
