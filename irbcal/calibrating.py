@@ -19,6 +19,7 @@ from irbcal.files.earlier import Earlier, earlier_of
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.outcome import Outcome
 from irbcal.gathering import gathered, of_earlier, without_gross_errors
+from irbcal.identification import slips
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import (
@@ -462,6 +463,9 @@ def _doubts(nominal: Fit, fit: Fit | AveragedFit, fit_points: PointSet, heldout:
             f"The nominal robot misses the fitted points by {nominal.rms / MM:.3g} mm (rms), far more than industrial "
             "robots do: something other than the robot is wrong (references, joints, robot file)."
         )
+    if nominal.rms > slips.SUSPECT:
+        slip = slips.find(nominal.problem.arm, fit_points, pairs=nominal.rms > LARGE_NOMINAL)
+        doubts += [] if slip is None else [f"{slip.headline()}."]
     beyond = elsewhere(fit.robot, nominal.robot, fit_points.q)
     if fit.level != "nominal" and beyond is not None and beyond.narrow:
         doubts.append(beyond.in_words())

@@ -80,6 +80,9 @@ def import_files(
     ur10-lab: semicolons, decimal commas, radians --
     irbcal import export.csv --as ur10-lab --out measured.csv
 
+    irbcal: its own format, to be read otherwise --
+    irbcal import measured.csv --as irbcal --set 'joints.signs=[1, 1, -1, 1, 1, 1]' --out mended.csv
+
     Try any of them with --dry-run first.
     """
     from irbcal.errors import OptionError

@@ -62,7 +62,8 @@ class Columns(_Model):
     ``position`` is three columns, or three for each of several targets that share a row. ``name`` is one column or
     several (joined with ``::``) that ``names`` takes apart. ``programmed`` are the joints that the program asked for,
     where ``joints`` are readings: in the units and by the rules of the joints. ``keep`` hands columns on under new
-    names. ``optional`` lists those that are used only where the file has them.
+    names, ``others`` all columns that have no other use, under their own names. ``optional`` lists those that are used
+    only where the file has them.
     """
 
     position: Three | dict[Name, Three]
@@ -78,6 +79,7 @@ class Columns(_Model):
     u95: Column | None = None
     payload: Column | None = None
     keep: Annotated[dict[Name, Column], Field(max_length=50)] = {}
+    others: bool = False
     optional: list[Literal["programmed", "orientation", "target", "group", "cycle", "time", "u95", "payload"]] = []
 
 
@@ -126,7 +128,10 @@ class Lost(_Model):
 
 
 class JointRules(_Model):
-    """From readings to irbcal's joints: ``sign * (reading + readings of the joints in add) + offset``."""
+    """From readings to irbcal's joints: ``sign * (reading + readings of the joints in add) + offset``.
+
+    ``add: {3: 2}`` adds joint 2 to joint 3, ``add: {3: -2}`` takes it away.
+    """
 
     signs: list[Literal[1, -1]] | None = None
     offsets_deg: list[float] | None = None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import POSITION, QUATERNION
-from irbcal.measurement.imports.column_map import Column, ImportMap, pattern_regex
+from irbcal.measurement.imports.column_map import RESERVED, Column, ImportMap, pattern_regex
 from irbcal.measurement.imports.dialect import TextTable, short
 from irbcal.units import DEG, MM
 
@@ -288,7 +288,19 @@ class Part:
             out["time_s"] = self._time(k)
         for name, column in columns.keep.items():
             out[name] = self._kept(self.table.find(column, name))
+        if columns.others and self.table.names:
+            used = self.taken | self._used()
+            names = enumerate(self.table.names)
+            out |= {name: self._kept(k) for k, name in names if k not in used and name and name not in RESERVED}
         return out
+
+    def _used(self) -> set[int]:
+        """Places of all columns that the map names beside those of numbers."""
+        columns, status = self.map.columns, self.map.lost.status
+        own = [getattr(columns, key) for key in ("pose", "target", "group", "cycle", "time", "u95", "payload")]
+        own += [*(columns.name or ()), *columns.keep.values(), *([] if status is None else [status.column])]
+        found = (self.table.find(column, "a use", True) for column in own if column is not None)
+        return {k for k in found if k is not None}
 
     def _time(self, k: int) -> FloatArray:
         text, unit = self.table.text(k), self.units.time
