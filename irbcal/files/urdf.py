@@ -386,6 +386,33 @@ def with_joint_origins(data: bytes, origins: Mapping[str, FloatArray]) -> bytes:
     return urdf_xml.serialised(tree)
 
 
+def with_tip_moved(data: bytes, source: str, tip: str, T_tip_new: FloatArray) -> bytes | None:
+    """A URDF whose fixed joint at the tip puts the tip link elsewhere, all else as it was.
+
+    Parameters
+    ----------
+    data : bytes
+        The URDF.
+    source : str
+        Its name, for messages.
+    tip : str
+        The tip link.
+    T_tip_new : ndarray, shape (4, 4)
+        The new tip link in the old one.
+
+    Returns
+    -------
+    bytes or None
+        None if the tip link hangs on a joint that moves.
+    """
+    tree = urdf_xml.parse(data, source)
+    for element in tree.getroot().findall("joint"):
+        if element.find("child").get("link") == tip and element.get("type") == "fixed":
+            urdf_xml.set_origin(element, _origin(element, f"joint {element.get('name')!r}", source) @ T_tip_new)
+            return urdf_xml.serialised(tree)
+    return None
+
+
 def fingerprint(data: bytes, source: str) -> str | None:
     """Fingerprint of the calibration that wrote a URDF; None where there is none.
 

@@ -48,6 +48,9 @@ JUDGED = 14
 AS_GOOD = 1.5
 """Hypotheses that fit within this factor of the best are as good: the simplest of them is named first."""
 
+SAME = 0.01 * MM
+"""Distances that differ by no more are the same, metres."""
+
 CORE, ROUNDS = 0.6, 6
 """Share of the points that the robot is fitted to, and how often these are chosen anew."""
 
@@ -298,7 +301,8 @@ def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], before: float
     if not fits:
         return None
     least = min(after for after, _ in fits)
-    good = sorted((item for item in fits if item[0] <= AS_GOOD * least), key=lambda item: item[1].cost)
+    near = AS_GOOD * least + SAME
+    good = sorted((item for item in fits if item[0] <= near), key=lambda item: item[1].cost)
     also = tuple(item for _, item in good[1:] if item.cost < good[0][1].cost + 0.6)
     return Slip(good[0][1], before, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any()))
 
