@@ -195,8 +195,7 @@ class ControllerCheck(Speaks):
         if other:
             more = f" … and {len(other) - SHOWN} more" if len(other) > SHOWN else ""
             told.append(
-                f"Note: {len(other)} row{'s' if len(other) > 1 else ''} with joints and pose of different moments left out: "
-                f"{', '.join(other[:SHOWN])}{more}"
+                f"Note: left out, as joints and pose are of different moments, rows {', '.join(other[:SHOWN])}{more}"
             )
         return [*told, *(f"Note: {text}" for text in self.notes)]
 
