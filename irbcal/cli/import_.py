@@ -35,7 +35,7 @@ def import_files(
     joints: Annotated[
         Path | None,
         typer.Option(
-            help="Joints where the sources hold points only: a program, or q1_deg … and, optional, pose, group, target.",
+            help="Joints where the sources hold points only: a program, or q1_deg …, optional pose, group, target.",
             metavar="FILE",
             show_default=False,
         ),
