@@ -113,7 +113,8 @@ def test_a_filtered_program_reaches_the_wanted_poses(folder, program, tmp_path):
     pd.DataFrame(np.degrees(q), columns=columns).to_csv(tmp_path / "program.csv", index=False)
     program("filter", folder, tmp_path / "program.csv", "--out", tmp_path / "fake.csv")
     fake = np.radians(pd.read_csv(tmp_path / "fake.csv", comment="#")[columns].to_numpy())
-    reached = irbcal.load(folder).robot_calibrated().poses(fake)
+    before = np.vstack([np.full((1, 6), np.nan), fake[:-1]])  # in the order of the program
+    reached = irbcal.load(folder).robot_calibrated().forward(fake, before)
     assert_same_poses(reached, nominal.forward(q), 1e-7, 1e-7)  # joints are written with few decimals
 
 
