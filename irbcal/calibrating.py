@@ -14,11 +14,21 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
+from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.outcome import Outcome
 from irbcal.identification import outliers
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
-from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, method_of
+from irbcal.identification.choices import (
+    ALIASES,
+    LEVELS,
+    LOSSES,
+    METHODS,
+    MODELS,
+    OBJECTIVES,
+    TERMS,
+    method_of,
+)
 from irbcal.identification.fit import identify
 from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.methods import identify_by
@@ -64,6 +74,7 @@ class Options:
     """How to calibrate; see `irbcal.calibrate` for what each option means."""
 
     model: str | int | None = None
+    terms: str = "joint-map"
     holdout: float | None = None
     split: str = "random"
     seed: int = 0
@@ -85,6 +96,7 @@ class Options:
             object.__setattr__(self, "model", str(self.model))
         for name, value, choices in (
             ("model", self.model, (None, *MODELS)),
+            ("terms", self.terms, TERMS),
             ("split", self.split, SPLITS),
             ("method", self.method, (*METHODS, *ALIASES)),
             ("objective", self.objective, OBJECTIVES),
@@ -99,6 +111,9 @@ class Options:
                     "a level, such as 34, for that",
                     parameter=option,
                 )
+        if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
+            level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
+            raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -269,7 +284,7 @@ def _identified(
     """The fit of a level, or the average of error models."""
     if model == "auto":
         motion = motion_of(ready.measurements, ready.fit)
-        return identify_averaged(arm, ready.fit, motion, known, options.seed, say)
+        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms)
     fit = identify_by(
         arm,
         ready.fit,
@@ -391,7 +406,8 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
     notes = [f"Of the poses kept aside, {coverage_in_words(held)}"] if held else []
     if not isinstance(fit, AveragedFit):
         return notes
-    notes = [*fit.sentences(), *notes]
+    frame_terms = FrameTermsSection.of_robot(fit.robot)
+    notes = [*([] if frame_terms is None else [frame_terms.in_words]), *fit.sentences(), *notes]
     lag = fit.lag()
     if lag is None:
         return notes

@@ -268,6 +268,7 @@ def calibrate(
     robot: str | Path,
     model: str | int | None = None,
     *,
+    terms: Literal["joint-map", "all"] = "joint-map",
     holdout: float | None = None,
     split: Literal["random", "last"] = "random",
     seed: int = 0,
@@ -298,6 +299,9 @@ def calibrate(
         serial arm). ``best-level``: the level that cross-validation over the poses of the fit chooses. Where no model
         is named, options of a level (``method``, ``objective``, ``loss``, ``free``, ``hold``) and fewer than ten poses
         lead to ``34``, or ``placement`` for arms that are not built for it; a note says so.
+    terms : {"joint-map", "all"}
+        What model ``auto`` may consist of. ``joint-map``: URDF and joint map are the whole truth, for every program.
+        ``all``: frame terms, too (bending, wobble), which only irbcal's own kinematics knows.
     holdout : float or int
         Fraction or number of poses that the fit does not see: 0.25 unless given; not with ``verify``.
     split, seed
@@ -332,6 +336,7 @@ def calibrate(
     """
     options = Options(
         model,
+        terms,
         holdout,
         split,
         seed,

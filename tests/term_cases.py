@@ -1,13 +1,15 @@
 """What the tests of the error model's terms need: motions with a history, all terms of an arm, derivatives checked."""
 
 import numpy as np
-from support import arm, central_differences, on_a_rail
+from support import TARGETS, arm, central_differences, on_a_rail
 
 from irbcal.files import urdf
+from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap, basis_slope_rates, basis_slopes, basis_values
 from irbcal.modeling.terms.warm_up import WarmUp
 
@@ -77,3 +79,14 @@ def assert_derivatives(terms, model, q, dq=SPEEDS, motion=motion_at, step=1e-5):
     scale = np.maximum(np.abs(numeric).max(axis=1, keepdims=True), 1.0)
     assert (np.abs(rates - numeric) / scale).max() < 1e-6
     return slopes
+
+
+def framed_robot(name, rng, scale=1.0):
+    """A robot with a joint map and frame terms of natural sizes, and the targets of the thesis."""
+    model = arm(name)
+    terms = [t for family in ("gravity", "gain", "bending", "wobble") for t in families()[family].terms(model)]
+    values = scale * np.array([t.size for t in terms]) * rng.standard_normal(len(terms))
+    both = TermMap(model, tuple(terms), values, np.abs(values))
+    q = model.random_joints(50, 1)
+    joint_map = TermJointMap(both.part(False), np.array([q.min(axis=0), q.max(axis=0)]))
+    return Robot(model, joint_map, frame_terms=both.part(True), targets=TARGETS)

@@ -73,7 +73,10 @@ def test_the_fingerprint_covers_the_terms(made):
     origins = made.record.joint_origins
     joint_map = fit.robot.joint_map
     other = TermJointMap(TermMap(joint_map.terms.arm, joint_map.terms.terms, 1.001 * joint_map.terms.coefficients))
-    one, two = (document._fingerprint(origins, item, [made.outcome.measurements]) for item in (joint_map, other))
+    one, two = (
+        document._fingerprint(origins, fit.robot.replace(joint_map=item), [made.outcome.measurements])
+        for item in (joint_map, other)
+    )
     assert one == made.record.fingerprint
     assert one != two
 
@@ -222,7 +225,7 @@ def test_irb120_at_programmed_joints(shared_data, tmp_path):
     assert made.poses_fit == 200
     assert made.heldout.all.mean_mm <= 0.072
     assert made.heldout.all.max_mm <= 0.30
-    assert any("200 times a turn" in note for note in made.notes)
+    assert any("200 cycles per turn" in note for note in made.notes)
     assert made.evidence.readings_gain is None
     q = made.arm().random_joints(200, 1)
     made.save(tmp_path / "cal")

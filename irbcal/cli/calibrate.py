@@ -9,7 +9,7 @@ import typer
 
 from irbcal.cli import show
 from irbcal.cli.wrong_calls import path_to_write, wrong_calls
-from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective
+from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective, Terms
 
 STEPS = 6
 
@@ -31,6 +31,13 @@ def calibrate(
             show_default="auto; 34 or placement with options of a level",
         ),
     ] = None,
+    terms: Annotated[
+        Terms,
+        typer.Option(
+            help="Of model auto: joint-map: URDF and joint map are the whole truth; all: frame terms, too (bending, "
+            "wobble), more accurate, known to irbcal's own kinematics only."
+        ),
+    ] = "joint-map",
     method: Annotated[
         MethodOrAlias,
         typer.Option(help="How to identify: circles (or axes) needs one-joint moves in groups axis1 … axis6."),
@@ -88,6 +95,7 @@ def calibrate(
         json,
         {"world_link": world_link, "target_links": target_links},
         model=model,
+        terms=terms,
         holdout=holdout,
         split=split,
         seed=seed,

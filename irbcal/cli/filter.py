@@ -46,6 +46,10 @@ def filter_program(
     wobj: Annotated[
         list[str] | None, typer.Option("--wobj", "--frame", help="a work object (base, user frame) in the base frame.")
     ] = None,
+    pulses: Annotated[
+        str | None,
+        typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
@@ -64,6 +68,7 @@ def filter_program(
             changes=changes,
             tool=tools,
             wobj=work_objects,
+            pulses=_numbers(pulses),
         )
     except NotWritten as refusal:
         found, refused = refusal.found, True
@@ -109,6 +114,14 @@ def _last_moves(found: Filtered) -> dict[str, Any]:
         "max_last_move_mm": float(found.last_move_error.max(initial=0.0) / MM),
         "expected_with_last_moves_mm": None if expected is None else float(expected.mean() / MM),
     }
+
+
+def _numbers(text: str | None) -> list[float] | None:
+    """Numbers with commas between them."""
+    try:
+        return None if text is None else [float(value) for value in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(f"expected six numbers with commas, found {text!r}", param_hint="--pulses") from None
 
 
 def _frames(given: list[str] | None, option: str, maker: Maker | None) -> dict[str, FloatArray]:

@@ -53,6 +53,7 @@ def correct(
     changes: str | Path | None = None,
     tool: Mapping[str, ArrayLike] | None = None,
     wobj: Mapping[str, ArrayLike] | None = None,
+    pulses: Sequence[float] | None = None,
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 
@@ -73,6 +74,8 @@ def correct(
     tool, wobj : dict of str to ndarray, shape (4, 4), optional
         ``T_tip_tcp`` of tools and ``T_base_wobj`` of work objects that a program does not define, metres; tip and base
         are the controller's flange and world.
+    pulses : sequence of float, optional
+        Pulses per degree of the six joints, for Yaskawa jobs whose positions are in pulses.
 
     Returns
     -------
@@ -103,7 +106,7 @@ def correct(
     language, sources = languages.files_of(programs_given)
     record = opened(calibration)
     nominal = record.arm(calibrated=False)
-    given = Given(_given(tool, "tool"), _given(wobj, "wobj"), _controller(calibration, record))
+    given = Given(_given(tool, "tool"), _given(wobj, "wobj"), _controller(calibration, record), _pulses(pulses))
     programs = language.read_for(nominal, sources, given)
     robot = record.robot_calibrated()
     found = together([filter_program(robot, nominal, one, record.fingerprint) for one in programs])
@@ -131,6 +134,19 @@ def _written(found: Filtered, out: str | Path | None, changes: str | Path | None
         found = replace(found, written=Path(out))
     write_set(contents)
     return found
+
+
+def _pulses(pulses: Sequence[float] | None) -> tuple[float, ...]:
+    """Pulses per degree from the caller."""
+    if pulses is None:
+        return ()
+    values = np.asarray(pulses, dtype=object)
+    good = values.shape == (6,) and all(isinstance(v, (int, float)) and 1.0 < abs(v) < 1e6 for v in values)
+    if not good:
+        raise OptionError(
+            f"pulses: expected six numbers of pulses per degree, found {shown(pulses)}", parameter="pulses"
+        )
+    return tuple(float(value) for value in values)
 
 
 def _places(out: Path, files: Mapping[str, bytes], folder: bool) -> dict[Path, bytes]:

@@ -81,6 +81,9 @@ class Maker:
         Joints of the controller, degrees, with the wrist in front and the elbow to the side that ``bent`` false means.
     aligned : bool
         Whether numbers keep their right edge, with blanks before them.
+    wrist_axis : int
+        The joint (from 1) that tells the two wrists from one another: 5 by its sign, 4 by whether it is within 90
+        degrees of zero (that counts as negative).
     world : bool
         Whether the controller's world need not be the arm's base link, so that the URDF must name it.
     """
@@ -96,6 +99,7 @@ class Maker:
     reference: tuple[float, ...] = (0.0,) * 6
     aligned: bool = False
     world: bool = False
+    wrist_axis: int = 5
 
     def __post_init__(self) -> None:
         lock(self)
@@ -141,11 +145,13 @@ class Maker:
         return np.column_stack([T[:, :3, 3] / self.length, angles / self.angle])
 
     def postures(self, arm: Arm, q: FloatArray) -> tuple[BoolArray, BoolArray, BoolArray]:
-        """Whether joints (n, 6) of the URDF are ``back``, ``bent``, and have a negative joint 5 for the controller."""
+        """Whether joints (n, 6) of the URDF are ``back``, ``bent``, and have a negative wrist (`wrist_axis`)."""
         of = closed_form.configuration(arm, q)
         at = int(closed_form.configuration(arm, self.joints(np.radians([self.reference])))[0])
         back, bent = (of >> 2) & 1 != at >> 2 & 1, (of >> 1) & 1 != at >> 1 & 1
-        return np.asarray(back), np.asarray(bent), self.program_joints(q)[:, 4] < 0
+        joints = self.program_joints(q)
+        negative = joints[:, 4] < 0 if self.wrist_axis == 5 else np.cos(joints[:, 3]) > 0
+        return np.asarray(back), np.asarray(bent), np.asarray(negative)
 
 
 def axes_of(arm: Arm) -> tuple[str, ...]:

@@ -105,11 +105,14 @@ class Given(NamedTuple):
     tools, work_objects : dict of str to ndarray, shape (4, 4)
         In the controller's flange and world, metres, by names in lower case.
     controller : ControllerFrames
+    pulses : tuple of float
+        Pulses per degree of the joints, for programs that are written in pulses; empty where they are not given.
     """
 
     tools: Mapping[str, FloatArray]
     work_objects: Mapping[str, FloatArray]
     controller: ControllerFrames
+    pulses: tuple[float, ...] = ()
 
 
 class Program(Protocol):

@@ -18,6 +18,7 @@ from irbcal.arrays import FloatArray
 from irbcal.files import urdf, urdf_check
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
+from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.joint_map_section import section_of
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import (
@@ -169,13 +170,15 @@ def _joint_origins(urdf_arm: UrdfArm, corrected: Arm) -> list[JointOrigin]:
     ]
 
 
-def _fingerprint(joint_origins: list[JointOrigin], joint_map: AnyJointMap, files: Sequence[MeasurementSet]) -> str:
-    """Of all that makes a calibration: geometry, joint map and data."""
+def _fingerprint(joint_origins: list[JointOrigin], robot: Robot, files: Sequence[MeasurementSet]) -> str:
+    """Of all that makes a calibration: geometry, joint map, frame terms and data."""
     content = [
         [[item.joint, item.calibrated.xyz_m, item.calibrated.rpy_rad] for item in joint_origins],
-        _numbers(joint_map),
+        _numbers(robot.joint_map),
         [item.sha256 for item in files],
     ]
+    if robot.frame_terms is not None:
+        content.append([robot.frame_terms.to_json()])
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]
 
 
@@ -301,17 +304,18 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
     known = fit.evidence.certainty if isinstance(fit, AveragedFit) else robot.certainty or certainty_of(fit)
     files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
     joint_origins = _joint_origins(outcome.urdf, robot.arm)
-    fingerprint = _fingerprint(joint_origins, robot.joint_map, files)
+    fingerprint = _fingerprint(joint_origins, robot, files)
     data = [DataFile(file=Path(item.source).name, sha256=item.sha256, programmed=item.programmed) for item in files]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
     simulated = any(item.simulated for item in files)
+    frame_terms = FrameTermsSection.of_robot(robot)
     urdf_bytes = urdf.to_bytes(
         outcome.urdf,
         robot.arm,
         robot.T_world_base if world_link else None,
         robot.targets if target_links else None,
         fingerprint,
-        _words(outcome, created, data, simulated),
+        _words(outcome, created, data, simulated, frame_terms),
     )
     check = urdf_check.check(urdf_bytes, robot.arm)
     record = Record(
@@ -336,6 +340,7 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         observability=_observability(fit),
         history=_history(fit.history),
         joint_map=section_of(robot.joint_map, robot.arm),
+        frame_terms=frame_terms,
         placement=_placement(robot),
         placement_nominal=_placement(outcome.nominal.robot),
         tool_shape_mm=_in_mm(outcome.tool_shape),
@@ -374,7 +379,13 @@ def _in_mm(places: Mapping[str, FloatArray]) -> dict[str, list[float]]:
     return {name: (place / MM).tolist() for name, place in places.items()}
 
 
-def _words(outcome: Outcome, created: str, data: Sequence[DataFile], simulated: bool) -> str:
+def _words(
+    outcome: Outcome,
+    created: str,
+    data: Sequence[DataFile],
+    simulated: bool,
+    frame_terms: FrameTermsSection | None,
+) -> str:
     """What the corrected URDF says of itself at its top."""
     names = " and ".join(f"{item.file} (SHA-256 {item.sha256[:12]}...)" for item in data)
     kind = "SIMULATED measurements" if simulated else "measurements"
@@ -382,4 +393,5 @@ def _words(outcome: Outcome, created: str, data: Sequence[DataFile], simulated: 
         f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {outcome.robot_file.name} were "
         f"corrected, model {outcome.fit.level}, from {kind} {names}. Comments below that call this robot nominal are "
         "those of that file. The joint map is in calibration.json."
+        + ("" if frame_terms is None else f" {frame_terms.in_words}")
     )

@@ -85,6 +85,18 @@ class JointMapSection(Section):
         )
 
 
+def check_terms(terms: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Terms of a file, refused with a `ValueError` if one is not understood."""
+    for entry in terms:
+        try:
+            term, coefficient, _ = Term.from_json(entry)
+        except RobotError as error:
+            raise ValueError(str(error)) from None
+        if term.basis not in bases() or not np.isfinite(coefficient):
+            raise ValueError(f"a term is not understood: {term.name}")
+    return terms
+
+
 class TermVector(Section):
     """Joints with the stop before, both as commanded, and the effective joints that they give, rad (m)."""
 
@@ -112,14 +124,7 @@ class TermMapSection(Section):
     @field_validator("terms")
     @classmethod
     def _understood(cls, terms: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        for entry in terms:
-            try:
-                term, coefficient, _ = Term.from_json(entry)
-            except RobotError as error:
-                raise ValueError(str(error)) from None
-            if term.basis not in bases() or not np.isfinite(coefficient):
-                raise ValueError(f"a term is not understood: {term.name}")
-        return terms
+        return check_terms(terms)
 
     @staticmethod
     def of(joint_map: TermJointMap, arm: Arm) -> TermMapSection:

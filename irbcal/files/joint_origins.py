@@ -35,6 +35,7 @@ def to_yaml(calibration: Record) -> str:
         f"# Joint origins of {_printable(calibration.robot.name)}, calibrated by irbcal: metres and radians.",
         "# From SIMULATED measurements." if calibration.simulated else None,
         "# The joint map (stiffness, Fourier series, gains) is not in here: see calibration.json.",
+        None if calibration.frame_terms is None else f"# {calibration.frame_terms.in_words}",
     ]
     body = yaml.safe_dump({"kinematics": kinematics}, sort_keys=False, allow_unicode=True)
     return "\n".join([line for line in head if line] + [body])

@@ -11,6 +11,7 @@ from pydantic import Field, StringConstraints, model_validator
 from irbcal.arrays import FloatArray
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection, in_metres, matrix_of
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
+from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
 from irbcal.files.seal import Seal
 from irbcal.files.section import Section
@@ -263,7 +264,8 @@ class Check(Section):
 class Record(Section):
     """Content of ``calibration.json``.
 
-    ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map and the data files.
+    ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map, frame terms and the data
+    files. ``frame_terms`` are null where URDF and joint map are the whole truth.
     ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
     (rotation vectors in the tip link) and error parameters, in the order of ``parameters``, in metres and radians: see
     `covariance_matrix`. Files of earlier versions have it number by number, and no ``certainty``.
@@ -291,6 +293,7 @@ class Record(Section):
     observability: Observability
     history: dict[str, list[float]]
     joint_map: Annotated[JointMapSection | TermMapSection, Field(union_mode="left_to_right")]
+    frame_terms: FrameTermsSection | None = None
     placement: Placement
     placement_nominal: Placement
     references_mm: dict[str, list[float]]
@@ -362,8 +365,10 @@ class Record(Section):
 
     def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints, and says how well it knows them."""
-        joint_map = self.joint_map.joint_map(self.arm(calibrated=False))
-        robot = Robot(self.arm(), joint_map, *_placed(self.placement))
+        nominal = self.arm(calibrated=False)
+        frame_terms = None if self.frame_terms is None else self.frame_terms.term_map(nominal)
+        joint_map = self.joint_map.joint_map(nominal)
+        robot = Robot(self.arm(), joint_map, *_placed(self.placement), frame_terms=frame_terms)
         return robot.replace(certainty=self._certainty(robot))
 
     def covariance_matrix(self) -> FloatArray:
@@ -375,6 +380,8 @@ class Record(Section):
         terms: dict[str, Term] = {}
         if isinstance(robot.joint_map, TermJointMap):
             terms = {term.name: term for term in robot.joint_map.terms.terms}
+        if robot.frame_terms is not None:
+            terms |= {term.name: term for term in robot.frame_terms.terms}
         known = {name: term_of(parameter(name), nominal) for name in listed if name in all_names(nominal)} | terms
         names = [name for name in listed if name in known]
         factor = dict(UNIT_OUTSIDE.values())

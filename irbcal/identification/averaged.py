@@ -67,10 +67,18 @@ class AveragedFit(Speaks):
 
     @cached_property
     def robot(self) -> Robot:
-        """The calibrated robot, warm, with a joint map of terms."""
-        found = self.evidence
-        joint_map = TermJointMap(found.term_map(), found.joint_ranges)
-        return Robot(found.arm, joint_map, found.T_world_base, found.targets, found.target_rotations, found.certainty)
+        """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
+        found, terms = self.evidence, self.evidence.term_map()
+        joint_map, frame_terms = TermJointMap(terms.part(False), found.joint_ranges), terms.part(True)
+        return Robot(
+            found.arm,
+            joint_map,
+            found.T_world_base,
+            found.targets,
+            found.target_rotations,
+            found.certainty,
+            frame_terms if frame_terms.terms else None,
+        )
 
     @property
     def _flat(self) -> int:
@@ -111,11 +119,11 @@ class AveragedFit(Speaks):
         units = [term.unit for term in found.terms if term.family == "geometry"]
         for (name, (value, deviation)), unit in zip(found.constants().items(), units, strict=True):
             rows.append(_row(name, value, deviation, unit))
-        joint_map = found.term_map()
-        std = np.zeros(len(joint_map.terms)) if joint_map.std is None else joint_map.std
+        std = found.std
         rows += [
-            _row(term.name, value, deviation, term.unit)
-            for term, value, deviation in zip(joint_map.terms, joint_map.coefficients, std, strict=True)
+            _row(found.terms[k].name, found.coefficients[k], std[k], found.terms[k].unit)
+            for k in self._used
+            if found.terms[k].family != "geometry"
         ]
         return rows
 
@@ -144,14 +152,19 @@ class AveragedFit(Speaks):
         return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
 
     def explanation(self) -> str:
-        """Which error models were averaged with what weights."""
+        """Why these error models, in two sentences."""
         rows = self.evidence.dictionaries
         kept = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
-        shares = "; ".join(f"{row.name} ({row.weight:.0%})" for row in kept)
-        one = len(kept) == 1
+        first = kept[0]
+        told = (
+            f"Of {len(rows)} error models the evidence of these poses supports {first.name} ({first.weight:.0%}) most"
+        )
+        told += f", and with it {len(kept) - 1} more" if len(kept) > 1 else ""
+        plain = rows[0]
+        better = "" if plain is first else f" by {first.log_evidence - plain.log_evidence:.0f} nats over {plain.name}"
         return (
-            f"Of {len(rows)} error models the evidence of these poses supports {'one' if one else len(kept)}, "
-            f"{'which is used' if one else 'averaged with their weights'}: {shares}."
+            f"{told}. Their evidence says how well each foretells these measurements without knowing them{better}; all "
+            "with weight are averaged, because the best one alone is often best by accident."
         )
 
     def sentences(self) -> list[str]:
@@ -257,8 +270,9 @@ def identify_averaged(
     known_targets: Mapping[str, ArrayLike] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    terms: str = dictionaries.JOINT_MAP,
 ) -> AveragedFit:
-    """Identify base, targets and the average of the error models that URDF and a joint map can carry.
+    """Identify base, targets and the average of error models.
 
     Parameters
     ----------
@@ -273,6 +287,8 @@ def identify_averaged(
         Of the poses on which models are compared where there are very many.
     progress : callable, optional
         Called with a short text at each step.
+    terms : str
+        ``joint-map``: what URDF and a joint map can carry; ``all``: frame terms, too.
 
     Returns
     -------
@@ -285,7 +301,5 @@ def identify_averaged(
     """
     check_averaging(arm, points.poses)
     known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
-    found = identify_evidence(
-        arm, points, motion, terms=dictionaries.JOINT_MAP, seed=seed, known_targets=known, progress=progress
-    )
+    found = identify_evidence(arm, points, motion, terms=terms, seed=seed, known_targets=known, progress=progress)
     return AveragedFit(found, points, motion)

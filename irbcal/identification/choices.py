@@ -27,6 +27,9 @@ RobustLoss: TypeAlias = Literal["soft_l1", "huber"]
 Model: TypeAlias = Literal["nominal", "11", "16", "26", "34", "34b", "offsets", "placement", "auto", "best-level"]
 """A level; the average of error models by their evidence (``auto``); or the level that cross-validation chooses."""
 
+Terms: TypeAlias = Literal["joint-map", "all"]
+"""What model ``auto`` may consist of: what URDF and a joint map can carry, or frame terms, too."""
+
 Parallel: TypeAlias = Literal["hayati", "forced"]
 """What becomes of nearly parallel axes: the tilt between them is kept, or they get one direction."""
 
@@ -40,6 +43,7 @@ ALIASES: dict[str, Method] = {"axes": "circles"}
 OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 LOSSES: tuple[Loss, ...] = get_args(Loss)
 MODELS: tuple[Model, ...] = get_args(Model)
+TERMS: tuple[Terms, ...] = get_args(Terms)
 
 
 def method_of(name: str) -> Method:

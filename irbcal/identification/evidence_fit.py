@@ -14,6 +14,7 @@ from irbcal.errors import IdentificationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.gear import in_words
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
@@ -269,8 +270,8 @@ class EvidenceFit(Speaks):
     def gear_sentences(self) -> list[str]:
         """What the scan found, in words."""
         return [
-            f"Joint {gear.joint + 1} swings by {self.amplitude(gear) / DEG:.4f} degrees {gear.cycles_per_turn} times a "
-            f"turn (chi2 {gear.chi2:.0f})."
+            f"A wave stands out (chi2 {gear.chi2:.0f}): "
+            f"{in_words(gear.joint + 1, gear.cycles_per_turn, self.amplitude(gear) / DEG)}."
             for gear in self.gears
         ]
 

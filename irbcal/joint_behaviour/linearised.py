@@ -58,7 +58,8 @@ class Linearised:
         chosen = tuple(parameters.parameter(name) for name in names)
         own, seen = robot.joint_map, points
         if not isinstance(own, JointMap):  # a map of other terms: held as it is, the thesis's terms come on top of it
-            seen, own = replace(points, q=own.effective(points.q)), JointMap(np.zeros(joints))
+            seen = replace(_without_frame_terms(robot, points), q=own.effective(points.q))
+            own = JointMap(np.zeros(joints))
         held = [getattr(own, p.kind)[p.index] if p.name in maps else 0.0 for p in chosen]
         problem = Problem(arm, seen, chosen, own.phases)
         targets = np.array([robot.targets[name] for name in points.target_names])
@@ -180,6 +181,18 @@ class Linearised:
         if self._last is None or self._last[0] is not Q or not np.array_equal(self._last[1], y):
             self._last = (Q, y, self.size(self.left_out(y, Q)))
         return self._last[2]
+
+
+def _without_frame_terms(robot: Robot, points: PointSet) -> PointSet:
+    """Points as they would have been measured without what the robot's frame terms do."""
+    if robot.frame_terms is None:
+        return points
+    plain = robot.replace(frame_terms=None)
+    xyz = points.xyz + points.predicted(plain) - points.predicted(robot)
+    if points.rotation is None or not robot.target_rotations:
+        return replace(points, xyz=xyz)
+    back = points.predicted_rotations(plain) @ points.predicted_rotations(robot).transpose(0, 2, 1)
+    return replace(points, xyz=xyz, rotation=back @ points.rotation)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.joint_map import AnyJointMap, JointMap
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term_map import BLOCK, TermMap
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,6 +41,14 @@ class Robot:
         Orientation in the tip link of the targets that have one.
     certainty : Certainty, optional
         What the identification knows of it: what `predict` needs.
+    frame_terms : TermMap, optional
+        Small motions of the joints' frames before each joint turns, which neither URDF nor joint map can carry: only
+        frame terms, of the nominal arm.
+
+    Raises
+    ------
+    RobotError
+        If there are terms of the joint map among the frame terms.
     """
 
     arm: Arm
@@ -48,8 +57,11 @@ class Robot:
     targets: Mapping[str, FloatArray] = field(default_factory=dict)
     target_rotations: Mapping[str, FloatArray] = field(default_factory=dict)
     certainty: Certainty | None = None
+    frame_terms: TermMap | None = None
 
     def __post_init__(self) -> None:
+        if self.frame_terms is not None and len(self.frame_terms.part(True).terms) < len(self.frame_terms.terms):
+            raise RobotError("terms about the joints' own axes belong to the joint map, not to the frame terms")
         object.__setattr__(self, "T_world_base", np.asarray(self.T_world_base, dtype=float))
         for name in ("targets", "target_rotations"):
             given = getattr(self, name)
@@ -60,7 +72,8 @@ class Robot:
         names = list(self.targets)
         shown = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
         targets = f"{len(names)} target{'s' if len(names) > 1 else ''} ({shown})" if names else "no targets"
-        return f"<Robot {self.arm.name}: {self.arm.joints_in_words}, {self.joint_map.in_words}, {targets}>"
+        frames = "" if self.frame_terms is None else f", {len(self.frame_terms.terms)} frame terms"
+        return f"<Robot {self.arm.name}: {self.arm.joints_in_words}, {self.joint_map.in_words}{frames}, {targets}>"
 
     def poses(self, q: ArrayLike) -> FloatArray:
         """Tip poses in the base link for commanded joints.
@@ -88,7 +101,24 @@ class Robot:
         The "real" direct model of Nubiola 2011, eqs. 6.40 and 7.2, where arm and joint map are calibrated; with the
         stops before, ``previous`` (n, joints), where they are known and the joint map depends on them.
         """
-        return self.arm.forward(self.joint_map.effective(q, previous))
+        if self.frame_terms is None:
+            return self.arm.forward(self.joint_map.effective(q, previous))
+        q = np.asarray(q, dtype=float)
+        out = np.empty((len(q), 4, 4))
+        for start in range(0, len(q), BLOCK):
+            rows = slice(start, start + BLOCK)
+            before = None if previous is None else np.broadcast_to(previous, q.shape)[rows]
+            out[rows] = chain.poses(self.walk(Motion.after(q[rows], before)))
+        return out
+
+    def moved_by_frame_terms(self, q: ArrayLike) -> FloatArray:
+        """How far frame terms move the first target (the tip without targets) at commanded joints (n, joints).
+
+        This is what URDF and joint map alone miss: shape (n,), metres.
+        """
+        place = np.append(next(iter(self.targets.values()), np.zeros(3)), 1.0)
+        difference = (self.forward(q) - self.replace(frame_terms=None).forward(q))[:, :3] @ place
+        return np.linalg.norm(difference, axis=1)
 
     def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.
@@ -123,9 +153,13 @@ class Robot:
         return base @ self.T_world_base[:3, :3].T + self.T_world_base[:3, 3]
 
     def walk(self, motion: Motion) -> chain.Walk:
-        """Axes and origins along the chain at a motion, see `irbcal.modeling.terms.chain.walk`."""
+        """Axes and origins along the chain at a motion, frame terms included, all poses in memory at a time.
+
+        See `irbcal.modeling.terms.chain.walk`.
+        """
         previous = None if motion.move is None else motion.q - motion.move
-        return chain.walk(self.arm, self.joint_map.effective(motion.q, previous))
+        xi = None if self.frame_terms is None else self.frame_terms.motions(motion)
+        return chain.walk(self.arm, self.joint_map.effective(motion.q, previous), xi)
 
     def predict(
         self,

@@ -143,7 +143,9 @@ class CalibratedModel(Speaks):
         ]
 
     @staticmethod
-    def load(calibration: CalibrationLike, rest: ArrayLike | None = None) -> CalibratedModel:
+    def load(
+        calibration: CalibrationLike, rest: ArrayLike | None = None, *, without_frame_terms: bool = False
+    ) -> CalibratedModel:
         """The model of a calibration.
 
         Parameters
@@ -152,6 +154,8 @@ class CalibratedModel(Speaks):
             Calibration folder, or a loaded calibration of a robot that ships with the package.
         rest : ndarray, shape (nq,), optional
             See `CalibratedModel`.
+        without_frame_terms : bool
+            Plan with URDF and joint map alone where there are more.
 
         Returns
         -------
@@ -161,21 +165,18 @@ class CalibratedModel(Speaks):
         Raises
         ------
         CalibrationError
-            If the folder is not a whole calibration, or a loaded calibration's URDF is not known.
+            If the folder is not a whole calibration, its URDF is not known, or it has frame terms.
         """
         if isinstance(calibration, (str, Path)):
             calibration = calibration_folder.read(calibration)
         record, urdf = calibration_folder.opened(calibration), open_robot(calibration).urdf_bytes
         if urdf is None:
-            raise CalibrationError(
-                f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder in its place",
-                parameter="calibration",
-            )
+            words = f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder instead"
+            raise CalibrationError(words, parameter="calibration")
+        if record.frame_terms is not None and not without_frame_terms:
+            record.frame_terms.refuse()
         robot = record.robot_calibrated()
-        targets = {
-            f"target_{name}": frames.transform(robot.target_rotations.get(name), xyz)
-            for name, xyz in robot.targets.items()
-        }
+        targets = {f"target_{k}": frames.transform(robot.target_rotations.get(k), p) for k, p in robot.targets.items()}
         at_rest = None if rest is None else np.array(rest, dtype=float)
         return CalibratedModel(urdf, robot.arm, robot.joint_map, targets, at_rest)
 

@@ -13,6 +13,7 @@ from irbcal.figures import charts
 from irbcal.figures.charts import Figure, fixed
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
 from irbcal.files.schema import Errors, Exclusion, Parameter, Record, RobotSection
+from irbcal.modeling.terms.gear import in_words
 from irbcal.reports import report_data
 from irbcal.units import DEG, MM
 
@@ -192,7 +193,7 @@ def _dhm_columns(robot: RobotSection) -> list[tuple[str, str, str]]:
 def _gears(c: Record) -> list[str]:
     """Single waves that were found, in words."""
     return [
-        f"joint {gear.joint} swings by {gear.amplitude_deg:.4f} degrees {gear.cycles_per_turn} times a turn"
+        in_words(gear.joint, gear.cycles_per_turn, gear.amplitude_deg)
         for gear in (c.evidence.gears if c.evidence else ())
     ]
 

@@ -98,8 +98,18 @@ def build(
         path=shown.path,
         magnification=float(magnify or default_magnification(errors, size)),
         scale_top=scale_top(errors),
-        notes=(*shown.notes, *problems),
+        notes=(*shown.notes, *_not_drawn(shown.robot), *problems),
     )
+
+
+def _not_drawn(robot: Robot) -> list[str]:
+    """That the robot is drawn from URDF and effective joints, where points know more than that."""
+    if robot.frame_terms is None:
+        return []
+    return [
+        "The robot is drawn from its URDF and effective joints. Points and errors are those of the whole model, frame "
+        "terms included."
+    ]
 
 
 def _check_request(opened: Opened, measured: bool, planned: bool) -> None:

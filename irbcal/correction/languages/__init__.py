@@ -96,9 +96,9 @@ class Language(Protocol):
 
 def known() -> tuple[Language, ...]:
     """All languages."""
-    from irbcal.correction.languages import fanuc, krl, rapid, table, urscript
+    from irbcal.correction.languages import fanuc, inform, krl, rapid, table, urscript, val3
 
-    return rapid, krl, fanuc, urscript, table
+    return rapid, krl, fanuc, inform, urscript, val3, table
 
 
 _ELSEWISE = (

@@ -1,6 +1,7 @@
 """Damped Newton steps (Levenberg-Marquardt) from joints to poses of a calibrated robot, for batches.
 
-The Jacobian is the geometric one of the calibrated arm times that of the joint map. Poses are held as columns x, y, z
+The Jacobian is the geometric one of the calibrated arm times that of the joint map; what frame terms change with the
+joints is left out of it, which costs a step or two. Poses are held as columns x, y, z
 and origin in arrays of shape (4, 3, n), joints as (joints, n).
 """
 
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.modeling import dhm
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.chain import Walk
+from irbcal.modeling.terms.situation import Motion
 
 PIECE = 2048
 """Poses whose joint map is taken at once: too few for threads of the BLAS, which wait where other work goes on."""
@@ -51,6 +54,12 @@ class CalibratedChain:
 
     def tip(self, q: FloatArray) -> FloatArray:
         """Columns (4, 3, n) of ``T_base_tip`` for commanded joints (joints, n)."""
+        if self.robot.frame_terms is not None:
+            out = np.empty((4, 3, q.shape[1]))
+            for start in range(0, q.shape[1], PIECE):
+                piece = slice(start, start + PIECE)
+                out[..., piece] = self.robot.walk(Motion(q[:, piece].T)).tip
+            return out
         return dhm.tip_columns(self.robot.arm.table, self.angles(q), self.robot.arm.T_base_0, self.after)
 
     def merit(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
@@ -79,7 +88,11 @@ class CalibratedChain:
             Metres and radians, as `errors`.
         """
         arm, n = self.robot.arm, q.shape[1]
-        chain = dhm.chain_frames(arm.table, self.angles(q), arm.T_base_0, self.after)
+        chain: dhm.ChainFrames | Walk
+        if self.robot.frame_terms is None:
+            chain = dhm.chain_frames(arm.table, self.angles(q), arm.T_base_0, self.after)
+        else:
+            chain = self.robot.walk(Motion(q.T))
         tip, (zx, zy, zz) = chain.tip, chain.z.swapaxes(0, 1)
         lx, ly, lz = (tip[3] - chain.o).swapaxes(0, 1) / self.reach
         J, e = np.empty((n, 6, len(q))), np.empty((n, 6))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import RobotError
@@ -78,6 +79,14 @@ class Motion:
             move[1:][groups[1:] != groups[:-1]] = 0.0
         elapsed = np.arange(len(q), dtype=float) if elapsed is None else elapsed
         return Motion(q, move, elapsed, payload_kg, readings)
+
+    @staticmethod
+    def after(q: FloatArray, previous: ArrayLike | None = None) -> Motion:
+        """Stops of a warm arm with the stop before each (n, joints) or (joints,); rows with NaN are not known."""
+        if previous is None:
+            return Motion(q)
+        move = q - np.asarray(previous, dtype=float)
+        return Motion(q, np.where(np.isfinite(move).all(axis=1, keepdims=True), move, 0.0))
 
     def __len__(self) -> int:
         return len(self.q)

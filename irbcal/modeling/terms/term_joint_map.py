@@ -163,9 +163,7 @@ class TermJointMap:
         """Terms that are summed one by one, with the motion that they see."""
         parts = [(self._levers, Motion(q))] if self._levers.terms else []
         if previous is not None and self._history.terms:
-            move = q - np.asarray(previous, dtype=float)
-            move = np.where(np.isfinite(move).all(axis=1, keepdims=True), move, 0.0)
-            parts.append((self._history, Motion(q, move)))
+            parts.append((self._history, Motion.after(q, previous)))
         return parts
 
     def effective(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:

@@ -4,7 +4,7 @@ import numpy as np
 from support import arm
 from term_cases import assert_derivatives, some_joints, values_of
 
-from irbcal.modeling.terms.gear import FAMILY, HIGHEST, LOWEST, SIZE, gear_terms
+from irbcal.modeling.terms.gear import FAMILY, HIGHEST, LOWEST, SIZE, gear_terms, in_words
 from irbcal.modeling.terms.situation import Motion
 
 
@@ -28,3 +28,13 @@ def test_derivatives():
 def test_only_a_scan_finds_them():
     assert FAMILY.terms(arm("irb120")) == []
     assert (LOWEST, HIGHEST) == (5, 420)
+
+
+def test_a_wave_is_named_with_the_drive_that_makes_it():
+    assert (
+        in_words(4, 242, 0.0031)
+        == "joint 4: 242 cycles per turn, 0.0031 degrees: twice 121, a harmonic drive of ratio 121"
+    )
+    assert in_words(1, 241, 0.00188) == "joint 1: 241 cycles per turn, 0.0019 degrees"
+    assert in_words(1, 58, 0.002).endswith("0.0020 degrees")
+    assert in_words(1, 60, 0.002).endswith("ratio 30")

@@ -1,0 +1,246 @@
+"""VAL3 applications (SRS 7 and newer): points and joints in ``.dtx``, moves in ``.pgx``; a folder is one application.
+
+A point stands in the frame that it names as its father, whose place is in the data as well, up to ``world``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction.course import Course, State
+from irbcal.correction.languages.val3.data import POSE, Code, Value, numbers, read, target
+from irbcal.correction.languages.val3.writing import STAUBLI, Val3Program
+from irbcal.correction.listing import Listing, mark_in
+from irbcal.correction.maker_program import Found, check_ends, frame, frames_for, targets_of
+from irbcal.correction.program import Given, read_bytes
+from irbcal.errors import ProgramError
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+
+_MOVE = re.compile(r"\b(movej|movel|movec)\s*\(")
+_ITEM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*\Z")
+_NAME = re.compile(r"[A-Za-z_]\w*")
+_QUIET = re.compile(r"\b(?:open|close)\s*\(\s*[A-Za-z_]\w*(?:\[\s*\d+\s*\])?\s*\)")
+_FLOW = re.compile(
+    r"\b(?:if|else|elseIf|endIf|while|endWhile|for|endFor|do|until|switch|case|default|endSwitch|call|return)\b"
+)
+_HEAD = re.compile(r"(?:\xef\xbb\xbf)?\s*<\?xml[^<>]*\?>")
+
+
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like one of a VAL3 application."""
+    return b"/VAL3/" in data[:2000] and b"<" in data[:10]
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[Val3Program]:
+    """Read a VAL3 application for an arm, with all files beside those named."""
+    STAUBLI.check(arm, str(files[0]))
+    if len({file.parent for file in files}) > 1:
+        raise ProgramError("these are files of several VAL3 applications: filter them one by one", file=files[-1])
+    beside = [path for path in sorted(files[0].parent.glob("*")) if path.suffix.lower() in (".dtx", ".pgx", ".pjx")]
+    every = list(dict.fromkeys([*files, *beside]))
+    return [parse(arm, [(str(file), read_bytes(file)) for file in every], given)]
+
+
+def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> Val3Program:
+    """Read a VAL3 application.
+
+    Raises
+    ------
+    ProgramError
+        If this is none, or a tool or frame that is needed is not known.
+    """
+    listing = Listing(sorted(files, key=lambda file: not file[0].lower().endswith(".dtx")), "VAL3")
+    for part in listing.parts:
+        text = listing.text[part.start : part.end]
+        if part.name.lower().endswith(".dtx") and "VAL3/Data/2" not in text:
+            raise ProgramError("expected data of VAL3 s7 or newer (VAL3/Data/2), found others", file=part.name)
+        if re.search(r"millimeterUnit\s*=\s*[\"']false", text):
+            raise ProgramError("this application is in inches, which is not supported", file=part.name)
+    values, codes, comments = read(listing)
+    application = _Application(listing, values)
+    for code in codes:
+        application.follow(code)
+    application.conclude()
+    found = [one for _, one in application.targets]
+    order = application.course.order({id(one): k for k, one in enumerate(found)})
+    targets = targets_of(STAUBLI, arm, listing, found)
+    main = next((part for part in listing.parts if part.name.lower().endswith(".dtx")), listing.parts[0])
+    check_ends(STAUBLI, arm, given, targets, main.name)
+    tools, places = frames_for(targets, given, application.tools(), application.frames(), main.name)
+    head = _HEAD.match(listing.text, main.start, main.end)
+    return Val3Program(
+        source=main.name,
+        text=listing.text,
+        encoding="latin-1",
+        targets=targets,
+        tools=tools,
+        work_objects=places,
+        uncorrected=tuple(application.course.uncorrected),
+        notes=(),
+        fingerprint=mark_in(comments),
+        listing=listing,
+        maker=STAUBLI,
+        arm=arm,
+        order=order,
+        mark_at=head.end() if head else main.end,
+    )
+
+
+def _shown(name: str, index: str = "0") -> str:
+    return f"{name}[{index or '0'}]".lower()
+
+
+class _Application:
+    """Follows the program texts."""
+
+    def __init__(self, listing: Listing, values: Sequence[Value]) -> None:
+        self.listing, self.values = listing, values
+        self.course = Course(listing)
+        pairs = [(value, target(value)) for value in values]
+        self.targets = [(value, one) for value, one in pairs if one is not None]
+        seen: dict[str, Found] = {}
+        for _, one in self.targets:
+            if one.name in seen:
+                one.reasons.append("there are two of this name")
+                seen[one.name].reasons.append("there are two of this name")
+            seen[one.name] = one
+        self.names = {value.name for value in values}
+        self._touched: dict[str, str] = {}
+
+    def follow(self, code: Code) -> None:
+        """Take the text of a program."""
+        self.course.restart()
+        for line in re.finditer(r"[^\r\n]+", self.listing.text[code.start : code.end]):
+            text = re.sub(r"\"[^\"]*\"", lambda found: " " * len(found[0]), line[0])
+            text = _QUIET.sub(lambda found: " " * len(found[0]), text.split("//", maxsplit=1)[0])
+            self._line(code.start + line.start(), text)
+
+    def _line(self, at: int, text: str) -> None:
+        at += len(text) - len(text.lstrip())
+        if _FLOW.search(text):
+            self.course.forget()
+        move = _MOVE.search(text)
+        while move is not None:
+            inside, end = _inside(text, move.end())
+            self._move(at, move[1], inside)
+            text = text[: move.start()] + " " * (end - move.start()) + text[end:]
+            move = _MOVE.search(text)
+        self._mention(at, text)
+
+    def _mention(self, at: int, text: str) -> None:
+        for name in set(_NAME.findall(text)) & self.names:
+            why = f"line {self.listing.line(at)} uses {name} in another way"
+            for value, one in self.targets:
+                if value.name == name or (value.type == "pointRx" and f"{name.lower()}[" in self._fathers(value)):
+                    one.reasons.append(why)
+            self._touched[name.lower()] = why
+
+    def _fathers(self, value: Value) -> str:
+        """Names of all frames that a point stands in."""
+        own = {_shown(other.name, other.key): other for other in self.values if other.type == "frame"}
+        at, seen = self._father(value), ""
+        while f" {at} " not in f" {seen} ":
+            seen = f"{seen} {at}"
+            at = self._father(own[at]) if at in own else at
+        return seen
+
+    def conclude(self) -> None:
+        """Tell the targets of tools that the programs use in another way."""
+        for _, one in self.targets:
+            for use in one.uses:
+                name = (use.tool or "").split("[", maxsplit=1)[0]
+                one.reasons += [self._touched[name]] if name in self._touched else []
+
+    def _father(self, value: Value) -> str:
+        return value.attributes.get("fatherId", "world[0]").lower()
+
+    def _move(self, at: int, move: str, arguments: list[str]) -> None:
+        roles = ["via", "to"] if move == "movec" else ["to"]
+        if len(arguments) < len(roles) + 1:
+            self.course.left(at, move, ", ".join(arguments)[:50], "its arguments are not understood")
+            self.course.stop(None, at)
+            return
+        tool = _ITEM.match(arguments[len(roles)])
+        index = (tool[2] or "0") if tool else ""
+        name = _shown(tool[1], index) if tool is not None and index.isdecimal() else None
+        stop: Found | None = None
+        for role, argument in zip(roles, arguments, strict=False):
+            found, reason = self._goal(argument)
+            if reason:
+                self.course.left(at, move, argument.strip()[:50], reason)
+            for value, one in found:
+                state = State(name, self._father(value), f"the tool of line {self.listing.line(at)} is computed")
+                self.course.use(one, at, move, "via" if role == "via" else "to", state)
+            stop = found[0][1] if len(found) == 1 else None
+            if not found:
+                self._mention(at, argument)
+        self.course.stop(stop, at)
+
+    def _goal(self, argument: str) -> tuple[list[tuple[Value, Found]], str]:
+        item = _ITEM.match(argument)
+        if item is None:
+            return [], "its target is computed"
+        index = item[2] or "0"
+        named = [pair for pair in self.targets if pair[0].name == item[1]]
+        found = [pair for pair in named if pair[0].key == index or not index.isdecimal()]
+        return found, "" if found else "it is not declared in this application"
+
+    def tools(self) -> dict[str, FloatArray]:
+        """Tools by name, on the flange."""
+        out = {"flange[0]": frames.transform()}
+        for value in self.values:
+            if value.type == "tool":
+                T = self._frame(value)
+                if T is not None and self._father(value) in ("flange[0]", "world[0]"):
+                    out[_shown(value.name, value.key)] = T
+        return out
+
+    def frames(self) -> dict[str, FloatArray]:
+        """Frames by name, in the world."""
+        own = {_shown(value.name, value.key): value for value in self.values if value.type == "frame"}
+        out = {"world[0]": frames.transform()}
+        for name in own:
+            T, at, seen = np.eye(4), name, set()
+            while at in own and at not in seen:
+                seen.add(at)
+                step = self._frame(own[at])
+                T = np.full((4, 4), np.nan) if step is None else step @ T
+                at = self._father(own[at])
+            if at == "world[0]" and np.isfinite(T).all():
+                out[name] = T
+        return out
+
+    def _frame(self, value: Value) -> FloatArray | None:
+        found = numbers(value, POSE, absent=True)
+        return None if found is None else frame(STAUBLI, [number.value for number in found])
+
+
+def _inside(text: str, begin: int) -> tuple[list[str], int]:
+    """Arguments of a call that begin there, and the place behind it."""
+    depth, start = 1, begin
+    out: list[str] = []
+    for k in range(begin, len(text)):
+        depth += (text[k] in "([{") - (text[k] in ")]}")
+        if depth == 0 or (depth == 1 and text[k] == ","):
+            out.append(text[start:k])
+            start = k + 1
+        if depth == 0:
+            return out, k + 1
+    return out, len(text)
+
+
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the mark of data; empty where it names none, None without mark.
+
+    Raises
+    ------
+    ProgramError
+        If this is no text.
+    """
+    return mark_in(read(Listing([(source, data)], "VAL3"))[2])
