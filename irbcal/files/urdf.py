@@ -32,8 +32,8 @@ from irbcal.reading import read_bytes
 LARGEST_ARM = 50.0
 """Metres; no arm is larger."""
 MOST_JOINTS = 20
-NO_LIMIT, FARTHEST, LARGEST_TURN = 1e6, 1e4, 1e4
-"""A limit beyond is none; metres and radians that no joint's origin has."""
+NO_LIMIT = 1e6
+"""A joint limit beyond is none."""
 """Joints of a chain; more is no arm."""
 FINGERPRINT_TAG = "irbcal_calibration"
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
@@ -144,37 +144,12 @@ def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | Non
     return _build(root.get("name") or Path(source).stem, tree, path, moving, base, tip, root_link, by_child, source)
 
 
-def _numbers(text: str, count: int, what: str, source: str) -> FloatArray:
-    try:
-        values = np.array([float(part) for part in text.split()])
-    except ValueError:
-        values = np.zeros(0)
-    if len(values) != count or not np.isfinite(values).all():
-        raise RobotError(f"{what}: expected {count} numbers, found {text!r}", file=source)
-    return values
-
-
-def _origin(element: XmlElement, what: str, source: str) -> FloatArray:
-    origin = element.find("origin")
-    if origin is None:
-        return np.eye(4)
-    xyz = _numbers(origin.get("xyz", "0 0 0"), 3, f"{what}, origin xyz", source)
-    rpy = _numbers(origin.get("rpy", "0 0 0"), 3, f"{what}, origin rpy", source)
-    if max(np.abs(xyz).max() / FARTHEST, np.abs(rpy).max() / LARGEST_TURN) > 1:
-        raise RobotError(
-            f"{what}: expected an origin within {FARTHEST:g} m and {LARGEST_TURN:g} rad, "
-            f"found {' '.join(f'{value:g}' for value in (*xyz, *rpy))}",
-            file=source,
-        )
-    return frames.transform(frames.matrix_from_rpy(rpy), xyz)
-
-
 def _limits(element: XmlElement, kind: str, what: str, source: str) -> tuple[float, float]:
     limit = element.find("limit")
     if kind not in ("revolute", "prismatic") or limit is None:
         return -np.inf, np.inf
     lower, upper = (
-        float(_numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
+        float(urdf_xml.numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
     )
     if lower > upper:
         found = f"{lower:g} and {upper:g}"
@@ -194,7 +169,7 @@ def _joints(root: XmlElement, source: str) -> list[_Joint]:
             raise RobotError("a joint needs a name, a type, a parent and a child link", file=source, line=line)
         axis_element = element.find("axis")
         axis_text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
-        axis = _numbers(axis_text, 3, f"{what}, axis", source)
+        axis = urdf_xml.numbers(axis_text, 3, f"{what}, axis", source)
         longest = np.abs(axis).max()
         axis = axis / longest if longest else axis  # so that no square overflows
         length = np.linalg.norm(axis)
@@ -206,7 +181,7 @@ def _joints(root: XmlElement, source: str) -> list[_Joint]:
                 kind,
                 ends[0].get("link"),
                 ends[1].get("link"),
-                _origin(element, what, source),
+                urdf_xml.origin(element, what, source),
                 axis / length if length else axis,
                 *_limits(element, kind, what, source),
                 element.find("mimic") is not None,
@@ -376,7 +351,7 @@ def joint_origins(urdf: UrdfArm, arm: Arm) -> dict[str, FloatArray]:
         before = T_link_dhm @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
         after = T_link_dhm @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
         name = element.get("name")
-        origins[name] = _origin(element, f"joint {name!r}", "") if np.array_equal(before, after) else after
+        origins[name] = urdf_xml.origin(element, f"joint {name!r}", "") if np.array_equal(before, after) else after
     return origins
 
 
@@ -399,6 +374,33 @@ def with_joint_origins(data: bytes, origins: Mapping[str, FloatArray]) -> bytes:
         if element.get("name") in origins:
             urdf_xml.set_origin(element, origins[element.get("name")])
     return urdf_xml.serialised(tree)
+
+
+def with_tip_moved(data: bytes, source: str, tip: str, T_tip_new: FloatArray) -> bytes | None:
+    """A URDF whose fixed joint at the tip puts the tip link elsewhere, all else as it was.
+
+    Parameters
+    ----------
+    data : bytes
+        The URDF.
+    source : str
+        Its name, for messages.
+    tip : str
+        The tip link.
+    T_tip_new : ndarray, shape (4, 4)
+        The new tip link in the old one.
+
+    Returns
+    -------
+    bytes or None
+        None if the tip link hangs on a joint that moves.
+    """
+    tree = urdf_xml.parse(data, source)
+    for element in tree.getroot().findall("joint"):
+        if element.find("child").get("link") == tip and element.get("type") == "fixed":
+            urdf_xml.set_origin(element, urdf_xml.origin(element, f"joint {element.get('name')!r}", source) @ T_tip_new)
+            return urdf_xml.serialised(tree)
+    return None
 
 
 def fingerprint(data: bytes, source: str) -> str | None:
