@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike, fspath
 
+LONGEST_MESSAGE = 4000
+"""Characters; what was found in a damaged file may be the whole of it."""
+
 
 class IrbcalError(Exception):
     """Base of all refusals; the message is written for the user.
@@ -58,7 +61,13 @@ class IrbcalError(Exception):
             place.append(f"{'row' if line is None else 'line'} {self.row}")
         if self.column is not None:
             place.append(f"{'columns' if ', ' in self.column else 'column'} {self.column}")
-        super().__init__(": ".join(part for part in (self.file, ", ".join(place), message) if part))
+        super().__init__(_one_line(": ".join(part for part in (self.file, ", ".join(place), message) if part)))
+
+
+def _one_line(text: str) -> str:
+    """A message that cannot act on a terminal, whatever stood in a file or its name: printable, and not endless."""
+    plain = "".join(char if char.isprintable() or char == "\u00a0" else ascii(char)[1:-1] for char in text)
+    return plain if len(plain) <= LONGEST_MESSAGE else f"{plain[: LONGEST_MESSAGE - 500]} … {plain[-497:]}"
 
 
 class RobotError(IrbcalError):

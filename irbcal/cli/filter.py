@@ -133,6 +133,10 @@ def _numbers(text: str | None) -> list[float] | None:
         raise typer.BadParameter(f"expected six numbers with commas, found {text!r}", param_hint="--pulses") from None
 
 
+LARGEST_MM = 1e6
+"""Of a tool or work object; a kilometre is none."""
+
+
 def _frames(given: list[str] | None, option: str, maker: Maker | None) -> dict[str, FloatArray]:
     """Frames from the command line, dict of name to (4, 4) in metres."""
     import numpy as np
@@ -146,7 +150,9 @@ def _frames(given: list[str] | None, option: str, maker: Maker | None) -> dict[s
             values = [float(value) for value in numbers.split(",")]
         except ValueError:
             values = []
-        if name and len(values) == 6 and maker is not None and np.isfinite(values).all():
+        if not (np.abs(values) < LARGEST_MM).all():  # nan, too
+            values = []
+        if name and len(values) == 6 and maker is not None:
             out[name.lower()] = maker.poses(np.array([values]))[0]
             continue
         if not name or len(values) != 7 or abs(sum(v * v for v in values[3:]) - 1) > 1e-3:

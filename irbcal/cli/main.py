@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import warnings
 from typing import Annotated
 
 import typer
@@ -84,7 +85,10 @@ app.command("ballbar", rich_help_panel="Validate", cls=Guarded)(ballbar.ballbar)
 def main() -> None:
     """Run a command; refusals become one sentence on stderr and exit code 1."""
     try:
-        app()
+        with warnings.catch_warnings():
+            # numbers that overflow are refused in a sentence of ours, or end in a result that is checked
+            warnings.simplefilter("ignore", RuntimeWarning)
+            app()
     except IrbcalError as error:
         print(f"irbcal: {error}", file=sys.stderr)
         sys.exit(1)
@@ -92,6 +96,9 @@ def main() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except OSError as error:
+        if error.filename is not None:  # a name too long, a circle of links, a disk that fails
+            print(f"irbcal: {IrbcalError(str(error.strerror), file=error.filename)}", file=sys.stderr)
+            sys.exit(1)
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

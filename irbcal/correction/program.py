@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol, TypeAlias
 
+from irbcal import reading
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.correction.fake_targets import Corrected
 from irbcal.errors import ProgramError
@@ -184,14 +185,7 @@ def read_bytes(path: str | Path) -> bytes:
     ProgramError
         If there is nothing to read.
     """
-    try:
-        data = Path(path).read_bytes()
-    except IsADirectoryError:
-        raise ProgramError("expected a file, found a folder", file=path) from None
-    except FileNotFoundError:
-        raise ProgramError("there is no such file", file=path) from None
-    except PermissionError:
-        raise ProgramError("no permission to read this file", file=path) from None
+    data = reading.read_bytes(path, ProgramError)
     if not data.strip():
         raise ProgramError("the file is empty, expected a robot program", file=path)
     return data

@@ -19,9 +19,11 @@ from irbcal.files.consistency import contradictions
 from irbcal.files.schema import Record
 from irbcal.names import comment
 from irbcal.options import shown
+from irbcal.reading import read_bytes
 
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
 ORIGINS_NAME = "joint_origins.yaml"
+NOT_ONE = "not a calibration folder: "
 NAMES = (URDF_NAME, ORIGINS_NAME, JSON_NAME, REPORT_NAME)
 
 
@@ -139,10 +141,9 @@ def read(folder: str | Path) -> Saved:
             "file must not move a robot (irbcal verify FOLDER tells more, --reseal accepts a deliberate change)",
             file=folder / JSON_NAME,
         )
-    if changed is None:  # an earlier version wrote it: whether its parts agree is all that can be asked
-        against = contradictions(saved.record, saved.urdf)
-        if against:
-            raise CalibrationError("; ".join(against), file=folder / JSON_NAME)
+    against = contradictions(saved.record, saved.urdf)  # a seal can be renewed by whoever can write the file
+    if against:
+        raise CalibrationError("; ".join(against), file=folder / JSON_NAME)
     return saved
 
 
@@ -209,15 +210,13 @@ def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:
     """A folder as it is, and the content of its ``calibration.json`` as JSON has it."""
     json_path, urdf_path = folder / JSON_NAME, folder / URDF_NAME
     try:
-        data = json_path.read_bytes()
+        data = read_bytes(json_path, CalibrationError, what=NOT_ONE)
         record = Record.model_validate_json(data)
-        urdf_bytes = urdf_path.read_bytes()
+        urdf_bytes = read_bytes(urdf_path, CalibrationError, what=NOT_ONE)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the file"
         raise CalibrationError(f"{where}: {first['msg']}", file=json_path, parameter=where) from None
-    except OSError as error:
-        raise CalibrationError(f"not a calibration folder: {error.strerror}", file=error.filename or folder) from None
     content = json.loads(data)
     refuse_absurd(record.model_dump(exclude={seal.KEY}), json_path)
     return Saved(folder, record, urdf_bytes), content

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -28,6 +28,13 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
+
+Three: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
+"""A place, or three angles."""
+Quaternion: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
+"""Scalar first."""
+Matrix: TypeAlias = Annotated[list[Quaternion], Field(min_length=4, max_length=4)]
+"""A rigid frame, row by row."""
 
 
 class Statistics(Section):
@@ -79,8 +86,8 @@ class RobotSection(Section):
     joint_types: list[Literal["revolute", "prismatic"]]
     lower: list[float | None]
     upper: list[float | None]
-    base_to_frame0: list[list[float]]
-    last_frame_to_tip: list[list[float]]
+    base_to_frame0: Matrix
+    last_frame_to_tip: Matrix
     dhm_nominal: list[Row]
     dhm_calibrated: list[Row]
 
@@ -88,8 +95,8 @@ class RobotSection(Section):
 class Origin(Section):
     """A joint frame in its parent link, as URDF has it: metres, and radians about fixed axes."""
 
-    xyz_m: list[float]
-    rpy_rad: list[float]
+    xyz_m: Three
+    rpy_rad: Three
 
     @staticmethod
     def of(T: FloatArray) -> Origin:
@@ -127,8 +134,8 @@ class Placement(Section):
     """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
 
     base: Pose
-    targets: dict[str, list[float]]
-    target_quaternions: dict[str, list[float]]
+    targets: dict[str, Three]
+    target_quaternions: dict[str, Quaternion]
 
 
 class RotationStatistics(Section):
@@ -252,8 +259,8 @@ class Record(Section):
     placement_nominal: Placement
     sessions: list[SessionSection] = Field(default_factory=list)
     earlier: str | None = None
-    references_mm: dict[str, list[float]]
-    tool_shape_mm: dict[str, list[float]]
+    references_mm: dict[str, Three]
+    tool_shape_mm: dict[str, Three]
     fit: Errors
     fit_nominal: Errors
     heldout: Errors | None

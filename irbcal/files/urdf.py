@@ -27,11 +27,14 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
 from irbcal.names import check_names
+from irbcal.reading import read_bytes
 
 LARGEST_ARM = 50.0
 """Metres; no arm is larger."""
 MOST_JOINTS = 20
 """Joints of a chain; more is no arm."""
+NO_LIMIT = 1e6
+"""A limit beyond is none."""
 FINGERPRINT_TAG = "irbcal_calibration"
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
 
@@ -115,7 +118,7 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None) -> U
     if known is not None:
         base, tip = base or known.base_link, tip or known.tip_link
     file = robots.robot_file(path)
-    return from_bytes(file.read_bytes(), str(file), base, tip)
+    return from_bytes(read_bytes(file, RobotError), str(file), base, tip)
 
 
 read_urdf = read
@@ -148,7 +151,11 @@ def _limits(element: XmlElement, kind: str, what: str, source: str) -> tuple[flo
     lower, upper = (
         float(urdf_xml.numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
     )
-    return lower, upper
+    if lower > upper:
+        found = f"{lower:g} and {upper:g}"
+        raise RobotError(f"{what}: expected a lower limit below the upper one, found {found}", file=source)
+    # some programs write that there is no limit as 1e16
+    return (lower if lower > -NO_LIMIT else -np.inf), (upper if upper < NO_LIMIT else np.inf)
 
 
 def _joints(root: XmlElement, source: str) -> list[_Joint]:
@@ -163,8 +170,10 @@ def _joints(root: XmlElement, source: str) -> list[_Joint]:
         axis_element = element.find("axis")
         axis_text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
         axis = urdf_xml.numbers(axis_text, 3, f"{what}, axis", source)
+        longest = np.abs(axis).max()
+        axis = axis / longest if longest else axis  # so that no square overflows
         length = np.linalg.norm(axis)
-        if kind in ("revolute", "continuous", "prismatic") and length < 1e-6:
+        if kind in ("revolute", "continuous", "prismatic") and longest < 1e-6:
             raise RobotError(f"{what}: the axis has no direction: {axis_text!r}", file=source)
         joints.append(
             _Joint(

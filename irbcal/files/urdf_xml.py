@@ -15,6 +15,8 @@ from irbcal.errors import RobotError
 from irbcal.modeling import frames
 
 MAX_BYTES = 20_000_000
+FARTHEST, LARGEST_TURN = 1e4, 1e4
+"""Metres and radians that no joint's origin has."""
 WORDS_MARK = "CALIBRATED by irbcal"
 """Start of the comment that a corrected URDF begins with."""
 
@@ -84,6 +86,12 @@ def origin(element: XmlElement, what: str, source: str) -> FloatArray:
         return np.eye(4)
     xyz = numbers(found.get("xyz", "0 0 0"), 3, f"{what}, origin xyz", source)
     rpy = numbers(found.get("rpy", "0 0 0"), 3, f"{what}, origin rpy", source)
+    if max(np.abs(xyz).max() / FARTHEST, np.abs(rpy).max() / LARGEST_TURN) > 1:
+        raise RobotError(
+            f"{what}: expected an origin within {FARTHEST:g} m and {LARGEST_TURN:g} rad, "
+            f"found {' '.join(f'{value:g}' for value in (*xyz, *rpy))}",
+            file=source,
+        )
     return frames.transform(frames.matrix_from_rpy(rpy), xyz)
 
 

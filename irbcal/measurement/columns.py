@@ -27,6 +27,7 @@ from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
 from irbcal.names import fault_of, from_cell
 from irbcal.options import shown
+from irbcal.reading import read_bytes
 from irbcal.units import DEG, MM
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
@@ -126,11 +127,14 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = ()) -> pd.Data
         If it is no such table.
     """
     text = _decoded(data, source)
-    header = next(line for line in text.splitlines() if line.strip())
+    header = next(line for line in re.split(r"\r\n|\r|\n", text) if line.strip())  # as pandas ends lines
     if "," not in header and (";" in header or "\t" in header):
         found = "semicolons" if ";" in header else "tabs"
         raise MeasurementError(f"expected commas between the columns, found {found}", file=source, row=1)
-    names = [name.strip() for name in next(csv.reader([header]), [])]
+    try:
+        names = [name.strip() for name in next(csv.reader([header]), [])]
+    except csv.Error as error:  # a cell beyond 131,072 characters
+        raise MeasurementError(f"expected column names, found what is none: {error}", file=source, row=1) from None
     check_header(names, required, source)
     try:
         with warnings.catch_warnings():
@@ -145,6 +149,10 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = ()) -> pd.Data
     cells.index = cells.index + 1  # lines of the file
     cells = cells[(cells != "").any(axis=1)]
     cells = cells.iloc[1:]
+    if cells.shape[1] != len(names):
+        raise MeasurementError(
+            f"expected {len(names)} values in each row as the header has names, found {cells.shape[1]}", file=source
+        )
     cells.columns = names
     return cells
 
@@ -433,14 +441,7 @@ def rotations(table: pd.DataFrame) -> FloatArray | None:
 
 
 def _bytes(path: Path, source: str) -> bytes:
-    try:
-        data = path.read_bytes()
-    except IsADirectoryError:
-        raise MeasurementError("expected a file, found a folder", file=source) from None
-    except FileNotFoundError:
-        raise MeasurementError("there is no such file", file=source) from None
-    except PermissionError:
-        raise MeasurementError("no permission to read this file", file=source) from None
+    data = read_bytes(path, MeasurementError)
     if not data.strip():
         raise MeasurementError("the file is empty, expected a header and rows", file=source)
     return data

@@ -9,6 +9,9 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import columns
 from irbcal.measurement.columns import POSITION, QUATERNION, TableLike
 
+LARGEST_NUMBER = 1e12
+"""Of seconds, degrees, air: no instrument writes a larger one."""
+
 
 def read(
     table: TableLike, numbers: Sequence[str], labels: Sequence[str] = (), optional: Sequence[str] = ()
@@ -48,8 +51,21 @@ def read(
         else:
             out[name] = cells[name].to_numpy()
     columns.check_quaternions(out, source)
+    _refuse_absurd(out, source)
     out.attrs["source"] = source
     return out
+
+
+def _refuse_absurd(table: pd.DataFrame, source: str) -> None:
+    """Refuse numbers whose squares cannot be computed with."""
+    for name in [name for name in table.columns if name != "row" and table[name].dtype.kind == "f"]:
+        most = columns.LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_NUMBER
+        bad = (table[name].abs() > most).to_numpy()
+        if bad.any():
+            row, value = int(table["row"][bad].iloc[0]), table[name][bad].iloc[0]
+            raise MeasurementError(
+                f"expected a number within ±{most:g}, found {value:g}", file=source, row=row, column=name
+            )
 
 
 def read_points(

@@ -117,7 +117,7 @@ def centred(angle: ArrayLike, error: ArrayLike) -> Trace:
     """
     at, error = np.asarray(angle, dtype=float), np.asarray(error, dtype=float)
     turn = np.sort(at % (2 * np.pi))
-    gap = np.diff(np.append(turn, turn[0] + 2 * np.pi)).max()
+    gap = np.diff(np.append(turn, turn[0] + 2 * np.pi)).max() if len(turn) else 2 * np.pi
     if len(at) < FEWEST_READINGS or 2 * np.pi - gap < SMALLEST_ARC:
         raise MeasurementError(
             f"the centre needs {FEWEST_READINGS} readings or more over at least half a circle, found {len(at)} over "

@@ -15,6 +15,7 @@ from irbcal.files import urdf as urdf_file
 from irbcal.files.calibration_folder import CalibrationLike, opened
 from irbcal.files.schema import Record
 from irbcal.modeling.arm import relative_difference
+from irbcal.reading import read_bytes
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
 
@@ -179,11 +180,7 @@ def verify(
     if program is not None:
         return _verify_program(record, program)
     assert urdf is not None
-    try:
-        data = Path(urdf).read_bytes()
-    except OSError as error:
-        raise RobotError(f"cannot read this file: {error.strerror}", file=urdf) from None
-    return verify_bytes(record, data, str(urdf), base_link, tip_link)
+    return verify_bytes(record, read_bytes(urdf, RobotError), str(urdf), base_link, tip_link)
 
 
 def _verify_folder(calibration: CalibrationLike, reseal: str | None) -> FolderVerification:

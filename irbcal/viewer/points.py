@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray, NameArray
-from irbcal.errors import RobotError
+from irbcal.errors import MeasurementError, RobotError
 from irbcal.files.schema import Record
 from irbcal.measurement import columns, lists
 from irbcal.measurement.points import PointSet, rotation_distances
@@ -18,6 +18,7 @@ from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
+from irbcal.reading import read_bytes
 from irbcal.validation.coverage import predictions
 from irbcal.validation.evaluate import in_frame_of_calibration
 from irbcal.validation.refit import Refit
@@ -103,8 +104,8 @@ def is_plan(table: object) -> bool:
             frame = table if isinstance(table, pd.DataFrame) else pd.read_parquet(str(table))
             names = [str(name).strip() for name in frame.columns]
         else:
-            with open(str(table), encoding="utf-8-sig") as stream:
-                header = next((line for line in (stream.readline(100_000) for _ in range(100)) if line.strip()), "")
+            lines = read_bytes(str(table), MeasurementError).decode("utf-8-sig").splitlines()
+            header = next((line for line in lines[:100] if line.strip()), "")
             names = [name.strip().strip('"') for name in header.split(",")]
     except Exception:  # whatever is wrong with the file, its reader says it better
         return False

@@ -230,7 +230,7 @@ class View(Speaks):
         from irbcal.viewer import server
 
         with server.serving(self.html, port) as address:
-            number = address.rstrip("/").rsplit(":", 1)[1]
+            number = address.split("/")[2].rsplit(":", 1)[1]
             say(f"The view is at {address} (for browsers on this computer only; Ctrl-C ends).")
             say(f"From another computer: ssh -L {number}:127.0.0.1:{number} THIS-COMPUTER, then open the same address.")
             if open:

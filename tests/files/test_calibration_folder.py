@@ -53,7 +53,7 @@ def test_damaged_calibrations_are_refused_with_the_place(folder, tmp_path, chang
 
 
 def test_not_a_calibration_folder(tmp_path):
-    with pytest.raises(CalibrationError, match="not a calibration folder: No such file"):
+    with pytest.raises(CalibrationError, match="not a calibration folder: there is no such file"):
         irbcal.load(tmp_path)
     (tmp_path / "calibration.json").write_text("{")
     with pytest.raises(CalibrationError, match="Invalid JSON"):

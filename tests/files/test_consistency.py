@@ -1,10 +1,13 @@
 """Calibrations of all kinds of joint maps and arms agree with themselves as they are written."""
 
+import json
+
 import pytest
 from support import outcome_of
 
 import irbcal
-from irbcal.files import document, robots
+from irbcal.errors import CalibrationError
+from irbcal.files import document, robots, seal
 from irbcal.files.consistency import contradictions
 
 
@@ -18,3 +21,24 @@ def test_another_calibrations_urdf_is_seen(tmp_path):
     file = robots.demo_file("demo_identification.csv")
     one, other = (document.build(outcome_of(file, "irb1600", model)) for model in ("34", "26"))
     assert "not the geometry of calibrated.urdf" in contradictions(one[0], other[1])[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d["robot"]["lower"].pop(), "robot.lower has 5 entries for 6 joints"),
+        (lambda d: d["robot"]["base_to_frame0"].pop(), "base_to_frame0: List should have at least 4 items"),
+        (lambda d: d["placement"]["base"].update(qw=0.0, qx=0.0, qy=0.0, qz=0.0), "no unit quaternion"),
+        (lambda d: d["placement"]["targets"]["smr1"].pop(), "smr1: List should have at least 3 items"),
+        (lambda d: d["robot"]["dhm_calibrated"][1].update(a_mm=800.0), "not the geometry of calibrated.urdf"),
+        (lambda d: d["covariance"]["std"].pop() if isinstance(d["covariance"], dict) else d["covariance"].pop(), "."),
+    ],
+)
+def test_a_renewed_seal_helps_no_contradiction(folder, tmp_path, change, words):
+    """Whoever edits the file can renew its seal, too."""
+    document = json.loads((folder / "calibration.json").read_bytes())
+    change(document)
+    (tmp_path / "calibration.json").write_text(json.dumps(seal.sealed(document)))
+    (tmp_path / "calibrated.urdf").write_bytes((folder / "calibrated.urdf").read_bytes())
+    with pytest.raises(CalibrationError, match=words):
+        irbcal.load(tmp_path)

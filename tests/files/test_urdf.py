@@ -1,6 +1,7 @@
 """URDF to DHM and back: the printed tables, other arms, refusals, and that all else stays as it was."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -207,3 +208,37 @@ def test_levels_name_existing_parameters():
     counts = {level: parameters.thesis_count(parameters.level_parameters(level)) for level in parameters.THESIS_LEVELS}
     assert counts == {"nominal": 6, "11": 11, "16": 16, "26": 26, "34": 34, "34b": 34}
     assert arm().name == "irb1600_6_145"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('xyz="0 0 1"/>', 'xyz="0 0 0"/>', "the axis has no direction"),
+        ('upper="', 'upper="-9', "expected a lower limit below the upper one"),
+    ],
+)
+def test_numbers_that_no_robot_has_are_refused(old, new, words):
+    text = robots.robot_file("irb1600").read_text()
+    assert old in text
+    with pytest.raises(RobotError, match=words):
+        urdf.from_bytes(text.replace(old, new, 1).encode(), "robot.urdf")
+
+
+def test_long_axes_and_limits_that_are_none():
+    """An axis of any length is a direction; limits as some programs write them for none are none."""
+    text = robots.robot_file("irb1600").read_text()
+    good = urdf.from_bytes(text.encode(), "robot.urdf").arm
+    long = urdf.from_bytes(text.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1e300"/>').encode(), "robot.urdf").arm
+    q = good.random_joints(5, 1)
+    assert np.abs(good.forward(q) - long.forward(q)).max() < 1e-12
+    first = re.search(r'lower="([^"]*)" upper="([^"]*)"', text)
+    free = urdf.from_bytes(text.replace(first[0], 'lower="-1e16" upper="1e16"', 1).encode(), "robot.urdf").arm
+    assert np.isinf(free.lower[0])
+    assert np.isinf(free.upper[0])
+
+
+def test_origins_at_the_end_of_the_world_are_refused():
+    text = robots.robot_file("irb1600").read_text()
+    far = re.sub(r'(<joint.*?<origin xyz=")\S+', r"\g<1>1e300", text, count=1, flags=re.DOTALL)
+    with pytest.raises(RobotError, match="expected an origin within 10000 m"):
+        urdf.from_bytes(far.encode(), "robot.urdf")

@@ -140,3 +140,18 @@ def test_parquet(tmp_path):
     frame.to_parquet(path)
     cells = columns.read(path, ["name"]).cells
     assert cells.equals(columns.read(frame, ["name"]).cells)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"a,b\x0bc,d\n1,2,3\n", "missing column q1_deg|expected"),
+        (b"a\x0b,q1_deg\n1,2\x0b3\n", "expected a number, found"),
+        (b"q1_deg," + b"x" * 140_000 + b"\n1,2\n", "expected column names"),
+        (b"q1_deg,a\n1,2,3\n1,2,3\n", "expected 2 values in each row|as many values"),
+    ],
+)
+def test_line_ends_of_other_systems_and_long_cells_are_no_accident(data, words):
+    """\\x0b ends no line of a CSV file; a header beyond csv's limit is refused, not a traceback."""
+    with pytest.raises(MeasurementError, match=words):
+        columns.numbers(columns.parse(data, "m.csv", ["q1_deg"]).cells, "q1_deg", "m.csv", "a number")

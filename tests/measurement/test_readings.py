@@ -58,3 +58,12 @@ def test_orientations():
     gap.loc[1, ["qw", "qx", "qy", "qz"]] = None
     assert readings.rotations(readings.read(gap, [])) is None
     assert readings.rotations(readings.read(FRAME.drop(columns=["qw", "qx", "qy", "qz"]), [])) is None
+
+
+@pytest.mark.parametrize(("column", "value"), [("x_mm", "1e308"), ("time_s", "1e300")])
+def test_numbers_that_no_instrument_writes_are_refused(tmp_path, column, value):
+    header = ["time_s", "x_mm", "y_mm", "z_mm"]
+    row = [value if name == column else "1" for name in header]
+    (tmp_path / "r.csv").write_text(f"{','.join(header)}\n1,1,1,1\n{','.join(row)}\n")
+    with pytest.raises(MeasurementError, match=rf"row 3, column {column}: expected a number within"):
+        readings.read_points(tmp_path / "r.csv", numbers=["time_s"])

@@ -93,7 +93,7 @@ def test_command_line(folders):
     assert "is not this calibration" in done.stdout
     done = run(folders[0], "--urdf", folders[0] / "nothing.urdf")
     assert done.returncode == 1
-    assert done.stderr.strip().endswith("nothing.urdf: cannot read this file: No such file or directory")
+    assert done.stderr.strip().endswith("nothing.urdf: there is no such file")
 
 
 def test_a_program_bears_the_mark_of_its_calibration(folders, tmp_path):

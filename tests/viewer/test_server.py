@@ -19,6 +19,30 @@ def get(port, path="/", host=None, address="127.0.0.1"):
     return answer.status, body
 
 
+def parts(address):
+    """Port and path of an address."""
+    place, _, path = address.removeprefix("http://").partition("/")
+    return int(place.rpartition(":")[2]), f"/{path}"
+
+
+def test_only_who_knows_the_address_is_served():
+    """Another user of this computer finds the port, but not the page; the next view has another address."""
+    with server.serving("<p>a</p>", 0) as one, server.serving("<p>b</p>", 0) as other:
+        (port, path), (_, foreign) = parts(one), parts(other)
+        assert len(path) > 20
+        for wrong in ("/", path[:-2], path[:-3] + "/", foreign, "//", f"/x{path}"):
+            assert get(port, wrong)[0] == 404, wrong
+        assert get(port, path.rstrip("/")) == (200, b"<p>a</p>")
+
+
+def test_who_says_nothing_is_let_go(monkeypatch):
+    monkeypatch.setattr(server, "READ_SECONDS", 0.1)
+    with server.serving("<p>a</p>", 0) as address, socket.create_connection(("127.0.0.1", parts(address)[0])) as line:
+        line.settimeout(30)
+        line.sendall(b"GET /")
+        assert line.recv(100) == b""
+
+
 def own_addresses():
     """Addresses of this computer other than 127.0.0.1; all of 127/8 is this computer on Linux."""
     addresses = ["127.0.0.2"] if sys.platform == "linux" else []
@@ -33,11 +57,11 @@ def own_addresses():
 
 def test_only_this_computer_is_served():
     with server.serving("<p>hello</p>", 0) as address:
-        port = int(address.rstrip("/").rsplit(":", 1)[1])
+        port, path = parts(address)
         assert address.startswith("http://127.0.0.1:")
-        assert get(port) == (200, b"<p>hello</p>")
-        assert get(port, host="localhost:9999")[0] == 200  # through a tunnel
-        assert get(port, host="evil.example")[0] == 403
+        assert get(port, path) == (200, b"<p>hello</p>")
+        assert get(port, path, host="localhost:9999")[0] == 200  # through a tunnel
+        assert get(port, path, host="evil.example")[0] == 403
         assert get(port, "/etc/passwd")[0] == 404
         assert get(port, "/../../etc/passwd")[0] == 404
         for other in own_addresses():

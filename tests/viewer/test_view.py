@@ -31,9 +31,9 @@ def data_of(html):
     return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)[1])
 
 
-def get(port):
+def get(port, path):
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
-    connection.request("GET", "/")
+    connection.request("GET", path)
     answer = connection.getresponse()
     body = answer.read()
     connection.close()
@@ -81,9 +81,10 @@ def test_command_serves_until_interrupted(cell):
         try:
             assert "joints have sliders" in process.stdout.readline()
             line = process.stdout.readline()
-            port = int(re.search(r"http://127\.0\.0\.1:(\d+)/", line)[1])
+            found = re.search(r"http://127\.0\.0\.1:(\d+)(/\S+)", line)
+            port = int(found[1])
             assert f"ssh -L {port}:127.0.0.1:{port}" in process.stdout.readline()
-            assert b"irbcal view" in get(port)[1]
+            assert b"irbcal view" in get(port, found[2])[1]
         finally:
             process.send_signal(signal.SIGINT)
         assert process.wait(timeout=10) == 0

@@ -19,6 +19,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.imports.column_map import Dialect
+from irbcal.reading import read_bytes
 
 LARGEST_FILE = 200 * 10**6
 """Bytes of a file."""
@@ -297,17 +298,7 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
 
 
 def _bytes(path: Path, source: str) -> bytes:
-    try:
-        if path.is_dir():
-            raise MeasurementError("expected a file, found a folder", file=source)
-        with open(path, "rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
-    except FileNotFoundError:
-        raise MeasurementError("there is no such file", file=source) from None
-    except (OSError, ValueError) as error:
-        raise MeasurementError(f"cannot read this file: {getattr(error, 'strerror', error)}", file=source) from None
-    if len(data) > LARGEST_FILE:
-        raise MeasurementError(f"expected a file of at most {LARGEST_FILE // 10**6} MB, found more", file=source)
+    data = read_bytes(path, MeasurementError, most=LARGEST_FILE)
     if not data.strip():
         raise MeasurementError("the file is empty, expected rows", file=source)
     return data
@@ -352,7 +343,10 @@ def _blanks_too(lines: Sequence[str]) -> bool:
 def _fields(line: str, separator: str) -> list[str]:
     if separator == BLANKS:
         line, separator = " ".join(line.split()), " "
-    return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error as error:  # a cell beyond 131,072 characters
+        raise MeasurementError(f"not a table: {error}") from None
 
 
 def _cells(lines: Sequence[str], numbers: IntArray, separator: str, width: int, source: str) -> pd.DataFrame:

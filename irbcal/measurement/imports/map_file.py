@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement.imports.column_map import ImportMap
+from irbcal.reading import read_bytes
 
 PRESETS = Path(__file__).parent / "presets"
 LARGEST_MAP = 64 * 1024
@@ -105,15 +106,7 @@ def read_map(name: str | PathLike[str], changes: Changes = ()) -> ImportMap:
 
 
 def _read_text(source: str) -> str:
-    try:
-        with open(source, "rb") as stream:
-            data = stream.read(LARGEST_MAP + 1)
-    except FileNotFoundError:
-        raise MeasurementError("there is no such file", file=source) from None
-    except OSError as error:
-        raise MeasurementError(f"cannot read this map: {error.strerror}", file=source) from None
-    if len(data) > LARGEST_MAP:
-        raise MeasurementError(f"expected a map of at most {LARGEST_MAP // 1024} KiB, found more", file=source)
+    data = read_bytes(source, MeasurementError, most=LARGEST_MAP)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -1,0 +1,86 @@
+"""Reading files that were handed over: regular files only, whole, and what goes wrong said in one sentence.
+
+A pipe would make a command wait for ever, a device would fill the memory: both are refused before a byte is read.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+
+from irbcal.errors import IrbcalError
+
+LARGEST_FILE = 1_000_000_000
+"""Bytes; what is larger was not written by a tracker, a robot or irbcal."""
+
+
+def read_bytes(
+    path: str | os.PathLike[str], error: type[IrbcalError], *, most: int = LARGEST_FILE, what: str = ""
+) -> bytes:
+    """Content of a regular file.
+
+    Parameters
+    ----------
+    path : str or Path
+    error : type
+        The kind of error to raise.
+    most : int
+        Bytes that it may have.
+    what : str
+        Put before the reason, such as "not a calibration folder: ".
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    IrbcalError
+        Of the kind ``error``, if there is no such file, it may not be read, is too large, or is no file but a folder,
+        pipe, device or socket.
+    """
+    source = os.fspath(path)
+    try:
+        # without O_NONBLOCK, opening a pipe would wait for a writer
+        handle = os.open(source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except (OSError, ValueError) as fault:
+        raise error(what + words_of(fault), file=source) from None
+    try:
+        with open(handle, "rb") as stream:
+            mode = os.fstat(handle).st_mode
+            if not stat.S_ISREG(mode):
+                raise error(f"{what}expected a file, found {kind_of(mode)}", file=source)
+            data = stream.read(most + 1)
+    except OSError as fault:
+        found = "a folder" if isinstance(fault, IsADirectoryError) else None
+        text = f"expected a file, found {found}" if found else words_of(fault)
+        raise error(what + text, file=source) from None
+    if len(data) > most:
+        limit = f"{most // 10**6} MB" if most >= 10**6 else f"{most // 1024} KiB"
+        raise error(f"expected a file of at most {limit}, found more", file=source)
+    return data
+
+
+def kind_of(mode: int) -> str:
+    """What is no regular file, in words, from ``st_mode``."""
+    kinds = (
+        (stat.S_ISDIR, "a folder"),
+        (stat.S_ISFIFO, "a pipe"),
+        (stat.S_ISCHR, "a device"),
+        (stat.S_ISBLK, "a device"),
+        (stat.S_ISSOCK, "a socket"),
+    )
+    return next((words for test, words in kinds if test(mode)), "something else")
+
+
+def words_of(fault: OSError | ValueError) -> str:
+    """Why a file cannot be read, as the end of a sentence."""
+    if isinstance(fault, FileNotFoundError):
+        return "there is no such file"
+    if isinstance(fault, PermissionError):
+        return "no permission to read this file"
+    if isinstance(fault, OSError) and fault.errno == errno.ENAMETOOLONG:
+        return "the name is too long for a file"
+    reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else str(fault)
+    return f"cannot read this file: {' '.join(reason.split())}"

@@ -1,0 +1,227 @@
+"""Good inputs, from which damaged ones are made: one folder, written once a run."""
+
+from __future__ import annotations
+
+import ast
+import json
+import shutil
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import irbcal
+from irbcal.correction.languages import known
+from irbcal.files import robots
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAMS = Path(__file__).parent / "programs"
+RNG = np.random.default_rng(0)
+
+
+def write(folder: Path) -> None:
+    """All good inputs into a folder; a calibration takes some seconds."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = robots.demo_file("demo_identification.csv").read_text().splitlines()
+    kept = [line for line in lines[1:] if int(line.split(",")[0]) % 3 == 0 or ",axis" in line]
+    _lines(folder / "m.csv", [lines[0], *kept])
+    verification = robots.demo_file("demo_verification.csv").read_text().splitlines()
+    _lines(folder / "v.csv", verification[:61])
+    irbcal.save(irbcal.calibrate(folder / "m.csv", "irb1600", "26"), folder / "cal")
+    irbcal.save(irbcal.calibrate(folder / "m.csv", "irb1600", "16"), folder / "cal2")
+    (folder / "robot.urdf").write_bytes(robots.robot_file("irb1600").read_bytes())
+    (folder / "small.urdf").write_text(SMALL)
+    _joints(folder)
+    _tracker(folder)
+    _validation(folder)
+    _imports(folder)
+    _programs(folder)
+
+
+@cache
+def programs() -> dict[str, list[Path]]:
+    """Sample programs of every language that the package knows, by the name of its folder; maybe none of a new one."""
+    names = [language.__name__.rsplit(".", 1)[1] for language in known()]  # type: ignore[attr-defined]
+    return {name: sorted(PROGRAMS.glob(f"{name}.*")) for name in names}
+
+
+@cache
+def axes_of(name: str) -> tuple[str, ...]:
+    """How the axes of a language's arms point, of a language by its folder; empty: any arm."""
+    languages = {language.__name__.rsplit(".", 1)[1]: language for language in known()}  # type: ignore[attr-defined]
+    maker = languages[name].MAKER
+    return () if maker is None else maker.axes
+
+
+@cache
+def endings() -> dict[str, tuple[str, ...]]:
+    """Endings of every language's files, by the name of its folder."""
+    return {language.__name__.rsplit(".", 1)[1]: language.ENDINGS for language in known()}  # type: ignore[attr-defined]
+
+
+@cache
+def words(language: str) -> list[bytes]:
+    """Pieces of a language: the texts that stand in its readers and in their tests.
+
+    So a language that is added is written by the fuzzer at once.
+    """
+    found: set[bytes] = set()
+    for folder in (ROOT / "irbcal/correction/languages" / language, ROOT / "tests/correction/languages" / language):
+        for path in sorted(folder.glob("*.py")):
+            found |= set(_texts(ast.parse(path.read_text(encoding="utf-8"))))
+    return sorted(found)
+
+
+def _texts(tree: ast.AST) -> Iterator[bytes]:
+    inside = [node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)]  # docstrings
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and node not in inside and isinstance(node.value, (str, bytes)):
+            text = node.value.encode("utf-8", "replace") if isinstance(node.value, str) else node.value
+            if 1 < len(text) < 2000:
+                yield text
+
+
+def _programs(folder: Path) -> None:
+    """Programs, and a calibration of an arm as each language wants it, as ``cal-NAME``; ``cal`` does for most."""
+    made: dict[tuple[str, ...], Path] = {}
+    for language in known():
+        name = language.__name__.rsplit(".", 1)[1]  # type: ignore[attr-defined]
+        for path in programs()[name]:
+            (folder / f"{name}{path.suffix}").write_bytes(path.read_bytes())
+        axes = axes_of(name)
+        if axes and axes not in made:
+            made[axes] = _calibration(folder, name, axes)
+        if axes:
+            shutil.copytree(made[axes], folder / f"cal-{name}", dirs_exist_ok=True)
+
+
+def _calibration(folder: Path, name: str, axes: tuple[str, ...]) -> Path:
+    """A simulated calibration of an arm whose axes point along given directions at zero joints."""
+    urdf, measured, out = folder / f"{name}.urdf", folder / f"{name}-m.csv", folder / "made" / name
+    urdf.write_text(arm_of(axes), encoding="utf-8")
+    irbcal.simulate(urdf, random=40, seed=1).save(measured)
+    irbcal.save(irbcal.calibrate(measured, urdf, "16"), out)
+    return out
+
+
+def arm_of(axes: tuple[str, ...]) -> str:
+    """A URDF of an arm with a spherical wrist, its six axes along ``+z`` and so on."""
+    units = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
+    steps = [[0, 0, 0.4], [0.15, 0, 0], [0, 0, 0.6], 0.6 * units[axes[3][1]], [0, 0, 0], [0, 0, 0]]
+    links = ["base_link", *(f"link_{k}" for k in range(1, 7)), "tool0"]
+    parts = [f'<link name="{link}"/>' for link in links]
+    for k, (axis, step) in enumerate(zip(axes, steps, strict=True)):
+        direction = units[axis[1]] * (1 if axis[0] == "+" else -1)
+        parts.append(
+            f'<joint name="joint_{k + 1}" type="revolute"><parent link="{links[k]}"/><child link="{links[k + 1]}"/>'
+            f'<origin xyz="{" ".join(map(str, step))}"/><axis xyz="{" ".join(map(str, direction))}"/>'
+            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        )
+    tip = " ".join(map(str, 0.1 * units[axes[5][1]]))
+    parts.append(
+        f'<joint name="end" type="fixed"><parent link="link_6"/><child link="tool0"/><origin xyz="{tip}"/></joint>'
+    )
+    return '<?xml version="1.0"?>\n<robot name="made">\n' + "\n".join(parts) + "\n</robot>\n"
+
+
+def _lines(path: Path, lines: list[str]) -> None:
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _table(path: Path, header: str, *columns: object) -> None:
+    rows = zip(*(np.asarray(column, dtype=object) for column in columns), strict=True)
+    _lines(path, [header, *(",".join(str(value) for value in row) for row in rows)])
+
+
+def _joints(folder: Path) -> None:
+    names = ",".join(f"q{k}_deg" for k in range(1, 7))
+    q = np.round(np.array([[10, -10, 20, 15, 40, -30], [0, -14, 14, 0, 0, 0], [40, 5, 0, -20, 60, 10]], float), 3)
+    _table(folder / "j.csv", f"name,{names}", ["a", "b", "=c"], *q.T)
+    poses = irbcal.load(folder / "cal").robot_calibrated().poses(np.radians(q))
+    from irbcal.modeling import frames
+
+    turns = np.array([frames.quaternion_from_matrix(T[:3, :3]) for T in poses])
+    _table(folder / "p.csv", "x_mm,y_mm,z_mm,qw,qx,qy,qz", *(1e3 * poses[:, :3, 3]).T, *turns.T)
+    _table(folder / "t.csv", "target,x_mm,y_mm,z_mm", ["smr1", "smr2", "smr3"], [-87, 84, 86], [87, 84, -86], [110] * 3)
+
+
+def _tracker(folder: Path) -> None:
+    n = 30
+    x, y, z = np.round(RNG.normal(0, 0.004, (3, n)), 6)
+    end = ["A", "B"] * (n // 2)
+    bar = x + np.where(np.array(end) == "B", 1000.0, 0.0)
+    _table(folder / "bar.csv", "position,end,x_mm,y_mm,z_mm", [1 + k // 10 for k in range(n)], end, bar, y, z)
+    _table(folder / "repeat.csv", "position,x_mm,y_mm,z_mm", ["P1", "P2"] * (n // 2), x + 900, y, z)
+    air = [22 + 0.1 * k for k in range(n)]
+    _table(folder / "drift.csv", "time_s,x_mm,y_mm,z_mm,temperature_c", range(0, 17 * n, 17), x + 5, y, z, air)
+    time = np.tile(np.arange(10) * 0.75, 3)
+    _table(folder / "settle.csv", "run,time_s,x_mm,y_mm,z_mm", [1 + k // 10 for k in range(n)], time, x, y, z)
+
+
+def _validation(folder: Path) -> None:
+    angle = np.arange(0, 360, 12.0)
+    _table(folder / "ball.csv", "angle_deg,radius_mm", angle, 150 + 0.05 * np.cos(np.radians(angle)))
+    rows = ["pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,cycle,target,x_mm,y_mm,z_mm"]
+    paths = ["cycle,x_mm,y_mm,z_mm"]
+    approach = ["run,time_s,x_mm,y_mm,z_mm"]
+    poses = ["pose,x_mm,y_mm,z_mm"]
+    for p in range(5):
+        poses.append(f"P{p + 1},{900 + 50 * p},{30 * p},{700 - 20 * p}")
+        for c in range(1, 4):
+            place = RNG.normal(0, 0.02, 3) + np.array([900.0 + 50 * p, 30 * p, 700 - 20 * p])
+            joints = ",".join(f"{v:.3f}" for v in (10.0 * p, -10 + 5.0 * p, 20 - 3.0 * p, 15.0, 40.0, -30.0))
+            rows.append(f"P{p + 1},{joints},{c},smr1," + ",".join(f"{v:.5f}" for v in place))
+    for c in (1, 2, 3):
+        for k in range(12):
+            paths.append(f"{c},{900 + 10 * k},{RNG.normal(0, 0.02):.5f},700")
+            approach.append(f"{c},{0.2 * k:.2f},{900 + np.exp(-k):.5f},0,700")
+    _lines(folder / "cycles.csv", rows)
+    _lines(folder / "commanded.csv", poses)
+    _lines(folder / "path.csv", paths)
+    _lines(folder / "approach.csv", approach)
+    _lines(folder / "commanded_path.csv", ["x_mm,y_mm,z_mm", "900,0,700", "1010,0,700"])
+
+
+def _imports(folder: Path) -> None:
+    joints = "shoulder_pan_joint;shoulder_lift_joint;elbow_joint;wrist_1_joint;wrist_2_joint;wrist_3_joint"
+    place = "measurement_x;measurement_y;measurement_z;measurement_rx;measurement_ry;measurement_rz"
+    lab = [f"0,{k};0,5;-0,25;1,{k};0,1;0,2;12{k}0,5;-35,25;640,75;1,5;2,5;3{k},5;21,5" for k in range(1, 6)]
+    _lines(folder / "lab.csv", [f"{joints};{place};measurement_temperature", *lab])
+    _lines(folder / "sa.txt", ["// comment", *(f"P{k}_smr1, {1975 + k}.5, -310.1{k}, -257.8" for k in range(1, 5))])
+    _lines(folder / "tmac.csv", ["X;Y;Z;Q0;Q1;Q2;Q3", *(f"236{k},98;-1368,5;119,3;0,5;-0,5;0,5;0,5" for k in range(4))])
+    names = ",".join(f"q{k}_deg" for k in range(1, 7))
+    _lines(folder / "pj.csv", [f"pose,{names}", *(f"P{k},1{k},20,30,40,50,6{k}" for k in range(1, 5))])
+    _lines(folder / "map.yaml", MAP.splitlines())
+
+
+def calibration(folder: Path) -> dict[str, object]:
+    """Content of the good calibration.json."""
+    return dict(json.loads((folder / "cal" / "calibration.json").read_bytes()))
+
+
+MAP = """about: a map
+file: {encoding: utf-8, delimiter: ";", decimal: ","}
+columns:
+  joints: [shoulder_pan_joint, shoulder_lift_joint, elbow_joint, wrist_1_joint, wrist_2_joint, wrist_3_joint]
+  position: [measurement_x, measurement_y, measurement_z]
+  orientation: [measurement_rx, measurement_ry, measurement_rz]
+  keep: {temperature_c: measurement_temperature}
+units: {joints: rad, lengths: mm, angles: deg}
+orientation: {kind: euler, axes: xyz, about: moving, maps: target-to-tracker}
+fixed: {target: tmac}
+lost: {markers: [INVALID, -9999]}"""
+
+SMALL = """<?xml version="1.0"?>
+<robot name="small">
+  <link name="base_link"/><link name="a"/><link name="b"><visual><geometry><box size="1 .1 .1"/></geometry></visual></link>
+  <link name="c"/><link name="tool0"/>
+  <joint name="j1" type="revolute"><parent link="base_link"/><child link="a"/><origin xyz="0 0 0.4" rpy="0 0 0"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+  <joint name="j2" type="prismatic"><parent link="a"/><child link="b"/><origin xyz="0.1 0 0"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.5" effort="1" velocity="1"/></joint>
+  <joint name="j3" type="continuous"><parent link="b"/><child link="c"/><origin xyz="0.2 0 0" rpy="0.1 0.2 0.3"/>
+    <axis xyz="0 1 0"/></joint>
+  <joint name="f" type="fixed"><parent link="c"/><child link="tool0"/><origin xyz="0 0 0.1"/></joint>
+</robot>
+"""

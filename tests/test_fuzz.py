@@ -1,0 +1,120 @@
+"""Damaged inputs for every command, and writers that are killed: some of what ``scripts/fuzz`` does, with a fixed seed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from random import Random
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "scripts"))
+
+from fuzzing import commands, corpus, kill, run  # noqa: E402
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux")
+
+CASES = 200
+WITHOUT = {"calibrate", "plan", "joints", "report", "simulate"}
+"""Commands that compute for long: the script has them."""
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("fuzz") / "good"
+    corpus.write(folder)
+    run.warm(folder)
+    return folder
+
+
+def test_damaged_inputs_are_refused_or_used_and_harm_nothing(good, tmp_path, monkeypatch):
+    quick = [(maker, weight) for maker, weight in commands.MAKERS if maker.__name__.strip("_") not in WITHOUT]
+    monkeypatch.setattr(commands, "MAKERS", quick)
+    counts, bad = run.cases(range(CASES), 14, good, tmp_path / "w" / "case")
+    assert bad == [], "\n".join(map(str, bad))
+    kinds = Counter(name.split(" ", 1)[1] for name in counts.elements())
+    assert kinds["refused"] > CASES / 3
+    assert kinds["done"] > CASES / 20
+
+
+def judged(tmp_path, monkeypatch, work):
+    """The verdict on a command that does something of its own."""
+    (tmp_path / "good").mkdir(exist_ok=True)
+    monkeypatch.setattr(commands, "made", lambda random, good, folder: made(folder))
+    monkeypatch.setattr(run, "_command", lambda words: work())
+
+    def made(folder):
+        (folder / "in.csv").write_text("a,b\n1,2\n")
+        return ["fk", "in.csv"]
+
+    return run.case(0, 0, tmp_path / "good", tmp_path / "w" / "case").kind
+
+
+def test_the_judge_sees_what_must_not_be(tmp_path, monkeypatch):
+    def refusal(code, text="irbcal: no"):
+        print(text, file=sys.stderr)
+        return code
+
+    def eats():
+        return len(bytearray(3 << 30))
+
+    monkeypatch.setattr(run, "WALL_SECONDS", 3)
+    for expected, work in (
+        ("done", lambda: 0),
+        ("refused", lambda: refusal(1)),
+        ("usage", lambda: 2),
+        ("traceback", lambda: 1 / 0),
+        ("memory", eats),
+        ("hang", lambda: time.sleep(60)),
+        ("signal 11", lambda: os.kill(os.getpid(), signal.SIGSEGV)),
+        ("changed a file", lambda: Path("in.csv").write_text("") and 0),
+        ("half a file", lambda: Path(".irbcal-0").write_text("") and 0),
+        ("half a file (exit 1, wrote out.csv)", lambda: Path("out.csv").write_text("1") and refusal(1)),
+        ("refusal that is not one sentence", lambda: refusal(1, "irbcal: a\nb")),
+        ("non-finite number in out.csv, column x_mm", lambda: Path("out.csv").write_text("x_mm\nnan\n") and 0),
+    ):
+        assert judged(tmp_path, monkeypatch, work).split(":")[0].startswith(expected), expected
+
+
+@pytest.mark.parametrize("name", ["import", "filter"])
+def test_a_killed_command_leaves_the_old_result_or_the_new_one(name, good, tmp_path):
+    writer = next(writer for writer in kill.WRITERS if writer.name == name)
+    damaged, kills, (old, new) = kill.killed(writer, good, tmp_path / name, 3, Random(0))
+    assert damaged == []
+    assert kills > 8
+    assert old > 0
+    assert new > 0
+
+
+BEGIN = """
+import signal
+from irbcal import __main__
+real = signal.signal
+signal.signal = lambda *words: (real(*words), print("begun", flush=True))
+__main__.start()
+"""
+
+
+def test_ctrl_c_ends_quietly_from_the_first_moment():
+    """Interrupted at several moments while the program is loaded: exit code 130 or done, and no traceback."""
+    seen = set()
+    for wait in (0, 0.05, 0.15, 0.35):
+        process = subprocess.Popen(
+            [sys.executable, "-c", BEGIN, "robots"],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        process.stdout.readline()
+        time.sleep(wait)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+        seen.add(process.returncode)
+        assert process.returncode in (130, 0, -signal.SIGINT), (wait, err)
+        assert "Traceback" not in err
+    assert seen & {130, -signal.SIGINT}
