@@ -37,7 +37,7 @@ from irbcal.identification.methods import identify_by
 from irbcal.identification.residuals import session_names
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
-from irbcal.measurement import cleaning, fitted, lists, table
+from irbcal.measurement import cleaning, fitted, lists, table, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.motions import motion_of
 from irbcal.measurement.order import with_last_moves
@@ -52,7 +52,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.modeling.terms.situation import Motion
-from irbcal.options import checked, names, number
+from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.units import DEG, MM
 from irbcal.validation.coverage import coverage, coverage_in_words
@@ -97,6 +97,9 @@ class Options:
     as_poses: bool = False
     session_by: str | None = None
     with_: CalibrationLike | None = None
+    payload_place: Sequence[float] | None = None
+    same_tool: bool = False
+    torques: bool = False
 
     def __post_init__(self) -> None:
         if isinstance(self.model, int):
@@ -121,6 +124,8 @@ class Options:
         if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
             level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
             raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
+        if self.payload_place is not None:
+            place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
         self._check_holdout()
         check_seed(self.seed)
         number("power", self.power, 2.0)
@@ -180,6 +185,7 @@ class _Prepared:
     references: Mapping[str, FloatArray]
     tool_shape: Mapping[str, FloatArray] = field(default_factory=dict)
     verification: MeasurementSet | None = None
+    usual_kg: float | None = None
 
 
 def split(points: PointSet, holdout: float, order: str = "random", seed: int = 0) -> BoolArray:
@@ -306,7 +312,9 @@ def _identified(
 ) -> Fit | AveragedFit:
     """The fit of a level, or the average of error models."""
     if model == "auto":
-        return identify_averaged(arm, ready.fit, ready.fit_motion, known, options.seed, say, options.terms)
+        motion = ready.fit_motion if options.torques else replace(ready.fit_motion, torques=None)
+        load = options.payload_place, ready.usual_kg
+        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms, *load)
     fit = identify_by(
         arm,
         ready.fit,
@@ -324,9 +332,13 @@ def _identified(
 
 def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options, earlier: Earlier | None = None) -> _Prepared:
     seen = _read(measurements, arm)
+    tools.check(seen, options.model in (None, "auto"), options)
+    usual = tools.usual(seen)
+    words = tools.in_words(seen, usual, options.same_tool)
+    seen = seen if options.same_tool else tools.with_tool_per_load(seen, usual)
     found = gathered(seen, arm, options, () if earlier is None else earlier.sessions)
     points, motion, references, shape = found.points, found.motion, found.references, found.tool_shape
-    excluded, notes = found.excluded, [*found.notes, *repeat_notes(points)]
+    excluded, notes = found.excluded, [*found.notes, *words, *repeat_notes(points)]
     moves = np.isin(points.groups.astype(str), GROUPS)
     by_axes = method_of(options.method) == "circles" and moves.any()
     if options.verify is None:
@@ -334,8 +346,9 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options, earlie
         parts = points.select(~aside), points.select(aside)
         motions = motion.select(~aside), motion.select(aside)
         poses = seen.poses + (0 if earlier is None else earlier.poses)
-        return _Prepared(seen, *parts, *motions, excluded, notes, poses, references, shape)
+        return _Prepared(seen, *parts, *motions, excluded, notes, poses, references, shape, usual_kg=usual)
     check = _read(options.verify, arm)
+    check = check if options.same_tool else tools.with_tool_per_load(check, usual)
     other = cleaning.clean(check, references or None, found.target_names)
     heldout, left_out = without_gross_errors(arm, other, check.source)
     if options.as_poses:
@@ -346,7 +359,7 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options, earlie
     poses = seen.poses + check.poses + (0 if earlier is None else earlier.poses)
     used = moves if by_axes else np.ones(points.poses, dtype=bool)
     sets = points.select(used), _of_last_session(heldout, points), motion.select(used), motion_of(check, heldout)
-    return _Prepared(seen, *sets, excluded + left_out, notes, poses, references, shape, check)
+    return _Prepared(seen, *sets, excluded + left_out, notes, poses, references, shape, check, usual)
 
 
 def _aside(points: PointSet, options: Options, earlier: Earlier | None) -> BoolArray:

@@ -286,6 +286,9 @@ def calibrate(
     as_poses: bool = False,
     session_by: str | None = None,
     with_: CalibrationLike | None = None,
+    payload_place: Sequence[float] | None = None,
+    same_tool: bool = False,
+    torques: bool = False,
     progress: Progress | None = None,
 ) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -331,6 +334,12 @@ def calibrate(
     with_ : str, Path or Calibration, optional
         An earlier calibration: its points are fitted together with the new measurements, as sessions before them. Robot
         and model are its own unless given; held out are new poses only.
+    payload_place : sequence of three float, optional
+        Centre of the payloads (column ``payload_kg``) in the tip link where the measurements do not tell it, metres.
+    same_tool : bool
+        The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
+    torques : bool
+        Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -363,6 +372,9 @@ def calibrate(
         as_poses,
         session_by,
         with_,
+        payload_place,
+        same_tool,
+        torques,
     )
     return Calibration(calibrating.run(measurements, robot, options, progress))
 

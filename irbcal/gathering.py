@@ -23,7 +23,7 @@ from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.sessions import COLUMN, joined, sessions_of
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.situation import LOAD, Motion
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -262,6 +262,9 @@ def one_behind_the_other(motions: Sequence[Motion]) -> Motion:
     for item in fields(Motion):
         own = [getattr(motion, item.name) for motion in motions]
         known = [value for value in own if value is not None]
+        if item.name in LOAD and len(known) < len(own):  # a load that is told for some sessions only serves nobody
+            values[item.name] = None
+            continue
         if not known or isinstance(known[0], bool):
             values[item.name] = any(known) if known else None
             continue

@@ -14,6 +14,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import OptionError, RobotError
 from irbcal.files.opening import Opened, RobotLike, open_robot
 from irbcal.modeling import frames
+from irbcal.modeling.robot import loaded
 from irbcal.options import shown
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
@@ -217,6 +218,8 @@ def forward_kinematics(
     uncertainty: bool = False,
     intervals: bool = False,
     nominal: bool = False,
+    payload: float | None = None,
+    payload_place: ArrayLike | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> ForwardResult:
@@ -239,6 +242,10 @@ def forward_kinematics(
         calibration's fit (calibrations only), see `irbcal.modeling.robot.Robot.predict`.
     nominal : bool
         Nominal behaviour of a calibration.
+    payload : float, optional
+        Mass carried, kg; what most poses of the calibration were measured with unless given.
+    payload_place : array_like, shape (3,), optional
+        Its centre in the tip link, metres; that of the calibration unless given.
     base_link, tip_link : str, optional
         Links of a URDF; by default ``base_link`` or the root, and ``tool0``, ``flange``, ``ee_link``, ``tcp`` or the
         last link.
@@ -264,7 +271,7 @@ def forward_kinematics(
     array([0.645655, 0.      , 1.165707])
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
-    model = opened.robot
+    model = loaded(opened.robot, payload, payload_place)
     q = _joints(q, model.arm)
     if target is not None and not model.targets:
         raise RobotError(
@@ -278,15 +285,15 @@ def forward_kinematics(
         target=target,
         points=points,
         note="" if model.certainty is None else model.certainty.outside_in_words(q),
-        **_certain(opened, q, target, uncertainty, intervals, nominal),
+        **_certain(opened, model, q, target, uncertainty, intervals, nominal),
     )
 
 
 def _certain(
-    opened: Opened, q: FloatArray, target: str | None, uncertainty: bool, intervals: bool, nominal: bool
+    opened: Opened, model: Robot, q: FloatArray, target: str | None, uncertainty: bool, intervals: bool, nominal: bool
 ) -> dict[str, Any]:
     """What a result says of its certainty, as far as it is asked for."""
-    model, found = opened.robot, dict[str, Any]()
+    found = dict[str, Any]()
     for name, asked in (("uncertainty", uncertainty), ("intervals", intervals)):
         if asked and (opened.record is None or nominal):
             raise RobotError(
@@ -297,7 +304,7 @@ def _certain(
         from irbcal.validation.uncertainty import position_std
 
         heldout = opened.record.heldout
-        found["std"] = position_std(opened.record, q, target)
+        found["std"] = position_std(opened.record, q, target, model)
         if heldout is not None:
             found |= {"heldout_mean": heldout.all.mean_mm * MM, "heldout_rms": heldout.all.rms_mm * MM}
     if intervals:
@@ -313,6 +320,8 @@ def inverse_kinematics(
     near: ArrayLike | None = None,
     all_branches: bool = False,
     nominal: bool = False,
+    payload: float | None = None,
+    payload_place: ArrayLike | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> InverseJoints:
@@ -332,7 +341,7 @@ def inverse_kinematics(
         Every branch within the joint limits instead, not with ``near``; for arms with a closed-form inverse.
     nominal : bool
         Nominal behaviour of a calibration.
-    base_link, tip_link : str, optional
+    payload, payload_place, base_link, tip_link : optional
         See `forward_kinematics`.
 
     Returns
@@ -354,7 +363,7 @@ def inverse_kinematics(
     from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
 
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
-    model, arm = opened.robot, opened.nominal
+    model, arm = loaded(opened.robot, payload, payload_place), opened.nominal
     if all_branches and near is not None:
         raise OptionError("near: all branches are asked for, not the nearest: leave one of them out", parameter="near")
     T = _poses(T_base_tip)

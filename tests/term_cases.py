@@ -43,7 +43,8 @@ def motion_at(q, previous=PREVIOUS):
     """Stops with history, time and payload."""
     q = np.atleast_2d(q)
     n = len(q)
-    return Motion(q, q - previous, 3.0 + np.arange(n), np.full(n, 2.5))
+    torques = 40.0 * np.sin(np.arange(1.0, q.shape[1] + 1.0)) * np.ones(q.shape)
+    return Motion(q, q - previous, 3.0 + np.arange(n), np.full(n, 2.5), torques=torques)
 
 
 def every_term(model):

@@ -189,7 +189,9 @@ def test_same_commands_for_other_arms(name, rail, tmp_path):
     changed = np.abs(fake - q).max(axis=1) > 1e-9
     assert changed.sum() >= 15
     wanted = saved.arm(calibrated=False).forward(q[changed])
-    assert_same_poses(saved.robot_calibrated().poses(fake[changed]), wanted, 1e-6, 1e-6)
+    before = np.vstack([np.full((1, fake.shape[1]), np.nan), fake[:-1]])  # in the order of the program
+    reached = saved.robot_calibrated().forward(fake, before)[changed]
+    assert_same_poses(reached, wanted, 1e-6, 1e-6)
     # others can tell the URDF
     assert "is this calibration" in run("verify", tmp_path / "cal", "--urdf", tmp_path / "cal/calibrated.urdf")
 

@@ -34,6 +34,8 @@ class Run:
     payload_kg : float
     readings : ndarray, shape (n, joints), optional
         Joints as the controller read them, where these are not the commanded ones.
+    payload_place : ndarray, shape (3,), optional
+        Centre of the payload in the tip link, metres, where the measurements shall tell it.
     """
 
     q: FloatArray
@@ -46,6 +48,7 @@ class Run:
     unseen: dict[str, int]
     payload_kg: float
     readings: FloatArray | None = None
+    payload_place: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)

@@ -13,6 +13,7 @@ from irbcal.cell.cell import Cell
 from irbcal.cell.pose_list import PoseList
 from irbcal.cell.run import Run
 from irbcal.measurement.columns import POSITION
+from irbcal.measurement.load_columns import PLACE
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.names import without_formulas
@@ -47,6 +48,9 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     xyz = np.round(run.xyz[row, point] / MM, 4) + 0.0
     columns |= {name: xyz[:, k] for k, name in enumerate(POSITION)}
     columns["payload_kg"] = np.full(len(row), run.payload_kg)
+    if run.payload_place is not None:
+        place = np.round(run.payload_place / MM, 4)
+        columns |= {name: np.full(len(row), x) for name, x in zip(PLACE, place, strict=True)}
     columns["time_s"] = np.round(run.time_s[row, point], 2)
     columns["simulated"] = np.full(len(row), "yes", dtype=object)
     return pd.DataFrame(columns)

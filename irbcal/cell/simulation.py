@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -189,7 +189,7 @@ def simulate(
     seed, robot_seed : int
         Of the run: noise, repeatability, lost points, random poses; and of the robot's own errors.
     payload : float, optional
-        Mass on the flange, kg; 3 unless given, less for smaller arms.
+        Mass on the flange, kg; 3 unless given, less for smaller arms. Where it is given, its centre is told, too.
     only, without : sequence of str, optional
         Only these effects (none at all if empty), or all but these; names as in `irbcal.cell.effects.NAMES`.
     also : sequence of str, optional
@@ -229,7 +229,7 @@ def simulate(
     opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
     opened = _equipped(opened, targets, payload, tracker)
     poses = _poses(opened, plan, random, seed, wait)
-    run = opened.measure(poses.q, poses.asked(opened), poses.wait_s)
+    run = _run(opened, poses, payload is not None)
     found = None
     if wanted is not None and calibration is not None:
         program = lists.read_joints(wanted, opened.arm.joint_columns)
@@ -244,6 +244,12 @@ def _equipped(cell: Cell, targets: int | Sequence[str], payload: float | None, t
     if tracker is None:
         return cell
     return cell.replace(tracker=cell.tracker.moved(place("tracker", tracker, "x, y, z of the tracker in metres")))
+
+
+def _run(cell: Cell, poses: PoseList, place_told: bool) -> Run:
+    """What the tracker sees; with the payload's place where it was asked for."""
+    run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
+    return replace(run, payload_place=cell.tool.payload_centre) if place_told else run
 
 
 def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> Cell:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from irbcal.cli import show
+from irbcal.cli import grid, show
 from irbcal.cli.wrong_calls import path_to_write, wrong_calls
 from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective, Terms
 
@@ -81,6 +81,16 @@ def calibrate(
             show_default=False,
         ),
     ] = None,
+    payload_place: Annotated[
+        str | None,
+        typer.Option(help="Centre of the payload in the tip link: x,y,z in mm.", show_default="column, or 0,0,0"),
+    ] = None,
+    same_tool: Annotated[
+        bool, typer.Option("--same-tool", help="The reflectors stayed in their places when the payload was changed.")
+    ] = False,
+    torques: Annotated[
+        bool, typer.Option("--torques", help="Model auto: use measured torques, columns tau1_nm … (a mass is better).")
+    ] = False,
     holdout: Annotated[
         float | None,
         typer.Option(
@@ -135,6 +145,9 @@ def calibrate(
         as_poses=as_poses,
         session_by=session_by,
         with_=with_,
+        payload_place=grid.metres(payload_place, "--payload-place"),
+        same_tool=same_tool,
+        torques=torques,
     )
 
 

@@ -61,6 +61,14 @@ def evaluate(
         typer.Option(help="The same poses (by name) measured with fake targets: expected against verified error."),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
+    payload: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Mass carried, kg, for files without a column payload_kg.", show_default=False),
+    ] = None,
+    same_tool: Annotated[
+        bool,
+        typer.Option("--same-tool", help="With loads unknown to the calibration reflectors stayed in place."),
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the calibrated robot."""
@@ -82,6 +90,8 @@ def evaluate(
         compare=compare,
         verified=verified,
         seed=seed,
+        payload=payload,
+        same_tool=same_tool,
     )
     if json:
         show.print_json(result.to_dict())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from irbcal.cli import show
+from irbcal.cli import grid, show
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
@@ -46,6 +46,13 @@ def filter_program(
     wobj: Annotated[
         list[str] | None, typer.Option("--wobj", "--frame", help="a work object (base, user frame) in the base frame.")
     ] = None,
+    payload: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Mass carried, kg.", show_default="what most poses were measured with"),
+    ] = None,
+    payload_place: Annotated[
+        str | None, typer.Option(help="Its centre in the tip link: x,y,z in mm.", show_default="the calibration's")
+    ] = None,
     pulses: Annotated[
         str | None,
         typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
@@ -68,6 +75,8 @@ def filter_program(
             changes=changes,
             tool=tools,
             wobj=work_objects,
+            payload=payload,
+            payload_place=grid.metres(payload_place, "--payload-place"),
             pulses=_numbers(pulses),
         )
     except NotWritten as refusal:

@@ -34,6 +34,13 @@ def fk(
         ),
     ] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
+    payload: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Mass carried, kg.", show_default="what most poses were measured with"),
+    ] = None,
+    payload_place: Annotated[
+        str | None, typer.Option(help="Its centre in the tip link: x,y,z in mm.", show_default="the calibration's")
+    ] = None,
     base_link: Annotated[
         str | None, typer.Option(help="Base link of a URDF.", show_default="base_link or the root")
     ] = None,
@@ -53,6 +60,8 @@ def fk(
         uncertainty=uncertainty,
         intervals=intervals,
         nominal=nominal,
+        payload=payload,
+        payload_place=grid.metres(payload_place, "--payload-place"),
         base_link=base_link,
         tip_link=tip_link,
     )

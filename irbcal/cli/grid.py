@@ -81,3 +81,10 @@ def numbers(text: str, counts: Sequence[int], option: str, names: Sequence[str] 
         expected = f"{' or '.join(map(str, counts))} numbers" + (f" ({', '.join(names)})" if names else "")
         raise typer.BadParameter(f"expected {expected}, found {text!r}", param_hint=option)
     return values
+
+
+def metres(text: str | None, option: str) -> list[float] | None:
+    """A place given as x,y,z in mm, in metres; None where it was not given."""
+    from irbcal.units import MM
+
+    return None if text is None else [value * MM for value in numbers(text, (3,), option, "xyz")]

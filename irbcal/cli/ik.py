@@ -24,6 +24,13 @@ def ik(
     ] = None,
     all_branches: Annotated[bool, typer.Option("--all-branches", help="Every branch within the joint limits.")] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
+    payload: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Mass carried, kg.", show_default="what most poses were measured with"),
+    ] = None,
+    payload_place: Annotated[
+        str | None, typer.Option(help="Its centre in the tip link: x,y,z in mm.", show_default="the calibration's")
+    ] = None,
     base_link: Annotated[
         str | None, typer.Option(help="Base link of a URDF.", show_default="base_link or the root")
     ] = None,
@@ -43,7 +50,14 @@ def ik(
         columns = opened.nominal.joint_columns
         start = grid.numbers(near, [len(columns)], "--near", columns) * opened.nominal.joint_units
     with wrong_calls():
-        found = inverse_kinematics(opened, poses, near=start, all_branches=all_branches)
+        found = inverse_kinematics(
+            opened,
+            poses,
+            near=start,
+            all_branches=all_branches,
+            payload=payload,
+            payload_place=grid.metres(payload_place, "--payload-place"),
+        )
     grid.write(found.to_frame(), json)
     missing = len(found) - int(found.found.sum())
     if missing:

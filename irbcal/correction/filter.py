@@ -25,7 +25,7 @@ from irbcal.files.schema import Record
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
-from irbcal.modeling.robot import Robot
+from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import without_formulas
 from irbcal.options import shown
 from irbcal.overwriting import refuse_overwriting
@@ -54,6 +54,8 @@ def correct(
     tool: Mapping[str, ArrayLike] | None = None,
     wobj: Mapping[str, ArrayLike] | None = None,
     pulses: Sequence[float] | None = None,
+    payload: float | None = None,
+    payload_place: ArrayLike | None = None,
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 
@@ -76,6 +78,8 @@ def correct(
         are the controller's flange and world.
     pulses : sequence of float, optional
         Pulses per degree of the six joints, for Yaskawa jobs whose positions are in pulses.
+    payload, payload_place : optional
+        Mass carried, kg, and its centre in the tip link (3,), metres; those of most poses of the fit unless given.
 
     Returns
     -------
@@ -108,7 +112,7 @@ def correct(
     nominal = record.arm(calibrated=False)
     given = Given(_given(tool, "tool"), _given(wobj, "wobj"), _controller(calibration, record), _pulses(pulses))
     programs = language.read_for(nominal, sources, given)
-    robot = record.robot_calibrated()
+    robot = loaded(record.robot_calibrated(), payload, payload_place)
     found = together([filter_program(robot, nominal, one, record.fingerprint) for one in programs])
     if robot.certainty is not None and (outside := robot.certainty.outside_in_words(found.q_before, "targets")):
         found = replace(found, cautions=(outside,))

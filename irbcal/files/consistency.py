@@ -104,7 +104,11 @@ def _joint_map(record: Record) -> Iterator[str]:
         else:
             q, before = (np.array([getattr(v, k) for v in section.test_vectors]) for k in ("q", "previous_q"))
             loads = np.array([vector.payload_kg for vector in section.test_vectors])
-            found = section.joint_map(nominal).terms.effective(Motion(q, q - before, payload_kg=loads)) if len(q) else q
+            felt = [vector.torques_nm for vector in section.test_vectors if vector.torques_nm is not None]
+            motion = (
+                Motion(q, q - before, payload_kg=loads, torques=np.array(felt) if felt else None) if len(q) else None
+            )
+            found = q if motion is None else section.joint_map(nominal).terms.effective(motion)
         effective = np.array([vector.effective for vector in section.test_vectors], dtype=float)
         miss = float(np.abs(found - effective).max()) if len(q) else 0.0
     except (IrbcalError, ValueError, IndexError) as error:

@@ -21,6 +21,7 @@ from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.joint_map_section import section_of
 from irbcal.files.outcome import Outcome
+from irbcal.files.point_tables import PointTable, PoseTable
 from irbcal.files.schema import (
     Correlation,
     DataFile,
@@ -31,9 +32,7 @@ from irbcal.files.schema import (
     Origin,
     Parameter,
     Placement,
-    PointTable,
     Pose,
-    PoseTable,
     Record,
     RobotSection,
     Row,
@@ -56,6 +55,7 @@ from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.elsewhere import Elsewhere, elsewhere
 from irbcal.modeling.joint_map import AnyJointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import LOAD
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.units import DEG, MM
 
@@ -241,6 +241,7 @@ def _pose_table(outcome: Outcome) -> PoseTable:
     arm = outcome.urdf.arm
     columns: dict[str, list[Any]] = {"pose": [], "group": [], "heldout": []}
     joints, sides, before = [], [], []
+    loads: dict[str, list[FloatArray | None]] = {name: [] for name in LOAD}
     for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
         seen = outcome.verification if heldout and outcome.verification is not None else outcome.measurements
         columns["pose"] += [str(value) for value in points.pose_ids]
@@ -250,11 +251,25 @@ def _pose_table(outcome: Outcome) -> PoseTable:
         sides.append(_came_from(seen, points))
         stops = np.full(points.q.shape, np.nan) if points.previous is None else points.previous
         before.append(np.round(stops / arm.joint_units, JOINT_DIGITS))
+        for name, value in points.load().items():
+            width = {"payload_kg": (), "payload_place": (3,), "torques": (len(arm.joint_names),)}[name]
+            loads[name].append(value if value is not None or points.poses else np.zeros((0, *width)))
     came_from = ["".join("-0+"[int(sign) + 1] for sign in column) for column in np.concatenate(sides).T]
     known = [value for value in outcome.numbers if value is not None]
     columns["number"] = np.concatenate(known).tolist() if sum(map(len, known)) == len(columns["pose"]) else []
-    previous = [_known(column) for column in np.concatenate(before).T]
-    return PoseTable(**columns, joints=np.concatenate(joints).T.tolist(), came_from=came_from, previous=previous)
+    kg, place, torques = (
+        None if any(part is None for part in parts) else np.concatenate([part for part in parts if part is not None])
+        for parts in loads.values()
+    )
+    return PoseTable(
+        **columns,
+        joints=np.concatenate(joints).T.tolist(),
+        came_from=came_from,
+        previous=[_known(column) for column in np.concatenate(before).T],
+        payload_kg=[] if kg is None else _known(kg),
+        payload_place_mm=[] if place is None else [_known(column) for column in place.T / MM],
+        torques_nm=[] if torques is None else torques.T.tolist(),
+    )
 
 
 def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:

@@ -20,6 +20,7 @@ from irbcal.files import robots
 from irbcal.files.calibration_folder import CalibrationLike, folder_of, opened
 from irbcal.files.schema import Record
 from irbcal.measurement.blocks import MARK, block_of
+from irbcal.measurement.motions import payload_of
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.sessions import OF_POSES, joined
 from irbcal.modeling.arm import Arm
@@ -139,8 +140,14 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
         elapsed = np.concatenate(order)
         place = np.argsort(elapsed, kind="stable")
         both = _ordered(replace(both, session=None), place)
-        sessions.append((session, both, Motion(both.q, both.moves(), elapsed[place], readings=not record.programmed)))
+        sessions.append((session, both, _motion(both, elapsed[place], record)))
     return Earlier(record, tuple(sessions))
+
+
+def _motion(points: PointSet, elapsed: FloatArray, record: Record) -> Motion:
+    """Motion of points that were saved."""
+    load, place = payload_of(points, "the earlier calibration")
+    return Motion(points.q, points.moves(), elapsed, load, not record.programmed, place, points.torques)
 
 
 def _numbers(record: Record, counts: list[int]) -> list[FloatArray]:

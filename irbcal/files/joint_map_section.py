@@ -104,14 +104,16 @@ class TermVector(Section):
     previous_q: list[float]
     payload_kg: float
     effective: list[float]
+    torques_nm: list[float] | None = None
 
 
 class TermMapSection(Section):
     """A joint map of terms, complete enough to be implemented elsewhere: docs/calibration-auto.md.
 
     ``terms`` are those of `irbcal.modeling.terms.term.Term.to_json`; ``gravity`` is a direction in the base link;
-    ``ranges`` are the smallest and the largest joints of the fit, rad (m). Links' attitudes are those of the nominal
-    robot (``robot.dhm_nominal``) at commanded joints.
+    ``ranges`` are the smallest and the largest joints of the fit, rad (m). ``payload_kg`` is the mass that is carried
+    where nothing else is said: the one that most poses were measured with; null where it was not told. Links'
+    attitudes are those of the nominal robot (``robot.dhm_nominal``) at commanded joints.
     """
 
     schema_name: Literal["irbcal-joint-map-2"] = Field(alias="schema")
@@ -119,6 +121,7 @@ class TermMapSection(Section):
     gravity: list[float] = Field(min_length=3, max_length=3)
     terms: list[dict[str, Any]]
     ranges: list[list[float]] = Field(min_length=2, max_length=2)
+    payload_kg: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
     test_vectors: list[TermVector]
 
     @field_validator("terms")
@@ -131,7 +134,15 @@ class TermMapSection(Section):
         """The section of a joint map, with test vectors at random joints of the arm."""
         q, before = (arm.random_joints(TEST_VECTORS, seed=seed) for seed in (1, 2))
         ranges = np.array([q.min(axis=0), q.max(axis=0)]) if joint_map.ranges is None else joint_map.ranges
-        return TermMapSection(**joint_map.terms.to_json(ranges, Motion(q, q - before)))
+        usual = joint_map.payload_kg or 0.0
+        load = np.full(TEST_VECTORS, usual)
+        if joint_map.knows_loads:
+            load = usual + np.arange(TEST_VECTORS)  # the usual one, and others
+        torques = None
+        if any(term.basis == "torque" for term in joint_map.terms.terms):
+            torques = np.random.default_rng(3).normal(0.0, 50.0, q.shape)
+        motion = Motion(q, q - before, payload_kg=load, torques=torques)
+        return TermMapSection(**joint_map.terms.to_json(ranges, motion), payload_kg=joint_map.payload_kg)
 
     def joint_map(self, nominal: Arm) -> TermJointMap:
         """The joint map that the section describes, of a nominal arm."""
@@ -139,7 +150,7 @@ class TermMapSection(Section):
         ranges: FloatArray = np.array(self.ranges)
         if ranges.shape != (2, len(nominal.joint_names)):
             raise RobotError(f"the joint map's ranges need two rows of {len(nominal.joint_names)} joints")
-        return TermJointMap(TermMap.from_json(nominal, content), ranges)
+        return TermJointMap(TermMap.from_json(nominal, content), ranges, self.payload_kg)
 
 
 def section_of(joint_map: AnyJointMap, arm: Arm) -> JointMapSection | TermMapSection:

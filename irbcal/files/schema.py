@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, StringConstraints, model_validator
+from pydantic import Field, model_validator
 
 from irbcal.arrays import FloatArray
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection, in_metres, matrix_of
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
+from irbcal.files.point_tables import PointTable, PoseTable
 from irbcal.files.seal import Seal
 from irbcal.files.section import Section
 from irbcal.identification.level_certainty import term_of
@@ -146,68 +147,6 @@ class Errors(Section):
     orientation: RotationStatistics | None
     per_target: dict[str, Statistics]
     per_group: dict[str, Statistics]
-
-
-class PointTable(Section):
-    """Every used point, column by column: what the report's figures are drawn from.
-
-    ``row`` counts the poses of `PoseTable`; places are in the measuring frame; uncertainties and orientations (unit
-    quaternion, scalar first) are null where a point has none, and the columns are empty where no point has.
-    """
-
-    pose: list[str]
-    group: list[str]
-    target: list[str]
-    heldout: list[bool]
-    nominal_mm: list[float]
-    calibrated_mm: list[float]
-    row: list[int] = Field(default_factory=list)
-    x_mm: list[float] = Field(default_factory=list)
-    y_mm: list[float] = Field(default_factory=list)
-    z_mm: list[float] = Field(default_factory=list)
-    u95_mm: list[float | None] = Field(default_factory=list)
-    qw: list[float | None] = Field(default_factory=list)
-    qx: list[float | None] = Field(default_factory=list)
-    qy: list[float | None] = Field(default_factory=list)
-    qz: list[float | None] = Field(default_factory=list)
-
-    @model_validator(mode="after")
-    def _of_one_length(self) -> PointTable:
-        n = len(self.pose)
-        for name in type(self).model_fields:
-            column: list[Any] = getattr(self, name)
-            added_later = not type(self).model_fields[name].is_required()
-            if len(column) != n and not (added_later and not column):
-                raise ValueError(f"column {name} has {len(column)} values for {n} points")
-        return self
-
-
-class PoseTable(Section):
-    """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
-
-    ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
-    where that is not known. ``previous`` holds the joints of the stop before, as ``joints``, null where that is not
-    known; ``number`` counts the poses of a session in the order in which the robot visited them. Older files have
-    neither.
-    """
-
-    pose: list[str]
-    group: list[str]
-    heldout: list[bool]
-    joints: list[list[float]]
-    number: list[float] = Field(default_factory=list)
-    came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
-    previous: list[list[float | None]] = Field(default_factory=list)
-
-    @model_validator(mode="after")
-    def _of_one_length(self) -> PoseTable:
-        n = len(self.pose)
-        columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from, *self.previous]
-        columns += [self.number] if self.number else []
-        counts = {len(self.joints), len(self.came_from), len(self.previous or self.joints)}
-        if any(len(column) != n for column in columns) or len(counts) > 1:
-            raise ValueError(f"every column must have {n} values, one for each pose")
-        return self
 
 
 class SessionSection(Section):
@@ -346,6 +285,11 @@ class Record(Section):
         """Whether it was made from programmed joints, not from joint readings."""
         return bool(self.data) and self.data[0].programmed
 
+    @property
+    def usual_load(self) -> float | None:
+        """The payload that it is for where none is told, kg; None if it is not known, or for levels of the thesis."""
+        return self.joint_map.payload_kg if isinstance(self.joint_map, TermMapSection) else None
+
     @model_validator(mode="after")
     def _points_of_known_poses(self) -> Record:
         p, rows = self.poses, self.points.row
@@ -460,6 +404,9 @@ class Record(Section):
             frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mine]) if t.qw else None,
             u95,
             np.array(p.previous, dtype=float).T[poses] * units if p.previous else None,
+            payload_kg=np.array(p.payload_kg, dtype=float)[poses] if p.payload_kg else None,
+            payload_place=np.array(p.payload_place_mm, dtype=float).T[poses] * MM if p.payload_place_mm else None,
+            torques=np.array(p.torques_nm, dtype=float).T[poses] if p.torques_nm else None,
         )
         came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
         return points, came_from.T[poses]

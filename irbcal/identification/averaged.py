@@ -70,7 +70,8 @@ class AveragedFit(Speaks):
     def robot(self) -> Robot:
         """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
         found, terms = self.evidence, self.evidence.term_map()
-        joint_map, frame_terms = TermJointMap(terms.part(False), found.joint_ranges), terms.part(True)
+        joint_map = TermJointMap(terms.part(False), found.joint_ranges, found.usual_kg)
+        frame_terms = terms.part(True)
         return Robot(
             found.arm,
             joint_map,
@@ -199,8 +200,33 @@ class AveragedFit(Speaks):
             shown.sentence(found.families),
             *found.gear_sentences(),
             *warm,
+            *self._loads(),
             f"Valid within the joint ranges of the fitted poses: {ranges}. Beyond them the joint map is extrapolated "
             "and must not be trusted.",
+        ]
+
+    def _loads(self) -> list[str]:
+        """What loads it is valid for."""
+        found = self.evidence
+        torques = [
+            "It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
+            "predictions without them miss what the joints give way."
+        ]
+        torques = torques if any(term.basis == "torque" for term in found.terms) else []
+        if not found.loads:
+            return torques
+        if len(found.loads) == 1:
+            return [
+                *torques,
+                f"All poses were measured with a payload of {found.loads[0]:g} kg: the calibration is that of the "
+                "robot with this load, and does not tell what another one does.",
+            ]
+        some = ", ".join(f"{load:g}" for load in found.loads)
+        return [
+            *torques,
+            f"Measured with payloads of {some} kg: where no payload is given, predictions and corrections are for "
+            f"{found.usual_kg:g} kg, which most poses were measured with (of all loads, if as many); other loads: "
+            "--payload.",
         ]
 
     def told(self) -> Sequence[Told]:
@@ -286,6 +312,8 @@ def identify_averaged(
     seed: int = 0,
     progress: Progress | None = None,
     terms: str = dictionaries.JOINT_MAP,
+    payload_place: Sequence[float] | None = None,
+    usual_kg: float | None = None,
 ) -> AveragedFit:
     """Identify base, targets and the average of error models.
 
@@ -304,6 +332,8 @@ def identify_averaged(
         Called with a short text at each step.
     terms : str
         ``joint-map``: what URDF and a joint map can carry; ``all``: frame terms, too.
+    payload_place, usual_kg : optional
+        See `irbcal.identification.evidence.identify_evidence`.
 
     Returns
     -------
@@ -316,5 +346,15 @@ def identify_averaged(
     """
     check_averaging(arm, points.poses)
     known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
-    found = identify_evidence(arm, points, motion, terms=terms, seed=seed, known_targets=known, progress=progress)
+    found = identify_evidence(
+        arm,
+        points,
+        motion,
+        terms=terms,
+        seed=seed,
+        known_targets=known,
+        payload_place=payload_place,
+        usual_kg=usual_kg,
+        progress=progress,
+    )
     return AveragedFit(found, into_one_frame(points, found.T_world_base, found.other_bases), motion)

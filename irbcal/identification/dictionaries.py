@@ -31,13 +31,14 @@ FAMILIES = ("geometry", "gain", "gravity", "bending", "harmonics", "wobble", "th
 HISTORY_FAMILIES = ("direction", "move")
 """Families that take part where last moves are known."""
 
-_WEIGHTS = ("gravity", "gain", "payload")
+_LOADS = ("payload", "torque")
+_WEIGHTS = ("gravity", "gain", *_LOADS)
 _PHYSICS = (*_WEIGHTS, "bending", "harmonics")
 _HISTORY = (*_PHYSICS, *HISTORY_FAMILIES)
 CHOICES: tuple[tuple[tuple[str, ...], int], ...] = (
     ((), 0),
-    (("thesis",), 0),
-    (("thesis", "gain"), 0),
+    (("thesis", *_LOADS), 0),
+    (("thesis", "gain", *_LOADS), 0),
     (_WEIGHTS, 0),
     (_PHYSICS, LOW),
     (_HISTORY, LOW),
@@ -101,7 +102,14 @@ class Dictionary:
         )
 
 
-def superset(arm: Arm, kind: str, moved: bool, payload: Sequence[float] | None, taus: Sequence[float]) -> list[Term]:
+def superset(
+    arm: Arm,
+    kind: str,
+    moved: bool,
+    payload: Sequence[float] | None,
+    taus: Sequence[float],
+    torques: bool = False,
+) -> list[Term]:
     """All terms that any dictionary may have, geometry first.
 
     Parameters
@@ -116,11 +124,14 @@ def superset(arm: Arm, kind: str, moved: bool, payload: Sequence[float] | None, 
         Place of the payload in the tip link, metres; where several masses were carried.
     taus : sequence of float
         Time constants of warm-up; none where the order is unknown.
+    torques : bool
+        Whether torques of the joints were measured and shall be used.
     """
     names = [*FAMILIES, *(HISTORY_FAMILIES if moved else ())]
     names = [name for name in names if kind == ALL or name not in FRAME_FAMILIES]
     out = [term for name in names for term in families()[name].terms(arm)]
     out += [] if payload is None else Payload(payload).terms(arm)
+    out += families()["torque"].terms(arm) if torques else []
     for tau in taus:
         out += WarmUp(tau).terms(arm)
     return out

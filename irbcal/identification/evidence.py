@@ -22,6 +22,7 @@ from irbcal.identification.linearisation import Linearisation
 from irbcal.identification.mackay import Posterior
 from irbcal.identification.shown import FamilyShown
 from irbcal.identification.sums import Sums
+from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.gear import gear_terms
@@ -55,7 +56,8 @@ def identify_evidence(
     gear_scan: bool = True,
     seed: int = 0,
     known_targets: dict[str, FloatArray] | None = None,
-    payload_place: Sequence[float] = (0.0, 0.0, 0.0),
+    payload_place: Sequence[float] | None = None,
+    usual_kg: float | None = None,
     progress: Progress | None = None,
 ) -> EvidenceFit:
     """Identify base, targets and the averaged terms.
@@ -77,8 +79,10 @@ def identify_evidence(
         Of the poses on which dictionaries are compared where there are more than `COMPARED`.
     known_targets : dict of str to ndarray, shape (3,), optional
         Targets whose places in the tip link are known, metres.
-    payload_place : sequence of three float
-        Centre of the payload in the tip link, metres.
+    payload_place : sequence of three float, optional
+        Centre of the payload in the tip link where the motion does not tell it, metres; the tip unless given.
+    usual_kg : float, optional
+        The load of predictions where none is given; the one of most poses unless given.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -103,7 +107,7 @@ def identify_evidence(
     if motion.q.shape != points.q.shape:
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
     points, motion = repeats.averaged(replace(points, q=np.array(motion.q)), motion)
-    work = _Work(arm, points, motion, terms, known_targets, payload_place, seed)
+    work = _Work(arm, points, motion, terms, known_targets, payload_place, usual_kg, seed)
     say("fitting the geometry")
     work.prepare()
     say(f"comparing {len(work.dictionaries)} choices of terms")
@@ -134,11 +138,18 @@ class _Work:
         motion: Motion,
         kind: str,
         known: dict[str, FloatArray] | None,
-        payload_place: Sequence[float],
+        payload_place: Sequence[float] | None,
+        usual_kg: float | None,
         seed: int,
     ) -> None:
         self.arm, self.points, self.motion, self.kind = arm, points, motion, kind
-        self.known, self.payload_place, self.seed = known, payload_place, seed
+        self.known, self.seed = known, seed
+        loads, places = motion.payload_kg, motion.payload_place
+        self.usual_kg = usual_load(loads) if usual_kg is None else usual_kg
+        self.payload_place = (0.0, 0.0, 0.0) if payload_place is None else tuple(float(x) for x in payload_place)
+        if loads is not None and places is not None:
+            usual = np.flatnonzero(loads == self.usual_kg)
+            self.payload_place = tuple(float(x) for x in places[usual[-1] if len(usual) else -1])
         self.project = False
         self.compared: list[_Compared] = []
 
@@ -152,7 +163,7 @@ class _Work:
         span = 0.0 if elapsed is None else float(np.ptp(elapsed))
         self.taus = [share * span for share in SHARES] if span > 0.0 else []
         self.superset: list[Term] = dictionaries.superset(
-            self.arm, self.kind, bool(self.motion.moves.any()), payload, self.taus
+            self.arm, self.kind, bool(self.motion.moves.any()), payload, self.taus, self.motion.torques is not None
         )
         self.readings_gain: float | None = None
         if self.motion.readings and self.motion.moves.any():
@@ -335,6 +346,8 @@ class _Work:
             kind=self.kind,
             tau=dictionaries.tau_of(max(kept, key=lambda item: item.weight).dictionary, self.superset),
             poses=len(self.motion),
+            loads=() if self.motion.payload_kg is None else tuple(float(m) for m in np.unique(self.motion.payload_kg)),
+            usual_kg=self.usual_kg,
             readings_gain=self.readings_gain,
             readings_projected=self.project,
             other_bases=dict(zip(self.problem.sessions[:-1], state.others, strict=True)),

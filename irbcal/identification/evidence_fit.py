@@ -18,7 +18,7 @@ from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.gear import in_words
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.summary import Speaks, Table, Told
@@ -141,6 +141,10 @@ class EvidenceFit(Speaks):
         Time constant of warm-up in the choice of terms with most weight, in the unit of the motion's time.
     poses : int
         After averaging repeats.
+    loads : tuple of float
+        Masses that were carried, kg; none where they were not told.
+    usual_kg : float or None
+        The one that predictions are for where none is given.
     readings_gain : float or None
         Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
     readings_projected : bool
@@ -170,6 +174,8 @@ class EvidenceFit(Speaks):
     kind: str
     tau: float | None
     poses: int
+    loads: tuple[float, ...] = ()
+    usual_kg: float | None = None
     readings_gain: float | None = None
     readings_projected: bool = False
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -291,12 +297,32 @@ class EvidenceFit(Speaks):
         pair = [by_name[f"rz{gear.joint + 1} {wave} {gear.cycles_per_turn}"] for wave in ("cos", "sin")]
         return float(np.hypot(*pair))
 
-    def poses_at(self, q: FloatArray, previous: FloatArray | None = None) -> FloatArray:
-        """Tip poses in the base link at commanded joints (n, joints), shape (n, 4, 4)."""
-        return self.term_map().forward(self.arm, _motion(q, previous))
+    def motion(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> Motion:
+        """The motion that predictions are for: of the warm arm, with the usual load unless told otherwise.
+
+        Parameters
+        ----------
+        q, previous : ndarray, shape (n, joints)
+        load
+            ``payload_kg``, ``payload_place``, ``torques``: see `irbcal.modeling.terms.situation.motion_at_use`.
+        """
+        q = np.atleast_2d(np.asarray(q, dtype=float))
+        before = None if previous is None else np.atleast_2d(np.asarray(previous, dtype=float))
+        place = next((t.parameters.get("place") for t in self.terms if t.basis == "payload"), None)
+        usual = {"usual_kg": self.usual_kg} | ({"usual_place": place} if isinstance(place, tuple) else {})
+        return motion_at_use(q, before, **load, **usual)  # type: ignore[arg-type]  # by their names
+
+    def poses_at(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> FloatArray:
+        """Tip poses in the base link at commanded joints (n, joints), shape (n, 4, 4); the load as for `motion`."""
+        return self.term_map().forward(self.arm, self.motion(q, previous, **load))
 
     def predict(
-        self, q: FloatArray, previous: FloatArray | None = None, target: str | None = None, in_order: bool = False
+        self,
+        q: FloatArray,
+        previous: FloatArray | None = None,
+        target: str | None = None,
+        in_order: bool = False,
+        **load: FloatArray | None,
     ) -> Prediction:
         """Position of a target, with what is known of it.
 
@@ -312,6 +338,8 @@ class EvidenceFit(Speaks):
         in_order : bool
             Whether the poses of the fit are a program in an order: contiguous blocks are left out in place of single
             poses.
+        load
+            Where it is not the usual one, see `motion`.
 
         Returns
         -------
@@ -325,7 +353,7 @@ class EvidenceFit(Speaks):
         name = next(iter(self.targets)) if target is None else target
         if name not in self.targets:
             raise IdentificationError(f"unknown target {name!r}: this robot has {', '.join(self.targets)}")
-        terms = self.term_map()
+        terms, motion = self.term_map(), self.motion(q, previous, **load)
         return self.certainty.predict(
             lambda motion: chain.walk(self.arm, *terms.split(motion)),
             q,
@@ -334,6 +362,7 @@ class EvidenceFit(Speaks):
             name,
             self.T_world_base,
             in_order,
+            {key: getattr(motion, key) for key in LOAD},
         )
 
     @cached_property
@@ -352,11 +381,3 @@ class EvidenceFit(Speaks):
             loo_blocks=self.loo_blocks,
             ranges=self.joint_ranges,
         )
-
-
-def _motion(q: FloatArray, previous: FloatArray | None) -> Motion:
-    q = np.atleast_2d(np.asarray(q, dtype=float))
-    if previous is None:
-        return Motion(q)
-    move = q - np.atleast_2d(np.asarray(previous, dtype=float))
-    return Motion(q, np.where(np.isfinite(move).all(axis=1, keepdims=True), move, 0.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,8 @@ def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
     keys = np.round(np.column_stack([motion.q, motion.moves]) / SAME)
     if motion.payload_kg is not None:
         keys = np.column_stack([keys, motion.payload_kg])
+    if motion.payload_place is not None:
+        keys = np.column_stack([keys, motion.payload_place])
     if points.session is not None:
         keys = np.column_stack([keys, np.unique(points.session.astype(str), return_inverse=True)[1]])
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -49,6 +52,7 @@ def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
     seen = np.bincount(where)
     xyz = np.column_stack([np.bincount(where, points.xyz[:, k]) for k in range(3)]) / seen[:, None]
     u95 = None if points.u95 is None else np.bincount(where, points.u95) / seen
+    load: dict[str, Any] = {k: v if v is None else v[first] for k, v in points.load().items()}
     merged = replace(
         points,
         q=motion.q[first],
@@ -61,7 +65,10 @@ def averaged(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
         session=None if points.session is None else points.session[first],
         rotation=None,
         u95=u95,
+        **load,
     )
     elapsed = None if motion.elapsed is None else np.bincount(pose, motion.elapsed) / count
-    load = None if motion.payload_kg is None else motion.payload_kg[first]
-    return merged, Motion(motion.q[first], motion.moves[first], elapsed, load, motion.readings)
+    torques = motion.torques
+    if torques is not None:
+        torques = np.column_stack([np.bincount(pose, felt) / count for felt in torques.T])
+    return merged, replace(motion.select(first), move=motion.moves[first], elapsed=elapsed, torques=torques)

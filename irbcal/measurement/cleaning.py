@@ -257,6 +257,7 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
     kept = kept[np.argsort(rows.pose[kept], kind="stable")]
     used, number = np.unique(rows.pose[kept], return_inverse=True)
     first = np.unique(rows.pose, return_index=True)[1]
+    load, place, torques = measurements.payloads(), measurements.payload_places(), measurements.torques()
     return PointSet(
         measurements.joints()[used],
         number,
@@ -268,6 +269,9 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
         None if rows.rotation is None else rows.rotation[kept],
         None if u95 is None else u95[kept],
         previous_stops(measurements.joints(), rows.pose, groups)[used],
+        payload_kg=None if load is None else load[used],
+        payload_place=None if place is None else place[used],
+        torques=None if torques is None else torques[used],
     )
 
 

@@ -362,17 +362,18 @@ def check_sizes(table: pd.DataFrame, source: str) -> None:
     bounds = [(name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION]
     if "u95_mm" in table.columns:
         bounds.append(("u95_mm", 1e-6, LARGEST_POSITION_MM, "an uncertainty above zero in mm or nothing"))
-    _refuse_outside(table, bounds, source)
+    refuse_outside(table, bounds, source)
 
 
 def check_joint_sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> None:
     """Refuse joints that no robot reaches; as `check_sizes`, for the joint columns ``names``."""
     largest = [LARGEST_POSITION_MM if name.endswith("_mm") else LARGEST_ANGLE_DEG for name in names]
     bounds = [(name, -most, most, expected_joint(name)) for name, most in zip(names, largest, strict=True)]
-    _refuse_outside(table, bounds, source)
+    refuse_outside(table, bounds, source)
 
 
-def _refuse_outside(table: pd.DataFrame, bounds: Sequence[tuple[str, float, float, str]], source: str) -> None:
+def refuse_outside(table: pd.DataFrame, bounds: Sequence[tuple[str, float, float, str]], source: str) -> None:
+    """Refuse the first number of some columns that is not between two others: (column, low, high, expected)."""
     for name, low, high, expected in bounds:
         values = table[name].to_numpy()
         bad = (values < low) | (values > high)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from irbcal.arrays import FloatArray
+from irbcal.errors import MeasurementError
+from irbcal.measurement.load_columns import PLACE
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.terms.situation import Motion
@@ -25,7 +28,12 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     -------
     Motion
         Time is the number of the pose, the mean number of poses that share a name and joints. The last move is zero
-        where the stop before is not known.
+        where the stop before is not known. Payload and torques are the points'.
+
+    Raises
+    ------
+    MeasurementError
+        If several loads were carried and it is not told where which.
     """
     first = measurements.table.groupby("pose_index", sort=True)["pose"].first().astype(str)
     stops: dict[tuple[str, bytes], list[int]] = {}
@@ -37,4 +45,61 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
             for name, q in zip(points.pose_ids, points.q, strict=True)
         ]
     )
-    return Motion(points.q, points.moves(), elapsed, readings=not measurements.programmed)
+    load, place = payload_of(points, measurements.source)
+    return Motion(points.q, points.moves(), elapsed, load, not measurements.programmed, place, points.torques)
+
+
+def usual_load(loads: FloatArray | None) -> float | None:
+    """The load that most poses carry, of equals the one of the last pose; None where no load is told.
+
+    Parameters
+    ----------
+    loads : ndarray, shape (n,), or None
+        Kg, NaN where not told.
+    """
+    if loads is None or not np.isfinite(loads).any():
+        return None
+    told = loads[np.isfinite(loads)]
+    values, count = np.unique(told, return_counts=True)
+    often = values[count == count.max()]
+    return float(next(load for load in told[::-1] if load in often))
+
+
+def payload_of(points: PointSet, source: str) -> tuple[FloatArray | None, FloatArray | None]:
+    """Mass and its place at each pose, without gaps; None where they are not told.
+
+    Parameters
+    ----------
+    points : PointSet
+    source : str
+        File name for messages.
+
+    Raises
+    ------
+    MeasurementError
+        If several loads were carried and it is not told where which.
+    """
+    load, place = points.payload_kg, points.payload_place
+    if load is None:
+        return None, None
+    gaps = ~np.isfinite(load)
+    if gaps.any():
+        loads = np.unique(load[~gaps])
+        if len(loads) > 1:
+            raise MeasurementError(
+                f"pose {points.pose_ids[gaps][0]} has no payload, others carry {loads[0]:g} to {loads[-1]:g} kg: write "
+                "0 for a bare flange",
+                file=source,
+                column="payload_kg",
+            )
+        load = np.full(len(load), loads[0]) if len(loads) else None
+    if load is None or place is None:
+        return load, None
+    gaps = np.asarray(~np.isfinite(place).all(axis=1))
+    if (gaps & (load > 0.0)).any():
+        raise MeasurementError(
+            f"pose {points.pose_ids[gaps & (load > 0.0)][0]} has a payload without a place",
+            file=source,
+            column=tuple(PLACE),
+        )
+    return load, np.where(gaps[:, None], 0.0, place)

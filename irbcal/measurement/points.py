@@ -13,6 +13,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import LOAD
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
@@ -50,6 +51,12 @@ class PointSet(Speaks):
     session : ndarray of str, shape (n,), optional
         Session of each pose. Poses of different sessions have bases of their own, which an identification finds; those
         of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base for all.
+    payload_kg : ndarray, shape (n,), optional
+        Mass carried at each pose; NaN where not given.
+    payload_place : ndarray, shape (n, 3), optional
+        Its centre in the tip link, metres; NaN where not given.
+    torques : ndarray, shape (n, joints), optional
+        Torques of the joints as the robot reported them, N m.
     """
 
     q: FloatArray
@@ -63,6 +70,9 @@ class PointSet(Speaks):
     u95: FloatArray | None = None
     previous: FloatArray | None = None
     session: NameArray | None = None
+    payload_kg: FloatArray | None = None
+    payload_place: FloatArray | None = None
+    torques: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -89,6 +99,10 @@ class PointSet(Speaks):
             return np.zeros(len(self), dtype=bool)
         return np.asarray(np.isfinite(self.rotation).all(axis=(1, 2)))
 
+    def tips(self, robot: Robot) -> FloatArray:
+        """Where a robot expects its tip at each pose with the load carried there, in the base link, shape (n, 4, 4)."""
+        return robot.forward(self.q, self.previous, self.payload_kg, self.payload_place, self.torques)
+
     def predicted(self, robot: Robot) -> FloatArray:
         """Where a robot expects the points, given the stops before where they are known.
 
@@ -114,7 +128,7 @@ class PointSet(Speaks):
                     f"unknown target {self.target_names[k]!r}: this robot has {', '.join(robot.targets) or 'none'}"
                 )
             local[k] = robot.targets[self.target_names[k]]
-        T = robot.forward(self.q, self.previous)[self.pose]
+        T = self.tips(robot)[self.pose]
         base = np.einsum("mij,mj->mi", T[:, :3, :3], local[self.target]) + T[:, :3, 3]
         return base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
 
@@ -134,7 +148,7 @@ class PointSet(Speaks):
         for k, name in enumerate(self.target_names):
             if name in robot.target_rotations:
                 local[k] = robot.target_rotations[name]
-        tip = robot.T_world_base[:3, :3] @ robot.forward(self.q, self.previous)[:, :3, :3]
+        tip = robot.T_world_base[:3, :3] @ self.tips(robot)[:, :3, :3]
         return tip[self.pose] @ local[self.target]
 
     def take(self, keep: BoolArray | IntArray) -> PointSet:
@@ -153,6 +167,7 @@ class PointSet(Speaks):
         keep = np.asarray(keep, dtype=bool)
         rest = self.take(keep[self.pose])
         number = np.cumsum(keep) - 1
+        load: dict[str, Any] = {k: None if value is None else value[keep] for k, value in self.load().items()}
         return replace(
             rest,
             q=self.q[keep],
@@ -161,7 +176,12 @@ class PointSet(Speaks):
             groups=self.groups[keep],
             previous=None if self.previous is None else self.previous[keep],
             session=None if self.session is None else self.session[keep],
+            **load,
         )
+
+    def load(self) -> dict[str, Any]:
+        """What is known of the load: ``payload_kg``, ``payload_place`` and ``torques``."""
+        return {name: getattr(self, name) for name in LOAD}
 
     def moves(self) -> FloatArray:
         """Joints minus those of the stop before, shape (n, joints); zero where it is not known."""
@@ -191,7 +211,8 @@ class PointSet(Speaks):
         -------
         DataFrame
             ``pose``, ``group``, ``q1`` … (radians, metres for prismatic joints), ``target``, ``x_mm``, ``y_mm``,
-            ``z_mm`` in the measuring frame and, where measured, ``u95_mm`` and ``qw``, ``qx``, ``qy``, ``qz``.
+            ``z_mm`` in the measuring frame and, where measured or told, ``u95_mm``, ``qw``, ``qx``, ``qy``, ``qz`` and
+            ``payload_kg``.
         """
         import pandas as pd
 
@@ -204,6 +225,8 @@ class PointSet(Speaks):
         if self.rotation is not None:
             quaternion = frames.quaternion_from_matrix(self.rotation)
             columns |= dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
+        if self.payload_kg is not None:
+            columns["payload_kg"] = self.payload_kg[self.pose]
         return pd.DataFrame(columns)
 
     def told(self) -> Sequence[Told]:

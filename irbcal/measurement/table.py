@@ -2,14 +2,16 @@
 
 A measurement file, or a DataFrame, has the columns::
 
-    pose,q1_deg,...,q6_deg,target,x_mm,y_mm,z_mm[,c1_deg,...,c6_deg,group,session,payload_kg,time_s,cycle,u95_mm,qw,qx,qy,qz,...]
+    pose,q1_deg,...,q6_deg,target,x_mm,y_mm,z_mm[,c1_deg,...,c6_deg,group,session,payload_kg,time_s,cycle,u95_mm,
+        qw,qx,qy,qz,payload_x_mm,payload_y_mm,payload_z_mm,tau1_nm,...,tau6_nm,...]
 
 Arms with another number of joints have as many columns; the travel of a prismatic joint is ``q1_mm``. Where there are
 ``c1_deg`` … (``c1_mm``), these are the programmed joints: they are what models take, and ``q1_deg`` … are the
-controller's readings. Without them the readings stand for the programmed joints. Column order is free and unknown
-columns are kept. A position that is empty, NaN or exactly 0,0,0 is a lost point. A column ``simulated`` (yes) marks
-data that no tracker measured. Errors name the file, the row (line of the file, the header being line 1; in a DataFrame
-the position plus one) and the column.
+controller's readings. Without them the readings stand for the programmed joints. ``payload_kg`` is the mass carried at
+each pose, ``payload_x_mm`` … its centre in the tip link, ``tau1_nm`` … the torques that the robot reported. Column
+order is free and unknown columns are kept. A position that is empty, NaN or exactly 0,0,0 is a lost point. A column
+``simulated`` (yes) marks data that no tracker measured. Errors name the file, the row (line of the file, the header
+being line 1; in a DataFrame the position plus one) and the column.
 """
 
 from collections.abc import Sequence
@@ -23,7 +25,7 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
+from irbcal.measurement import columns, load_columns
 from irbcal.measurement.columns import ALL_JOINTS, POSITION, QUATERNION, TableLike
 from irbcal.measurement.own_tables import OwnTables
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
@@ -33,7 +35,7 @@ from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
 REQUIRED = ["pose", ALL_JOINTS, "target", *POSITION]
-NUMERIC_EXTRAS = ["payload_kg", "time_s", "u95_mm", *QUATERNION]
+NUMERIC_EXTRAS = ["payload_kg", *load_columns.PLACE, "time_s", "u95_mm", *QUATERNION]
 REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""
 
@@ -143,6 +145,28 @@ class MeasurementSet(OwnTables, Speaks):
                 file=self.source,
                 row=columns.header_row(self.source),
             )
+
+    def payloads(self) -> FloatArray | None:
+        """Mass carried at each pose, shape (n,), kg, NaN where not given; None without a column payload_kg."""
+        if "payload_kg" not in self._rows.columns:
+            return None
+        found = self._rows.groupby("pose_index", sort=True)["payload_kg"].first().to_numpy(dtype=float)
+        return found if np.isfinite(found).any() else None
+
+    def payload_places(self) -> FloatArray | None:
+        """Centre of the payload in the tip link at each pose, shape (n, 3), metres; None without columns."""
+        names = load_columns.place_columns(self._rows.columns, self.source)
+        if not names:
+            return None
+        found = self._rows.groupby("pose_index", sort=True)[names].first().to_numpy(dtype=float) * MM
+        return found if np.isfinite(found).any() else None
+
+    def torques(self) -> FloatArray | None:
+        """Measured torques of the joints at each pose, shape (n, joints), N m; None without columns tau1_nm …."""
+        names = load_columns.torque_columns(self._rows.columns, self.source)
+        if not names:
+            return None
+        return self._rows.groupby("pose_index", sort=True)[names].mean().to_numpy(dtype=float)
 
     def is_reference(self) -> BoolArray:
         """Mask of the rows that are reference points fixed to the ground (Nubiola 2011, section 7.1)."""
@@ -256,6 +280,8 @@ def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
     table = pd.DataFrame({"row": cells.index})
     for name in [*columns.joint_columns(cells.columns), *columns.programmed_columns(cells.columns, source)]:
         table[name] = columns.numbers(cells, name, source, columns.expected_joint(name))
+    for name in load_columns.torque_columns(cells.columns, source):
+        table[name] = columns.numbers(cells, name, source, "a torque in N m")
     for name in POSITION:
         table[name] = columns.numbers(cells, name, source, "a position in mm or nothing", lost=True)
     for name in ("pose", "target"):
@@ -270,6 +296,7 @@ def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
     table.loc[columns.lost_points(table[POSITION].to_numpy()), POSITION] = np.nan
     table["pose_index"] = _pose_index(table, source)
     columns.check_sizes(table, source)
+    load_columns.check(table, source)
     columns.check_quaternions(table, source)
     return MeasurementSet(table, source, sha256)
 
@@ -287,6 +314,9 @@ def _pose_index(table: pd.DataFrame, source: str) -> IntArray:
     for names, what in ((columns.joint_columns(table.columns), "joints"), (programmed, "programmed joints")):
         if names:
             _check_same(table, names, what, first[index], source)
+    for name in ("payload_kg", *load_columns.PLACE):
+        if name in table.columns:
+            _check_same(table, [name], "payload", first[index], source)
     return index
 
 

@@ -8,8 +8,8 @@ were left out of the fit one at a time. The scatter of the parameters alone hold
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -221,6 +221,7 @@ class Certainty:
         target: str | None,
         T_world_base: FloatArray,
         in_order: bool = False,
+        load: Mapping[str, FloatArray | None] | None = None,
     ) -> Prediction:
         """Places of a point of the tool, with what is known of them; see `irbcal.modeling.robot.Robot.predict`.
 
@@ -239,6 +240,8 @@ class Certainty:
         T_world_base : ndarray, shape (4, 4)
         in_order : bool
             Take the residuals of contiguous blocks of poses in place of single ones.
+        load : dict, optional
+            What a motion says of the load, see `irbcal.modeling.terms.situation.LOAD`.
 
         Returns
         -------
@@ -255,7 +258,7 @@ class Certainty:
                 "this calibration knows its covariance but no leave-one-out errors, so it can give no intervals: it "
                 "was saved by an earlier version, calibrate again"
             )
-        position, covariance, outside = self.positions(walk, q, previous, place, target, T_world_base)
+        position, covariance, outside = self.positions(walk, q, previous, place, target, T_world_base, load)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         return Prediction(position, covariance, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0), outside)
 
@@ -267,9 +270,12 @@ class Certainty:
         place: FloatArray,
         target: str | None,
         T_world_base: FloatArray,
+        load: Mapping[str, FloatArray | None] | None = None,
     ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Positions (n, 3), their covariance (n, 3, 3) and which poses are outside; parameters as `predict`."""
         motion, known = _motion(q, previous)
+        loaded: dict[str, Any] = dict(load or {})
+        motion = replace(motion, **loaded)
         T = np.eye(4) if target is None else T_world_base
         R = T[:3, :3]
         position, covariance = np.empty((len(motion), 3)), np.empty((len(motion), 3, 3))

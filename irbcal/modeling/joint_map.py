@@ -20,6 +20,7 @@ The four stiffness parameters of the thesis act through ``A`` and ``B`` alone
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Protocol
 
@@ -147,6 +148,7 @@ class AnyJointMap(Protocol):
 
     A sum of terms is an `irbcal.modeling.terms.term_joint_map.TermJointMap`. ``previous`` is the stop before, as
     commanded: maps that have no use for it ignore it, the others take the last move as unknown where it is not given.
+    Likewise the load, see `TermJointMap.effective`.
     """
 
     @property
@@ -169,7 +171,14 @@ class AnyJointMap(Protocol):
         """What the map does, in a few words."""
         ...
 
-    def effective(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+    def effective(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> FloatArray:
         """Effective joints, shape (n, joints)."""
         ...
 
@@ -187,6 +196,14 @@ class AnyJointMap(Protocol):
 
     def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """A box of effective joints whose commands all respect joint limits."""
+        ...
+
+    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> AnyJointMap:
+        """The map with another payload (kg, its centre in the tip link in metres)."""
+        ...
+
+    def load(self, n: int, *given: ArrayLike | None) -> Mapping[str, FloatArray | None]:
+        """What a motion of n stops says of the load, what is not told being as usual."""
         ...
 
 
@@ -255,7 +272,14 @@ class JointMap:
         ]
         return f"joint map with {', '.join(parts)}"
 
-    def effective(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+    def effective(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> FloatArray:
         """Effective joints: the formula of this module (Nubiola 2011, eqs. 3.31, 5.8, 5.14 and 5.15).
 
         Parameters
@@ -264,6 +288,8 @@ class JointMap:
             Commanded joints, radians (metres for prismatic joints).
         previous : ndarray, optional
             The stop before, see `AnyJointMap`: this map does not depend on it, here and below.
+        payload_kg, payload_place, torques : array_like, optional
+            Likewise; for another payload see `with_payload`.
 
         Returns
         -------
@@ -406,6 +432,18 @@ class JointMap:
         turn = np.arctan2(C, abs(B)) * np.copysign(1.0, B)
         stiffness = np.array([A, np.copysign(np.hypot(B, C), B)])
         return replace(self, stiffness=stiffness, phases=self.phases + np.array([0.0, turn]))
+
+    def load(self, n: int, *given: ArrayLike | None) -> Mapping[str, FloatArray | None]:
+        """Nothing: this map does not depend on the load."""
+        return {}
+
+    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> JointMap:
+        """Refused by a RobotError: unlike a sum of terms, a level of the thesis does not know what a payload does."""
+        raise RobotError(
+            "a level of the thesis does not tell how the joints give way under another payload: calibrate with model "
+            "auto from poses measured with two loads or more (column payload_kg)",
+            parameter="payload_kg",
+        )
 
     def commanded(self, theta: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
         """Commanded angles that give these effective angles: the inverse of `effective`.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.errors import RobotError
+from irbcal.errors import OptionError, RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
@@ -18,6 +18,7 @@ from irbcal.modeling.joint_map import AnyJointMap, JointMap
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import BLOCK, TermMap
+from irbcal.options import number, place
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,20 +96,31 @@ class Robot:
         """
         return self.forward(self.arm.check_joints(q))
 
-    def forward(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+    def forward(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> FloatArray:
         """Tip poses in the base link, as `poses`, of any joints (n, joints): for iterations, for trying other units.
 
         The "real" direct model of Nubiola 2011, eqs. 6.40 and 7.2, where arm and joint map are calibrated; with the
-        stops before, ``previous`` (n, joints), where they are known and the joint map depends on them.
+        stops before, ``previous`` (n, joints), where they are known and the joint map depends on them. The mass carried
+        (n,), its centre in the tip link (n, 3) and torques that the robot reports (n, joints) likewise; without them
+        the robot carries what most poses of the calibration were measured with, see `carrying`.
         """
         if self.frame_terms is None:
-            return self.arm.forward(self.joint_map.effective(q, previous))
+            return self.arm.forward(self.joint_map.effective(q, previous, payload_kg, payload_place, torques))
         q = np.asarray(q, dtype=float)
+        before = None if previous is None else np.broadcast_to(previous, q.shape)
+        load: dict[str, Any] = {**self.joint_map.load(len(q), payload_kg, payload_place, torques)}
+        motion = replace(Motion.after(q, before), **load)
         out = np.empty((len(q), 4, 4))
         for start in range(0, len(q), BLOCK):
             rows = slice(start, start + BLOCK)
-            before = None if previous is None else np.broadcast_to(previous, q.shape)[rows]
-            out[rows] = chain.poses(self.walk(Motion.after(q[rows], before)))
+            out[rows] = chain.poses(self.walk(motion.select(rows)))
         return out
 
     def moved_by_frame_terms(self, q: ArrayLike) -> FloatArray:
@@ -119,6 +131,28 @@ class Robot:
         place = np.append(next(iter(self.targets.values()), np.zeros(3)), 1.0)
         difference = (self.forward(q) - self.replace(frame_terms=None).forward(q))[:, :3] @ place
         return np.linalg.norm(difference, axis=1)
+
+    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> Robot:
+        """The robot with another mass on its tool, where its calibration was measured with several.
+
+        Parameters
+        ----------
+        payload_kg : float
+            By the reckoning of the measurements: with or without the tool, as there.
+        place : array_like, shape (3,), optional
+            Its centre in the tip link, metres; that of the calibration unless given.
+
+        Returns
+        -------
+        Robot
+            Every prediction, inverse and correction made with it is for that load.
+
+        Raises
+        ------
+        RobotError
+            If the joint map does not know how the joints give way under another load.
+        """
+        return self.replace(joint_map=self.joint_map.carrying(payload_kg, place))
 
     def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.
@@ -158,8 +192,9 @@ class Robot:
         See `irbcal.modeling.terms.chain.walk`.
         """
         previous = None if motion.move is None else motion.q - motion.move
+        load = (motion.payload_kg, motion.payload_place, motion.torques)
         xi = None if self.frame_terms is None else self.frame_terms.motions(motion)
-        return chain.walk(self.arm, self.joint_map.effective(motion.q, previous), xi)
+        return chain.walk(self.arm, self.joint_map.effective(motion.q, previous, *load), xi)
 
     def predict(
         self,
@@ -168,6 +203,9 @@ class Robot:
         target: str | None = None,
         *,
         in_order: bool = False,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
     ) -> Prediction:
         """Places of a reflector in the measuring frame, with what is known of them.
 
@@ -183,6 +221,8 @@ class Robot:
         in_order : bool
             The poses of the fit were a program in an order, and others than these are predicted: contiguous blocks of
             poses count as left out in place of single poses.
+        payload_kg, payload_place, torques : array_like, optional
+            The load, as for `forward`.
 
         Returns
         -------
@@ -207,14 +247,17 @@ class Robot:
                 f"unknown target {name!r}: this robot has {', '.join(self.targets) or 'none'}", parameter="target"
             )
         q = self.arm.check_joints(q)
-        return self.certainty.predict(self.walk, q, previous, self.targets[name], name, self.T_world_base, in_order)
+        load = self.joint_map.load(len(q), payload_kg, payload_place, torques)
+        place = self.targets[name]
+        return self.certainty.predict(self.walk, q, previous, place, name, self.T_world_base, in_order, load)
 
     def predict_tip(self, q: ArrayLike, previous: ArrayLike | None = None) -> Prediction:
         """As `predict` for the origin of the tip in the base link: base and tool do not matter."""
         if self.certainty is None:
             raise RobotError(f"nothing is known of how certain {self.arm.name} is", parameter="certainty")
         q = self.arm.check_joints(q)
-        return self.certainty.predict(self.walk, q, previous, np.zeros(3), None, self.T_world_base)
+        load = self.joint_map.load(len(q))
+        return self.certainty.predict(self.walk, q, previous, np.zeros(3), None, self.T_world_base, load=load)
 
     def replace(self, **changes: Any) -> Robot:
         """A copy with some fields changed."""
@@ -224,3 +267,31 @@ class Robot:
     def table(self) -> dhm.DHMTable:
         """The DHM table in use."""
         return self.arm.table
+
+
+def loaded(robot: Robot, payload: float | None, payload_place: ArrayLike | None = None) -> Robot:
+    """The robot with the payload that a user asks for.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated.
+    payload : float or None
+        Kg; None: the robot as it is.
+    payload_place : array_like, shape (3,), optional
+        Its centre in the tip link, metres.
+
+    Raises
+    ------
+    OptionError
+        If these are no mass and no place, or there is a place without a mass.
+    RobotError
+        As `Robot.carrying`.
+    """
+    if payload is None:
+        if payload_place is not None:
+            raise OptionError("payload_place: goes with a payload: give its mass, too", parameter="payload_place")
+        return robot
+    if payload_place is not None:
+        payload_place = place("payload_place", payload_place, "x, y, z of the payload's centre in metres")
+    return robot.carrying(number("payload", payload, 0.0), payload_place)

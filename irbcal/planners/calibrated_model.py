@@ -461,15 +461,16 @@ class CalibratedModel(Speaks):
     ) -> CalibratedModel:
         """The model with more (or less) mass on the tool than when the robot was measured.
 
-        The arm's stiffness is split into compliance and masses, by the inertials of the URDF, and the new torques of
-        gravity on axes 2 and 3 give new stiffness terms (Nubiola 2011, section 5.3; `Stiffness.with_payload`).
+        A calibration of model ``auto`` from measurements with several loads knows how each joint gives way: its load is
+        changed. For levels of the thesis the arm's stiffness is split into compliance and masses, by the inertials of
+        the URDF, and new torques on axes 2 and 3 give new terms (Nubiola 2011, section 5.3; `Stiffness.with_payload`).
 
         Parameters
         ----------
         delta_kg : float
             Mass added; negative if it carries less.
         place : array_like, shape (3,), optional
-            Centre of the added mass in the tip link, metres; the tip's origin unless given.
+            Centre of the added mass in the tip link, metres; the tip's origin (``auto``: that of the fit) unless given.
         wrist : array_like, optional
             Joints behind joint 3 at which the mass's lever is taken, radians; zero unless given. The stiffness terms
             know only joints 2 and 3, so one typical posture of the wrist stands for all.
@@ -485,14 +486,14 @@ class CalibratedModel(Speaks):
         Raises
         ------
         RobotError
-            If the calibration has no stiffness (levels below 34), or the URDF no masses.
+            If the calibration has no stiffness, or ``auto`` knows one load only, or the URDF has no masses.
 
         Notes
         -----
-        A physical guess: positions show compliance times mass only, and the masses in a URDF may be estimates. The
-        wrist is taken as stiff and the base as upright. For 3 kg on a stretched IRB 1600 it gives 0.16 mm (simulated
-        demo, estimated masses) to 0.24 mm (Nubiola 2011, section 5.3), where 0.3 mm was measured
-        (Table 4.3).
+        Of a level a physical guess: positions show compliance times mass only, and the masses in a URDF may be
+        estimates. The wrist is taken as stiff and the base as upright. For 3 kg on a stretched IRB 1600 it gives 0.16
+        mm (simulated demo, estimated masses) to 0.24 mm (Nubiola 2011, section 5.3), where 0.3 mm was measured (Table
+        4.3).
         """
         whole = self.model, self._place, self._rest
         changed = payload.with_payload(self.joint_map, self.arm, *whole, delta_kg, place, wrist, masses)

@@ -13,6 +13,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import AnyJointMap, JointMap, Stiffness
+from irbcal.modeling.terms.term_joint_map import TermJointMap
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -30,13 +31,15 @@ def with_payload(
     place: ArrayLike | None = None,
     wrist: ArrayLike | None = None,
     masses: tuple[float, float] | None = None,
-) -> JointMap:
+) -> AnyJointMap:
     """The joint map with more (or less) mass on the tool than when the robot was measured.
+
+    A sum of terms knows how each joint gives way, where several loads were measured: its load is changed, and neither
+    masses nor a posture of the wrist matter.
 
     Parameters
     ----------
-    joint_map : JointMap
-        Of one of the thesis's levels.
+    joint_map : JointMap or TermJointMap
     arm : Arm
         The calibrated arm.
     model : pinocchio.Model
@@ -49,17 +52,35 @@ def with_payload(
 
     Returns
     -------
-    JointMap
+    JointMap or TermJointMap
 
     Raises
     ------
     RobotError
-        If the arm has not six revolute joints, the joint map is not the thesis's or has no stiffness, or the URDF
-        no masses.
+        If a sum of terms was identified with one load only; or for a level of the thesis if the arm has not six
+        revolute joints, the joint map has no stiffness, or the URDF no masses.
     """
+    if isinstance(joint_map, TermJointMap):
+        return _with_more(joint_map, delta_kg, place)
+    assert isinstance(joint_map, JointMap)
+    whole = model, arm_in_model, rest
+    return _of_the_thesis(joint_map, arm, *whole, delta_kg, place, wrist, masses)
+
+
+def _of_the_thesis(
+    joint_map: JointMap,
+    arm: Arm,
+    model: pin.Model,
+    arm_in_model: ArmInModel,
+    rest: FloatArray,
+    delta_kg: float,
+    place: ArrayLike | None,
+    wrist: ArrayLike | None,
+    masses: tuple[float, float] | None,
+) -> JointMap:
+    """From the stiffness of a level of the thesis and masses."""
     import pinocchio as pin
 
-    joint_map = _of_the_thesis(joint_map)
     if not arm.six_revolute:
         raise RobotError(f"the arm-stiffness model is for six revolute joints, {arm.name} has others")
     theta = np.zeros(6)
@@ -100,11 +121,15 @@ def with_payload(
     return joint_map.with_payload(guess, delta_kg, upper, *lever)
 
 
-def _of_the_thesis(joint_map: AnyJointMap) -> JointMap:
-    if not isinstance(joint_map, JointMap):
+def _with_more(joint_map: TermJointMap, delta_kg: float, place: ArrayLike | None) -> TermJointMap:
+    """A sum of terms with some mass added to what it carries."""
+    before, own = joint_map.payload_kg or 0.0, joint_map.payload_place
+    load = before + float(delta_kg)
+    if load < 0.0:
         raise RobotError(
-            "the effect of another payload follows from the stiffness of the thesis's levels, which this joint map of "
-            "terms has not: calibrate with model 34 or 34b, or with the payload that the robot will carry",
+            f"a payload {-delta_kg:g} kg smaller is impossible: the robot was measured with {before:g} kg",
             parameter="delta_kg",
         )
-    return joint_map
+    if place is None or load == 0.0 or own is None:
+        return joint_map.carrying(load)
+    return joint_map.carrying(load, (before * own + delta_kg * np.asarray(place, dtype=float)) / load)

@@ -129,7 +129,7 @@ def tip_errors(robot: Robot, points: PointSet, source: str = "the measurements")
         pose, T = _tips_of_frames(robot, points, rows)
     else:
         pose, T = _tips_of_three(robot, points, source)
-    return TipErrors(pose, T, robot.T_world_base @ robot.forward(points.q, points.previous)[pose])
+    return TipErrors(pose, T, robot.T_world_base @ points.tips(robot)[pose])
 
 
 def _tips_of_frames(robot: Robot, points: PointSet, rows: IntArray) -> tuple[IntArray, FloatArray]:

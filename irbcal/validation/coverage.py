@@ -39,7 +39,8 @@ def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
         mine = points.target == k
         rows = points.pose[mine]
         previous = None if points.previous is None else points.previous[rows]
-        seen = robot.predict(points.q[rows], previous, points.target_names[k])
+        load: dict[str, Any] = {key: None if value is None else value[rows] for key, value in points.load().items()}
+        seen = robot.predict(points.q[rows], previous, points.target_names[k], **load)
         inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
         width[mine] = seen.interval
     outside = robot.certainty.outside(points.q)[points.pose]

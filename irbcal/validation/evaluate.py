@@ -23,7 +23,8 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.options import checked, place
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.options import checked, number, place
 from irbcal.options import seed as check_seed
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
@@ -60,6 +61,8 @@ def evaluate(
     compare: CalibrationLike | None = None,
     verified: table.MeasurementsLike | None = None,
     seed: int = 0,
+    payload: float | None = None,
+    same_tool: bool = False,
 ) -> Evaluation:
     """Errors of a calibration and of its nominal robot on other measurements.
 
@@ -94,6 +97,10 @@ def evaluate(
         Measurements of the same poses (by name) run with this calibration's fake targets.
     seed : int
         Of the bootstrap and of the poses for ``refit_from``.
+    payload : float, optional
+        Mass carried, kg, where the measurements do not tell it (column ``payload_kg``).
+    same_tool : bool
+        With a load that the calibration does not know the reflectors are where they were with its usual load.
 
     Returns
     -------
@@ -112,8 +119,9 @@ def evaluate(
         checked("relative", relative, RELATIVE)
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
+    measurements = _carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
-    ready, robots = in_frame_of_calibration(record, measurements, refit)
+    ready, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
     ready = without_fitted(ready, record, include_fitted)
     ready = _inside(ready, robots["calibrated"], sphere)
     seen, points = ready.measurements, ready.points
@@ -152,7 +160,7 @@ def evaluate(
 
 
 def in_frame_of_calibration(
-    calibration: CalibrationLike, measurements: table.MeasurementsLike, refit: Refit = NOTHING
+    calibration: CalibrationLike, measurements: table.MeasurementsLike, refit: Refit = NOTHING, same_tool: bool = False
 ) -> tuple[Prepared, dict[str, Robot]]:
     """Clean measurements in the frame of a calibration, and its robots.
 
@@ -162,6 +170,8 @@ def in_frame_of_calibration(
     measurements : str, Path, DataFrame or MeasurementSet
     refit : Refit
         What to place anew; the poses that do it are not in the result, except where they are judged, too.
+    same_tool : bool
+        As `evaluate`.
 
     Returns
     -------
@@ -177,7 +187,7 @@ def in_frame_of_calibration(
     record = opened(calibration)
     seen = table.read(measurements)
     seen.check_joints(record.arm())
-    ready = prepare(seen, record, any_target=refit.tool)
+    ready = prepare(seen, record, any_target=refit.tool, same_tool=same_tool)
     robots = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
 
     def placed(points: PointSet) -> dict[str, Robot]:
@@ -219,7 +229,39 @@ def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
     seen = ready.measurements
     notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
     corner = record.certainty.warning() if record.certainty is not None else ""
-    return (*notes, *_outside_ranges(ready.points, record), *([corner] if corner else []))
+    return (
+        *notes,
+        *_other_loads(ready.points, record),
+        *_outside_ranges(ready.points, record),
+        *([corner] if corner else []),
+    )
+
+
+def _carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
+    """Measurements with a load where they do not tell it."""
+    if payload is None:
+        return measurements
+    if measurements.payloads() is not None:
+        raise OptionError(
+            "payload: the measurements tell it themselves (payload_kg): leave it out", parameter="payload"
+        )
+    load = number("payload", payload, 0.0)
+    return replace(measurements, table=measurements.table.assign(payload_kg=load))
+
+
+def _other_loads(points: PointSet, record: Record) -> list[str]:
+    """That a joint map of one load is judged at others."""
+    usual, loads = record.usual_load, points.payload_kg
+    joint_map = record.robot_calibrated().joint_map
+    if usual is None or loads is None or (isinstance(joint_map, TermJointMap) and joint_map.knows_loads):
+        return []
+    other = np.unique(loads[np.isfinite(loads) & (loads != usual)])
+    if not len(other):
+        return []
+    return [
+        f"Poses with {', '.join(f'{load:g}' for load in other)} kg are judged by a calibration that was measured with "
+        f"{usual:g} kg only: what the joints give way under another load is in their errors."
+    ]
 
 
 def _outside_ranges(points: PointSet, record: Record) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, IntArray, NameArray, lock
 from irbcal.files.schema import Record
-from irbcal.measurement import cleaning
+from irbcal.measurement import cleaning, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.poses import as_poses
@@ -65,7 +65,12 @@ def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value).strip()
 
 
-def prepare(measurements: MeasurementSet, calibration: Record | None = None, any_target: bool = False) -> Prepared:
+def prepare(
+    measurements: MeasurementSet,
+    calibration: Record | None = None,
+    any_target: bool = False,
+    same_tool: bool = False,
+) -> Prepared:
     """Clean measurements and bring them into the frame of a calibration.
 
     Parameters
@@ -74,6 +79,8 @@ def prepare(measurements: MeasurementSet, calibration: Record | None = None, any
     calibration : Record, optional
     any_target : bool
         Take targets that the calibration does not know, too.
+    same_tool : bool
+        With loads that the calibration does not know the reflectors are where they were with its usual load.
 
     Returns
     -------
@@ -84,6 +91,10 @@ def prepare(measurements: MeasurementSet, calibration: Record | None = None, any
     MeasurementError
         If nothing is left.
     """
+    notes: list[str] = []
+    if calibration is not None:
+        names_there, usual = calibration.placement.targets, calibration.usual_load
+        measurements, notes = tools.as_calibrated(measurements, names_there, usual, same_tool, any_target)
     names = measurements.table.groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
     # poses go by their number meanwhile: names repeat from cycle to cycle
     numbered = replace(measurements, table=measurements.table.assign(pose=measurements.table["pose_index"].astype(str)))
@@ -98,4 +109,4 @@ def prepare(measurements: MeasurementSet, calibration: Record | None = None, any
     points = as_poses(cleaned.points, measurements.source, shape)[0] if shape else cleaned.points
     number = points.pose_ids.astype(int)
     excluded = tuple(replace(item, pose=str(names[int(item.pose)])) for item in cleaned.excluded)
-    return Prepared(replace(points, pose_ids=names[number]), number, measurements, excluded, tuple(cleaned.notes))
+    return Prepared(replace(points, pose_ids=names[number]), number, measurements, excluded, (*notes, *cleaned.notes))

@@ -51,6 +51,10 @@ def test_joints_as_an_array_and_other_settings(simulated):
     assert found.cell.on == ()
     assert found.to_dict()["targets"] == ["smr9"]
     assert found.run.payload_kg == 6.0
+    seen = found.measurements()
+    assert set(seen.payloads()) == {6.0}
+    np.testing.assert_allclose(seen.payload_places(), [found.cell.tool.payload_centre] * 4, rtol=0, atol=1e-7)
+    assert simulated.measurements().payload_places() is None
     np.testing.assert_allclose(found.cell.tracker.place, [3.0, 0.0, 1.0], rtol=0, atol=1e-12)
 
 

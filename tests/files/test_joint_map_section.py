@@ -11,6 +11,7 @@ from irbcal.errors import RobotError
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection, section_of
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
+from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 
@@ -18,11 +19,11 @@ from irbcal.modeling.terms.term_map import TermMap
 @pytest.fixture(scope="module")
 def joint_map():
     model = arm("irb120")
-    names = ("gravity", "gain", "thesis", "harmonics", "direction", "move")
-    terms = [t for name in names for t in families()[name].terms(model)]
+    names = ("gravity", "gain", "thesis", "harmonics", "direction", "move", "torque")
+    terms = [t for name in names for t in families()[name].terms(model)] + Payload((0.02, -0.01, 0.1)).terms(model)
     values = 0.3 * np.array([t.size for t in terms]) * np.random.default_rng(3).standard_normal(len(terms))
     ranges = np.array([np.full(6, -2.0), np.full(6, 1.5)])
-    return TermJointMap(TermMap(model, tuple(terms), values, np.abs(values)), ranges)
+    return TermJointMap(TermMap(model, tuple(terms), values, np.abs(values)), ranges, 2.5)
 
 
 def test_terms_come_back_from_json(joint_map):
@@ -34,6 +35,8 @@ def test_terms_come_back_from_json(joint_map):
     q, previous = model.random_joints(50, 1), model.random_joints(50, 2)
     assert np.array_equal(again.effective(q, previous), joint_map.effective(q, previous))
     assert np.array_equal(again.ranges, joint_map.ranges)
+    assert again.payload_kg == json.loads(text)["payload_kg"] == 2.5
+    assert np.array_equal(again.carrying(4.0).effective(q), joint_map.carrying(4.0).effective(q))
     assert again.terms.std == pytest.approx(joint_map.terms.std, abs=0.0)
 
 
@@ -55,18 +58,32 @@ def rotation(k, angle):
     return R
 
 
-def effective(entry, table, base, q, previous):
-    """The joint map in plain steps: revolute joints, rows (alpha, beta, theta) of the nominal DHM table."""
-    D, R, frames, links = q - previous, base, [], []
-    for (alpha, beta, theta), angle in zip(table, q, strict=True):
-        frames.append(R := R @ rotation(0, alpha) @ rotation(1, beta))
+def effective(entry, model, vector):
+    """The joint map in plain steps: revolute joints, rows of the nominal DHM table."""
+    table, q = model.table, np.array(vector["q"])
+    D = q - vector["previous_q"]
+    R, o, frames, links, origins = model.T_base_0[:3, :3], model.T_base_0[:3, 3], [], [], []
+    for alpha, a, beta, b, theta, d, angle in zip(
+        table.alpha, table.a, table.beta, table.b, table.theta, table.d, q, strict=True
+    ):
+        o = o + a * R[:, 0]
+        R = R @ rotation(0, alpha) @ rotation(1, beta)
+        o = o + b * R[:, 1] + d * R[:, 2]
+        frames.append(R)
+        origins.append(o)
         links.append(R := R @ rotation(2, theta + angle))
     out = q.copy()
     for t in entry["terms"]:
         j = t["joint"] - 1
+        z = frames[j][:, 2]
         if t["basis"] == "gravity":
             v = {"x": [1, 0, 0], "y": [0, 1, 0], "z": [0, 0, 1]}.get(str(t["vector"]), t["vector"])
-            value = frames[j][:, 2] @ np.cross(links[t["link"] - 1] @ v, entry["gravity"])
+            value = z @ np.cross(links[t["link"] - 1] @ v, entry["gravity"])
+        elif t["basis"] == "payload":
+            p = o + R @ (model.T_last_tip[:3, :3] @ t["place"] + model.T_last_tip[:3, 3])
+            value = 9.81 * vector["payload_kg"] * (z @ np.cross(p - origins[j], entry["gravity"]))
+        elif t["basis"] == "torque":
+            value = vector["torques_nm"][j]
         elif t["basis"] in ("cos", "sin"):
             value = getattr(np, t["basis"])(t["cycles_per_turn"] * q[j])
         elif t["basis"] == "direction":
@@ -81,13 +98,12 @@ def effective(entry, table, base, q, previous):
 def test_test_vectors_follow_from_the_description(joint_map):
     model = arm("irb120")
     entry = json.loads(section_of(joint_map, model).model_dump_json())
-    table = np.column_stack([model.table.alpha, model.table.beta, model.table.theta])
-    assert len(entry["test_vectors"]) == 5
+    assert entry["inputs"] == ["q", "previous_q", "payload_kg", "torques_nm"]
+    assert [vector["payload_kg"] for vector in entry["test_vectors"]] == [2.5, 3.5, 4.5, 5.5, 6.5]
     for vector in entry["test_vectors"]:
-        q, previous = np.array(vector["q"]), np.array(vector["previous_q"])
-        found = effective(entry, table, model.T_base_0[:3, :3], q, previous)
+        found = effective(entry, model, vector)
         assert np.abs(found - vector["effective"]).max() < 1e-13
-        assert np.abs(found - q).max() > 1e-4
+        assert np.abs(found - vector["q"]).max() > 1e-4
 
 
 def test_what_is_no_joint_map_is_refused(joint_map):

@@ -57,6 +57,13 @@ def test_other_masses_and_orientations_are_not_averaged():
     motion = Motion(q, payload_kg=np.tile([1.0, 2.0], 4))
     points = truth.measured(motion, 1e-5)
     assert repeats.averaged(points, motion)[0].poses == 8
+    once = replace(motion, payload_kg=np.ones(8), torques=np.arange(48.0).reshape(8, 6))
+    told = replace(points, payload_kg=np.ones(8), payload_place=np.tile([0.0, 0.0, 0.1], (8, 1)), torques=once.torques)
+    merged, shorter = repeats.averaged(told, once)
+    assert merged.poses == len(merged.payload_kg) == len(merged.payload_place) == 4
+    np.testing.assert_allclose(shorter.torques, once.torques.reshape(4, 2, 6).mean(axis=1), rtol=1e-14)
+    apart = replace(once, payload_place=np.arange(24.0).reshape(8, 3))
+    assert repeats.averaged(told, apart)[0].poses == 8
     turned = replace(points, rotation=np.tile(np.eye(3), (len(points), 1, 1)))
     assert repeats.averaged(turned, Motion(q))[0] is turned
     assert repeats.averaged(points, Motion(q))[0].poses == 4

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 
+from irbcal.errors import MeasurementError
 from irbcal.measurement import cleaning, table
-from irbcal.measurement.motions import motion_of
+from irbcal.measurement.motions import motion_of, usual_load
 
 
 def rows(q, groups=None, names=None):
@@ -60,3 +62,27 @@ def test_programmed_joints_are_no_readings():
     motion = motion_of(seen, cleaning.clean(seen).points)
     assert not motion.readings
     assert np.abs(motion.moves[1:] - np.diff(q, axis=0)).max() < 1e-12
+
+
+def test_loads_of_the_poses_without_gaps():
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, (4, 6))
+    frame = rows(q).assign(payload_kg=[2.0, np.nan, 2.0, 2.0])
+    seen = table.read(frame)
+    motion = motion_of(seen, cleaning.clean(seen).points)
+    assert np.array_equal(motion.payload_kg, np.full(4, 2.0))  # one load only: the file told it where it told any
+    seen = table.read(frame.assign(payload_kg=[2.0, np.nan, 0.0, 2.0]))
+    with pytest.raises(MeasurementError, match="pose 1 has no payload, others carry 0 to 2 kg"):
+        motion_of(seen, cleaning.clean(seen).points)
+    place = {"payload_x_mm": [1.0, np.nan, 3.0, 4.0], "payload_y_mm": 0.0, "payload_z_mm": 50.0}
+    seen = table.read(frame.assign(payload_kg=[2.0, 0.0, 2.0, 2.0], **place))
+    motion = motion_of(seen, cleaning.clean(seen).points)
+    assert np.abs(motion.payload_place[:, 0] - [0.001, 0.0, 0.003, 0.004]).max() < 1e-15
+    assert not motion.payload_place[1].any()
+    seen = table.read(frame.assign(payload_kg=2.0, **place))
+    with pytest.raises(MeasurementError, match="pose 1 has a payload without a place"):
+        motion_of(seen, cleaning.clean(seen).points)
+
+
+def test_the_usual_load():
+    assert usual_load(None) is usual_load(np.array([np.nan])) is None
+    assert usual_load(np.array([1.0, 2.0, np.nan, 2.0, 1.0, 3.0])) == 1.0  # of equals the last measured

@@ -10,6 +10,10 @@ from support import arm
 from irbcal.errors import RobotError
 from irbcal.files import robots
 from irbcal.modeling.joint_map import JointMap, Stiffness
+from irbcal.modeling.terms.payload import Payload
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.modeling.terms.term_map import TermMap
 from irbcal.planners.calibrated_model import CalibratedModel
 
 
@@ -95,3 +99,24 @@ def test_payload_needs_masses_and_stiffness():
     k_g = 8e-4 / (25 * 0.35 + 30 * 0.7)
     assert abs(A - (8e-4 + k_g * 2 * 0.7)) < 1e-15
     assert abs(B - (2e-4 + k_g * 2 * 0.665)) < 1e-15
+
+
+def test_a_sum_of_terms_changes_its_load():
+    nominal = arm()
+    place = np.array([0.0, 0.05, 0.1])
+    terms = Payload(place).terms(nominal)
+    joint_map = TermJointMap(TermMap(nominal, tuple(terms), np.linspace(1e-6, 6e-6, 6)), None, 2.0)
+    model = CalibratedModel(robots.robot_file("irb1600").read_bytes(), nominal, joint_map)
+    q, more = nominal.random_joints(30, 1), np.array([0.2, 0.0, -0.1])
+    added = TermMap(nominal, tuple(Payload(more).terms(nominal)), np.linspace(1e-6, 6e-6, 6))
+    whole = joint_map.effective(q) + added.effective(Motion(q, payload_kg=np.full(30, 3.0))) - q
+    loaded = model.with_payload(3.0, more)
+    assert np.abs(loaded.joint_map.effective(q) - whole).max() < 1e-14
+    assert np.abs(loaded.command_from_model(loaded.model_from_command(q)) - q).max() < 1e-12
+    back = loaded.with_payload(-3.0, more).joint_map
+    assert np.abs(back.effective(q) - joint_map.effective(q)).max() < 1e-14
+    same_place = model.with_payload(3.0).joint_map
+    assert np.array_equal(same_place.effective(q), joint_map.carrying(5.0).effective(q))
+    assert not (model.with_payload(-2.0).joint_map.effective(q) - q).any()
+    with pytest.raises(RobotError, match="measured with 2 kg"):
+        model.with_payload(-2.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
@@ -20,7 +21,8 @@ STANDARD_GRAVITY = 9.81
 class PayloadTorque(Basis):
     """Torque of the payload about the joint's axis, N m.
 
-    ``m z_j . ((p - o_j) x g^) 9.81``, with ``p`` the place of the mass: parameter ``place``, in the tip link, metres.
+    ``m z_j . ((p - o_j) x g^) 9.81``, with ``p`` the place of the mass in the tip link, metres: the motion's, or
+    parameter ``place``.
     """
 
     name = "payload"
@@ -28,8 +30,13 @@ class PayloadTorque(Basis):
     def _parts(self, terms: Sequence[Term], here: Situation) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Axes z and levers p - o (terms, 3, n), and weights (n,) in newtons."""
         joints, tip = [t.joint for t in terms], here.tip
-        place = np.array([np.asarray(t.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float) for t in terms])
-        p = tip[3] + np.einsum("ka,acn->kcn", place, tip[:3])
+        own = np.array([np.asarray(t.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float) for t in terms])
+        given = here.motion.payload_place
+        p = tip[3] + (
+            np.einsum("ka,acn->kcn", own, tip[:3])
+            if given is None
+            else np.broadcast_to(np.einsum("na,acn->cn", given, tip[:3]), (len(terms), 3, len(given)))
+        )
         mass = here.motion.payload_kg
         weight = np.zeros(len(here.motion)) if mass is None else STANDARD_GRAVITY * mass
         return here.before[joints, 2], p - here.origins[joints], weight
@@ -58,6 +65,57 @@ class PayloadTorque(Basis):
         return weight[:, None] * out
 
 
+def as_levers(term: Term, arm: Arm) -> list[Term] | None:
+    """A payload term as terms of gravity on the links that carry the mass, for one kilogram.
+
+    Parameters
+    ----------
+    term : Term
+    arm : Arm
+        Nominal arm.
+
+    Returns
+    -------
+    list of Term or None
+        Their sum, each with coefficient one, is the term's function for 1 kg; None where a joint between that of the
+        term and the tip slides.
+    """
+    table = arm.table
+    if table.prismatic[term.joint + 1 :].any():
+        return None
+    vectors = []
+    for k in range(term.joint + 1, len(table.a)):
+        c, s, cb, sb = np.cos(table.alpha[k]), np.sin(table.alpha[k]), np.cos(table.beta[k]), np.sin(table.beta[k])
+        y, z = np.array([0.0, c, s]), np.array([sb, -s * cb, c * cb])
+        vectors.append(table.a[k] * np.array([1.0, 0.0, 0.0]) + table.b[k] * y + table.d[k] * z)
+    place = np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float)
+    vectors.append(arm.T_last_tip[:3, :3] @ place + arm.T_last_tip[:3, 3])
+    return [
+        Term(
+            term.joint,
+            term.axis,
+            "gravity",
+            1.0,
+            "",
+            "",
+            "rad",
+            {"link": term.joint + 1 + k, "vector": tuple(float(x) for x in STANDARD_GRAVITY * vector)},
+            term.also,
+        )
+        for k, vector in enumerate(vectors)
+    ]
+
+
+def largest_torque(term: Term, arm: Arm, lower: ArrayLike, upper: ArrayLike) -> float:
+    """A bound of a payload term's function within joint limits (joints,), N m, for one kilogram."""
+    table = arm.table
+    travel = np.maximum(np.abs(np.asarray(lower, dtype=float)), np.abs(np.asarray(upper, dtype=float)))
+    travel = np.where(table.prismatic & np.isfinite(travel), travel, 0.0)
+    reach = (np.abs(table.a) + np.abs(table.b) + np.abs(table.d) + travel).sum()
+    place = np.asarray(term.parameters.get("place", (0.0,)), dtype=float)
+    return STANDARD_GRAVITY * float(reach + np.linalg.norm(arm.T_last_tip[:3, 3]) + np.linalg.norm(place))
+
+
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.cross(a, np.broadcast_to(b, np.broadcast_shapes(a.shape, b.shape)), axis=-2)
 
@@ -68,7 +126,7 @@ class Payload(Family):
     Parameters
     ----------
     place : sequence of three float
-        Centre of the payload in the tip link, metres.
+        Centre of the payload in the tip link where the motion does not say, metres.
     """
 
     name = "payload"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,8 @@ from irbcal.modeling.arm import Arm
 
 GRAVITY = (0.0, 0.0, -1.0)
 """Direction of gravity in the base link unless told otherwise."""
+LOAD = ("payload_kg", "payload_place", "torques")
+"""What a motion and measured points say of the load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,10 @@ class Motion:
         Mass carried; none by default.
     readings : bool
         Whether ``q`` and ``move`` are the controller's readings, because the programmed joints are not known.
+    payload_place : ndarray, shape (n, 3), optional
+        Centre of that mass in the tip link, metres; where the payload's terms say unless given.
+    torques : ndarray, shape (n, joints), optional
+        Torques of the joints as the robot reports them, N m (N); zero by default.
     """
 
     q: FloatArray
@@ -40,11 +46,14 @@ class Motion:
     elapsed: FloatArray | None = None
     payload_kg: FloatArray | None = None
     readings: bool = False
+    payload_place: FloatArray | None = None
+    torques: FloatArray | None = None
 
     def __post_init__(self) -> None:
         q = np.atleast_2d(np.asarray(self.q, dtype=float))
         object.__setattr__(self, "q", q)
-        for name, shape in (("move", q.shape), ("elapsed", q.shape[:1]), ("payload_kg", q.shape[:1])):
+        shapes = {"move": q.shape, "elapsed": q.shape[:1], "payload_kg": q.shape[:1], "torques": q.shape}
+        for name, shape in (*shapes.items(), ("payload_place", (len(q), 3))):
             value = getattr(self, name)
             if value is None:
                 continue
@@ -102,7 +111,54 @@ class Motion:
         def part(value: FloatArray | None) -> FloatArray | None:
             return None if value is None else value[keep]
 
-        return Motion(self.q[keep], part(self.move), part(self.elapsed), part(self.payload_kg), self.readings)
+        parts = {name: part(getattr(self, name)) for name in ("move", "elapsed", *LOAD)}
+        return Motion(self.q[keep], **parts, readings=self.readings)
+
+
+def motion_at_use(
+    q: ArrayLike,
+    previous: ArrayLike | None = None,
+    payload_kg: ArrayLike | None = None,
+    payload_place: ArrayLike | None = None,
+    torques: ArrayLike | None = None,
+    usual_kg: float | None = None,
+    usual_place: ArrayLike = (0.0, 0.0, 0.0),
+) -> Motion:
+    """The motion of a warm arm, with what is assumed where nothing is known.
+
+    Parameters
+    ----------
+    q : array_like, shape (n, joints)
+        Commanded joints, radians (metres for prismatic joints).
+    previous : array_like, shape (n, joints) or (joints,), optional
+        The stop before each; rows with NaN are not known: no move.
+    payload_kg : array_like, shape (n,) or (), optional
+        Mass carried; ``usual_kg`` unless given, and where NaN.
+    payload_place : array_like, shape (n, 3) or (3,), optional
+        Its centre in the tip link, metres; ``usual_place`` where NaN.
+    torques : array_like, shape (n, joints), optional
+        N m; zero where NaN.
+    usual_kg : float, optional
+        Zero unless given.
+    usual_place : array_like, shape (3,)
+
+    Returns
+    -------
+    Motion
+    """
+    q = np.asarray(q, dtype=float)
+    move = place = None
+    if previous is not None:
+        move = q - np.asarray(previous, dtype=float)
+        move = np.where(np.isfinite(move).all(axis=1, keepdims=True), move, 0.0)
+    usual = 0.0 if usual_kg is None else usual_kg
+    load: FloatArray = np.full(len(q), usual if payload_kg is None else payload_kg, dtype=float)
+    load = np.where(np.isfinite(load), load, usual)
+    if payload_place is not None:
+        place = np.broadcast_to(np.asarray(payload_place, dtype=float), (len(q), 3))
+        place = np.where(np.isfinite(place).all(axis=1, keepdims=True), place, usual_place)
+    felt = None if torques is None else np.nan_to_num(np.asarray(torques, dtype=float))
+    return Motion(q, move, payload_kg=load, payload_place=place, torques=felt)
 
 
 class Situation:
@@ -126,7 +182,7 @@ class Situation:
     def shifted(self, dq: FloatArray) -> Situation:
         """The situation with the joints (n, joints) moved on by a little, the stop before held."""
         m = self.motion
-        motion = Motion(m.q + dq, m.moves + dq, m.elapsed, m.payload_kg, m.readings)
+        motion = replace(m, q=m.q + dq, move=m.moves + dq)
         return Situation(self.arm, motion, (self.gravity[0], self.gravity[1], self.gravity[2]))
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,12 +12,15 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
-from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.payload import as_levers, largest_torque
+from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 
-ELSEWHERE = ("decay", "payload")
-"""Bases that are zero for a warm arm without another payload."""
+LOADS = ("payload", "torque")
+"""Bases that depend on the load."""
+ELSEWHERE = ("decay", *LOADS)
+"""Bases that are zero for a warm arm, or are summed elsewhere."""
 HISTORY = ("direction", "share_of_move", "move")
 """Bases that are zero where the last move is not known."""
 STEPS = 60
@@ -48,8 +51,8 @@ class _Waves:
 class TermJointMap:
     """Commanded to effective joints by a sum of terms about the joints' own axes.
 
-    The arm is warm and carries what it carried when it was measured. Where the stop before is not given, terms of the
-    last move are zero.
+    The arm is warm and carries ``payload_kg`` unless told otherwise. Where the stop before is not given, terms of the
+    last move are zero; where torques are not given, theirs are.
 
     Parameters
     ----------
@@ -58,6 +61,9 @@ class TermJointMap:
     ranges : ndarray, shape (2, joints), optional
         Smallest and largest commanded joints that the terms were identified from, radians (metres): outside them high
         harmonics must not be trusted.
+    payload_kg : float, optional
+        The mass that is carried where none is given: the one that most poses of the fit were measured with. None where
+        it was not told.
 
     Raises
     ------
@@ -67,10 +73,13 @@ class TermJointMap:
 
     terms: TermMap
     ranges: FloatArray | None = None
+    payload_kg: float | None = None
 
     def __post_init__(self) -> None:
         if self.terms.has_frame_terms:
             raise RobotError("a joint map cannot carry terms about or along other axes than the joints' own")
+        if self.knows_loads and self.payload_kg is None:
+            object.__setattr__(self, "payload_kg", 0.0)
         lock(self)
 
     def __repr__(self) -> str:
@@ -103,7 +112,60 @@ class TermJointMap:
         if self.is_identity:
             return "no joint map (commanded joints are the effective ones)"
         kinds = dict.fromkeys(term.family.replace("_", " ") for term in self.terms.terms)
-        return f"joint map with {len(self.terms.terms)} terms ({', '.join(kinds)})"
+        load = f", carrying {self.payload_kg:g} kg" if self.knows_loads else ""
+        return f"joint map with {len(self.terms.terms)} terms ({', '.join(kinds)}){load}"
+
+    @property
+    def knows_loads(self) -> bool:
+        """Whether it has terms of the payload: it was identified from measurements with several loads."""
+        return any(term.basis == "payload" for term in self.terms.terms)
+
+    @property
+    def payload_place(self) -> FloatArray | None:
+        """Centre of the payload in the tip link, metres; None without terms of the payload."""
+        if not self.knows_loads:
+            return None
+        own = next(term.parameters.get("place") for term in self.terms.terms if term.basis == "payload")
+        return np.array(own if isinstance(own, tuple) else (0.0, 0.0, 0.0))
+
+    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> TermJointMap:
+        """The same map with another mass on the tool.
+
+        Parameters
+        ----------
+        payload_kg : float
+            Mass in the unit and by the reckoning of the measurements (with or without the tool, as there).
+        place : array_like, shape (3,), optional
+            Its centre in the tip link, metres; that of the fit unless given.
+
+        Returns
+        -------
+        TermJointMap
+
+        Raises
+        ------
+        RobotError
+            If the map was identified with another load only: nothing is known of how the joints give way then.
+        """
+        payload_kg = float(payload_kg)
+        if not np.isfinite(payload_kg) or payload_kg < 0.0:
+            raise RobotError(f"payload: expected a mass in kg, found {payload_kg:g}", parameter="payload_kg")
+        if not self.knows_loads:
+            if payload_kg == self.payload_kg and place is None:
+                return self
+            known = "a load that was not told" if self.payload_kg is None else f"{self.payload_kg:g} kg only"
+            raise RobotError(
+                f"this calibration was measured with {known}, which does not tell how the joints give way under "
+                f"{payload_kg:g} kg: measure some poses with another load, too (column payload_kg)",
+                parameter="payload_kg",
+            )
+        terms = self.terms
+        if place is not None:
+            there = np.asarray(place, dtype=float)
+            if there.shape != (3,) or not np.isfinite(there).all():
+                raise RobotError(f"payload's place: expected three numbers, found {place!r}", parameter="payload_place")
+            terms = replace(terms, terms=tuple(_placed(term, there) for term in terms.terms))
+        return replace(self, terms=terms, payload_kg=payload_kg)
 
     # -------------------------------------------------------------- what the terms come to
 
@@ -132,7 +194,15 @@ class TermJointMap:
 
     @cached_property
     def _levers(self) -> TermMap:
-        """Gravity, the vectors of one link and joint as one, and whatever is neither series, gain nor history."""
+        """Gravity, the vectors of one link and joint as one, and whatever is neither series, gain, history nor load."""
+        return self._lever_map(None)
+
+    @cached_property
+    def _loaded(self) -> TermMap:
+        """`_levers` with the payload that is carried."""
+        return self._lever_map(self.payload_kg)
+
+    def _lever_map(self, payload_kg: float | None) -> TermMap:
         sums: dict[tuple[int, tuple[int, ...], int], FloatArray] = {}
         for k in self._rows("gravity"):
             term = self.terms.terms[k]
@@ -140,11 +210,20 @@ class TermJointMap:
             value = np.eye(3)["xyz".index(vector)] if isinstance(vector, str) else np.asarray(vector, dtype=float)
             key = (term.joint, term.also, int(str(term.parameters["link"])))
             sums[key] = sums.get(key, np.zeros(3)) + self.terms.coefficients[k] * value
+        sliding = []
+        for k in self._rows("payload") if payload_kg else ():
+            levers = as_levers(self.terms.terms[k], self.terms.arm)
+            sliding += [k] if levers is None else []
+            for lever in levers or ():
+                key = (lever.joint, lever.also, int(str(lever.parameters["link"])))
+                value = np.asarray(lever.parameters["vector"], dtype=float)
+                weight = float(payload_kg or 0.0) * self.terms.coefficients[k]
+                sums[key] = sums.get(key, np.zeros(3)) + weight * value
         terms = [
             Term(joint, "rz", "gravity", 1.0, "", "", "rad", {"link": link, "vector": tuple(map(float, v))}, also)
             for (joint, also, link), v in sums.items()
         ]
-        rest = self._rows("q", "cos", "sin", "gravity", *ELSEWHERE, *HISTORY, other=True)
+        rest = [*self._rows("q", "cos", "sin", "gravity", *ELSEWHERE, *HISTORY, other=True), *sliding]
         return TermMap(
             self.terms.arm,
             (*terms, *(self.terms.terms[k] for k in rest)),
@@ -159,14 +238,51 @@ class TermJointMap:
         chosen = tuple(self.terms.terms[k] for k in rows)
         return TermMap(self.terms.arm, chosen, self.terms.coefficients[rows], None, self.terms.gravity)
 
+    def _only(self, basis: str) -> TermMap:
+        rows = self._rows(basis)
+        chosen = tuple(self.terms.terms[k] for k in rows)
+        return TermMap(self.terms.arm, chosen, self.terms.coefficients[rows], None, self.terms.gravity)
+
+    @cached_property
+    def _payload(self) -> TermMap:
+        return self._only("payload")
+
+    @cached_property
+    def _torque(self) -> TermMap:
+        return self._only("torque")
+
+    def motion(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> Motion:
+        """The motion that the terms are functions of, with what is assumed where nothing is given; see `effective`."""
+        own = np.zeros(3) if self.payload_place is None else self.payload_place
+        return motion_at_use(q, previous, payload_kg, payload_place, torques, self.payload_kg, own)
+
+    def load(self, n: int, *given: ArrayLike | None) -> dict[str, FloatArray | None]:
+        """What the motion of n stops says of the load: mass, place, torques as given, or as usual; see `effective`."""
+        motion = self.motion(np.zeros((n, len(self.terms.arm.joint_names))), None, *given)
+        return {name: getattr(motion, name) for name in LOAD}
+
     def _parts(self, q: FloatArray, previous: ArrayLike | None) -> Sequence[tuple[TermMap, Motion]]:
-        """Terms that are summed one by one, with the motion that they see."""
-        parts = [(self._levers, Motion(q))] if self._levers.terms else []
+        """Terms that are summed one by one, with the motion that they see, for the load that is carried."""
+        parts = [(self._loaded, self.motion(q))] if self._loaded.terms else []
         if previous is not None and self._history.terms:
             parts.append((self._history, Motion.after(q, previous)))
         return parts
 
-    def effective(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
+    def effective(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> FloatArray:
         """Effective joints.
 
         Parameters
@@ -175,6 +291,12 @@ class TermJointMap:
             Commanded joints, radians (metres for prismatic joints).
         previous : array_like, shape (n, joints) or (joints,), optional
             The stop before each, as commanded; rows with NaN are not known.
+        payload_kg : array_like, shape (n,) or (), optional
+            Mass carried at each; the map's own unless given, and where NaN.
+        payload_place : array_like, shape (n, 3) or (3,), optional
+            Its centre in the tip link, metres; as in the fit unless given.
+        torques : array_like, shape (n, joints), optional
+            Torques that the robot reports, N m. Without them terms of torques are zero.
 
         Returns
         -------
@@ -186,7 +308,14 @@ class TermJointMap:
         theta = q * (1.0 + self._gain)
         for waves in self._waves:
             theta[:, waves.joint] += waves.sums(q[:, waves.joint], 0)
-        for terms, motion in self._parts(q, previous):
+        parts = list(self._parts(q, previous))
+        if self.knows_loads and not (payload_kg is None and payload_place is None):
+            parts = [part for part in parts if part[0] is not self._loaded]
+            motion = self.motion(q, None, payload_kg, payload_place)
+            parts += [(terms, motion) for terms in (self._levers, self._payload) if terms.terms]
+        if torques is not None and self._torque.terms:
+            parts.append((self._torque, self.motion(q, torques=torques)))
+        for terms, motion in parts:
             theta += terms.effective(motion) - q
         return theta
 
@@ -229,8 +358,8 @@ class TermJointMap:
         out = np.zeros((len(q), q.shape[1], q.shape[1]))
         for waves in self._waves:
             out[:, waves.joint, waves.joint] += waves.sums(q[:, waves.joint], 2) * dq[:, waves.joint]
-        if self._levers.terms and len(q):
-            out += self._levers.jacobian_derivative(Motion(q), dq)
+        if self._loaded.terms and len(q):
+            out += self._loaded.jacobian_derivative(self.motion(q), dq)
         return out
 
     def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -250,9 +379,12 @@ class TermJointMap:
             Limits of the effective joints.
         """
         slack = np.zeros(len(self.terms.arm.joint_names))
-        for term, coefficient in zip(self._levers.terms, self._levers.coefficients, strict=True):
+        for term, coefficient in zip(self._loaded.terms, self._loaded.coefficients, strict=True):
             vector = np.asarray(term.parameters.get("vector", (1.0,)), dtype=float)
-            slack[[term.joint, *term.also]] += abs(coefficient) * np.linalg.norm(vector)
+            most = float(np.linalg.norm(vector))
+            if term.basis == "payload":
+                most = float(self.payload_kg or 0.0) * largest_torque(term, self.terms.arm, lower, upper)
+            slack[[term.joint, *term.also]] += abs(coefficient) * most
         longest = np.subtract(upper, lower)
         longest = np.where(np.isfinite(longest), longest, 0.0)
         for term, coefficient in zip(self._history.terms, self._history.coefficients, strict=True):
@@ -306,7 +438,7 @@ class TermJointMap:
         return q
 
     def static_parts(self) -> dict[str, Any]:
-        """What `effective` without the stop before is made of, as plain values: for other languages.
+        """What `effective` without the stop before is made of for the load carried, as values for other languages.
 
         Returns
         -------
@@ -323,10 +455,10 @@ class TermJointMap:
         """
         levers = [
             {"joints": [term.joint, *term.also], "link": int(str(term.parameters["link"])) - 1, "vector": [*vector]}
-            for term in self._levers.terms
+            for term in self._loaded.terms
             if isinstance(vector := term.parameters.get("vector"), tuple)
         ]
-        if len(levers) < len(self._levers.terms):
+        if len(levers) < len(self._loaded.terms):
             raise RobotError("this joint map has terms that cannot be written in other languages")
         arm = self.terms.arm
         frames = [_turn(0, alpha) @ _turn(1, beta) for alpha, beta in zip(arm.table.alpha, arm.table.beta, strict=True)]
@@ -350,6 +482,12 @@ class TermJointMap:
         if self.ranges is None:
             return np.zeros(q.shape)
         return np.maximum(q - self.ranges[1], 0.0) + np.minimum(q - self.ranges[0], 0.0)
+
+
+def _placed(term: Term, place: FloatArray) -> Term:
+    if term.basis != "payload":
+        return term
+    return replace(term, parameters={**term.parameters, "place": tuple(float(x) for x in place)})
 
 
 def _turn(axis: int, angle: float) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -248,18 +248,23 @@ class TermMap:
         """
         std = np.full(len(self.terms), np.nan) if self.std is None else self.std
         entries = [t.to_json(c, s) for t, c, s in zip(self.terms, self.coefficients, std, strict=True)]
-        inputs = ["q", "previous_q"] + (["payload_kg"] if any(t.basis == "payload" for t in self.terms) else [])
+        inputs = ["q", "previous_q"]
+        for basis, name in (("payload", "payload_kg"), ("torque", "torques_nm")):
+            inputs += [name] if any(t.basis == basis for t in self.terms) else []
         out: dict[str, Any] = {"schema": SCHEMA, "inputs": inputs, "gravity": list(self.gravity), "terms": entries}
         if ranges is not None:
             out["ranges"] = np.asarray(ranges).tolist()
         if test_motion is not None:
             moves = test_motion.moves
-            effective = self.effective(Motion(test_motion.q, moves, payload_kg=test_motion.payload_kg))
+            effective = self.effective(replace(test_motion, move=moves, elapsed=None))
             loads = np.zeros(len(test_motion)) if test_motion.payload_kg is None else test_motion.payload_kg
             out["test_vectors"] = [
                 {"q": q.tolist(), "previous_q": (q - d).tolist(), "payload_kg": float(m), "effective": e.tolist()}
                 for q, d, m, e in zip(test_motion.q, moves, loads, effective, strict=True)
             ]
+            if test_motion.torques is not None:
+                for vector, felt in zip(out["test_vectors"], test_motion.torques, strict=True):
+                    vector["torques_nm"] = felt.tolist()
         return out
 
     @staticmethod

@@ -1,10 +1,14 @@
-"""Torque of a payload by hand, and its derivatives."""
+"""Torque of a payload by hand and by Pinocchio, and its derivatives."""
 
 import numpy as np
-from support import arm
-from term_cases import assert_derivatives, rail, some_joints, two_links, values_of
+import pinocchio as pin
+import pytest
+from support import arm, example_robot
+from term_cases import TWO_LINKS, assert_derivatives, rail, some_joints, two_links, values_of
 
-from irbcal.modeling.terms.payload import STANDARD_GRAVITY, Payload
+from irbcal.files import robots, urdf
+from irbcal.files.urdf_check import ArmInModel
+from irbcal.modeling.terms.payload import STANDARD_GRAVITY, Payload, as_levers
 from irbcal.modeling.terms.situation import Motion
 
 
@@ -41,3 +45,46 @@ def test_derivatives(tmp_path):
 
     slopes = assert_derivatives(Payload((0.1, -0.05, 0.2)).terms(model), model, q, 0.3 * np.ones(7), motion)
     assert np.abs(slopes[:, 0]).max() < 1e-12  # the rail carries axes and mass alike
+
+
+@pytest.mark.parametrize("name", ["irb120", "panda"])
+def test_it_is_what_a_point_mass_adds_to_pinocchio_s_gravity(name):
+    if name == "panda":
+        file = example_robot("panda_description/urdf/panda.urdf")
+        nominal = urdf.read(file, None, "panda_link8").arm
+    else:
+        file, nominal = robots.robot_file(name), arm(name)
+    bare, place, kg = pin.buildModelFromUrdf(str(file)), np.array([0.07, -0.04, 0.12]), 3.7
+    frame = bare.frames[bare.getFrameId(nominal.tip_link)]
+    loaded = bare.copy()
+    mass = pin.Inertia(kg, place, np.zeros((3, 3)))
+    loaded.appendBodyToJoint(frame.parentJoint, mass, frame.placement)
+    q = nominal.random_joints(30, 4)
+    inside = ArmInModel(bare, nominal)
+    rows = [bare.joints[k].idx_v for k in inside.joint_ids]
+    torque = np.array(
+        [
+            (pin.computeGeneralizedGravity(bare, bare.createData(), c) - pin.computeGeneralizedGravity(loaded, data, c))
+            for data in [loaded.createData()]
+            for c in inside.configurations(q, pin.neutral(bare))
+        ]
+    )[:, rows]
+    motion = Motion(q, payload_kg=np.full(30, kg))
+    terms = Payload(place).terms(nominal)
+    found = values_of(terms, nominal, motion)
+    assert np.abs(torque).max() > 10.0
+    assert np.abs(found.T - torque).max() < 1e-9
+    # the place may come with the motion, and the same torque is that of gravity on the links
+    elsewhere = Motion(q, payload_kg=np.full(30, kg), payload_place=np.tile(place, (30, 1)))
+    assert np.abs(values_of(Payload().terms(nominal), nominal, elsewhere) - found).max() < 1e-12
+    for term, row in zip(terms, found, strict=True):
+        assert np.abs(kg * values_of(as_levers(term, nominal), nominal, motion).sum(axis=0) - row).max() < 1e-12
+
+
+def test_there_are_no_levers_where_a_joint_slides_beyond(tmp_path):
+    model = rail(tmp_path)
+    assert all(as_levers(term, model) for term in Payload().terms(model))
+    text = TWO_LINKS.replace('name="j2" type="revolute"', 'name="j2" type="prismatic"')
+    slide = urdf.from_bytes(text.encode(), "slide", "base_link", "tool0").arm
+    (term,) = Payload().terms(slide)
+    assert as_levers(term, slide) is None

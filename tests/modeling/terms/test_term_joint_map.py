@@ -5,11 +5,14 @@ import pickle
 import numpy as np
 import pytest
 from support import arm, assert_derivative
+from term_cases import TWO_LINKS
 
 from irbcal.errors import RobotError
+from irbcal.files import urdf
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
+from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
@@ -147,3 +150,78 @@ def test_static_parts_say_it_all(model):
     q = model.random_joints(20, 9)
     found = np.array([rewritten(joint_map.static_parts(), row) for row in q])
     assert np.abs(found - joint_map.effective(q)).max() < 1e-13
+
+
+def loaded_map(model, payload_kg=3.0, place=(0.05, -0.02, 0.1)):
+    terms = [*families()["gravity"].terms(model), *families()["torque"].terms(model), *Payload(place).terms(model)]
+    values = 0.3 * np.array([t.size for t in terms]) * np.random.default_rng(2).standard_normal(len(terms))
+    return TermJointMap(TermMap(model, tuple(terms), values), None, payload_kg)
+
+
+def test_it_carries_what_it_carried_when_it_was_measured_unless_told_otherwise(model):
+    joint_map, q = loaded_map(model), model.random_joints(40, 5)
+    loads = np.linspace(0.0, 9.0, 40)
+
+    def of(kg, **rest):
+        return joint_map.terms.effective(Motion(q, payload_kg=np.full(40, kg) if np.ndim(kg) == 0 else kg, **rest))
+
+    assert np.abs(joint_map.effective(q) - of(3.0)).max() < 1e-14
+    assert np.abs(joint_map.effective(q, payload_kg=loads) - of(loads)).max() < 1e-14
+    assert np.abs(joint_map.carrying(7.0).effective(q) - of(7.0)).max() < 1e-14
+    assert np.abs(of(7.0) - of(3.0)).max() > 1e-4
+    gaps = np.where(loads > 4.0, np.nan, loads)
+    assert np.abs(joint_map.effective(q, payload_kg=gaps) - of(np.where(loads > 4.0, 3.0, loads))).max() < 1e-14
+    place, torques = np.array([0.2, 0.0, -0.1]), np.random.default_rng(3).normal(0.0, 40.0, q.shape)
+    there = of(5.0, payload_place=np.tile(place, (40, 1)))
+    assert np.abs(joint_map.carrying(5.0, place).effective(q) - there).max() < 1e-14
+    assert np.abs(joint_map.effective(q, payload_kg=5.0, payload_place=place) - there).max() < 1e-14
+    felt = of(3.0, torques=torques)
+    assert np.abs(joint_map.effective(q, torques=torques) - felt).max() < 1e-14
+    assert np.abs(felt - of(3.0)).max() > 1e-4
+    robot = Robot(model, joint_map)
+    assert np.abs(robot.carrying(7.0).poses(q) - robot.forward(q, payload_kg=7.0)).max() < 1e-14
+    assert "carrying 7 kg" in joint_map.carrying(7.0).in_words
+
+
+def test_derivatives_inverse_and_limits_are_those_of_the_load(model):
+    joint_map = loaded_map(model).carrying(12.0, [0.1, 0.1, 0.2])
+    q, dq = model.random_joints(4, 3), model.random_joints(4, 4)
+    for row, speed in zip(q, dq, strict=True):
+        assert_derivative(lambda x: joint_map.effective(x[None])[0], row, joint_map.jacobian(row[None])[0], 1e-9)
+        rate = joint_map.jacobian_derivative(row[None], speed[None])[0]
+        ahead, behind = (joint_map.jacobian((row + h * speed)[None])[0] for h in (1e-5, -1e-5))
+        assert np.abs((ahead - behind) / 2e-5 - rate).max() < 1e-7
+    assert np.abs(joint_map.effective(joint_map.commanded(q)) - q).max() < 1e-12
+    low, high = joint_map.effective_limits(model.lower, model.upper)
+    corners = np.random.default_rng(1).uniform(low, high, (200, 6))
+    command = joint_map.commanded(corners)
+    assert (command > model.lower - 1e-12).all()
+    assert (command < model.upper + 1e-12).all()
+
+
+def test_a_joint_that_slides_beyond_has_its_load_too():
+    text = TWO_LINKS.replace('name="j2" type="revolute"', 'name="j2" type="prismatic"')
+    slide = urdf.from_bytes(text.encode(), "slide", "base_link", "tool0").arm
+    joint_map = loaded_map(slide)
+    q = slide.random_joints(30, 1)
+    whole = joint_map.terms.effective(Motion(q, payload_kg=np.full(30, 3.0)))
+    assert np.abs(joint_map.effective(q) - whole).max() < 1e-14
+    low = joint_map.effective_limits(slide.lower, slide.upper)[0]
+    assert np.abs(low - slide.lower)[0] >= np.abs(joint_map.effective(q) - q)[:, 0].max()
+    with pytest.raises(RobotError, match="other languages"):
+        joint_map.static_parts()
+
+
+def test_what_another_load_does_is_not_made_up(model):
+    one = TermJointMap(random_map(model).terms, None, 3.0)
+    assert one.carrying(3.0) is one
+    with pytest.raises(RobotError, match=r"with 3 kg only, .* 5 kg: measure some poses with another load"):
+        one.carrying(5.0)
+    with pytest.raises(RobotError, match="a load that was not told"):
+        random_map(model).carrying(5.0)
+    with pytest.raises(RobotError, match="level of the thesis"):
+        JointMap().carrying(5.0)
+    with pytest.raises(RobotError, match="expected a mass"):
+        loaded_map(model).carrying(-1.0)
+    with pytest.raises(RobotError, match="three numbers"):
+        loaded_map(model).carrying(1.0, [0.0, 0.1])

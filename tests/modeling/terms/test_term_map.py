@@ -34,7 +34,7 @@ def test_every_basis_agrees_with_central_differences():
     assert {t.basis for t in terms} == set(bases())
     slopes = assert_derivatives(terms, model, some_joints(1)[0])
     moved = {t.basis for t, row in zip(terms, slopes, strict=True) if np.abs(row).max() > 1e-6}
-    assert moved >= set(bases()) - {"constant", "decay", "direction"}  # these moves are far beyond the play
+    assert moved >= set(bases()) - {"constant", "decay", "direction", "torque"}  # these moves are far beyond the play
     near = Motion(PREVIOUS + 1e-3, np.full((1, 6), 1e-3))
     play = families()["direction"].terms(model)
     inside = basis_slopes(play, Situation(model, near))[:, 0]
@@ -138,14 +138,14 @@ def test_maps_are_written_and_read():
     motion = motion_at(some_joints(3))
     entry = json.loads(json.dumps(found.to_json(np.array([[-1.0] * 6, [1.0] * 6]), motion)))
     assert entry["schema"] == "irbcal-joint-map-2"
-    assert entry["inputs"] == ["q", "previous_q", "payload_kg"]
+    assert entry["inputs"] == ["q", "previous_q", "payload_kg", "torques_nm"]
     again = TermMap.from_json(model, entry)
     assert again.terms == found.terms
     np.testing.assert_array_equal(again.motions(motion), found.motions(motion))
     vector = entry["test_vectors"][1]
     q, before = np.array([vector["q"]]), np.array([vector["previous_q"]])
     cold = TermMap(model, found.terms, np.where([t.basis == "decay" for t in found.terms], 0.0, found.coefficients))
-    at = Motion(q, q - before, payload_kg=np.array([vector["payload_kg"]]))
+    at = Motion(q, q - before, payload_kg=np.array([vector["payload_kg"]]), torques=np.array([vector["torques_nm"]]))
     assert np.abs(cold.effective(at) - vector["effective"]).max() < 1e-12
 
 

@@ -1,0 +1,73 @@
+"""Columns of the load: the payload's mass and place, and the torques that the robot reports."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+import pandas as pd
+
+from irbcal.errors import MeasurementError
+from irbcal.measurement.columns import header_row, joint_columns, listed, refuse_outside
+
+MASS = "payload_kg"
+PLACE = ["payload_x_mm", "payload_y_mm", "payload_z_mm"]
+"""Centre of the payload in the tip link."""
+LARGEST_PAYLOAD_KG, LARGEST_PLACE_MM, LARGEST_TORQUE_NM = 5e3, 1e4, 1e6
+"""Numbers beyond are no payloads, places on a tool, and torques."""
+
+_TORQUE = re.compile(r"tau([1-9]\d?)_nm")
+
+
+def torque_columns(names: Iterable[str], source: str) -> list[str]:
+    """Columns of measured joint torques (``tau1_nm`` …) among column names, in the order of the joints; none or all.
+
+    Raises
+    ------
+    MeasurementError
+        If they are not for the joints of the joint columns.
+    """
+    names = list(names)
+    found = [name for name in names if _TORQUE.fullmatch(name)]
+    expected = [f"tau{k}_nm" for k in range(1, len(joint_columns(names)) + 1)]
+    if not found or set(found) == set(expected):
+        return expected if found else []
+    wrong = [name for name in expected if name not in found] or [name for name in found if name not in expected]
+    raise MeasurementError(
+        f"column {wrong[0]}: torques are for all joints (tau1_nm … tau{len(expected)}_nm) or for none, found "
+        f"{listed(found)}",
+        file=source,
+        row=header_row(source),
+    )
+
+
+def place_columns(names: Iterable[str], source: str) -> list[str]:
+    """The columns of the payload's place, `PLACE`, where they are there; none or all.
+
+    Raises
+    ------
+    MeasurementError
+        If some are missing, or there is no column payload_kg.
+    """
+    names = list(names)
+    found = [name for name in PLACE if name in names]
+    missing = [name for name in (MASS, *PLACE) if name not in names]
+    if found and missing:
+        raise MeasurementError(
+            f"missing column {missing[0]}: a payload has a mass and all three of {', '.join(PLACE)}",
+            file=source,
+            row=header_row(source),
+        )
+    return found
+
+
+def check(table: pd.DataFrame, source: str) -> None:
+    """Refuse masses, places and torques that are none; parameters and errors as `columns.check_sizes`."""
+    bounds = []
+    if MASS in table.columns:
+        bounds.append((MASS, 0.0, LARGEST_PAYLOAD_KG, f"a mass from 0 to {LARGEST_PAYLOAD_KG:g} kg or nothing"))
+    for name in place_columns(table.columns, source):
+        bounds.append((name, -LARGEST_PLACE_MM, LARGEST_PLACE_MM, "a place in the tip link in mm or nothing"))
+    for name in torque_columns(table.columns, source):
+        bounds.append((name, -LARGEST_TORQUE_NM, LARGEST_TORQUE_NM, "a torque in N m"))
+    refuse_outside(table, bounds, source)

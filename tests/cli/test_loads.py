@@ -1,0 +1,118 @@
+"""Several loads from the command line: measured, calibrated, predicted, corrected, judged (SIMULATED)."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import irbcal
+
+
+def measured(load, poses, seed):
+    table = irbcal.simulate("irb1600", random=poses, seed=seed, payload=load).to_frame()
+    return table.assign(pose=[f"{load:g}kg-{pose}" for pose in table["pose"]])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("loads")
+    pd.concat([measured(0.0, 30, 1), measured(6.0, 50, 2)]).to_csv(folder / "both.csv", index=False)
+    measured(12.0, 30, 3).to_csv(folder / "third.csv", index=False)
+    (folder / "q.csv").write_text("q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n0,20,0,0,30,0\n50,40,-20,20,40,10\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def calibration(folder):
+    found = irbcal.calibrate(folder / "both.csv", "irb1600", "auto")
+    found.save(folder / "cal")
+    return folder / "cal"
+
+
+def test_each_load_has_its_tool_and_the_usual_one_is_said(calibration):
+    record = irbcal.load(calibration).record
+    assert set(record.placement.targets) == {f"smr{k}{load}" for k in (1, 2, 3) for load in ("", "@0kg")}
+    text = " ".join(record.notes)
+    assert "Each load has a tool of its own" in text
+    assert "predictions and corrections are for 6 kg" in text
+    assert record.usual_load == record.joint_map.payload_kg == 6.0
+    loads = np.array(record.poses.payload_kg)
+    assert set(loads) == {0.0, 6.0}
+    points, _ = record.used_points(heldout=False)
+    errors = np.array(record.points.calibrated_mm)[~np.array(record.points.heldout)]
+    again = irbcal.measurement.points.distances(record.robot_calibrated(), points)
+    np.testing.assert_allclose(np.sort(again), np.sort(errors) * 1e-3, rtol=0, atol=1e-8)
+
+
+def test_forward_and_inverse_for_a_load(calibration, folder, program, tmp_path):
+    columns = ["x_mm", "y_mm", "z_mm"]
+    places = []
+    for load in ("0", "6", "12"):
+        text = program("fk", calibration, "--joints", folder / "q.csv", "--payload", load)
+        (tmp_path / f"{load}.csv").write_text(text)
+        places.append(pd.read_csv(tmp_path / f"{load}.csv")[columns].to_numpy())
+    usual = program("fk", calibration, "--joints", folder / "q.csv")
+    assert usual == (tmp_path / "6.csv").read_text()
+    sag = np.array([places[1] - places[0], places[2] - places[1]])[..., 2]
+    assert (sag < -0.05).all()
+    np.testing.assert_allclose(sag[0], sag[1], rtol=0.01)
+    back = program("ik", calibration, "--poses", tmp_path / "12.csv", "--payload", 12, "--near", "0,20,0,0,30,0")
+    (tmp_path / "back.csv").write_text(back)
+    q = pd.read_csv(folder / "q.csv")
+    assert np.abs(pd.read_csv(tmp_path / "back.csv")[q.columns] - q).to_numpy().max() < 1e-5
+    there = program("fk", calibration, "--joints", folder / "q.csv", "--payload", 12, "--payload-place", "0,0,500")
+    (tmp_path / "far.csv").write_text(there)
+    assert (pd.read_csv(tmp_path / "far.csv")["z_mm"] < places[2][:, 2] - 0.01).all()
+
+
+def test_a_program_is_corrected_for_a_load(calibration, folder, program, tmp_path):
+    q = pd.read_csv(folder / "q.csv")
+    program("filter", calibration, folder / "q.csv", "--out", tmp_path / "job.csv", "--payload", 12)
+    commands = np.radians(pd.read_csv(tmp_path / "job.csv", comment="#")[q.columns].to_numpy())
+    record = irbcal.load(calibration).record
+    wanted = record.arm(calibrated=False).forward(np.radians(q.to_numpy()))
+    robot = record.robot_calibrated()
+    previous = np.vstack([np.full(6, np.nan), commands[:-1]])
+    reached = robot.carrying(12.0).forward(commands, previous)
+    assert np.abs(reached - wanted)[:, :3, 3].max() < 1e-7
+    assert np.abs(robot.forward(commands, previous) - wanted)[:, :3, 3].max() > 5e-5
+
+
+def test_evaluate_at_another_load(calibration, folder, program):
+    judged = program("evaluate", calibration, folder / "third.csv", "--same-tool", "--json")
+    assert judged["calibrated"]["mean_mm"] < 0.12
+    assert any("for 12 kg, too" in note for note in judged["notes"])
+    untold = pd.read_csv(folder / "third.csv").filter(regex="^(?!payload)")
+    untold.to_csv(folder / "untold.csv", index=False)
+    usual = program("evaluate", calibration, folder / "untold.csv", "--json")
+    assert usual["calibrated"]["mean_mm"] > 1.5 * judged["calibrated"]["mean_mm"]
+    told = program("evaluate", calibration, folder / "untold.csv", "--payload", 12, "--same-tool", "--json")
+    assert told["calibrated"]["mean_mm"] < 0.12
+    with pytest.raises(irbcal.IrbcalError, match="where the reflectors were with 12 kg is not known"):
+        irbcal.evaluate(calibration, folder / "third.csv")
+    with pytest.raises(irbcal.IrbcalError, match="the measurements tell it"):
+        irbcal.evaluate(calibration, folder / "third.csv", payload=12.0)
+
+
+def test_what_one_load_does_not_tell(folder):
+    frame = pd.read_csv(folder / "both.csv")
+    one = irbcal.calibrate(frame[frame["payload_kg"] == 6.0], "irb1600", "auto")
+    assert any("All poses were measured with a payload of 6 kg" in note for note in one.notes)
+    with pytest.raises(irbcal.IrbcalError, match="with 6 kg only"):
+        irbcal.forward_kinematics(one, np.zeros((1, 6)), payload=3.0)
+    judged = irbcal.evaluate(one, folder / "third.csv")
+    assert any("12 kg are judged by a calibration that was measured with 6 kg only" in note for note in judged.notes)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"torques": True}, "there are no torques"),
+        ({"payload_place": [0.0, 0.0, 0.1]}, "tell the payload's place themselves"),
+        ({"payload_place": [0.0, 0.1]}, "payload_place"),
+        ({"as_poses": True}, "several loads"),
+        ({"model": "34", "torques": True}, "only model auto"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(folder, options, words):
+    with pytest.raises(irbcal.IrbcalError, match=words):
+        irbcal.calibrate(folder / "both.csv", "irb1600", **{"model": "auto"} | options)
