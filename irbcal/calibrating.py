@@ -401,7 +401,7 @@ def _never_seen(heldout: PointSet, fit: PointSet, source: str) -> tuple[PointSet
 
 def _read(measurements: MeasurementsLike, arm: Arm) -> MeasurementSet:
     seen = table.read(measurements)
-    seen.check_joints(arm)
+    seen = seen.of_arm(arm)
     return seen
 
 

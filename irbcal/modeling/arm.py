@@ -38,6 +38,9 @@ class Arm:
     lower, upper : ndarray, shape (n,)
         Joint limits, radians (metres for prismatic joints); infinite for continuous joints.
     base_link, tip_link : str
+    coupling : ndarray, shape (n, n), optional
+        Joints of the arm from those that its controller counts, ``q = coupling @ p``, where these differ: see
+        `irbcal.modeling.coupling`. All joints but those in files are the arm's own.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Arm:
     upper: FloatArray
     base_link: str = "base_link"
     tip_link: str = "tool0"
+    coupling: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for key in ("T_base_0", "T_last_tip", "lower", "upper"):
@@ -86,6 +90,14 @@ class Arm:
     def joint_units(self) -> FloatArray:
         """SI value of one unit of each column of `joint_columns`, shape (n,)."""
         return np.where(self.table.prismatic, MM, DEG)
+
+    def from_controller(self, p: FloatArray) -> FloatArray:
+        """The arm's joints (n, joints) from those that the controller counts, SI units."""
+        return p if self.coupling is None else np.asarray(p @ self.coupling.T)
+
+    def to_controller(self, q: FloatArray) -> FloatArray:
+        """Joints (n, joints) as the controller counts them, from the arm's, SI units."""
+        return q if self.coupling is None else np.asarray(q @ np.linalg.inv(self.coupling).T)
 
     def with_table(self, table: dhm.DHMTable) -> Arm:
         """The same arm with another DHM table."""

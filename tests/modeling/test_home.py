@@ -5,7 +5,7 @@ import pytest
 from planning_support import gantry, setting
 from support import arm
 
-from irbcal.planning import home, sources
+from irbcal.modeling import home, sources
 
 
 def test_joints_are_what_can_be_commanded():
