@@ -10,7 +10,6 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import PointSet, distances
-from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG, MM
 
@@ -24,7 +23,7 @@ CORE = 0.6
 """Share of the points that the nominal robot is fitted to while gross errors are looked for."""
 
 TOO_FAR = 0.1
-"""Median miss, as a fraction of the spread of the nominal tip positions, that no real robot shows."""
+"""Median miss, as a fraction of the spread of the measured points, that no real robot shows."""
 
 READINGS = {
     "joints in radians instead of degrees": (1.0 / DEG, 1.0),
@@ -38,10 +37,12 @@ def scaled(points: PointSet, q_factor: float, xyz_factor: float) -> PointSet:
     return replace(points, q=points.q * q_factor, xyz=points.xyz * xyz_factor)
 
 
-def spread(arm: Arm, points: PointSet) -> float:
-    """Root mean square distance of the nominal tip positions from their middle, metres."""
-    tip = dhm.forward(arm.table, points.q, arm.T_base_0, arm.T_last_tip)[:, :3, 3]
-    return float(np.sqrt(np.mean(np.sum((tip - tip.mean(axis=0)) ** 2, axis=1))))
+def spread(points: PointSet) -> float:
+    """Root mean square distance of the measured points from their middle, metres.
+
+    Not that of the tip: on a positioner the tip may lie where the axes cross, and stay there.
+    """
+    return float(np.sqrt(np.mean(np.sum((points.xyz - points.xyz.mean(axis=0)) ** 2, axis=1))))
 
 
 def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurements") -> tuple[BoolArray, FloatArray]:
@@ -78,7 +79,7 @@ def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurement
         _refuse_other_units(arm, points, np.inf, source)
         raise IdentificationError(str(error), file=source) from None
     median = np.median(distance)
-    if median > TOO_FAR * spread(arm, points):
+    if median > TOO_FAR * spread(points):
         _refuse_other_units(arm, points, median, source)
         raise IdentificationError(
             f"{arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base and tool: "
@@ -115,7 +116,7 @@ def _refuse_other_units(arm: Arm, points: PointSet, median: float, source: str) 
             better = np.median(trimmed_distances(arm, other))
         except IdentificationError:
             continue
-        if better < min(0.1 * median, 0.02 * spread(arm, other)):
+        if better < min(0.1 * median, 0.02 * spread(other)):
             raise MeasurementError(
                 f"these look like {reading}: read so, the nominal robot meets the points within "
                 f"{better / MM:.2g} mm (median)",

@@ -412,7 +412,7 @@ def _verified(
 
 def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source: str, refitted: bool) -> None:
     """Points that are nowhere near their predictions: another unit, another place, another robot."""
-    spread = outliers.spread(robot.arm, points)
+    spread = outliers.spread(points)
     median = np.median(error)
     if points.poses < 3 or median <= outliers.TOO_FAR * max(spread, 0.1):
         return
