@@ -33,7 +33,9 @@ def test_what_is_written(given, entries):
     np.testing.assert_array_equal(coupling.matrix(coupling.in_words(found), 6), found)
 
 
-@pytest.mark.parametrize("given", ["3+3", "7+2", "3+x", "3+2 junk", [[1, 2], [3, 4]], np.zeros((6, 6)).tolist(), 5, "3*2"])
+@pytest.mark.parametrize(
+    "given", ["3+3", "7+2", "3+x", "3+2 junk", [[1, 2], [3, 4]], np.zeros((6, 6)).tolist(), 5, "3*2"]
+)
 def test_what_is_refused(given):
     with pytest.raises(RobotError, match="coupling"):
         coupling.matrix(given, 6)
