@@ -109,6 +109,7 @@ def superset(
     payload: Sequence[float] | None,
     taus: Sequence[float],
     torques: bool = False,
+    end: float | None = None,
 ) -> list[Term]:
     """All terms that any dictionary may have, geometry first.
 
@@ -126,6 +127,8 @@ def superset(
         Time constants of warm-up; none where the order is unknown.
     torques : bool
         Whether torques of the joints were measured and shall be used.
+    end : float, optional
+        When the measurement ended: what drifted is counted from there.
     """
     names = [*FAMILIES, *(HISTORY_FAMILIES if moved else ())]
     names = [name for name in names if kind == ALL or name not in FRAME_FAMILIES]
@@ -133,7 +136,7 @@ def superset(
     out += [] if payload is None else Payload(payload).terms(arm)
     out += families()["torque"].terms(arm) if torques else []
     for tau in taus:
-        out += WarmUp(tau).terms(arm)
+        out += WarmUp(tau, end).terms(arm)
     return out
 
 

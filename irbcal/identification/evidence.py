@@ -163,7 +163,13 @@ class _Work:
         span = 0.0 if elapsed is None else float(np.ptp(elapsed))
         self.taus = [share * span for share in SHARES] if span > 0.0 else []
         self.superset: list[Term] = dictionaries.superset(
-            self.arm, self.kind, bool(self.motion.moves.any()), payload, self.taus, self.motion.torques is not None
+            self.arm,
+            self.kind,
+            bool(self.motion.moves.any()),
+            payload,
+            self.taus,
+            self.motion.torques is not None,
+            None if elapsed is None else float(elapsed.max()),
         )
         self.readings_gain: float | None = None
         if self.motion.readings and self.motion.moves.any():

@@ -1,4 +1,9 @@
-"""Warm-up: every joint's frame drifts to its place as the arm warms; nothing is left of it at use."""
+"""Warm-up: every joint's frame drifts to its place as the arm warms; at use it is as at the end of the measurement.
+
+The drift counts from where the measurement ended, not from an arm that is warm for ever: the last poses were seen, and a
+drift that is not over by then would have to be extrapolated (on an IRB 120, 400 poses, that took the held-out error
+from 0.035 to 0.047 mm where a long time constant happened to be chosen).
+"""
 
 from __future__ import annotations
 
@@ -20,18 +25,22 @@ to the warm arm, which took the held-out error there from 0.07 to 0.083 mm."""
 
 
 class Decay(Basis):
-    """``exp(-t / tau)`` (parameter ``tau``, in the unit of the motion's time); zero for a motion without time."""
+    """``exp(-t / tau) - exp(-end / tau)``, zero for a motion without time.
+
+    Parameters ``tau`` and ``end`` are in the unit of the motion's time; without ``end`` the second part is zero.
+    """
 
     name = "decay"
 
     def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
-        """What is left of the drift, 1 to 0, shape (terms, n)."""
+        """What is left of the drift, shape (terms, n)."""
         elapsed = here.motion.elapsed
         if elapsed is None:
             return np.zeros((len(terms), len(here.motion)))
-        tau = np.array([float(str(t.parameters["tau"])) for t in terms])
-        distinct, which = np.unique(tau, return_inverse=True)
-        return np.exp(-elapsed / distinct[:, None])[which]
+        times = np.array([[float(str(t.parameters.get(key, np.inf))) for key in ("tau", "end")] for t in terms])
+        distinct, which = np.unique(times, axis=0, return_inverse=True)
+        tau, end = distinct[:, :1], distinct[:, 1:]
+        return (np.exp(-elapsed / tau) - np.exp(-end / tau))[which.ravel()]
 
     def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
         """Zeros: time is not a joint, shape (terms, n, joints)."""
@@ -45,17 +54,21 @@ class WarmUp(Family):
     ----------
     tau : float
         Time constant, in the unit of the motion's time: poses or minutes.
+    end : float, optional
+        When the measurement ended; never unless given.
     """
 
     name = "warm_up"
     bases = (Decay(),)
 
-    def __init__(self, tau: float = 100.0) -> None:
-        self.tau = tau
+    def __init__(self, tau: float = 100.0, end: float | None = None) -> None:
+        self.tau, self.end = tau, end
 
     def terms(self, arm: Arm) -> list[Term]:
         """Six terms a joint."""
         units, parameters = {"r": "rad", "t": "m"}, {"tau": self.tau}
+        if self.end is not None:
+            parameters["end"] = self.end
         return [
             Term(j, axis, "decay", SIZES[axis[0]], self.name, self.name, units[axis[0]], parameters)
             for j in range(len(arm.joint_names))

@@ -19,6 +19,16 @@ def test_warm_up_is_zero_at_use():
     np.testing.assert_allclose(first[1], first[0] / np.e)
 
 
+def test_the_drift_counts_from_the_end_of_the_measurement():
+    """At the end it is as at use; before, what the arm still had to go from there."""
+    model = arm("irb120")
+    terms = tuple(WarmUp(20.0, 50.0).terms(model))
+    found = TermMap(model, terms, np.ones(len(terms)))
+    motion = found.motions(Motion(np.zeros((3, 6)), elapsed=np.array([0.0, 30.0, 50.0])))
+    np.testing.assert_allclose(motion[:, 0, 0], [1 - np.exp(-2.5), np.exp(-1.5) - np.exp(-2.5), 0.0], atol=1e-15)
+    assert not found.motions(Motion(some_joints(2))).any()
+
+
 def test_each_time_constant_decays_by_itself():
     model = arm("irb120")
     terms = [*WarmUp(20.0).terms(model), *WarmUp(5.0).terms(model)]
