@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
+from pydantic import Field
+
+from irbcal.files.explained_section import ExplainedStage, FamilyRow, GearSpectrum
 from irbcal.files.section import Section
 from irbcal.identification.averaged import AveragedFit
-from irbcal.identification.evidence_fit import EvidenceFit
-from irbcal.units import DEG, MM
+from irbcal.identification.evidence_fit import EvidenceFit, GroupResult
+from irbcal.identification.explained import Stage
+from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 
 class Candidate(Section):
@@ -70,13 +75,38 @@ class EvidenceChoice(Section):
 class Group(Section):
     """A group of terms with one variance: ``seen`` of its coefficients are determined by the data.
 
-    ``size`` is the standard deviation that its coefficients have before the data, in natural sizes.
+    ``size`` is the standard deviation that its coefficients have before the data, in natural sizes; ``found`` and
+    ``std`` are the root mean squares of what was found and of its standard deviations, likewise. ``natural`` has the
+    natural sizes by unit (deg, mm, 1, …). Files of earlier versions have the first four only.
     """
 
     name: str
     terms: int
     seen: float
     size: float
+    family: str = ""
+    natural: dict[str, float] = Field(default_factory=dict)
+    found: float | None = None
+    std: float | None = None
+
+    @staticmethod
+    def of(group: GroupResult) -> Group:
+        """The section of a group."""
+        natural = {}
+        for unit, size in group.natural.items():
+            base, _, per = unit.partition("/")
+            outside, factor = UNIT_OUTSIDE.get(base, (base, 1.0))
+            natural[f"{outside}/{per}" if per else outside] = size / factor
+        return Group(
+            name=group.name,
+            terms=group.terms,
+            seen=group.seen,
+            size=group.size,
+            family=group.family,
+            natural=natural,
+            found=group.found,
+            std=group.std,
+        )
 
 
 class Gear(Section):
@@ -93,7 +123,8 @@ class EvidenceSection(Section):
     """What is known of an average of error models beside its parameters.
 
     Leave-one-out errors are root mean squares by target, under the empty name for all: of single poses, and of
-    contiguous fifths of the poses. ``warm_up_tau`` is in poses.
+    contiguous fifths of the poses. ``warm_up_tau`` is in poses. ``explained`` are fits with one family after the other;
+    ``spectrum`` is null where no gear scan was made, because long series of harmonics take its place.
     """
 
     terms: str
@@ -102,21 +133,24 @@ class EvidenceSection(Section):
     leave_one_out_mm: dict[str, float]
     leave_fifths_out_mm: dict[str, float]
     groups: list[Group]
+    families: list[FamilyRow] = Field(default_factory=list)
     gears: list[Gear]
+    spectrum: GearSpectrum | None = None
+    explained: list[ExplainedStage] = Field(default_factory=list)
     warm_up_tau: float | None
     readings_gain: float | None
     readings_lag: bool
 
     @staticmethod
-    def of(fit: EvidenceFit) -> EvidenceSection:
-        """The section of a fit."""
+    def of(fit: EvidenceFit, stages: Sequence[Stage] = ()) -> EvidenceSection:
+        """The section of a fit, with its stages (`irbcal.identification.explained`)."""
         return EvidenceSection(
             terms=fit.kind,
             poses=fit.poses,
             sigma_mm=fit.sigma / MM,
             leave_one_out_mm={name: value / MM for name, value in fit.loo.items()},
             leave_fifths_out_mm={name: value / MM for name, value in fit.loo_blocks.items()},
-            groups=[Group(**vars(group)) for group in fit.groups],
+            groups=[Group.of(group) for group in fit.groups],
             gears=[
                 Gear(
                     joint=gear.joint + 1,
@@ -127,6 +161,9 @@ class EvidenceSection(Section):
                 )
                 for gear in fit.gears
             ],
+            families=FamilyRow.of(fit.families),
+            spectrum=GearSpectrum.of(fit.spectrum),
+            explained=[ExplainedStage.of(stage) for stage in stages],
             warm_up_tau=fit.tau,
             readings_gain=fit.readings_gain,
             readings_lag=fit.readings_projected,

@@ -40,6 +40,7 @@ from irbcal.files.schema import (
 )
 from irbcal.files.urdf import UrdfArm
 from irbcal.identification.averaged import AveragedFit
+from irbcal.identification.explained import explain
 from irbcal.identification.history import History
 from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.result import Fit
@@ -132,6 +133,16 @@ def _choice(choice: LevelChoice | None, fit: Fit | AveragedFit) -> Choice | Evid
     if choice is None:
         return None
     return Choice(level=choice.level, table=[vars(row) for row in choice.table], explanation=choice.explanation)
+
+
+def _evidence(outcome: Outcome) -> EvidenceSection | None:
+    """Of an average, with what each family of terms explains on the held-out poses."""
+    fit, heldout = outcome.fit, outcome.heldout_points
+    if not isinstance(fit, AveragedFit):
+        return None
+    # poses of another file were not measured while the arm warmed up as in the fit
+    elapsed = outcome.numbers[1] if outcome.verification is None else None
+    return EvidenceSection.of(fit.evidence, explain(fit, heldout, elapsed))
 
 
 def _history(history: History | None) -> dict[str, list[float]]:
@@ -352,7 +363,7 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         method=fit.method,
         objective=_objective(fit),
         choice=_choice(outcome.choice, fit),
-        evidence=EvidenceSection.of(fit.evidence) if isinstance(fit, AveragedFit) else None,
+        evidence=_evidence(outcome),
         rank=fit.rank,
         parameter_count=fit.parameter_count,
         parameters=_parameters(fit),

@@ -176,7 +176,8 @@ class AveragedFit(Speaks):
         )
         told += f", and with it {len(kept) - 1} more" if len(kept) > 1 else ""
         plain = rows[0]
-        better = "" if plain is first else f" by {first.log_evidence - plain.log_evidence:.0f} nats over {plain.name}"
+        gain = first.log_evidence - plain.log_evidence
+        better = "" if plain is first else f", here by {gain:.0f} nats better than {plain.name} alone"
         return (
             f"{told}. Their evidence says how well each foretells these measurements without knowing them{better}; all "
             "with weight are averaged, because the best one alone is often best by accident."

@@ -152,6 +152,7 @@ class _Work:
             self.payload_place = tuple(float(x) for x in places[usual[-1] if len(usual) else -1])
         self.project = False
         self.compared: list[_Compared] = []
+        self.spectrum: gear_scan.Spectrum | None = None
 
     def prepare(self) -> None:
         """Geometry solution, superset of terms and, where there are readings only, whether they lag behind."""
@@ -254,7 +255,7 @@ class _Work:
             # 0.141 mm and the intervals' coverage from 96 to 92 %
             return []
         part = self.sums.part(best.dictionary.columns(self.linear.flat))
-        found = gear_scan.scan(self.linear, best.dictionary, part, (best.by_evidence, best.by_fit), say)
+        found, self.spectrum = gear_scan.scan(self.linear, best.dictionary, part, (best.by_evidence, best.by_fit), say)
         terms = [term for item in found for term in gear_terms(item.joint, item.cycles)]
         places = list(range(len(self.superset), len(self.superset) + len(terms)))
         self.superset = [*self.superset, *terms]
@@ -345,7 +346,7 @@ class _Work:
             loo=_of_points(u_pose, self.points, self.project),
             loo_blocks=_of_points(u_block, self.points, self.project),
             dictionaries=tuple(self._table()),
-            groups=tuple(_groups(kept)),
+            groups=tuple(_groups(kept, self.superset)),
             families=self.shown,
             gears=tuple(GearFound(f.joint, f.cycles, f.chi2, f.evidence_gain) for f in found),
             joint_ranges=np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)]),
@@ -356,6 +357,7 @@ class _Work:
             usual_kg=self.usual_kg,
             readings_gain=self.readings_gain,
             readings_projected=self.project,
+            spectrum=self.spectrum,
             other_bases=dict(zip(self.problem.sessions[:-1], state.others, strict=True)),
         )
 
@@ -385,19 +387,31 @@ def _refit(sums: Sums, flat: int, item: _Compared, t: float) -> Posterior:
     return mackay.fit(sums, flat, item.dictionary.group, item.dictionary.caps, t, variances, old.s2)
 
 
-def _groups(kept: list[_Compared]) -> list[GroupResult]:
-    """How much of each group the data show, averaged over the dictionaries."""
-    totals: dict[str, list[float]] = {}
+def _groups(kept: list[_Compared], superset: Sequence[Term]) -> list[GroupResult]:
+    """What was expected of each group and what the data show of it, averaged over the dictionaries."""
+    totals: dict[str, FloatArray] = {}
+    members: dict[str, list[Term]] = {}
     for item in kept:
-        fit = item.by_fit
+        fit, d = item.by_fit, item.dictionary
         if fit is None:
             continue
-        counts = np.bincount(item.dictionary.group, minlength=len(item.dictionary.groups))
-        for name, gamma, v, count in zip(item.dictionary.groups, fit.gammas, fit.variances, counts, strict=True):
-            row = totals.setdefault(name, [0.0, 0.0, float(count)])
-            row[0] += item.weight * float(gamma)
-            row[1] += item.weight * float(v)
-    return [GroupResult(name, int(row[2]), row[0], float(np.sqrt(row[1]))) for name, row in totals.items()]
+        flat = len(fit.c) - len(d.terms)
+        counts = np.bincount(d.group, minlength=len(d.groups))
+        squares = np.bincount(d.group, fit.c[flat:] ** 2, len(d.groups)) / counts
+        scatter = np.bincount(d.group, np.diagonal(fit.covariance)[flat:], len(d.groups)) / counts
+        for k, name in enumerate(d.groups):
+            row = np.array([fit.gammas[k], fit.variances[k], squares[k], scatter[k], 1.0])
+            totals[name] = totals.get(name, np.zeros(5)) + item.weight * row
+            members.setdefault(name, [superset[j] for j in d.terms[d.group == k]])
+    out = []
+    for name, (seen, *squared, weight) in totals.items():
+        terms = members[name]
+        prior, found, std = np.sqrt(np.array(squared) / weight)
+        natural = {term.unit: term.size for term in terms}
+        out.append(
+            GroupResult(name, len(terms), float(seen), float(prior), terms[0].family, natural, float(found), float(std))
+        )
+    return out
 
 
 def _of_points(u: FloatArray, points: PointSet, projected: bool) -> dict[str, float]:

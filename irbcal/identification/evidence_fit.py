@@ -12,6 +12,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import shown
+from irbcal.identification.gear_scan import Spectrum
 from irbcal.identification.shown import FamilyShown
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
@@ -71,13 +72,25 @@ class GroupResult:
     seen : float
         Number of its coefficients that the data determine (MacKay's gamma), averaged.
     size : float
-        Prior standard deviation of its coefficients, in natural sizes.
+        Prior standard deviation of its coefficients, in natural sizes, over the dictionaries that have it.
+    family : str
+    natural : dict of str to float
+        Natural size of its coefficients by their unit.
+    found, std : float
+        Root mean squares of its coefficients and of their standard deviations, in natural sizes.
     """
 
     name: str
     terms: int
     seen: float
     size: float
+    family: str
+    natural: Mapping[str, float]
+    found: float
+    std: float
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
 @dataclass(frozen=True)
@@ -149,6 +162,8 @@ class EvidenceFit(Speaks):
         Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
     readings_projected : bool
         Whether that was so much that readings were taken before the arm stood still.
+    spectrum : Spectrum or None
+        What the gear scan saw; None where there was none.
     other_bases : dict of str to ndarray, shape (4, 4)
         Base in the measuring frame of each session but the last one; behind the target frames in the covariance.
     """
@@ -178,6 +193,7 @@ class EvidenceFit(Speaks):
     usual_kg: float | None = None
     readings_gain: float | None = None
     readings_projected: bool = False
+    spectrum: Spectrum | None = None
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

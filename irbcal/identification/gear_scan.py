@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.identification import mackay
 from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.linearisation import Linearisation
@@ -40,6 +40,31 @@ class Found:
     cycles: int
     chi2: float
     evidence_gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """What the scan saw before it took a frequency.
+
+    Attributes
+    ----------
+    joints : tuple of int
+        From 0.
+    cycles : ndarray of int, shape (frequencies,)
+        Cycles per turn.
+    chi2 : ndarray, shape (joints, frequencies)
+        By how much each would explain the residuals, a pose counted as one vector, two degrees of freedom.
+    limit : float
+        Beyond it a frequency is not chance.
+    """
+
+    joints: tuple[int, ...]
+    cycles: IntArray
+    chi2: FloatArray
+    limit: float
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
 class _Reduced:
@@ -109,7 +134,7 @@ def scan(
     sums: Sums,
     start: tuple[Posterior, Posterior],
     progress: Callable[[str], None] | None = None,
-) -> list[Found]:
+) -> tuple[list[Found], Spectrum]:
     """Take the strongest frequency while it is beyond chance and the log evidence grows.
 
     Beyond chance: ``chi2 > 2 ln(frequencies x joints) + 4``, of the residuals of the fit, a pose counted as one vector
@@ -128,8 +153,9 @@ def scan(
 
     Returns
     -------
-    list of Found
+    found : list of Found
         In the order in which they were found.
+    spectrum : Spectrum
     """
     joints = revolute(linear.problem.arm)
     cycles = np.arange(LOWEST, HIGHEST + 1)
@@ -138,9 +164,11 @@ def scan(
     by_evidence, by_fit = start
     pairs: list[tuple[int, int]] = []
     out: list[Found] = []
+    first: FloatArray | None = None
     group, caps = dictionary.group, dictionary.caps
     while len(out) < MOST:
         strength = (by_evidence.temper / by_fit.temper) * reduced.chi2(cycles.astype(float), pairs, by_fit)
+        first = strength.copy() if first is None else first
         for place, c in pairs:
             strength[place, c - LOWEST] = 0.0
         place, column = divmod(int(strength.argmax()), strength.shape[1])
@@ -161,4 +189,5 @@ def scan(
         out.append(found)
         if progress is not None:
             progress(f"joint {found.joint + 1}: {found.cycles} per turn (log evidence +{gain:.1f})")
-    return out
+    assert first is not None
+    return out, Spectrum(tuple(joints), cycles, first, float(limit))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
+from irbcal.validation.coverage import coverage
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +56,16 @@ class Evidence:
         Name of that set.
     approach_note : str
         Why there is none.
+    coverage : dict or None
+        Whether intervals hold on the held-out poses, see `irbcal.validation.coverage.coverage`; None where none are
+        held out, or nothing is known of intervals.
     """
 
     sets: tuple[PoseSet, ...]
     approach: joint_approach.Approach | None
     approach_name: str
     approach_note: str
+    coverage: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -86,7 +91,14 @@ def gather(calibration: Record) -> Evidence:
         if calibrated is not None and nominal is not None and heldout in c.points.heldout:
             statistics = {"nominal": nominal.all, "calibrated": calibrated.all}
             sets.append(_pose_set(c, name, heldout, statistics))
-    return Evidence(tuple(sets), *_approach(c, sets[0]))
+    return Evidence(tuple(sets), *_approach(c, sets[0]), _coverage(c, sets))
+
+
+def _coverage(c: Record, sets: list[PoseSet]) -> Mapping[str, Any] | None:
+    proof = next((poses.points for poses in sets if poses.proves), None)
+    if proof is None or c.model == "nominal":
+        return None
+    return coverage(c.robot_calibrated(), proof)
 
 
 T = TypeVar("T")

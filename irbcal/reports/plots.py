@@ -11,7 +11,7 @@ from irbcal.figures import pose_errors
 from irbcal.figures.charts import Figure
 from irbcal.figures.picture import SIMULATED, Picture
 from irbcal.files.schema import Record
-from irbcal.reports import evidence, report_figures
+from irbcal.reports import evidence, model_figures, report_figures
 from irbcal.reports.evidence import PoseSet
 
 
@@ -76,3 +76,24 @@ class Plots:
     def singular_values(self) -> Picture:
         """What the poses can show of the error parameters."""
         return self._picture(report_figures.singular_values(self._record.observability))
+
+    def explained(self) -> Picture:
+        """What each family of terms explains, of model auto."""
+        known = self._record.evidence
+        if known is None or not known.explained:
+            raise OptionError("only model auto, saved by this version, knows what each family of terms explains")
+        return self._picture(model_figures.explained(self._record))
+
+    def gear_spectrum(self) -> Picture:
+        """What the gear scan of model auto saw, and found."""
+        known = self._record.evidence
+        if known is None or known.spectrum is None:
+            raise OptionError("no gear scan was made: only model auto makes one, where no long series of harmonics do")
+        return self._picture(model_figures.gear_spectrum(known.spectrum, known.gears))
+
+    def corrections(self) -> Picture:
+        """What the joint map adds to each joint, over its range and from both sides."""
+        figure = model_figures.corrections(self._record, self._evidence)
+        if figure is None:
+            raise OptionError("there is no joint map, or this calibration was saved without the measured places")
+        return self._picture(figure)

@@ -12,6 +12,7 @@ from irbcal.names import cell
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
+    from irbcal.files.choice_section import EvidenceSection
     from irbcal.joint_behaviour.approach import Approach
     from irbcal.reports.evidence import Evidence
 
@@ -44,6 +45,36 @@ def error_tables(c: Record) -> list[dict[str, Any]]:
                 parts[name] = {label: _models(c, before[label], after[label]) for label in after}
         turned = _models(c, nominal.orientation, calibrated.orientation) if calibrated.orientation else {}
         out.append({"title": title, "proves": proves, "poses": poses, "parts": parts, "orientation": turned})
+    return out
+
+
+def families(section: EvidenceSection) -> list[dict[str, Any]]:
+    """Groups of terms summed up by family: what was expected, what was found, and what is lost without it.
+
+    ``natural`` is in words; ``expected``, ``found`` and ``std`` are root mean squares in natural sizes.
+    """
+    lost = {row.family: row for row in section.families}
+    out: list[dict[str, Any]] = []
+    for family in dict.fromkeys(group.family for group in section.groups):
+        groups = [group for group in section.groups if group.family == family]
+        terms = sum(group.terms for group in groups)
+        natural = {unit: size for group in groups for unit, size in group.natural.items()}
+        squares = {
+            name: sum(group.terms * (getattr(group, field) or 0.0) ** 2 for group in groups)
+            for name, field in (("expected", "size"), ("found", "found"), ("std", "std"))
+        }
+        out.append(
+            {
+                "family": family,
+                "terms": terms,
+                "seen": sum(group.seen for group in groups),
+                "natural": ", ".join(
+                    f"{size:.4g}" + ("" if unit == "1" else f" {unit}") for unit, size in natural.items()
+                ),
+                **{name: (value / terms) ** 0.5 for name, value in squares.items()},
+                "lost": lost.get(family),
+            }
+        )
     return out
 
 
@@ -82,6 +113,7 @@ def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
             {"direction": k, "singular_value_mm": value, "seen": k <= calibration.observability.seen}
             for k, value in enumerate(calibration.observability.singular_values_mm, 1)
         ],
+        **_model_rows(calibration, evidence),
         "left_out.csv": [vars(item) for item in calibration.excluded],
         "joints.csv": _joints_rows(evidence),
         "backlash.csv": [
@@ -97,6 +129,30 @@ def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
         ],
     }
     return {name: _csv(rows, calibration.simulated) for name, rows in tables.items() if rows}
+
+
+def _model_rows(c: Record, evidence: Evidence) -> dict[str, list[dict[str, Any]]]:
+    """Families, gear scan and coverage of an average of error models."""
+    out: dict[str, list[dict[str, Any]]] = {}
+    if evidence.coverage is not None:
+        out["coverage.csv"] = [{"part": name} | part for name, part in evidence.coverage["parts"].items()]
+    if c.evidence is None:
+        return out
+    out["explained.csv"] = [vars(stage) for stage in c.evidence.explained]
+    out["groups.csv"] = [
+        {key: value for key, value in vars(group).items() if key != "natural"}
+        | {"natural": ", ".join(f"{size:.6g} {unit}" for unit, size in group.natural.items())}
+        for group in c.evidence.groups
+    ]
+    out["gears.csv"] = [vars(gear) for gear in c.evidence.gears]
+    spectrum = c.evidence.spectrum
+    if spectrum is not None:
+        out["gear_scan.csv"] = [
+            {"joint": joint, "from_cycles_per_turn": spectrum.first + k * spectrum.step, "chi2": value}
+            for joint, row in zip(spectrum.joints, spectrum.chi2, strict=True)
+            for k, value in enumerate(row)
+        ]
+    return out
 
 
 def _csv(rows: Sequence[Mapping[str, Any]], simulated: bool) -> bytes:

@@ -16,6 +16,7 @@ from irbcal.figures.pose_errors import before_and_after, distribution, errors_by
 from irbcal.files.schema import Observability, Record
 from irbcal.joint_behaviour.approach import Approach
 from irbcal.reports.evidence import Evidence
+from irbcal.reports.model_figures import corrections, explained, gear_spectrum
 from irbcal.units import DEG, MM
 
 
@@ -37,7 +38,9 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Figure]]:
         "verdict": [before_and_after(first)],
         "poses": [],
         "space": [],
+        "families": [],
         "joints": [],
+        "joint-map": [],
         "identification": [],
     }
     turned = [poses for poses in evidence.sets if all(m.rotation is not None for m in poses.models.values())]
@@ -47,6 +50,14 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Figure]]:
         out["space"] = [workspace(first), vectors(first)]
     if evidence.approach is not None:
         out["joints"] = [residuals_by_joint(evidence)]
+    known = calibration.evidence
+    if known is not None and known.explained:
+        out["families"] = [explained(calibration)]
+    if known is not None and known.spectrum is not None:
+        out["joint-map"].append(gear_spectrum(known.spectrum, known.gears))
+    carried = corrections(calibration, evidence)
+    if carried is not None:
+        out["joint-map"].insert(0, carried)
     if calibration.observability.singular_values_mm:
         out["identification"].append(singular_values(calibration.observability))
     if len(calibration.history.get("iteration", ())) > 1:

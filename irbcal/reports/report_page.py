@@ -81,6 +81,8 @@ def render(calibration: Record, evidence: Evidence | None = None) -> str:
         coefficients=_coefficients(calibration.joint_map),
         gears=_gears(calibration),
         joint_ranges=_joint_ranges(calibration),
+        families=report_data.families(calibration.evidence) if calibration.evidence else [],
+        coverage=evidence.coverage,
         left_out=_left_out(calibration.excluded),
     )
 

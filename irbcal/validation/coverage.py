@@ -7,13 +7,42 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import BoolArray
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 
 EXPECTED = 0.95
 """Share of a coordinate's errors that an interval is made to hold."""
+
+
+def predictions(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray] | None:
+    """Where a calibrated robot expects measured points, and how well it knows that.
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+        In its measuring frame; their last moves and loads count.
+
+    Returns
+    -------
+    position, interval : ndarray, shape (m, 3)
+        Metres; the second is the half-width that holds 95 % of a coordinate's errors.
+
+    ``None`` in place of both where nothing is known of the robot's certainty.
+    """
+    if robot.certainty is None or not robot.certainty.loo or not len(points):
+        return None
+    position, width = np.zeros((len(points), 3)), np.zeros((len(points), 3))
+    for k in np.unique(points.target):
+        mine = points.target == k
+        rows = points.pose[mine]
+        previous = None if points.previous is None else points.previous[rows]
+        load: dict[str, Any] = {key: None if value is None else value[rows] for key, value in points.load().items()}
+        seen = robot.predict(points.q[rows], previous, points.target_names[k], **load)
+        position[mine], width[mine] = seen.position, seen.interval
+    return position, width
 
 
 def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
@@ -32,17 +61,11 @@ def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
         and for each target the number ``n`` of coordinates, the share ``inside`` and the median half-width ``u95_mm``.
         None where nothing is known of the robot's certainty.
     """
-    if robot.certainty is None or not robot.certainty.loo or not len(points):
+    found = predictions(robot, points)
+    if found is None or robot.certainty is None:
         return None
-    inside, width = np.zeros((len(points), 3), dtype=bool), np.zeros((len(points), 3))
-    for k in np.unique(points.target):
-        mine = points.target == k
-        rows = points.pose[mine]
-        previous = None if points.previous is None else points.previous[rows]
-        load: dict[str, Any] = {key: None if value is None else value[rows] for key, value in points.load().items()}
-        seen = robot.predict(points.q[rows], previous, points.target_names[k], **load)
-        inside[mine] = np.abs(points.xyz[mine] - seen.position) < seen.interval
-        width[mine] = seen.interval
+    position, width = found
+    inside = np.abs(points.xyz - position) < width
     outside = robot.certainty.outside(points.q)[points.pose]
     masks: dict[str, BoolArray] = {"all": np.ones(len(points), dtype=bool), "within": ~outside, "outside": outside}
     masks |= {name: points.target == k for k, name in enumerate(points.target_names)}

@@ -85,7 +85,7 @@ def build(
         ghost=ghost,
         meshes=meshes,
         q=shown.q,
-        effective=shown.robot.joint_map.effective(shown.q) if len(shown.q) else shown.q,
+        effective=_effective(shown),
         pose_ids=np.asarray(shown.ids, dtype=object),
         groups=np.asarray(shown.groups, dtype=object),
         targets=shown.targets,
@@ -100,6 +100,13 @@ def build(
         scale_top=scale_top(errors),
         notes=(*shown.notes, *_not_drawn(shown.robot), *problems),
     )
+
+
+def _effective(shown: _Shown) -> FloatArray:
+    """Effective joints of the poses, given their last moves and loads where these are known, shape (n, joints)."""
+    if shown.effective is not None:
+        return shown.effective
+    return shown.robot.joint_map.effective(shown.q) if len(shown.q) else shown.q
 
 
 def _not_drawn(robot: Robot) -> list[str]:
@@ -147,6 +154,7 @@ class _Shown:
     points: Points | None = None
     path: FloatArray | None = None
     notes: list[str] = field(default_factory=list)
+    effective: FloatArray | None = None
 
 
 def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike | None, refit_base: bool) -> _Shown:
@@ -168,6 +176,7 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
             groups=found.groups.astype(str),
             points=points,
             notes=notes,
+            effective=model.joint_map.effective(found.q, found.previous, **found.load()),
         )
     targets = model.targets or {model.arm.tip_link: np.zeros(3)}
     if plan is None:

@@ -148,7 +148,10 @@ const points = data.points && { count: data.points.count, pose: integers(data.po
   target: integers(data.points.target), measured: floats(data.points.measured),
   at: { calibrated: floats(data.points.calibrated), nominal: floats(data.points.nominal) },
   error: { calibrated: floats(data.points.error_calibrated), nominal: floats(data.points.error_nominal) },
-  turn: { calibrated: floats(data.points.turn_calibrated), nominal: floats(data.points.turn_nominal) } };
+  turn: { calibrated: floats(data.points.turn_calibrated), nominal: floats(data.points.turn_nominal) },
+  u95: data.points.u95 && floats(data.points.u95) };
+const U95 = "95 % of a coordinate's errors are expected within this";
+const within = (row) => element("td", `± ${number(1e3 * points.u95[row], 3)}`);
 const measured = data.mode === "measured";
 const size = {}; // error of each point, mm
 if (measured)
@@ -323,6 +326,7 @@ function tell_pose() {
     const head = table.insertRow();
     head.append(element("th", "error, mm"));
     for (const model of ["nominal", "calibrated"]) head.append(element("th", model, state.model === model ? "now" : ""));
+    if (points.u95) head.append(element("th", "95 %")), (head.lastChild.title = U95);
     for (const row of rows) {
       const line = table.insertRow();
       line.append(element("td", data.targets[points.target[row]].name));
@@ -333,6 +337,7 @@ function tell_pose() {
         cell.append(chip, number(size[model][row], 3));
         line.append(cell);
       }
+      if (points.u95) line.append(within(row));
     }
     if (points.turn.nominal && rows.some((row) => !Number.isNaN(points.turn.nominal[row]))) {
       const line = table.insertRow();
@@ -347,12 +352,14 @@ function tell_pose() {
     const table = element("table");
     const head = table.insertRow();
     for (const text of ["expected, mm", "x", "y", "z"]) head.append(element("th", text));
+    if (points.u95) head.append(element("th", "95 %")), (head.lastChild.title = U95);
     const inverse = world.clone().invert();
     for (const row of rows) {
       const line = table.insertRow();
       line.append(element("td", data.targets[points.target[row]].name));
       const at = point(points.at.calibrated, row).applyMatrix4(inverse);
       for (const value of [at.x, at.y, at.z]) line.append(element("td", number(1e3 * value, 1)));
+      if (points.u95) line.append(within(row));
     }
     box.append(table);
   }

@@ -157,6 +157,7 @@ def _points(points: Points) -> dict[str, Any]:
         "calibrated": _floats_if(points.calibrated),
         "nominal": _floats_if(points.nominal),
         **{f"turn_{model}": _floats_if(turn) for model, turn in turns.items()},
+        "u95": _floats_if(points.u95),
     }
     models: tuple[Model, ...] = ("calibrated", "nominal")
     return out | {f"error_{model}": _floats_if(points.error(model)) for model in models}

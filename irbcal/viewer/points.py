@@ -18,6 +18,7 @@ from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
+from irbcal.validation.coverage import predictions
 from irbcal.validation.evaluate import in_frame_of_calibration
 from irbcal.validation.refit import Refit
 from irbcal.validation.unseen import without_fitted
@@ -25,6 +26,9 @@ from irbcal.viewer.scene import Points
 
 if TYPE_CHECKING:
     import pandas as pd
+
+MOST_KNOWN = 30_000
+"""Points of which intervals are told: of more they would keep the page waiting."""
 
 PlanLike: TypeAlias = "str | Path | pd.DataFrame | ArrayLike"
 """Joints to walk through: a table in degrees (and mm), or an array in radians (and metres)."""
@@ -62,13 +66,16 @@ def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_worl
     """Measured points in the scene, and what both models say of them."""
     modelled = [frames.apply(T_scene_world, points.predicted(robot)) for robot in (model, nominal)]
     turns = [_turns(robot, points) for robot in (model, nominal)]
+    known = predictions(model, points) if len(points) <= MOST_KNOWN else None
     return Points(
         points.pose,
         _target_index(model, points),
         modelled[0],
         frames.apply(T_scene_world, points.xyz),
         modelled[1],
-        *turns,
+        turn_calibrated=turns[0],
+        turn_nominal=turns[1],
+        u95=None if known is None else known[1].max(axis=1),
     )
 
 
@@ -136,11 +143,17 @@ def planned_points(model: Robot, ghost: Robot | None, q: FloatArray, T_scene_wor
     nominal = None
     if ghost is not None:
         nominal = frames.apply(T_scene_world, ghost.replace(targets=model.targets).points(q[rows], names))
+    u95 = None
+    certainty = model.certainty
+    if certainty is not None and certainty.loo and set(model.targets) <= set(certainty.loo) and len(rows) <= MOST_KNOWN:
+        known = [model.predict(q, None, name).interval.max(axis=1) for name in model.targets]
+        u95 = np.column_stack(known).ravel()
     return Points(
         rows,
         np.tile(np.arange(count), len(q)),
         frames.apply(T_scene_world, model.points(q[rows], names)),
         nominal=nominal,
+        u95=u95,
     )
 
 

@@ -53,6 +53,9 @@ class Points:
         ``measured`` is None for a plan, ``nominal`` where there is no other model than the robot itself.
     turn_calibrated, turn_nominal : ndarray, shape (m,), or None
         Angles between measured and modelled target frames, radians; NaN where not measured.
+    u95 : ndarray, shape (m,), or None
+        Half-width that holds 95 % of a coordinate's errors of the calibrated robot, the largest of the three, metres;
+        None where nothing is known of it.
     """
 
     pose: IntArray
@@ -62,6 +65,7 @@ class Points:
     nominal: FloatArray | None = None
     turn_calibrated: FloatArray | None = None
     turn_nominal: FloatArray | None = None
+    u95: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)

@@ -32,7 +32,7 @@ def test_backlash_is_found_and_stated_with_its_interval(tmp_path):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert_harmless(page)
     (section,) = html.document_fromstring(page).xpath("//section[@id='joints']")
-    assert "It is seen in joint 1. No model" in " ".join(section.text_content().split())
+    assert "It is seen in joint 1. No thesis level" in " ".join(section.text_content().split())
     rows = [[cell.text_content() for cell in row] for row in section.xpath(".//tbody/tr")]
     assert [row[0] for row in rows] == list("123456")
     low, high = map(float, rows[0][2].split(" to "))

@@ -141,6 +141,7 @@ def test_page_of_measurements(measured, cell):
     assert "1 of 40 · group a" in page.text("#pose .where")
     assert f"{size['nominal'][0]:.3f}" in page.text("#pose table")
     assert f"{size['calibrated'][0]:.3f}" in page.text("#pose table")
+    assert f"± {1e3 * scene.points.u95[0]:.3f}" in page.text("#pose table")
     assert not page.page.is_visible("#simulated")  # nobody said that these were simulated
 
     # keys

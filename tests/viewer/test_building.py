@@ -3,12 +3,14 @@
 import numpy as np
 import pandas as pd
 import pytest
-from support import arm, assert_same_poses
+from evidence_cases import Truth
+from support import arm, assert_same_poses, write_measurements
 
 import irbcal
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, RobotError
 from irbcal.files.calibration_folder import opened
 from irbcal.modeling import frames
+from irbcal.modeling.terms.situation import Motion
 from irbcal.units import MM
 from irbcal.viewer import building, links, points
 
@@ -169,3 +171,52 @@ def test_links_are_chosen_for_a_urdf_only(cell):
     assert building.build("irb120", tip_link="link_5").robot.arm.tip_link == "link_5"
     with pytest.raises(RobotError, match="choose links for a URDF only"):
         building.build(cell / "cal", tip_link="link_5")
+
+
+@pytest.fixture(scope="module")
+def remembering(tmp_path_factory):
+    """A robot with backlash and gravity at all joints, calibrated by model auto with all terms, and its file."""
+    folder = tmp_path_factory.mktemp("auto")
+    truth = Truth(["gravity", "direction", "bending"])
+    motion = Motion.in_order(truth.nominal.random_joints(130, 1))
+    file = write_measurements(folder / "m.csv", truth.measured(motion, 2e-5))
+    irbcal.save(irbcal.calibrate(file, "irb120", terms="all"), folder / "cal")
+    return folder
+
+
+def test_last_moves_and_frame_terms_count_as_in_report_and_evaluate(remembering):
+    """Of the same points the report shows the same errors, evaluate too, and the robot stands where it was moved to."""
+    saved = irbcal.load(remembering / "cal")
+    scene = building.build(remembering / "cal", remembering / "m.csv")
+    table = saved.record.points
+    reported = dict(zip(zip(table.pose, table.target, strict=True), table.calibrated_mm, strict=True))
+    names = list(scene.targets)
+    size = np.linalg.norm(scene.points.error(), axis=1) / MM
+    assert len(size) == len(reported) == 390
+    for k, row in enumerate(scene.points.pose):
+        key = (str(scene.pose_ids[row]), names[scene.points.target[k]])
+        assert size[k] == pytest.approx(reported[key], abs=1e-5), key
+    evaluated = irbcal.evaluate(saved, remembering / "m.csv", include_fitted=True).calibrated
+    assert size.mean() == pytest.approx(evaluated["mean_mm"], abs=1e-9)
+    moved = scene.effective - saved.robot_calibrated().joint_map.effective(scene.q)
+    assert np.degrees(np.abs(moved)).max() > 0.002
+    assert scene.notes[-1].startswith("The robot is drawn from its URDF") or any(
+        "frame terms" in n for n in scene.notes
+    )
+
+
+def test_intervals_of_the_shown_points_are_those_of_predict(remembering):
+    saved = irbcal.load(remembering / "cal")
+    robot = saved.robot_calibrated()
+    scene = building.build(remembering / "cal", remembering / "m.csv")
+    mine = scene.points.target == 1
+    rows = scene.points.pose[mine]
+    before = np.concatenate([[np.full(6, np.nan)], scene.q[:-1]])
+    expected = robot.predict(scene.q[rows], before[rows], list(scene.targets)[1]).interval.max(axis=1)
+    np.testing.assert_allclose(scene.points.u95[mine], expected, rtol=0, atol=1e-7)
+    size = np.abs(scene.points.error()).max(axis=1)
+    assert 0.8 < np.mean(size < scene.points.u95) <= 1.0
+    planned = building.build(remembering / "cal", plan=scene.q[:5]).points
+    expected = robot.predict(scene.q[:5], None, list(scene.targets)[1]).interval.max(axis=1)
+    np.testing.assert_allclose(planned.u95[planned.target == 1], expected, rtol=0, atol=1e-12)
+    assert building.build("irb120", plan=scene.q[:5]).points.u95 is None

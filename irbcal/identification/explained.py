@@ -1,0 +1,215 @@
+"""What each family of terms explains: the error of poses that the fit never saw, with one family after the other.
+
+Every stage is a fit of its own by evidence to the same poses, of one choice of terms and not of an average; all are
+parts of one linearisation, so that they cost no more than the last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.identification import dictionaries, leave_one_out, linearisation, mackay, repeats
+from irbcal.identification.averaged import AveragedFit
+from irbcal.identification.dictionaries import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, Dictionary
+from irbcal.identification.evidence import LAG_FAMILIES
+from irbcal.identification.linearisation import Linearisation
+from irbcal.measurement.points import PointSet
+from irbcal.modeling.terms import chain, families
+from irbcal.modeling.terms.gear import gear_terms
+from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
+from irbcal.modeling.terms.harmonics import LOW, order
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import TermMap
+from irbcal.units import MM
+
+LOADS = ("payload", "torque")
+LIKE_THESIS = ("gravity", "harmonics")
+"""Families of which the thesis's terms are special cases."""
+TOGETHER: tuple[tuple[str, ...], ...] = (
+    ("geometry",),
+    ("gravity", "gain"),
+    LOADS,
+    ("harmonics",),
+    HISTORY_FAMILIES,
+    ("warm_up",),
+    FRAME_FAMILIES,
+)
+"""Families that are added together, in this order; long series of harmonics and gears follow."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A fit with all families so far.
+
+    Attributes
+    ----------
+    added : str
+        What this stage adds to the one before, in words.
+    terms : int
+        All terms, without base and targets.
+    seen : float
+        Number of coefficients that the data determine.
+    carried : bool
+        Whether the calibration has terms of such families; others, such as frame terms beside a joint map, are only
+        tried.
+    loo : float
+        Root mean square distance of poses left out of the fit one at a time, metres.
+    mean, largest : float or None
+        Distance of held-out points from the robot at use, which is warm, metres; None where none are held out.
+    timed : float or None
+        Mean distance with the warmth that the arm had at each held-out pose, metres; None where nothing is known of it.
+    """
+
+    added: str
+    terms: int
+    seen: float
+    carried: bool
+    loo: float
+    mean: float | None
+    largest: float | None
+    timed: float | None
+
+
+def explain(fit: AveragedFit, heldout: PointSet, elapsed: FloatArray | None = None) -> tuple[Stage, ...]:
+    """Fit one family after the other and predict held-out poses.
+
+    Parameters
+    ----------
+    fit : AveragedFit
+        What was identified: its points, choice of gears and time constant are taken.
+    heldout : PointSet
+        May be empty.
+    elapsed : ndarray, shape (n,), optional
+        Time of the held-out poses, that of the fit's motion; unless given nothing is known of their warmth.
+
+    Returns
+    -------
+    tuple of Stage
+    """
+    found = fit.evidence
+    points, stops = repeats.averaged(replace(fit.points, q=np.array(fit.motion.q)), fit.motion)
+    geometry = GEOMETRY.terms(found.nominal)
+    known = {name: found.targets[name] for name in points.target_names if name not in found.free_targets}
+    problem = linearisation.geometry_problem(found.nominal, points, geometry, known)
+    state = linearisation.geometry_solution(problem, stops, geometry, found.readings_projected)
+    plan = _plan(fit)
+    terms = [term for _, added, _ in plan for term in added]
+    linear = Linearisation(problem, state, stops, terms, found.readings_projected)
+    sums, t = linear.sums(), mackay.fit_temper(linear.per_pose)
+    use = found.motion(heldout.q, heldout.previous, **heldout.load())
+    count, out = 0, []
+    for words, added, carried in plan:
+        count += len(added)
+        choice = _choice(terms[:count])
+        columns = choice.columns(linear.flat)
+        got = mackay.fit(sums.part(columns), linear.flat, choice.group, choice.caps, t)
+        u, _ = leave_one_out.residuals(linear, columns, got)
+        predicted = _Predicted(linear, got.c, terms[:count], found.readings_projected)
+        errors = predicted.errors(heldout, use)
+        warm = any(term.family == "warm_up" for term in terms[:count])
+        timed = predicted.errors(heldout, replace(use, elapsed=elapsed)) if warm and elapsed is not None else None
+        out.append(
+            Stage(
+                added=words,
+                terms=count,
+                seen=float(got.gammas.sum()),
+                carried=carried,
+                loo=leave_one_out.rms_length(u) * MM,
+                mean=_of(errors, np.mean),
+                largest=_of(errors, np.max),
+                timed=None if timed is None else _of(timed, np.mean),
+            )
+        )
+    return tuple(out)
+
+
+def _of(errors: FloatArray, statistic: object) -> float | None:
+    return float(statistic(errors)) if len(errors) else None  # type: ignore[operator]
+
+
+def _plan(fit: AveragedFit) -> list[tuple[str, list[Term], bool]]:
+    """What each stage adds: words, terms, and whether the calibration has them."""
+    found = fit.evidence
+    arm, present = found.nominal, {term.family for term in found.terms}
+    highest = _series(fit)
+    everything = {name: family.terms(arm) for name, family in families().items()}
+    own = {name: [term for term in found.terms if term.family == name] for name in (*LOADS, "warm_up")}
+    everything |= own | {"warm_up": [t for t in own["warm_up"] if t.parameters["tau"] == found.tau]}
+    series = everything["harmonics"]
+    everything["harmonics"] = [term for term in series if order(term) <= LOW]
+    moved = bool(fit.motion.moves.any())
+    plan = []
+    for names in TOGETHER:
+        if names == HISTORY_FAMILIES and not moved:
+            continue
+        added = [term for name in names for term in everything[name]]
+        if added:
+            words = _words(names, everything)
+            tried = names == FRAME_FAMILIES and found.kind != ALL
+            carried = any(name in present or ("thesis" in present and name in LIKE_THESIS) for name in names)
+            plan.append((f"{words}: terms {ALL}" if tried else words, added, carried))
+    if highest > LOW:
+        plan.append((f"harmonics to {highest}", [t for t in series if LOW < order(t) <= highest], True))
+    if found.gears:
+        gears = [term for g in found.gears for term in gear_terms(g.joint, g.cycles_per_turn)]
+        plan.append((f"gears ({len(found.gears)})", gears, "gear" in present))
+    return sorted(plan, key=lambda item: not item[2])  # what is only tried comes last
+
+
+def _series(fit: AveragedFit) -> int:
+    """Highest order of the harmonics of the best choice of terms, if long series have most of the weight."""
+    long = [row for row in fit.evidence.dictionaries if row.bands and row.weight > 0.0]
+    if sum(row.weight for row in long) <= 0.5:
+        return LOW
+    words = max(long, key=lambda row: row.weight).name.split("harmonics to ")
+    return int(words[1].split(",")[0])
+
+
+def _words(names: Sequence[str], everything: dict[str, list[Term]]) -> str:
+    text = ", ".join(name.replace("_", "-") for name in names if everything[name])
+    return f"{text} to {LOW}" if names == ("harmonics",) else text
+
+
+def _choice(terms: Sequence[Term]) -> Dictionary:
+    """A dictionary of all of some terms; series of harmonics in bands, as those that are averaged have them."""
+    highest = max((order(term) for term in terms if term.family == "harmonics"), default=0)
+    names = list(dict.fromkeys(term.family for term in terms))
+    taus = [term.parameters["tau"] for term in terms if term.family == "warm_up"]
+    return dictionaries.make(terms, names, highest, float(str(taus[0])) if taus else None)
+
+
+class _Predicted:
+    """A fitted stage, not linearised."""
+
+    def __init__(self, linear: Linearisation, c: FloatArray, terms: Sequence[Term], lagging: bool) -> None:
+        state = linear.moved(c)
+        self.arm, _ = linear.problem.model(state)
+        self.T = state.T_world_base
+        self.targets = dict(zip(linear.problem.points.target_names, state.targets, strict=True))
+        left = LAG_FAMILIES if lagging else ()
+        rows = [k for k, term in enumerate(terms) if term.family not in ("geometry", *left)]
+        values = linear.sizes[linear.flat :][: len(terms)] * c[linear.flat :]
+        self.map = TermMap(linear.problem.arm, tuple(terms[k] for k in rows), values[rows])
+
+    def errors(self, points: PointSet, motion: Motion) -> FloatArray:
+        """Distances of measured points, metres; those of targets that the fit does not know are left out."""
+        names = [name if name in self.targets else None for name in points.target_names]
+        mine = np.flatnonzero([names[k] is not None for k in points.target])
+        local = np.array([self.targets[points.target_names[k]] for k in points.target[mine]]).reshape(-1, 3)
+        out = np.empty(len(mine))
+        edges = np.searchsorted(
+            points.pose[mine], starts := [*range(0, points.poses, linearisation.BLOCK), len(motion)]
+        )
+        for k in range(len(starts) - 1):
+            rows = slice(edges[k], edges[k + 1])
+            path = chain.walk(self.arm, *self.map.split(motion.select(slice(starts[k], starts[k + 1]))))
+            tip = path.tip[..., points.pose[mine][rows] - starts[k]]
+            p = tip[3] + np.einsum("acm,ma->cm", tip[:3], local[rows])
+            seen = points.xyz[mine][rows] - (p.T @ self.T[:3, :3].T + self.T[:3, 3])
+            out[rows] = np.linalg.norm(seen, axis=1)
+        return out

@@ -1,0 +1,139 @@
+"""What each family of terms explains, against robots whose families are known and against fits of its own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from evidence_cases import Truth
+
+from irbcal.identification.averaged import identify_averaged
+from irbcal.identification.evidence import identify_evidence
+from irbcal.identification.explained import explain
+from irbcal.measurement.points import distances
+from irbcal.modeling.terms.gear import gear_terms
+from irbcal.modeling.terms.situation import Motion
+
+MM = 1e-3
+NOISE = 1e-5
+
+
+def measured(truth, poses, seed, noise=NOISE):
+    """Points of random poses in an order, and their motion."""
+    motion = Motion.in_order(truth.nominal.random_joints(poses, seed))
+    points = truth.measured(motion, noise, seed)
+    return replace(points, previous=motion.q - motion.moves), motion
+
+
+def by_words(stages):
+    return {stage.added.split(" (")[0]: stage for stage in stages}
+
+
+@pytest.fixture(scope="module")
+def weighed():
+    """Gravity, gains and one gear, nothing else."""
+    extra = [(term, 1.5e-4) for term in gear_terms(3, 202)]
+    truth = Truth(["gravity", "gain"], extra=extra)
+    points, motion = measured(truth, 120, 1)
+    heldout, _ = measured(truth, 60, 2)
+    return truth, identify_averaged(truth.nominal, points, motion), heldout
+
+
+def test_the_families_that_are_there_explain_and_others_do_not(weighed):
+    _, fit, heldout = weighed
+    stages = explain(fit, heldout)
+    found = by_words(stages)
+    assert [stage.added for stage in stages] == [
+        "geometry",
+        "gravity, gain",
+        "harmonics to 2",
+        "direction, move",
+        "gears (1)",
+        "bending, wobble: terms all",
+    ]
+    assert found["geometry"].mean > 3 * found["gravity, gain"].mean
+    assert found["harmonics to 2"].mean == pytest.approx(found["gravity, gain"].mean, rel=0.1)
+    assert found["direction, move"].mean == pytest.approx(found["gravity, gain"].mean, rel=0.1)
+    assert found["gears"].mean < 0.6 * found["direction, move"].mean
+    assert found["bending, wobble: terms all"].mean == pytest.approx(found["gears"].mean, rel=0.2)
+    assert found["gears"].mean < 2.0 * NOISE
+    assert [stage.carried for stage in stages] == [True] * 5 + [False]
+    assert all(stage.largest > stage.mean for stage in stages)
+    assert [stage.terms for stage in stages] == sorted(stage.terms for stage in stages)
+    # poses of another run: nothing is known of how warm the arm was
+    assert all(stage.timed is None for stage in stages)
+    # leave-one-out and held-out errors tell the same; that is a root mean square
+    for stage in stages[:2]:
+        assert stage.loo == pytest.approx(stage.mean, rel=0.5)
+
+
+def test_the_last_stage_is_about_what_the_calibration_is(weighed):
+    _, fit, heldout = weighed
+    found = by_words(explain(fit, heldout))
+    own = float(distances(fit.robot, heldout).mean())
+    assert found["gears"].mean == pytest.approx(own, abs=0.003 * MM)
+
+
+def test_warmth_is_told_apart_from_use():
+    """An arm that drifts: at the time of each pose the model is right, and the warm robot misses the cold poses."""
+    truth = Truth(["gravity", "warm_up"], scale=1.0)
+    motion = Motion.in_order(truth.nominal.random_joints(150, 3))
+    points = replace(truth.measured(motion, NOISE, 3), previous=motion.q - motion.moves)
+    aside = np.arange(150) % 5 == 2
+    fit = identify_averaged(truth.nominal, points.select(~aside), motion.select(~aside))
+    stages = explain(fit, points.select(aside), motion.elapsed[aside])
+    last = by_words(stages)["warm-up"]
+    assert last.timed < 3 * NOISE
+    assert last.mean > 2 * last.timed
+    assert all(stage.timed is None for stage in stages[: stages.index(last)])
+
+
+def test_nothing_held_out_leaves_the_poses_that_are_left_out_one_at_a_time(weighed):
+    _, fit, heldout = weighed
+    none = heldout.select(np.zeros(heldout.poses, dtype=bool))
+    for stage, other in zip(explain(fit, none), explain(fit, heldout), strict=True):
+        assert stage.mean is None
+        assert stage.largest is None
+        assert stage.loo == other.loo
+
+
+def test_targets_that_the_fit_never_saw_do_not_count(weighed):
+    _, fit, heldout = weighed
+    names = (*heldout.target_names[:-1], "another")
+    fewer = explain(fit, replace(heldout, target_names=names))
+    known = heldout.take(heldout.target != len(names) - 1)
+    assert [stage.mean for stage in fewer] == [stage.mean for stage in explain(fit, known)]
+
+
+def test_what_was_expected_of_a_group_and_what_was_found(weighed):
+    """Root mean squares of the true coefficients are found, in natural sizes; what is not there shrinks."""
+    truth, fit, *_ = weighed
+    groups = {group.name: group for group in fit.evidence.groups}
+    gain = groups["gain"]
+    true = [c for term, c in zip(truth.map.terms, truth.map.coefficients, strict=True) if term.family == "gain"]
+    assert gain.found == pytest.approx(float(np.sqrt(np.mean(np.square(true)))) / 5e-4, rel=0.15)
+    assert gain.natural == {"1": 5e-4}
+    assert gain.std < 0.3 * gain.size
+    assert groups["geometry"].natural == {"rad": 1e-3, "m": 5e-4}
+    gear = groups["gear_4_202"]
+    assert gear.family == "gear"
+    assert gear.found * 5e-5 == pytest.approx(1.5e-4, rel=0.1)
+    for name, group in groups.items():
+        if group.family == "harmonics":
+            assert group.found < 0.3, name
+
+
+def test_the_scan_keeps_what_it_saw(weighed):
+    _, fit, *_ = weighed
+    seen = fit.evidence.spectrum
+    assert seen.chi2.shape == (6, len(seen.cycles))
+    joint, place = divmod(int(seen.chi2.argmax()), len(seen.cycles))
+    assert (seen.joints[joint], seen.cycles[place]) == (3, 202)
+    (gear,) = fit.evidence.gears
+    assert seen.chi2.max() == gear.chi2
+    assert gear.chi2 > seen.limit
+
+
+def test_no_scan_no_spectrum(weighed):
+    truth, *_ = weighed
+    points, motion = measured(truth, 40, 5)
+    assert identify_evidence(truth.nominal, points, motion, gear_scan=False).spectrum is None

@@ -1,0 +1,199 @@
+"""Figures and tables of what an average of error models carries."""
+
+import csv
+import io
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from evidence_cases import Truth
+from lxml import html
+from report_cases import assert_harmless, drawings, text_of
+from support import write_measurements
+from typer.testing import CliRunner
+
+import irbcal
+from irbcal.cli import main
+from irbcal.errors import OptionError
+from irbcal.measurement.points import distances
+from irbcal.modeling.terms.gear import gear_terms
+from irbcal.modeling.terms.situation import Motion
+from irbcal.reports import report_data, report_page
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """Gravity, backlash and one gear, measured in an order; model auto."""
+    truth = Truth(["gravity", "direction"], extra=[(term, 2e-4) for term in gear_terms(3, 202)])
+    motion = Motion.in_order(truth.nominal.random_joints(140, 1))
+    points = replace(truth.measured(motion, 1e-5), previous=None)
+    path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
+    out = tmp_path_factory.mktemp("saved") / "calibration"
+    irbcal.save(irbcal.calibrate(path, "irb120"), out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def averaged(saved):
+    return irbcal.load(saved).record
+
+
+@pytest.fixture(scope="module")
+def averaged_page(saved):
+    return (saved / "report.html").read_text(encoding="utf-8")
+
+
+def cells(page, caption):
+    (table,) = html.document_fromstring(page).xpath(f"//table[contains(caption, '{caption}')]")
+    return {row[0].text_content().strip(): [cell.text_content() for cell in row[1:]] for row in table.xpath("tbody/tr")}
+
+
+def test_it_is_drawn_from_the_file_alone(saved, averaged, averaged_page):
+    assert_harmless(averaged_page)
+    assert str(saved.parent) not in averaged_page
+    assert len(averaged_page) < 1e6
+    assert CliRunner().invoke(main.app, ["report", str(saved)]).exit_code == 0
+    assert (saved / "report.html").read_text(encoding="utf-8") == averaged_page
+    section = averaged.evidence
+    assert len(section.model_dump_json()) < 40_000
+
+
+def test_bars_tell_the_held_out_errors_stage_by_stage(averaged, averaged_page):
+    (drawing,) = drawings(averaged_page, "What each family of terms explains")
+    texts = drawing.xpath(".//text/text()")
+    stages = averaged.evidence.explained
+    for stage in stages:
+        assert any(f"{stage.added}: {stage.mean_mm:.3f} mm" in text for text in texts), stage
+    assert f"this calibration: {averaged.heldout.all.mean_mm:.3f} mm" in texts
+    widths = [float(box.get("width")) for box in drawing.xpath(".//*[local-name()='rect']")]
+    values = [*(stage.mean_mm for stage in stages), averaged.heldout.all.mean_mm]
+    scale = widths[0] / values[0]
+    assert widths == pytest.approx([scale * value for value in values], abs=0.11)
+    assert stages[0].mean_mm > 2 * stages[1].mean_mm
+
+
+def test_without_held_out_poses_poses_are_left_out_one_at_a_time(averaged):
+    bare = averaged.evidence.model_copy(
+        update={"explained": [s.model_copy(update={"mean_mm": None}) for s in averaged.evidence.explained]}
+    )
+    from irbcal.reports import model_figures
+
+    figure = model_figures.explained(averaged.model_copy(update={"evidence": bare}))
+    assert "left out of the fit one at a time" in figure.caption
+    assert "tick" not in figure.caption
+
+
+def test_intervals_are_compared_with_what_was_expected(averaged, averaged_page):
+    """Counted here with plain predictions of the loaded robot."""
+    points, _ = averaged.used_points(heldout=True)
+    robot = averaged.robot_calibrated()
+    inside = []
+    for k, name in enumerate(points.target_names):
+        mine = points.target == k
+        rows = points.pose[mine]
+        seen = robot.predict(points.q[rows], points.previous[rows], name)
+        inside.append(np.abs(points.xyz[mine] - seen.position) < seen.interval)
+    share = 100 * np.concatenate(inside).mean()
+    row = cells(averaged_page, "Do predicted intervals hold?")["all held-out poses"]
+    assert row[:3] == [str(3 * len(points)), "95", f"{share:.1f}"]
+
+
+def test_families_expected_and_found(averaged, averaged_page):
+    rows = cells(averaged_page, "What was expected of each family of terms")
+    assert {"geometry", "gravity", "direction", "gear"} <= set(rows)
+    terms, seen, natural, _, found, std, nats, _, shown = rows["gear"]
+    assert (terms, natural, shown) == ("2", "0.002865 deg", "yes")
+    assert float(found) == pytest.approx(4.0, rel=0.1)
+    assert float(std) < 0.2 * float(found)
+    assert float(seen) == pytest.approx(2.0, abs=0.1)
+    assert float(nats) > 5.0
+    assert rows["gain"][-1] == "no"
+    # root mean squares over groups of several sizes
+    section = averaged.evidence
+    for row in report_data.families(section):
+        mine = [group for group in section.groups if group.family == row["family"]]
+        every = np.repeat([group.found for group in mine], [group.terms for group in mine])
+        assert row["found"] == pytest.approx(float(np.sqrt(np.mean(every**2))), rel=1e-12)
+        assert row["terms"] == len(every)
+    assert "Effective number of parameters: these poses determine" in text_of(averaged_page)
+
+
+def test_a_found_gear_is_named_on_its_spectrum(averaged, averaged_page):
+    scans = drawings(averaged_page, "Gear scan of joint")
+    assert len(scans) == 6
+    named = [" ".join(scan.xpath(".//text/text()")) for scan in scans]
+    assert "202 (ratio 101)" in named[3]
+    assert not any("ratio" in text for k, text in enumerate(named) if k != 3)
+    (title,) = scans[3].xpath(".//title/text()")
+    assert re.match(r"joint 4: 202 cycles per turn, 0\.0\d+ degrees: twice 101", title)
+
+
+def test_corrections_are_those_of_the_joint_map(averaged, averaged_page):
+    """Titles of the curves against the joint map itself, reached from both sides."""
+    robot = averaged.robot_calibrated()
+    points, _ = averaged.used_points(heldout=False)
+    drawn = drawings(averaged_page, "Correction of joint")
+    assert len(drawn) == 6
+    found = 0
+    for drawing in drawn:
+        j = int(drawing.get("aria-label").split()[-1]) - 1
+        for title in drawing.xpath(".//title/text()"):
+            side, value, angle = re.fullmatch(r"reached from (\w+): ([+-][\d.]+) deg at (-?[\d.]+) deg", title).groups()
+            q = np.median(points.q, axis=0)[None].copy()
+            q[0, j] = np.radians(float(angle))
+            before = q.copy()
+            before[0, j] -= np.radians(20.0) * (1 if side == "below" else -1)
+            expected = np.degrees(robot.joint_map.effective(q, before) - q)[0, j]
+            gear = 0.025 if j == 3 else 0.0  # the mean of a range, in which the gear turns once and more
+            assert float(value) == pytest.approx(expected, abs=0.003 + gear)
+            found += 1
+    assert found == 6 * 2 * 12
+    assert "reached from below" in text_of(averaged_page)
+
+
+def test_each_figure_can_be_had_alone(saved, calibration):
+    plots = irbcal.load(saved).plot
+    for picture in (plots.explained(), plots.gear_spectrum(), plots.corrections()):
+        assert picture.figure.caption
+    bare = irbcal.load(saved).plot
+    object.__setattr__(bare, "_record", calibration)
+    for draw in (bare.explained, bare.gear_spectrum):
+        with pytest.raises(OptionError, match="only model auto"):
+            draw()
+
+
+def test_data_of_the_figures(averaged):
+    evidence = report_page.gather(averaged)
+    files = report_data.data_files(averaged, evidence)
+
+    def rows(name):
+        return list(csv.DictReader(io.StringIO(files[name].decode())))
+
+    assert [row["added"] for row in rows("explained.csv")] == [s.added for s in averaged.evidence.explained]
+    assert rows("gears.csv")[0]["cycles_per_turn"] == "202"
+    assert len(rows("gear_scan.csv")) == 6 * len(averaged.evidence.spectrum.chi2[0])
+    assert rows("groups.csv")[0]["natural"] == "0.0572958 deg, 0.5 mm"
+    assert rows("coverage.csv")[0]["part"] == "all"
+
+
+def test_files_of_earlier_versions_are_shown_without(averaged):
+    """Groups had no family, and nothing was known of stages and spectrum."""
+    old = averaged.evidence.model_dump()
+    for name in ("explained", "spectrum", "families"):
+        del old[name]
+    old["groups"] = [{k: group[k] for k in ("name", "terms", "seen", "size")} for group in old["groups"]]
+    section = type(averaged.evidence).model_validate(old)
+    page = report_page.render(averaged.model_copy(update={"evidence": section}))
+    assert "Where the error goes" not in page
+    assert "Gear scan of joint" not in page
+    assert "What was expected of each family" not in page
+    assert "Groups of terms with one variance each" in page
+
+
+def test_a_level_shows_the_joints_that_its_map_changes(calibration, page):
+    drawn = {drawing.get("aria-label")[-1] for drawing in drawings(page, "Correction of joint")}
+    assert drawn == {"2", "3", "6"}
+    assert "Where the error goes" not in page
+    points, _ = calibration.used_points(heldout=False)
+    assert distances(calibration.robot_calibrated(), points).mean() < 1e-4
