@@ -49,22 +49,16 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.sessions import into_one_frame
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.modeling.terms.situation import Motion
 from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.units import DEG, MM
 from irbcal.validation.coverage import coverage, coverage_in_words
+from irbcal.validation.doubts import cautions, doubts
 
 LARGEST_TURN = 3 * DEG
 """Median angle from the nominal robot above which measured orientations are refused, radians."""
-
-FEW_EQUATIONS = 3
-"""Equations for each identified combination below which the user is warned."""
-
-LARGE_NOMINAL = 10 * MM
-"""Fitted rms of the nominal robot above which the user is warned, metres."""
 
 SPLITS = ("random", "last")
 HOLDOUT = 0.25
@@ -177,6 +171,8 @@ class _Prepared:
     measurements: MeasurementSet
     fit: PointSet
     heldout: PointSet
+    whole: list[PointSet]
+    """Each file's in the order of measuring."""
     fit_motion: Motion
     heldout_motion: Motion
     excluded: list[Exclusion]
@@ -259,12 +255,17 @@ def run(
         ready.fit, ready.heldout = (
             into_one_frame(points, fit.robot.T_world_base, fit.other_bases) for points in (ready.fit, ready.heldout)
         )
+        ready.whole = [
+            replace(into_one_frame(points, fit.robot.T_world_base, fit.other_bases), session=points.session)
+            for points in ready.whole
+        ]
         nominal = identify(arm, ready.fit, "nominal", known_targets=known)
     unseen = [name for name in ready.heldout.target_names if name not in fit.robot.targets]
     if unseen:
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
     ready.heldout, moves = with_last_moves(fit.robot, ready.heldout)
     ready.notes += moves
+    doubtful = doubts(nominal, fit, ready.fit, ready.whole)
     return Outcome(
         robot_urdf,
         robots.robot_file(robot),
@@ -279,12 +280,13 @@ def run(
         dict(ready.references),
         dict(ready.tool_shape),
         choice,
-        tuple(ready.notes + why + _doubts(nominal, fit, ready.fit, ready.heldout) + _worth_knowing(fit, ready)),
+        tuple(doubtful + ready.notes + why + cautions(nominal, fit) + _worth_knowing(fit, ready)),
         time.perf_counter() - started,
         dict(fit.other_bases),
         sessions,
         (ready.fit_motion.elapsed, ready.heldout_motion.elapsed),
         earlier,
+        tuple(doubtful),
     )
 
 
@@ -347,19 +349,20 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options, earlie
         parts = points.select(~aside), points.select(aside)
         motions = motion.select(~aside), motion.select(aside)
         poses = seen.poses + (0 if earlier is None else earlier.poses)
-        return _Prepared(seen, *parts, *motions, excluded, notes, poses, references, shape, usual_kg=usual)
+        return _Prepared(seen, *parts, [points], *motions, excluded, notes, poses, references, shape, usual_kg=usual)
     check = _read(options.verify, arm)
     check = check if options.same_tool else tools.with_tool_per_load(check, usual)
     other = cleaning.clean(check, references or None, found.target_names)
-    heldout, left_out = without_gross_errors(arm, other, check.source)
+    heldout, left_out, swaps = without_gross_errors(arm, other, check.source)
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
     heldout, seen_note = _never_seen(heldout, points, check.source)
-    notes += [f"{Path(check.source).name}: {note}" for note in [*other.notes, *seen_note]]
+    notes += [f"{Path(check.source).name}: {note}" for note in [*swaps, *other.notes, *seen_note]]
     notes += mixed_use(seen.programmed, check.programmed, check.source)
     poses = seen.poses + check.poses + (0 if earlier is None else earlier.poses)
     used = moves if by_axes else np.ones(points.poses, dtype=bool)
-    sets = points.select(used), _of_last_session(heldout, points), motion.select(used), motion_of(check, heldout)
+    heldout = _of_last_session(heldout, points)
+    sets = points.select(used), heldout, [points, heldout], motion.select(used), motion_of(check, heldout)
     return _Prepared(seen, *sets, excluded + left_out, notes, poses, references, shape, check, usual)
 
 
@@ -460,30 +463,3 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
         mean = float(distances(fit.robot, at_programmed).mean())
         note += f" At joints estimated from the readings the held-out mean is {mean / MM:.3f} mm."
     return [*notes, note]
-
-
-def _doubts(nominal: Fit, fit: Fit | AveragedFit, fit_points: PointSet, heldout: PointSet) -> list[str]:
-    """What should make the user doubt the result, in sentences."""
-    doubts = []
-    equations = 3 * nominal.problem.rows
-    if not isinstance(fit, AveragedFit) and fit.level != "nominal" and equations < FEW_EQUATIONS * fit.rank:
-        doubts.append(
-            f"Only {equations} equations for {fit.rank} identified combinations: measure more poses or choose a "
-            "smaller model."
-        )
-    if nominal.rms > LARGE_NOMINAL:
-        doubts.append(
-            f"The nominal robot misses the fitted points by {nominal.rms / MM:.3g} mm (rms), far more than industrial "
-            "robots do: something other than the robot is wrong (references, joints, robot file)."
-        )
-    beyond = elsewhere(fit.robot, nominal.robot, fit_points.q)
-    if fit.level != "nominal" and beyond is not None and beyond.narrow:
-        doubts.append(beyond.in_words())
-    if fit.level != "nominal" and heldout.poses:
-        before, after = (distances(item.robot, heldout).mean() for item in (nominal, fit))
-        if after >= before:
-            doubts.append(
-                f"On held-out poses the calibrated robot is NOT better than the nominal one ({after / MM:.3f} against "
-                f"{before / MM:.3f} mm mean): do not use this calibration."
-            )
-    return doubts

@@ -24,7 +24,9 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import renamed
 from irbcal.summary import Cell, Speaks, Table, Told
-from irbcal.validation.evaluation import orientation_line, statistics_table
+from irbcal.validation.evaluation import orientation_line
+from irbcal.validation.proof import error_table, reached
+from irbcal.validation.verdict import Verdict, verdict_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -149,22 +151,27 @@ class Calibration(Speaks):
         """What ``irbcal calibrate`` prints, and the parameters."""
         evidence = self.record.evidence
         groups = [] if evidence is None else [(g.name, g.terms, g.seen, g.size) for g in evidence.groups]
-        return [*self.verdict(), *([groups_table(groups)] if groups else []), self.parameter_table()]
+        return [*self.proof(), *([groups_table(groups)] if groups else []), self.parameter_table()]
 
-    def verdict(self) -> list[Told]:
-        """Errors before and after, what was identified, what was held or left out, and what to doubt."""
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Better than the nominal robot, no better or worse, and whether that may be trusted."""
+        return verdict_of(self.record)
+
+    def proof(self) -> list[Told]:
+        """The verdict, errors before and after, what was identified, what was held or left out, and what to doubt."""
         r = self.record
         proven = r.heldout is not None
         nominal, calibrated = (r.heldout_nominal, r.heldout) if proven else (r.fit_nominal, r.fit)
         assert nominal is not None
         assert calibrated is not None
-        told: list[Told] = [self._error_table(nominal, calibrated, proven)]
+        told: list[Told] = [*self.verdict.told(), error_table(r, nominal, calibrated, proven)]
         if calibrated.orientation and nominal.orientation:
             told.append(orientation_line("nominal", nominal.orientation.model_dump()))
             told.append(orientation_line(f"model {r.model}", calibrated.orientation.model_dump()))
         told.append(
             f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
-            f"identified from {r.poses_fit} poses ({self._reached()})"
+            f"identified from {r.poses_fit} poses ({reached(r)})"
         )
         if r.choice:
             told.append(r.choice.explanation)
@@ -179,7 +186,7 @@ class Calibration(Speaks):
             whole = f" ({r.poses_excluded} poses left out whole)" if r.poses_excluded else ""
             told.append(f"Left out: {len(r.excluded)} points{whole}")
             told += left_out(r.excluded)
-        told += [f"Note: {note}" for note in r.notes]
+        told += [f"Note: {note}" for note in r.notes if note not in r.doubts]
         check = r.pinocchio_check
         second = f" and yourdfpy ({check.yourdfpy_poses})" if check.yourdfpy_poses else ""
         told.append(
@@ -188,37 +195,6 @@ class Calibration(Speaks):
         )
         told.append(f"Link frames moved by at most {r.largest_link_shift_mm:.3f} mm at zero joints")
         return told
-
-    def _error_table(self, nominal: Errors, calibrated: Errors, proven: bool) -> Table:
-        r = self.record
-        both, model = r.model != "nominal", f"model {r.model}"
-        entries: list[tuple[str, str, Mapping[str, Any]]] = []
-        if both:
-            entries.append(("all targets", "nominal", nominal.all.model_dump()))
-        headline = len(entries)
-        entries.append(("all targets", model, calibrated.all.model_dump()))
-        if proven and r.heldout_least_squares:
-            entries.append(("all targets", "… by rms", r.heldout_least_squares.all.model_dump()))
-        for name in calibrated.per_target if len(calibrated.per_target) > 1 else ():
-            if both:
-                entries.append((name, "nominal", nominal.per_target[name].model_dump()))
-            entries.append((name, model, calibrated.per_target[name].model_dump()))
-        kind = "SIMULATED data: " if r.simulated else ""
-        what = (
-            f"position errors on {r.poses_heldout} poses that the fit never saw"
-            if proven
-            else "position errors on the fitted poses: NOTHING WAS HELD OUT, this is not the robot's accuracy"
-        )
-        return statistics_table(f"{kind}{what}, mm", entries, {headline})
-
-    def _reached(self) -> str:
-        """What the method reached, in words."""
-        r = self.record
-        names = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
-        text = f"{names[r.objective.name]} {r.objective.value_mm:.3f} mm"
-        if r.objective.lower_bound_mm is not None:
-            text += f", certified: not below {r.objective.lower_bound_mm:.3f} mm with this model"
-        return text if r.method == "least-squares" else f"method {r.method}, {text}"
 
     def parameter_table(self) -> Table:
         """Parameters with their standard deviation, unit and state."""
@@ -253,6 +229,7 @@ class Calibration(Speaks):
             "largest_link_shift_mm": r.largest_link_shift_mm,
             "pinocchio_check": r.pinocchio_check.model_dump(),
             "seconds": r.seconds,
+            "verdict": self.verdict.to_dict(),
         }
 
 

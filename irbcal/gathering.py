@@ -15,10 +15,10 @@ from irbcal.files.earlier import Earlier
 from irbcal.identification import outliers
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import method_of
-from irbcal.measurement import cleaning
+from irbcal.measurement import cleaning, swapped
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of
-from irbcal.measurement.points import PointSet
+from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.sessions import COLUMN, joined, sessions_of
 from irbcal.measurement.table import MeasurementSet
@@ -202,9 +202,9 @@ def differ(seen: MeasurementSet, arm: Arm) -> tuple[str, float, float] | None:
             sets = [cleaning.clean(part).points for _, part in groups]
         else:
             sets = [points.select(points.groups == name).with_seen_targets() for name, _ in groups]
-        apart = [float(np.median(outliers.trimmed_distances(arm, one))) for one in sets]
+        apart = [float(np.median(distances(outliers.trimmed(arm, one), one))) for one in sets]
         whole = replace(joined([("", one) for one in sets]), session=None)
-        distance = outliers.trimmed_distances(arm, whole)
+        distance = distances(outliers.trimmed(arm, whole), whole)
     except IrbcalError:
         return None
     of_group = np.repeat(np.arange(len(sets)), [len(one) for one in sets])
@@ -218,7 +218,7 @@ def differ(seen: MeasurementSet, arm: Arm) -> tuple[str, float, float] | None:
 def _one(part: MeasurementSet, arm: Arm, options: Options) -> Gathered:
     """Points of one session."""
     cleaned = cleaning.clean(part)
-    points, excluded = without_gross_errors(arm, cleaned, part.source)
+    points, excluded, swaps = without_gross_errors(arm, cleaned, part.source)
     references: Mapping[str, FloatArray] = cleaned.registration.references if cleaned.registration else {}
     if options.frame is not None:
         points, references = in_frame_of(points, references, options.frame, part.source)
@@ -227,23 +227,28 @@ def _one(part: MeasurementSet, arm: Arm, options: Options) -> Gathered:
     if options.as_poses:
         points, shape = as_poses(points, part.source)
         names = points.target_names
-    return Gathered(points, motion_of(part, points), references, shape, names, excluded, list(cleaned.notes))
+    return Gathered(points, motion_of(part, points), references, shape, names, excluded, [*swaps, *cleaned.notes])
 
 
-def without_gross_errors(arm: Arm, cleaned: Cleaned, source: str) -> tuple[PointSet, list[Exclusion]]:
-    """Points that a robot of this kind can have reached, and all that were left out so far."""
+def without_gross_errors(arm: Arm, cleaned: Cleaned, source: str) -> tuple[PointSet, list[Exclusion], list[str]]:
+    """Points that a robot of this kind can have reached, all that were left out so far, and names that are swapped."""
     points = cleaned.points
-    keep, distance = outliers.find_gross_errors(arm, points, source)
-    targets = points.names()
-    found = [
-        cleaning.Exclusion(
-            str(points.pose_ids[points.pose[k]]),
-            str(targets[k]),
-            f"gross error: {distance[k] / MM:.4g} mm from the nominal robot",
-        )
-        for k in np.flatnonzero(~keep)
-    ]
-    return points.take(keep).without_empty_poses(), [*cleaned.excluded, *found]
+    found = outliers.find_gross_errors(arm, points, source)
+    wrong = np.zeros(points.poses, dtype=bool)
+    wrong[points.pose[~found.keep]] = True
+    swaps = [(p, order) for p, order in swapped.by_robot(found.robot, points) if wrong[p]]
+    truth = {(p, k): points.target_names[other] for p, order in swaps for k, other in enumerate(order) if other != k}
+    from_what = f"from the robot that fits most points (model {found.level})"
+    excluded = []
+    for k in np.flatnonzero(~found.keep):
+        target = points.target_names[points.target[k]]
+        reason = f"gross error: {found.distance[k] / MM:.4g} mm {from_what}"
+        other = truth.get((int(points.pose[k]), int(points.target[k])))
+        if other is not None:
+            reason = f"swapped: this is {other}, from where the robot expects both"
+        excluded.append(cleaning.Exclusion(str(points.pose_ids[points.pose[k]]), target, reason))
+    words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
+    return points.take(found.keep).without_empty_poses(), [*cleaned.excluded, *excluded], words
 
 
 def _free_name(name: str, taken: set[str]) -> str:

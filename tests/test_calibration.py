@@ -115,7 +115,7 @@ def test_what_was_left_out_is_said_in_words(made):
     for poses, words in ((3, "Left out: 26 points (3 poses left out whole)"), (0, "Left out: 26 points")):
         record = made.record.model_copy(update={"excluded": [EXCLUDED] * 26, "poses_excluded": poses})
         saved = calibration_folder.Saved(Path("cal"), record, made.urdf)
-        assert words in irbcal.Calibration(saved=saved).verdict()
+        assert words in irbcal.Calibration(saved=saved).proof()
 
 
 def test_figures_show_themselves_only(made):

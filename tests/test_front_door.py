@@ -53,6 +53,7 @@ OF_THE_SHELL = {
     "show_preset",
     "dry_run",
     "list",
+    "fail_if_worse",
 }
 """Options that say where the output goes: a function returns it."""
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from irbcal.cli import grid, show
 from irbcal.cli.wrong_calls import path_to_write, wrong_calls
 from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective, Terms
+
+if TYPE_CHECKING:
+    from irbcal.validation.verdict import Verdict
 
 STEPS = 6
 
@@ -113,6 +116,7 @@ def calibrate(
     ] = None,
     world_link: Annotated[bool, typer.Option("--world-link", help="Add the measuring frame to the URDF.")] = False,
     target_links: Annotated[bool, typer.Option("--target-links", help="Add the reflectors to the URDF.")] = False,
+    fail_if_worse: Annotated[bool, typer.Option("--fail-if-worse", help=show.FAIL_IF_WORSE)] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report."""
@@ -120,7 +124,7 @@ def calibrate(
         raise typer.BadParameter("name the nominal robot, or an earlier calibration with --with", param_hint="--robot")
     if power is not None and objective != "pnorm":
         raise typer.BadParameter("only --objective pnorm has a power", param_hint="--power")
-    run(
+    verdict = run(
         measurements,
         robot,
         out,
@@ -149,10 +153,13 @@ def calibrate(
         same_tool=same_tool,
         torques=torques,
     )
+    show.fail(verdict, fail_if_worse)
 
 
-def run(measurements: Path, robot: str | None, out: Path, json: bool, links: dict[str, bool], **options: Any) -> None:
-    """The main job with its output; also what the demo runs."""
+def run(
+    measurements: Path, robot: str | None, out: Path, json: bool, links: dict[str, bool], **options: Any
+) -> Verdict:
+    """The main job with its output; also what the demo runs. The verdict comes back."""
     from irbcal.atomic import made_folders
     from irbcal.calibration import calibrate as identify
     from irbcal.files.calibration_folder import NAMES
@@ -164,6 +171,7 @@ def run(measurements: Path, robot: str | None, out: Path, json: bool, links: dic
         calibration.save(out, **links)
     if json:
         show.print_json(calibration.to_dict(out))
-        return
-    show.tell(calibration.verdict())
+        return calibration.verdict
+    show.tell(calibration.proof())
     show.say(f"Written to {out}: {', '.join(NAMES)}")
+    return calibration.verdict

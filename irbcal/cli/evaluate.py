@@ -69,6 +69,7 @@ def evaluate(
         bool,
         typer.Option("--same-tool", help="With loads unknown to the calibration reflectors stayed in place."),
     ] = False,
+    fail_if_worse: Annotated[bool, typer.Option("--fail-if-worse", help=show.FAIL_IF_WORSE)] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the calibrated robot."""
@@ -97,6 +98,7 @@ def evaluate(
         show.print_json(result.to_dict())
     else:
         show.tell(result.told())
+    show.fail(result.verdict, fail_if_worse)
 
 
 def _frame_points(text: str | None, relative: Relative | None) -> list[tuple[str, str]] | None:

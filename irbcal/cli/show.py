@@ -6,9 +6,27 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import typer
 
 from irbcal.summary import Table, Told, print_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from irbcal.validation.verdict import Verdict
+
+
+FAIL_IF_WORSE = "End with exit code 3 unless the verdict is better than the nominal robot, and trusted."
+NOT_TRUSTED = 3
+"""Exit code on request."""
+
+
+def fail(verdict: Verdict, wanted: bool) -> None:
+    """End with an exit code of its own where a verdict cannot be trusted, if that is wanted."""
+    if wanted and not verdict.trusted:
+        raise typer.Exit(NOT_TRUSTED)
 
 
 def print_json(value: Any) -> None:
@@ -42,10 +60,20 @@ def tell(told: Sequence[Told]) -> None:
     for item in told:
         if isinstance(item, Table):
             print_table(console, item)
+        elif item.startswith(("Verdict: ", "Doubt: ")):
+            _verdict(console, item)
         elif item.startswith("Note: "):
             note(item.removeprefix("Note: "))
         else:
             console.print(item, soft_wrap=True)
+
+
+def _verdict(console: Console, text: str) -> None:
+    """A verdict or a doubt: bold, and red where it is not to be trusted."""
+    from rich.text import Text
+
+    good = text.startswith("Verdict: Better")
+    console.print(Text(text, style="bold" if good else "bold red"), soft_wrap=True)
 
 
 def say(text: str = "") -> None:

@@ -385,6 +385,7 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         poses=_pose_table(outcome),
         excluded=[vars(item) for item in outcome.excluded],
         notes=outcome.notes,
+        doubts=outcome.doubts,
         data=data,
         pinocchio_check=check,
         largest_link_shift_mm=urdf.largest_link_shift(outcome.urdf, robot.arm) / MM,

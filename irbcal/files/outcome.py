@@ -53,6 +53,8 @@ class Outcome:
         Number of each pose in its session: those of the fit, and those held out.
     earlier : Earlier or None
         The calibration that was added to.
+    doubts : tuple of str
+        What speaks against the result, whatever its errors say; these stand among the notes, too.
     """
 
     urdf: UrdfArm
@@ -74,6 +76,7 @@ class Outcome:
     sessions: tuple[str, ...] = ()
     numbers: tuple[FloatArray | None, FloatArray | None] = (None, None)
     earlier: Earlier | None = None
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         lock(self)

@@ -267,6 +267,7 @@ class Record(Section):
     poses: PoseTable | None = None
     excluded: list[Exclusion]
     notes: list[str]
+    doubts: list[str] = Field(default_factory=list)
     data: list[DataFile]
     pinocchio_check: Check
     largest_link_shift_mm: float

@@ -134,13 +134,18 @@ class AveragedFit(Speaks):
         found = self.evidence
         std = np.sqrt(np.maximum(np.diagonal(found.covariance), 0.0))
 
+        def angles(R: FloatArray, outside: bool, at: int) -> FloatArray:
+            D = frames.angles_derivative(R, outside)
+            return np.sqrt(np.maximum(np.diag(D @ found.covariance[at : at + 3, at : at + 3] @ D.T), 0.0))
+
         def base(label: str, T: FloatArray, at: int) -> list[ParameterReport]:
             C = found.covariance[at + 3 : at + 6, at + 3 : at + 6]
             shift = np.sqrt(np.maximum(np.diagonal(T[:3, :3] @ C @ T[:3, :3].T), 0.0))
             place = frames.to_xyz_angles(T)
+            turned = angles(T[:3, :3], False, at)
             return [
                 *(_row(f"{label}_{name}", place[k], shift[k], "m") for k, name in enumerate("xyz")),
-                *(_row(f"{label}_r{name}", place[3 + k], std[at + k], "rad") for k, name in enumerate("xyz")),
+                *(_row(f"{label}_r{name}", place[3 + k], turned[k], "rad") for k, name in enumerate("xyz")),
             ]
 
         rows, at = base("base", found.T_world_base, 0), 6
@@ -149,8 +154,9 @@ class AveragedFit(Speaks):
             rows += [_row(f"target_{name}_{'xyz'[k]}", place[k], std[at + k], "m") for k in range(3)]
             at += 3
         for name in found.framed_targets:
-            angles = frames.to_xyz_angles(frames.transform(found.target_rotations[name]))[3:]
-            rows += [_row(f"target_{name}_r{'xyz'[k]}", angles[k], std[at + k], "rad") for k in range(3)]
+            R = found.target_rotations[name]
+            found_angles, turned = frames.to_xyz_angles(frames.transform(R))[3:], angles(R, True, at)
+            rows += [_row(f"target_{name}_r{'xyz'[k]}", found_angles[k], turned[k], "rad") for k in range(3)]
             at += 3
         for session, T in found.other_bases.items():
             rows += base(f"base@{session}", T, at)

@@ -1,26 +1,41 @@
-"""Gross errors and mixed-up units, seen against the nominal robot before anything is identified."""
+"""Gross errors and mixed-up units, seen against robots that wrong points cannot bend, before anything is identified."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray
+from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import IdentificationError, MeasurementError
+from irbcal.identification.choices import Level
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.parameters import default_level, level_parameters
+from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
 
-FLOOR = 5 * MM
-"""Distance from the nominal robot below which no point is called a gross error, metres."""
+FLOORS = {"nominal": 5 * MM, "offsets": 2 * MM}
+"""Distance from the robot fitted at a level below which no point is called a gross error, metres."""
 
-FACTOR = 8.0
-"""The same as a multiple of the median distance."""
+FLOOR = 1 * MM
+"""The same at the level that is built for an arm."""
+
+FACTOR = 12.0
+"""The same as a multiple of the distance that `QUANTILE` of the points stay below."""
+
+QUANTILE = 0.3
+"""It is that of the middle good point even if 40 % are wrong."""
 
 CORE = 0.6
-"""Share of the points that the nominal robot is fitted to while gross errors are looked for."""
+"""Share of the points that a robot is fitted to while gross errors are looked for."""
+
+EQUATIONS = 3.0
+"""Equations of that share for each unknown, below which a level is not tried."""
+
+MOST_POSES = 2000
+"""Poses that levels beyond the nominal one are fitted to, while gross errors are looked for."""
 
 TOO_FAR = 0.1
 """Median miss, as a fraction of the spread of the measured points, that no real robot shows."""
@@ -45,13 +60,38 @@ def spread(points: PointSet) -> float:
     return float(np.sqrt(np.mean(np.sum((points.xyz - points.xyz.mean(axis=0)) ** 2, axis=1))))
 
 
-def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurements") -> tuple[BoolArray, FloatArray]:
+@dataclass(frozen=True, eq=False)
+class GrossErrors:
+    """Points that no robot of this kind could have reached.
+
+    Attributes
+    ----------
+    keep : ndarray of bool, shape (m,)
+    distance : ndarray, shape (m,)
+        From the robot, metres.
+    robot : Robot
+        Fitted to the good points.
+    level : str
+        At which it was fitted.
+    """
+
+    keep: BoolArray
+    distance: FloatArray
+    robot: Robot
+    level: Level
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurements") -> GrossErrors:
     """Points that no robot of this kind could have reached.
 
     The nominal robot (base and tool identified) is fitted to the 60 % of the points that it fits best, which up to
-    40 % of wrong points cannot bend (least trimmed squares by concentration). A point farther from it than 8 times the
-    median of all and 5 mm is a gross error. The decision uses nominal kinematics only, so it does not favour a
-    calibrated model.
+    40 % of wrong points cannot bend (least trimmed squares by concentration). Then the same is done with offsets of
+    all joints, and with the level that is built for the arm, as far as there are equations enough: a zero of a joint
+    that is off by a degree hides a gross error from the nominal robot. A point is a gross error if it is farther from
+    the last of these than 12 times what 30 % of all stay below, and than a floor of 5, 2 or 1 mm.
 
     Parameters
     ----------
@@ -62,9 +102,7 @@ def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurement
 
     Returns
     -------
-    keep : ndarray of bool, shape (m,)
-    distance : ndarray, shape (m,)
-        From the nominal robot, metres.
+    GrossErrors
 
     Raises
     ------
@@ -74,38 +112,95 @@ def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurement
         If the robot does not fit the points at all.
     """
     try:
-        distance = trimmed_distances(arm, points)
+        robot = trimmed(arm, points)
     except IdentificationError as error:
         _refuse_other_units(arm, points, np.inf, source)
         raise IdentificationError(str(error), file=source) from None
+    distance = distances(robot, points)
     median = np.median(distance)
     if median > TOO_FAR * spread(points):
         _refuse_other_units(arm, points, median, source)
         raise IdentificationError(
             f"{arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base and tool: "
-            "wrong robot file, joint order or joint signs, or a base or tool that moved between the poses?",
+            "wrong robot file, joint order or joint signs, rows that belong to other poses, a left-handed measuring "
+            "frame, or a base or tool that moved between the poses?",
             file=source,
         )
-    return distance <= max(FLOOR, FACTOR * median), distance
+    level: Level = "nominal"
+    for closer in dict.fromkeys(("offsets", default_level(arm))):
+        found = _closer(arm, points, distance, closer)
+        nearer = None if found is None else distances(found, points)
+        if found is not None and nearer is not None and np.median(nearer) < np.median(distance):
+            robot, level, distance = found, closer, nearer
+    return GrossErrors(distance <= limit(distance, level), distance, robot, level)
 
 
-def trimmed_distances(arm: Arm, points: PointSet) -> FloatArray:
-    """Distances of all points from the nominal robot fitted to the best part of them, shape (m,), metres."""
-    distance = distances(identify(arm, points, "nominal").robot, points)
-    core = None
+def limit(distance: FloatArray, level: Level) -> float:
+    """Distance from a robot of a level beyond which a point is a gross error, metres."""
+    return max(FLOORS.get(level, FLOOR), FACTOR * float(np.quantile(distance, QUANTILE)))
+
+
+def _closer(arm: Arm, points: PointSet, distance: FloatArray, level: Level) -> Robot | None:
+    """The robot of a level fitted to the good points; None where there are too few of them."""
+    some = points
+    if points.poses > MOST_POSES:
+        mine = np.zeros(points.poses, dtype=bool)
+        mine[np.random.default_rng(0).permutation(points.poses)[:MOST_POSES]] = True
+        some, distance = points.select(mine), distance[mine[points.pose]]
+    of_a_pose = min(3.0 * len(some) / some.poses, 6.0)
+    unknowns = 6 + 3 * len(points.target_names) + len(level_parameters(level, arm))
+    if CORE * some.poses * of_a_pose < EQUATIONS * unknowns:
+        return None
+    try:
+        robot = trimmed(arm, some, level, distance)
+        # what is good by now is more than the core, and gives a better robot
+        good = some.take((d := distances(robot, some)) <= limit(d, level)).without_empty_poses()
+        better = identify(arm, good.with_seen_targets(), level).robot
+    except IdentificationError:
+        return None
+    return better if set(better.targets) == set(points.target_names) else None
+
+
+def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: FloatArray | None = None) -> Robot:
+    """The robot of a level fitted to the part of the points that it fits best.
+
+    Parameters
+    ----------
+    arm : Arm
+    points : PointSet
+    level : str
+    distance : ndarray, shape (m,), optional
+        From a robot to start with, metres.
+
+    Returns
+    -------
+    Robot
+        Fitted to all points where a part of them is too few.
+
+    Raises
+    ------
+    IdentificationError
+        If the data do not allow it.
+    """
+    whole = None
+    if distance is None:
+        whole = identify(arm, points, level).robot
+        distance = distances(whole, points)
+    robot, core = whole, None
     for _ in range(20):
         new = distance <= np.quantile(distance, CORE)
         if core is not None and (new == core).all():
             break
         core = new
         try:
-            robot = identify(arm, points.take(core).without_empty_poses().with_seen_targets(), "nominal").robot
+            robot = identify(arm, points.take(core).without_empty_poses().with_seen_targets(), level).robot
         except IdentificationError:  # too few for a part of them: all are needed
-            return distance
+            return whole or identify(arm, points, level).robot
         if set(robot.targets) != set(points.target_names):
-            return distance
+            return whole or identify(arm, points, level).robot
         distance = distances(robot, points)
-    return distance
+    assert robot is not None
+    return robot
 
 
 def _refuse_other_units(arm: Arm, points: PointSet, median: float, source: str) -> None:
@@ -113,7 +208,7 @@ def _refuse_other_units(arm: Arm, points: PointSet, median: float, source: str) 
     for reading, factors in READINGS.items():
         other = scaled(points, *factors)
         try:
-            better = np.median(trimmed_distances(arm, other))
+            better = np.median(distances(trimmed(arm, other), other))
         except IdentificationError:
             continue
         if better < min(0.1 * median, 0.02 * spread(other)):

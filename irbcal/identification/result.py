@@ -297,15 +297,22 @@ def _add_outer(fit: Fit, covariance: FloatArray, std: FloatArray, rows: _Rows) -
         else:
             rows.add(name, value, unit, None, "tied", reason)
 
+    def _of_angles(R: FloatArray, outside: bool, at: int) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations and hidden shares of the angles of a frame, from those of a rotation vector."""
+        D, part = frames.angles_derivative(R, outside), slice(at, at + 3)
+        hidden_part = np.linalg.norm(D @ information.outer_null[part], axis=1) / np.linalg.norm(D, axis=1)
+        return np.sqrt(np.maximum(np.diag(D @ covariance[part, part] @ D.T), 0.0)), hidden_part
+
     def add_base(label: str, T: FloatArray, at: int) -> None:
         part = slice(at + 3, at + 6)
         moved = T[:3, :3] @ covariance[part, part] @ T[:3, :3].T
         moved_hidden = np.linalg.norm(T[:3, :3] @ information.outer_null[part], axis=1)
         base = frames.to_xyz_angles(T)
+        turned, turned_hidden = _of_angles(T[:3, :3], False, at)
         for k, name in enumerate("xyz"):
             add(f"{label}_{name}", base[k], "m", np.sqrt(moved[k, k]), moved_hidden[k])
         for k, name in enumerate(("rx", "ry", "rz")):
-            add(f"{label}_{name}", base[3 + k], "rad", std[at + k], hidden[at + k])
+            add(f"{label}_{name}", base[3 + k], "rad", turned[k], turned_hidden[k])
 
     add_base("base", state.T_world_base, 0)
     names, b = fit.problem.points.target_names, 6
@@ -315,8 +322,9 @@ def _add_outer(fit: Fit, covariance: FloatArray, std: FloatArray, rows: _Rows) -
         b += 3
     for j in fit.problem.framed:
         angles = frames.to_xyz_angles(frames.transform(state.rotations[j]))[3:]
+        turned, turned_hidden = _of_angles(state.rotations[j], True, b)
         for k in range(3):
-            add(f"target_{names[j]}_r{'xyz'[k]}", angles[k], "rad", std[b + k], hidden[b + k])
+            add(f"target_{names[j]}_r{'xyz'[k]}", angles[k], "rad", turned[k], turned_hidden[k])
         b += 3
     for session, T in fit.other_bases.items():
         add_base(f"base@{session}", T, b)
@@ -345,6 +353,9 @@ def _add_physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray, 
         values = [getattr(item, name) for item in around]
         gradient = np.array([values[0] - values[1], values[2] - values[3]]) / (2 * DIFFERENCE)
         reason = "from stiffness_A and stiffness_B with L_G1 and m at their guess"
+        if name == "L_G2":  # as wrong as these guesses, whatever the data say
+            rows.add(f"stiffness_{name}", value, "m", None, "tied", reason)
+            continue
         rows.add(f"stiffness_{name}", value, "m", float(np.sqrt(gradient @ C @ gradient)), "identified", reason)
     reason = "acts only through stiffness_A and stiffness_B: held at the physical guess"
     for name, unit in (("L_G1", "m"), ("m", "1")):

@@ -413,6 +413,5 @@ def _named(source: str, function: Callable[..., T], *arguments: Any) -> T:
 def _identified(arm: Arm, points: PointSet) -> Robot:
     from irbcal.identification.fit import identify
 
-    keep, _ = outliers.find_gross_errors(arm, points)
-    used = points.take(keep).without_empty_poses().with_seen_targets()
+    used = points.take(outliers.find_gross_errors(arm, points).keep).without_empty_poses().with_seen_targets()
     return identify(arm, used, parameters.default_level(arm)).robot

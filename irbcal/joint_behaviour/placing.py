@@ -17,6 +17,9 @@ FARTHEST = 10 * MM
 
 FEWEST_POSES = 12
 
+FACTOR = 8.0
+"""Multiple of the median distance from the robot beyond which no joint explains a point."""
+
 
 def placed(
     robot: Robot, points: PointSet, step: FloatArray
@@ -50,7 +53,7 @@ def placed(
         robot = base_on(robot, points)
         off = distances(robot, points)
         median = np.median(off)
-        far = off > max(outliers.FLOOR, outliers.FACTOR * median)
+        far = off > max(outliers.FLOORS["nominal"], FACTOR * median)
         if not far.any() or median > FARTHEST:
             break
         names = points.names()

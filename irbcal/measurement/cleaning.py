@@ -10,6 +10,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
+from irbcal.measurement import swapped
 from irbcal.measurement.last_moves import previous_stops
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.registration import Registration, register
@@ -200,6 +201,7 @@ def clean(
     registration, notes = _registered(rows, places, measurements.source)
     names = sorted(set(rows.target[rows.tool])) if only_targets is None else list(only_targets)
     rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = "target unknown to the calibration"
+    swaps = _mark_swapped(rows, names, measurements)
     _mark_wrong_distances(rows, names)
     pose = measurements.table["pose"]
     excluded = tuple(
@@ -213,7 +215,7 @@ def clean(
         raise MeasurementError(
             f"no usable point is left of {int(rows.tool.sum())}: {excluded[0].reason}", file=measurements.source
         )
-    notes = [*measurements.joint_notes(), *notes]
+    notes = [*swaps, *measurements.joint_notes(), *notes]
     return Cleaned(_point_set(measurements, rows, keep, names), excluded, registration, tuple(notes))
 
 
@@ -352,6 +354,18 @@ def _moved_references(rows: _Rows) -> list[str]:
                 "seems to have moved. Leave its rows out of the file if the others can do without it."
             )
     return notes
+
+
+def _mark_swapped(rows: _Rows, names: Sequence[str], measurements: MeasurementSet) -> list[str]:
+    """Targets that have the tool's shape by other names are left out; what is swapped, in sentences."""
+    seen = by_pose(rows.pose, rows.target, rows.xyz, rows.tool & rows.good, names)
+    found = swapped.by_shape(seen)
+    for p, order in found:
+        for k in np.flatnonzero(order != np.arange(len(names))).tolist():
+            mine = (rows.pose == p) & (rows.target == names[k]) & rows.good
+            rows.reason[mine] = f"swapped: this is {names[order[k]]}, by its distances to the others"
+    pose_names = measurements.table.groupby("pose_index", sort=True)["pose"].first().to_numpy(dtype=object)
+    return swapped.in_words([(pose_names[p], order) for p, order in found], names)
 
 
 def _mark_wrong_distances(rows: _Rows, names: Sequence[str]) -> None:

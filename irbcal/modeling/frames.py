@@ -150,6 +150,30 @@ def to_xyz_angles(T: FloatArray) -> FloatArray:
     return np.array([*T[:3, 3], alpha, beta, gamma])
 
 
+def angles_derivative(R: FloatArray, outside: bool = False, step: float = 1e-6) -> FloatArray:
+    """Derivative of the three angles of `to_xyz_angles` by a small turn, by central differences.
+
+    Parameters
+    ----------
+    R : ndarray, shape (3, 3)
+    outside : bool
+        The turn is a rotation vector in the outer frame, ``exp(v) R``; otherwise in the inner one, ``R exp(v)``.
+    step : float
+        Radians.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+    """
+
+    def angles(v: FloatArray) -> FloatArray:
+        turn = rotation_from_vector(v)
+        return to_xyz_angles(transform(turn @ R if outside else R @ turn))[3:]
+
+    both = [(angles(v), angles(-v)) for v in step * np.eye(3)]
+    return np.array([(plus - minus + np.pi) % (2 * np.pi) - np.pi for plus, minus in both]).T / (2 * step)
+
+
 def from_three_points(p_1: ArrayLike, p_2: ArrayLike, p_3: ArrayLike) -> FloatArray:
     """Frame from three measured points (Nubiola 2011, section 3.3, Figure 3.4).
 

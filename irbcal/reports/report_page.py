@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal
 from irbcal.figures import charts
 from irbcal.figures.charts import Figure, fixed
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
-from irbcal.files.schema import Errors, Exclusion, Parameter, Record, RobotSection
+from irbcal.files.schema import Exclusion, Parameter, Record, RobotSection
 from irbcal.modeling.terms.gear import in_words
 from irbcal.reports import report_data
 from irbcal.units import DEG, MM
+from irbcal.validation.verdict import verdict_of
 
 if TYPE_CHECKING:
     from irbcal.joint_behaviour.approach import Approach
@@ -65,6 +66,7 @@ def render(calibration: Record, evidence: Evidence | None = None) -> str:
         paint=charts.PAINT,
         key_mark=charts.key,
         verdict=verdict(calibration),
+        trusted=verdict_of(calibration).trusted,
         statistics=STATISTICS,
         error_tables=report_data.error_tables(calibration),
         sets={poses.name: poses for poses in evidence.sets},
@@ -121,42 +123,10 @@ def figure_files(calibration: Record, evidence: Evidence, kind: Literal["png", "
     return {f"{f.name}.{kind}": charts.file(f, kind, mark) for figures in sections for f in figures}
 
 
-def verdict(calibration: Record) -> str:
-    """What the calibration is worth, in one sentence (two where nothing was held out), and where it is not.
-
-    Parameters
-    ----------
-    calibration : Record
-
-    Returns
-    -------
-    str
-    """
-    c = calibration
-    warning = c.certainty.warning() if c.certainty is not None else ""
-    return f"{_accuracy(c)} {warning}".rstrip()
-
-
-def _accuracy(c: Record) -> str:
-    if c.heldout is None or c.heldout_nominal is None:
-        opening = "Nothing is proven: no poses were held out, so the accuracy of this robot is unknown. "
-        poses = f"On the {_count(c.poses_fit, 'fitted pose')}"
-        return opening + _change(poses, c.model, c.fit_nominal, c.fit)
-    poses = f"On {_count(c.poses_heldout, 'pose')} the fit never saw"
-    return _change(poses, c.model, c.heldout_nominal, c.heldout)
-
-
-def _change(poses: str, model: str, nominal: Errors, calibrated: Errors) -> str:
-    before, largest_before = fixed(nominal.all.mean_mm, 3), fixed(nominal.all.max_mm, 3)
-    if model == "nominal":
-        start = f"{poses}, the mean position error of the nominal robot with base and targets identified is"
-        return f"{start} {before} mm (largest {largest_before} mm)."
-    mean, largest = fixed(calibrated.all.mean_mm, 3), fixed(calibrated.all.max_mm, 3)
-    ends = f"(largest {largest_before} to {largest} mm)."
-    if mean == before:
-        return f"{poses}, the mean position error stays at {mean} mm {ends}"
-    verb = "falls" if calibrated.all.mean_mm < nominal.all.mean_mm else "rises"
-    return f"{poses}, the mean position error {verb} from {before} mm to {mean} mm {ends}"
+def verdict(calibration: Record) -> list[str]:
+    """The verdict, and what speaks against it, in sentences, see `irbcal.validation.verdict`."""
+    found = verdict_of(calibration)
+    return [found.sentence(), *found.doubts]
 
 
 # --- numbers ---------------------------------------------------------------------------------------------

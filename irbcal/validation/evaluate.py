@@ -15,7 +15,8 @@ from irbcal.figures.pose_errors import ModelErrors, PoseErrors
 from irbcal.files.calibration_folder import CalibrationLike, opened
 from irbcal.files.schema import Record
 from irbcal.identification import outliers
-from irbcal.measurement import table
+from irbcal.measurement import swapped, table
+from irbcal.measurement.moved import moved_notes
 from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
@@ -33,9 +34,14 @@ from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
 from irbcal.validation.prepared import Prepared, prepare
 from irbcal.validation.refit import Refit
 from irbcal.validation.unseen import without_fitted
+from irbcal.validation.verdict import counted
+from irbcal.validation.verdict import verdict as judged
 
 if TYPE_CHECKING:
     pass
+
+CHANGED, CHANGED_BY = 2.5, 0.1
+"""Factor, and mm, by which errors must exceed those of a calibration's own proof to be spoken of."""
 
 RELATIVE = ("virtual", "three-points")
 
@@ -122,7 +128,8 @@ def evaluate(
     measurements = _carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
     ready, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
-    ready = without_fitted(ready, record, include_fitted)
+    ready = without_fitted(ready.without_copies(), record, include_fitted)
+    against = _doubts(ready.points, robots["calibrated"], record)
     ready = _inside(ready, robots["calibrated"], sphere)
     seen, points = ready.measurements, ready.points
     errors = {name: distances(robot, points) for name, robot in robots.items()}
@@ -150,7 +157,15 @@ def evaluate(
         comparison=None if compare is None else _comparison(opened(compare), ready, refit, robots["calibrated"], seed),
         verified=None if verified is None else _verified(record, robots["calibrated"], points, verified),
         excluded=tuple(ready.excluded),
-        notes=_notes(ready, record),
+        verdict=judged(
+            errors["nominal"] / MM,
+            errors["calibrated"] / MM,
+            ready.number[points.pose],
+            counted(ready.excluded),
+            ready.proven,
+            against,
+        ),
+        notes=(*against, *_notes(ready, record)),
         simulated=seen.simulated or record.simulated,
         model=record.model,
         refit_base=refit_base,
@@ -225,16 +240,26 @@ def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Pr
     return ready.keep(inside)
 
 
+def _doubts(points: PointSet, robot: Robot, record: Record) -> list[str]:
+    """What speaks against errors of these points, in the order in which they were measured, in sentences."""
+    words = swapped.in_words([(points.pose_ids[p], o) for p, o in swapped.by_robot(robot, points)], points.target_names)
+    out = words or moved_notes(points, robot)
+    known = record.heldout or record.fit
+    mean = float(distances(robot, points).mean()) / MM
+    if mean > CHANGED * known.all.mean_mm and mean - known.all.mean_mm > CHANGED_BY:
+        out.append(
+            f"The errors are {mean / known.all.mean_mm:.1f} times those that the calibration was written with "
+            f"({mean:.3f} against {known.all.mean_mm:.3f} mm): something has changed since, or these poses are unlike "
+            "those of the fit."
+        )
+    corner = record.certainty.warning() if record.certainty is not None else ""
+    return [*out, *([corner] if corner else [])]
+
+
 def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
     seen = ready.measurements
     notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
-    corner = record.certainty.warning() if record.certainty is not None else ""
-    return (
-        *notes,
-        *_other_loads(ready.points, record),
-        *_outside_ranges(ready.points, record),
-        *([corner] if corner else []),
-    )
+    return (*notes, *_other_loads(ready.points, record), *_outside_ranges(ready.points, record))
 
 
 def _carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
@@ -419,6 +444,10 @@ def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source
     for reading, factors in outliers.READINGS.items():
         if np.median(distances(robot, outliers.scaled(points, *factors))) < 0.1 * median:
             raise MeasurementError(f"these look like {reading}", file=source)
+    swaps = swapped.by_robot(robot, points)
+    if 2 * len(swaps) > points.poses:
+        words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
+        raise MeasurementError(" ".join(words), file=source)
     hint = (
         ""
         if refitted

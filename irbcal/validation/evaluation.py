@@ -17,6 +17,7 @@ from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.coverage import coverage_in_words
+from irbcal.validation.verdict import Verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,6 +55,8 @@ class Evaluation(Speaks):
         How many measured coordinates lie within the predicted 95 % intervals, see `irbcal.validation.coverage`; None
         where nothing is known of the calibration's certainty, or the base was placed anew.
     excluded : tuple of Exclusion
+    verdict : Verdict
+        Better than the nominal robot, no better or worse, and whether that may be trusted.
     notes : tuple of str
     simulated : bool
     model : str
@@ -80,6 +83,7 @@ class Evaluation(Speaks):
     verified: Mapping[str, Any] | None
     coverage: Mapping[str, Any] | None
     excluded: tuple[Exclusion, ...]
+    verdict: Verdict
     notes: tuple[str, ...]
     simulated: bool
     model: str
@@ -98,6 +102,7 @@ class Evaluation(Speaks):
             "excluded": [vars(item) for item in self.excluded],
             "notes": list(self.notes),
             "simulated": self.simulated,
+            "verdict": self.verdict.to_dict(),
         }
 
     def to_frame(self) -> pd.DataFrame:
@@ -132,7 +137,7 @@ class Evaluation(Speaks):
     def told(self) -> Sequence[Told]:
         """What ``irbcal evaluate`` prints."""
         shown = {"nominal": "nominal", "calibrated": f"model {self.model}"}
-        told: list[Told] = [self._error_table(shown)]
+        told: list[Told] = [*self.verdict.told(), self._error_table(shown)]
         if self.refit_base and not self.refit_tool and not any("was placed anew on" in note for note in self.notes):
             told.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:
@@ -142,7 +147,7 @@ class Evaluation(Speaks):
             told.append(orientation_line(words, self.orientation[name]))
         for part in (self._intervals, self._coverage, self._flange, self._relative, self._comparison, self._verified):
             told += part(shown)
-        return [*told, *(f"Note: {note}" for note in self.notes)]
+        return [*told, *(f"Note: {note}" for note in self.notes if note not in self.verdict.doubts)]
 
     def _error_table(self, shown: Mapping[str, str]) -> Table:
         entries = [("all", words, getattr(self, name)) for name, words in shown.items()]

@@ -29,6 +29,8 @@ class Prepared:
     measurements : MeasurementSet
     excluded : tuple of Exclusion
     notes : tuple of str
+    proven : bool
+        Whether a fit never saw these poses.
     """
 
     points: PointSet
@@ -36,6 +38,7 @@ class Prepared:
     measurements: MeasurementSet
     excluded: tuple[Exclusion, ...]
     notes: tuple[str, ...]
+    proven: bool = True
 
     def __post_init__(self) -> None:
         lock(self)
@@ -53,6 +56,21 @@ class Prepared:
         rest = replace(self.points.take(mask), pose_ids=np.arange(self.points.poses)).without_empty_poses()
         rows = rest.pose_ids
         return replace(self, points=replace(rest, pose_ids=self.points.pose_ids[rows]), number=self.number[rows])
+
+    def without_copies(self) -> Prepared:
+        """Each row once: those that stand in the file before with the same joints and place are left out, and noted."""
+        points = self.points
+        rows = np.column_stack([points.joints(), points.target, points.xyz])
+        first = np.zeros(len(rows), dtype=bool)
+        first[np.unique(rows, axis=0, return_index=True)[1]] = True
+        count = int((~first).sum())
+        if not count:
+            return self
+        note = (
+            f"{count} point{'s stand' if count > 1 else ' stands'} in the file again, to the last digit: counted once."
+        )
+        rest = self.keep(first)
+        return replace(rest, notes=(*rest.notes, note))
 
     def select(self, mask: BoolArray) -> Prepared:
         """The poses that a mask of shape (n,) keeps."""

@@ -35,13 +35,13 @@ def without_fitted(ready: Prepared, record: Record, include: bool = False) -> Pr
     used = record.used_points(heldout=False)
     if used is None:  # saved by a version that did not keep the points: the file as a whole is all that is known
         known = ready.measurements.sha256 in {item.sha256 for item in record.data}
-        return replace(ready, notes=(*ready.notes, WHOLE_FILE)) if known else ready
+        return replace(ready, notes=(*ready.notes, WHOLE_FILE), proven=False) if known else ready
     fit, _ = used
     seen = fitted.rows_of(ready.points, fit)
     count = int(seen.sum())
     if count and include:
         note = f"{count} of these {len(seen)} poses were fitted: their errors are no proof of accuracy."
-        ready = replace(ready, notes=(*ready.notes, note))
+        ready = replace(ready, notes=(*ready.notes, note), proven=False)
     elif seen.all() and count:
         raise MeasurementError(
             f"all {count} poses were fitted by this calibration, so they prove nothing: measure others, or look at the "
@@ -57,5 +57,5 @@ def without_fitted(ready: Prepared, record: Record, include: bool = False) -> Pr
             f"{again} of the {ready.points.poses} poses are at joints that were fitted, measured anew: they show "
             "whether something changed since, not the accuracy at other poses."
         )
-        ready = replace(ready, notes=(*ready.notes, note))
+        ready = replace(ready, notes=(*ready.notes, note), proven=ready.proven and again < 0.5 * ready.points.poses)
     return ready

@@ -142,3 +142,14 @@ def test_rigid_fit_finds_the_motion_and_never_a_mirror_image():
     found = frames.rigid_fit(points, moved)
     assert np.linalg.det(found[:, :3, :3]).min() > 0
     assert_same_poses(found, T, 1e-12, 1e-12)
+
+
+@pytest.mark.parametrize("outside", [False, True])
+def test_derivative_of_angles(outside):
+    """Turned by a little, the angles change as their derivative says."""
+    R = frames.from_xyz_angles([0, 0, 0, 0.4, -1.1, 2.9])[:3, :3]
+    v = np.array([2e-5, -1e-5, 3e-5])
+    turn = frames.rotation_from_vector(v)
+    after = turn @ R if outside else R @ turn
+    change = (frames.to_xyz_angles(frames.transform(after)) - frames.to_xyz_angles(frames.transform(R)))[3:]
+    np.testing.assert_allclose(frames.angles_derivative(R, outside) @ v, change, rtol=0, atol=1e-8)

@@ -4,7 +4,7 @@ import csv
 import io
 
 from lxml import etree, html
-from report_cases import NASTY, everywhere, some_errors, text_of
+from report_cases import NASTY, everywhere, some_errors
 
 from irbcal.reports import report_data, report_page
 
@@ -30,7 +30,6 @@ def test_tables_hold_the_exact_figures(calibration):
         ["smr2", "nominal", "888", "0.835", "0.321", "2.500", "1.835", "0.935"],
         ["calibrated", "888", "0.448", "0.321", "2.500", "1.448", "0.548"],
     ]
-    assert "On 296 poses the fit never saw, the mean position error falls from 0.825 mm to 0.438 mm" in text_of(page)
 
 
 def test_files_of_hostile_names_and_simulated_data(calibration):

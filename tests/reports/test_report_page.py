@@ -67,29 +67,32 @@ def rows_under(page, caption):
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "model", "expected"),
-    [
-        (0.8253, 0.4385, "34", "On 3 poses the fit never saw, the mean position error falls from 0.825 mm to 0.439 mm"),
-        (0.4, 0.5, "26", "error rises from 0.400 mm to 0.500 mm (largest 2.500 to 2.500 mm)."),
-        (0.40001, 0.39999, "26", "the mean position error stays at 0.400 mm (largest"),
-        (0.4, 0.4, "nominal", "of the nominal robot with base and targets identified is 0.400 mm (largest 2.500 mm)."),
-    ],
+    ("factor", "model", "expected"), [(0.4, "34", "Better"), (2.0, "26", "WORSE"), (1.0, "nominal", "The nominal")]
 )
-def test_verdict(calibration, before, after, model, expected):
-    update = {"heldout": some_errors(after), "heldout_nominal": some_errors(before), "model": model, "poses_heldout": 3}
-    changed = calibration.model_copy(update=update)
-    assert expected in report_page.verdict(changed)
+def test_verdict(calibration, factor, model, expected):
+    """It is that of the calibration, in all its words."""
+    points = calibration.points.model_copy(
+        update={"calibrated_mm": [factor * value for value in calibration.points.nominal_mm]}
+    )
+    changed = calibration.model_copy(update={"points": points, "model": model, "doubts": []})
+    assert report_page.verdict(changed)[0].startswith(expected)
     page = report_page.render(changed)
-    assert expected in text_of(page)
-    (summary,) = html.document_fromstring(page).xpath("//div[@class='headline']//tbody")
-    assert len(summary) == (1 if model == "nominal" else 2)
+    for sentence in report_page.verdict(changed):
+        assert " ".join(sentence.split()) in text_of(page)
+    assert bool(html.document_fromstring(page).xpath("//p[@class='banner verdict']")) is (expected != "Better")
+
+
+def test_doubts_stand_beside_the_verdict(calibration):
+    page = report_page.render(calibration.model_copy(update={"doubts": ["The tracker moved."]}))
+    assert "NOT TO BE TRUSTED, though better" in text_of(page)
+    assert "The tracker moved." in text_of(page)
 
 
 def test_without_heldout_poses_it_says_that_nothing_is_proven(calibration):
     page = report_page.render(without_heldout(calibration))
     assert_harmless(page)
     seen = text_of(page)
-    assert "Nothing is proven: no poses were held out" in seen
+    assert "that were fitted, which proves nothing" in seen
     assert "never saw" not in seen
     assert "Held-out" not in seen
     assert drawings(page, "fitted")

@@ -1,0 +1,128 @@
+"""Reflectors whose names are exchanged: a permutation of targets, seen by the tool's shape or against a robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import permutations
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.measurement.points import PointSet, distances
+from irbcal.modeling.robot import Robot
+from irbcal.units import MM
+
+SAME = 0.5 * MM
+"""Deviation of all distances of a rigid tool below which two poses show the same shape, metres."""
+OTHER = 1.0 * MM
+"""Deviation above which they do not."""
+CANDIDATES = 60
+"""Poses that are tried as the one that most others look like."""
+MOST_TARGETS = 6
+"""Beyond, permutations are too many to be tried."""
+FAR = 5 * MM
+"""Largest distance of a pose's points from the robot below which no exchange is looked for, metres."""
+CLOSER = 0.2
+"""Share of that distance to which an exchange must bring it."""
+
+
+def by_shape(seen: FloatArray) -> list[tuple[int, IntArray]]:
+    """Poses whose targets have the distances of most other poses once their names are exchanged.
+
+    Parameters
+    ----------
+    seen : ndarray, shape (n, k, 3)
+        Targets on a rigid tool as measured in each pose, metres; NaN where not seen.
+
+    Returns
+    -------
+    list of (pose, order)
+        ``order[k]`` is the target that is called ``k`` in this pose.
+    """
+    n, k, _ = seen.shape
+    if not 3 <= k <= MOST_TARGETS or n < 3:
+        return []
+    D = np.linalg.norm(seen[:, :, None] - seen[:, None], axis=3)
+    full = np.flatnonzero(np.isfinite(D).all(axis=(1, 2)))
+    if len(full) < 3:
+        return []
+    tried = full[np.unique(np.linspace(0, len(full) - 1, CANDIDATES).astype(int))]
+    alike = np.array([np.count_nonzero(np.abs(D[full] - D[c]).max(axis=(1, 2)) < SAME) for c in tried])
+    shape = D[tried[np.argmax(alike)]]
+    mine = full[np.abs(D[full] - shape).max(axis=(1, 2)) < SAME]
+    shape = np.median(D[mine], axis=0)
+    out = []
+    for p in full[np.abs(D[full] - shape).max(axis=(1, 2)) > OTHER]:
+        orders = [np.array(order) for order in permutations(range(k))]
+        off = [np.abs(D[p] - shape[np.ix_(order, order)]).max() for order in orders]
+        if min(off) < SAME:
+            out.append((int(p), orders[int(np.argmin(off))]))
+    return out
+
+
+def by_robot(robot: Robot, points: PointSet) -> list[tuple[int, IntArray]]:
+    """Poses whose points a robot meets once their names are exchanged; as `by_shape`, of all the points' targets."""
+    k = len(points.target_names)
+    if not 2 <= k <= MOST_TARGETS:
+        return []
+    distance = distances(robot, points)
+    worst = np.zeros(points.poses)
+    np.maximum.at(worst, points.pose, distance)
+    far = np.flatnonzero(worst > FAR)
+    if not len(far):
+        return []
+    part = points.select(np.isin(np.arange(points.poses), far))
+    # where each pose's points would be expected, were they any of the targets: (poses, targets, 3)
+    n = part.poses
+    every = PointSet(
+        part.q,
+        np.repeat(np.arange(n), k),
+        np.tile(np.arange(k), n),
+        np.zeros((n * k, 3)),
+        part.target_names,
+        part.pose_ids,
+        part.groups,
+        previous=part.previous,
+    )
+    expected = every.predicted(robot).reshape(n, k, 3)
+    measured = np.full((n, k, 3), np.nan)
+    measured[part.pose, part.target] = part.xyz
+    best = worst[far] * CLOSER
+    found = np.full((n, k), -1)
+    for other in permutations(range(k)):
+        off = np.linalg.norm(measured - expected[:, other], axis=2)
+        largest: FloatArray = np.where(np.isfinite(off), off, 0.0).max(axis=1)
+        mine = largest < best
+        best[mine] = largest[mine]
+        found[mine] = other
+    return [(int(far[row]), found[row]) for row in np.flatnonzero(found[:, 0] >= 0)]
+
+
+def in_words(found: Sequence[tuple[object, IntArray]], names: Sequence[str]) -> list[str]:
+    """Sentences on exchanged names.
+
+    Parameters
+    ----------
+    found : sequence of (pose, order)
+        Names of the poses, and as `by_shape`.
+    names : sequence of str
+        Of the targets.
+
+    Returns
+    -------
+    list of str
+        One for each exchange.
+    """
+    by_order: dict[tuple[int, ...], list[str]] = {}
+    for pose, order in found:
+        by_order.setdefault(tuple(order.tolist()), []).append(str(pose))
+    out = []
+    for change, poses in by_order.items():
+        moved = [k for k, other in enumerate(change) if other != k]
+        if len(moved) == 2:
+            what = f"{names[moved[0]]} and {names[moved[1]]} are swapped"
+        else:
+            what = f"{', '.join(names[k] for k in moved)} are in truth {', '.join(names[change[k]] for k in moved)}"
+        first = f"pose {poses[0]}" if len(poses) == 1 else f"{len(poses)} poses ({poses[0]} to {poses[-1]})"
+        out.append(f"{what} in {first}: correct their names in the file.")
+    return out

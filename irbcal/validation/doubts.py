@@ -1,0 +1,210 @@
+"""What speaks against a calibration, whatever its errors say: something moved, or the data contradict the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.errors import IdentificationError
+from irbcal.identification.averaged import AveragedFit
+from irbcal.identification.fit import identify
+from irbcal.identification.outliers import spread
+from irbcal.identification.result import Fit
+from irbcal.measurement.moved import SHORTEST, moved_notes
+from irbcal.measurement.points import PointSet
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.elsewhere import elsewhere
+from irbcal.modeling.parameters import default_level
+from irbcal.units import MM
+
+FEW_EQUATIONS = 3
+"""Equations for each identified combination below which the user is warned."""
+
+LARGE_NOMINAL = 10 * MM
+"""Fitted rms of the nominal robot above which something is wrong, unless the model explains it, metres."""
+
+LEFT = 1.2 * MM, 2e-3
+"""Fitted rms that no calibrated robot leaves: metres, and as a share of the spread of its tip positions."""
+
+SCALE, SCALED = 1.5e-3, 0.8
+"""Deviation from 1 of the scale of all positions, and the ratio to which it brings the nominal robot's residuals."""
+
+CUTS = 7
+"""Places at which poses in the order of measuring are cut in two, to see whether the parts are of one robot."""
+SHUFFLES = 200
+"""Random orders that are tried; none may explain as much."""
+BLOCK_SHARE = 40
+"""Blocks of neighbouring poses that are shuffled together."""
+MOST_POSES = 1000
+"""Poses that are compared; of more, evenly chosen ones."""
+SMALLER = 0.85
+"""Ratio to which residuals must fall with a model of its own for each part."""
+ALIKE = 0.6
+"""Share of its spread in both parts together that each joint must have in either part for them to be compared."""
+
+
+def doubts(nominal: Fit, fit: Fit | AveragedFit, fitted: PointSet, measured: Sequence[PointSet]) -> list[str]:
+    """What speaks against a calibration, in sentences: nothing of it may be trusted before that is cleared up.
+
+    Parameters
+    ----------
+    nominal, fit : Fit
+        The nominal robot with base and tool, and the calibrated one.
+    fitted : PointSet
+        The fitted points.
+    measured : sequence of PointSet
+        All points of each file in the order in which they were measured, in the measuring frame.
+
+    Returns
+    -------
+    list of str
+    """
+    if fit.level == "nominal":
+        out = [words for points in measured for words in moved_notes(points, fit.robot)]
+        return [*out, *_too_far(nominal.rms)] if nominal.rms > LARGE_NOMINAL else out
+    out = []
+    for points in measured:
+        out += moved_notes(points, fit.robot) or contradicting_parts(nominal.problem.arm, points)
+    left = max(LEFT[0], LEFT[1] * spread(fitted))
+    if fit.rms > left:
+        out.append(
+            f"The calibrated robot still misses the fitted points by {fit.rms / MM:.3g} mm (rms), more than tracker "
+            "and model leave of a real robot: joints or positions are wrong in some poses, two robots or tools are "
+            "mixed, or the model is too small."
+        )
+    if nominal.rms > LARGE_NOMINAL and fit.rms > 0.05 * nominal.rms:
+        out += _too_far(nominal.rms)
+    out += _scale(nominal, fitted)
+    beyond = elsewhere(fit.robot, nominal.robot, fitted.q)
+    return [*out, beyond.in_words()] if beyond is not None and beyond.narrow else out
+
+
+def _scale(nominal: Fit, fitted: PointSet) -> list[str]:
+    """Whether all positions are too long or too short, which a fit takes for link lengths."""
+    expected, seen = fitted.predicted(nominal.robot), fitted.xyz
+    expected, seen = expected - expected.mean(axis=0), seen - seen.mean(axis=0)
+    scale = float((expected * seen).sum() / (expected**2).sum())
+    before, after = (float(((seen - s * expected) ** 2).sum()) for s in (1.0, scale))
+    if abs(scale - 1.0) < SCALE or after > SCALED**2 * before:
+        return []
+    how = "long" if scale > 1.0 else "short"
+    return [
+        f"All positions are {abs(scale - 1.0):.2%} too {how} for this robot: are the units right, and the tracker's "
+        "scale? The fit takes that for link lengths."
+    ]
+
+
+def _too_far(rms: float) -> list[str]:
+    return [
+        f"The nominal robot misses the fitted points by {rms / MM:.3g} mm (rms), far more than industrial robots do: "
+        "something other than the robot is wrong (references, joints, robot file)."
+    ]
+
+
+def cautions(nominal: Fit, fit: Fit | AveragedFit) -> list[str]:
+    """What to know of a result that may well be right, in sentences."""
+    out = []
+    equations = 3 * nominal.problem.rows
+    if isinstance(fit, Fit) and fit.level != "nominal" and equations < FEW_EQUATIONS * fit.rank:
+        out.append(
+            f"Only {equations} equations for {fit.rank} identified combinations: measure more poses or choose a "
+            "smaller model."
+        )
+    if fit.level != "nominal" and nominal.rms > LARGE_NOMINAL and fit.rms <= 0.05 * nominal.rms:
+        out.append(
+            f"The nominal robot misses the fitted points by {nominal.rms / MM:.3g} mm (rms), far more than industrial "
+            f"robots do, and the model explains it ({fit.rms / MM:.3g} mm): was a joint's zero lost, or is it another "
+            "robot file's robot?"
+        )
+    return out
+
+
+def contradicting_parts(arm: Arm, points: PointSet, seed: int = 0) -> list[str]:
+    """Whether poses measured early and late are of two robots or two tools, in a sentence.
+
+    Robot, base and targets are identified from all poses; then each part may change all of them a little. What counts
+    is by how much that makes residuals smaller, and whether parts of poses in a random order would do the same.
+
+    Parameters
+    ----------
+    arm : Arm
+    points : PointSet
+        In the order of measuring.
+    seed : int
+        Of the random orders.
+
+    Returns
+    -------
+    list of str
+        Empty where nothing beyond chance is found, or poses of one part are elsewhere than those of the other.
+    """
+    n = points.poses
+    if n > MOST_POSES:
+        points = points.select(np.isin(np.arange(n), np.linspace(0, n - 1, MOST_POSES).astype(int)))
+        n = MOST_POSES
+    if points.session is not None or n < 4 * SHORTEST:
+        return []
+    cuts = np.unique(np.linspace(0, n, CUTS + 2)[1:-1].astype(int))
+    cuts = cuts[[_alike(points.q, int(k)) for k in cuts]]
+    if not len(cuts):
+        return []
+    try:
+        fit = identify(arm, points.with_seen_targets(), default_level(arm))
+    except IdentificationError:
+        return []
+    H, g, yy = _sums(fit, n)
+    unknowns = H.shape[1]
+    if 3 * len(points) < 4 * unknowns:
+        return []
+    whole = yy.sum() - _explained(H.sum(axis=0), g.sum(axis=0))
+
+    def least(order: IntArray) -> tuple[float, int]:
+        H_of, g_of = np.cumsum(H[order], axis=0), np.cumsum(g[order], axis=0)
+        rest = [
+            yy.sum() - _explained(H_of[k - 1], g_of[k - 1]) - _explained(H_of[-1] - H_of[k - 1], g_of[-1] - g_of[k - 1])
+            for k in cuts
+        ]
+        best = int(np.argmin(rest))
+        return float(rest[best]), int(cuts[best])
+
+    found, cut = least(np.arange(n))
+    if not whole > 0.0 or found > SMALLER**2 * whole:
+        return []
+    rng = np.random.default_rng(seed)
+    blocks = np.array_split(np.arange(n), min(n, BLOCK_SHARE))
+    for _ in range(SHUFFLES):
+        if least(np.concatenate([blocks[k] for k in rng.permutation(len(blocks))]))[0] <= found:
+            return []
+    before, after = (np.sqrt(rss / len(points)) / MM for rss in (whole, found))
+    return [
+        f"The poses before and after pose {points.pose_ids[cut]} or thereabouts contradict one another: with a robot "
+        f"and a tool of their own, residuals fall from {before:.3f} to {after:.3f} mm. Was the tool changed, are these "
+        "two robots, or did the arm collide? Calibrate the parts one by one."
+    ]
+
+
+def _alike(q: FloatArray, k: int) -> bool:
+    """Whether the poses before and after go through the same ranges."""
+    whole = q.std(axis=0)
+    return bool(all((part.std(axis=0) >= ALIKE * whole).all() for part in (q[:k], q[k:])))
+
+
+def _sums(fit: Fit, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Normal equations of all unknowns, each scaled by its own size, for each pose."""
+    problem, state = fit.problem, fit.solution.state
+    m = len(problem.points)
+    J = problem.jacobian(state).reshape(-1, 3, problem.unknowns)[:m]
+    r = problem.residuals(state)[:m]
+    J = J / np.maximum(np.sqrt((J**2).sum(axis=(0, 1))), 1e-300)
+    H, g, yy = np.zeros((n, problem.unknowns, problem.unknowns)), np.zeros((n, problem.unknowns)), np.zeros(n)
+    np.add.at(H, problem.points.pose, np.einsum("mca,mcb->mab", J, J))
+    np.add.at(g, problem.points.pose, np.einsum("mca,mc->ma", J, r))
+    np.add.at(yy, problem.points.pose, (r**2).sum(axis=1))
+    return H, g, yy
+
+
+def _explained(H: FloatArray, g: FloatArray) -> float:
+    """Sum of squares that a free change of all unknowns takes away, of those that the data show."""
+    return float(g @ np.linalg.solve(H + 1e-6 * np.eye(len(H)), g))

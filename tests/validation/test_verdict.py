@@ -1,0 +1,68 @@
+"""The verdict in words: no number that looks good may hide that a calibration is none."""
+
+import numpy as np
+import pytest
+
+from irbcal.measurement.cleaning import Exclusion
+from irbcal.validation.verdict import counted, verdict
+
+POSE = np.repeat(np.arange(40), 3)
+
+
+def errors(mean, seed):
+    return np.random.default_rng(seed).gamma(4.0, mean / 4.0, len(POSE))
+
+
+@pytest.mark.parametrize(
+    ("nominal", "calibrated", "outcome"), [(1.0, 0.3, "better"), (0.96, 2.2, "worse"), (0.5, 0.5, "no better")]
+)
+def test_outcomes(nominal, calibrated, outcome):
+    found = verdict(errors(nominal, 1), errors(calibrated, 2), POSE)
+    assert found.outcome == outcome
+    assert bool(found) is (outcome == "better")
+    assert ("WORSE" in found.words) is (outcome == "worse")
+    assert ("NO BETTER" in found.words) is (outcome == "no better")
+
+
+def test_points_of_one_pose_are_no_poses_of_their_own():
+    """One pose, however many points, shows nothing beyond chance."""
+    found = verdict(np.full(300, 1.0), np.full(300, 0.1), np.zeros(300))
+    assert found.outcome == "no better"
+    assert "on 1 pose that" in found.words
+
+
+def test_what_was_left_out_is_part_of_it():
+    good = verdict(errors(1.0, 1), errors(0.3, 2), POSE, left_out=20)
+    assert good
+    assert "left out" not in good.words
+    most = verdict(errors(1.0, 1), errors(0.3, 2), POSE, left_out=180)
+    assert most.outcome == "better"
+    assert not most
+    assert "60% of the points were left out" in most.words
+
+
+def test_fitted_poses_prove_nothing():
+    found = verdict(errors(1.0, 1), errors(0.3, 2), POSE, proven=False)
+    assert not found
+    assert "which proves nothing" in found.words
+
+
+def test_doubts_are_part_of_it():
+    found = verdict(errors(1.0, 1), errors(0.3, 2), POSE, doubts=["The tracker moved."])
+    assert found.outcome == "better"
+    assert not found
+    assert found.sentence().startswith("NOT TO BE TRUSTED, though better than")
+    assert found.told()[1] == "Doubt: The tracker moved."
+    assert found.to_dict()["doubts"] == ["The tracker moved."]
+
+
+def test_the_nominal_robot_is_no_better_than_itself():
+    same = errors(1.0, 1)
+    found = verdict(same, same, POSE)
+    assert not found
+    assert found.words.startswith("the nominal robot itself")
+
+
+def test_lost_points_were_never_there_to_be_used():
+    reasons = ("lost: no position", "target unknown to the calibration", "gross error: 9 mm", "swapped: this is smr2")
+    assert counted([Exclusion("1", "smr1", reason) for reason in reasons]) == 2
