@@ -32,6 +32,7 @@ from .planning.measuring_plan import Plan as Plan
 from .planning.measuring_plan import plan as plan
 from .studies.runner import study as study
 from .validation.ballbar_check import ballbar as ballbar
+from .validation.controller_check import controller as controller
 from .validation.evaluate import evaluate as evaluate
 from .validation.evaluation import Evaluation as Evaluation
 from .validation.iso9283_check import iso9283 as iso9283

@@ -231,7 +231,7 @@ SAME = "the same joints are read in truth, too"
 """What is spoilt in every file of this robot alike, such as a joint's zero, is a robot that can be calibrated."""
 
 UNITS = "these look like|did not converge"
-MISSES = "misses the measured points by .* mm|did not converge"
+MISSES = "these look like|misses the measured points by .* mm|did not converge"
 LEFT_OUT = "of the points were left out"
 ELSEWHERE = "was the tracker or the robot's base moved"
 MISFIT = "still misses the fitted points"
@@ -249,8 +249,8 @@ ADVERSARIES = {
     "rows shifted by one": (shifted_rows, MISSES),
     "rows shifted from pose 48 on": (shifted_from_the_middle, LEFT_OUT),
     "points shuffled": (shuffled_points, "no usable point is left"),
-    "left-handed, y": (left_handed("y_mm"), "left-handed measuring frame"),
-    "left-handed, z": (left_handed("z_mm"), "left-handed measuring frame"),
+    "left-handed, y": (left_handed("y_mm"), "left-handed"),
+    "left-handed, z": (left_handed("z_mm"), "left-handed"),
     "joint 4 frozen": (frozen(4), MISSES),
     "joint 6 frozen": (frozen(6), MISSES),
     "joint 6 frozen in the last tenth": (frozen(6, 0.1), GROSS),

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.files import urdf as urdf_module
+from irbcal.files import urdf_xml
 from irbcal.modeling import frames
 
 
@@ -104,5 +105,5 @@ def _inertial(link: etree._Element, name: str, source: str) -> tuple[float, Floa
         return 0.0, np.zeros(3)
     mass = inertial.find("mass")
     text = "0" if mass is None else mass.get("value", "0")
-    kilograms = urdf_module._numbers(text, 1, f"link {name!r}, mass", source)[0]
-    return kilograms, urdf_module._origin(inertial, f"link {name!r}, inertial", source)[:3, 3]
+    kilograms = urdf_xml.numbers(text, 1, f"link {name!r}, mass", source)[0]
+    return kilograms, urdf_xml.origin(inertial, f"link {name!r}, inertial", source)[:3, 3]

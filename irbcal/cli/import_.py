@@ -35,7 +35,7 @@ def import_files(
     joints: Annotated[
         Path | None,
         typer.Option(
-            help="Joints of the poses where the sources hold points only: q1_deg … and, optional, pose and group.",
+            help="Joints where the sources hold points only: a program, or q1_deg …, optional pose, group, target.",
             metavar="FILE",
             show_default=False,
         ),
@@ -79,6 +79,13 @@ def import_files(
 
     ur10-lab: semicolons, decimal commas, radians --
     irbcal import export.csv --as ur10-lab --out measured.csv
+
+    table: any table with a header (a refused file says its line) --
+    irbcal import wide.csv --as table --set 'columns.joints=[J1, J2, J3, J4, J5, J6]' --set units.joints=deg
+    --set 'columns.position={smr1: [X1, Y1, Z1], smr2: [X2, Y2, Z2]}' --set units.lengths=mm --out measured.csv
+
+    irbcal: its own format, to be read otherwise --
+    irbcal import measured.csv --as irbcal --set 'joints.signs=[1, 1, -1, 1, 1, 1]' --out mended.csv
 
     Try any of them with --dry-run first.
     """

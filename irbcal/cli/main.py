@@ -12,6 +12,7 @@ import typer
 from irbcal.cli import (
     ballbar,
     calibrate,
+    controller,
     demo,
     evaluate,
     filter,
@@ -76,6 +77,7 @@ app.command("simulate", rich_help_panel="Prepare", cls=Guarded)(simulate.simulat
 app.command("study", rich_help_panel="Prepare", cls=Guarded)(study.study)
 app.command("joints", rich_help_panel="Validate", cls=Guarded)(joints.joints)
 app.command("axes", hidden=True, cls=Guarded)(joints.joints)  # its name before
+app.command("controller", rich_help_panel="Validate", cls=Guarded)(controller.controller)
 app.command("iso9283", rich_help_panel="Validate", cls=Guarded)(iso9283.iso9283)
 app.command("tracker", rich_help_panel="Validate", cls=Guarded)(tracker.tracker)
 app.command("ballbar", rich_help_panel="Validate", cls=Guarded)(ballbar.ballbar)

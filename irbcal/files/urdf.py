@@ -147,31 +147,12 @@ def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | Non
     return _build(root.get("name") or Path(source).stem, tree, path, moving, base, tip, root_link, by_child, source)
 
 
-def _numbers(text: str, count: int, what: str, source: str) -> FloatArray:
-    try:
-        values = np.array([float(part) for part in text.split()])
-    except ValueError:
-        values = np.zeros(0)
-    if len(values) != count or not np.isfinite(values).all():
-        raise RobotError(f"{what}: expected {count} numbers, found {text!r}", file=source)
-    return values
-
-
-def _origin(element: XmlElement, what: str, source: str) -> FloatArray:
-    origin = element.find("origin")
-    if origin is None:
-        return np.eye(4)
-    xyz = _numbers(origin.get("xyz", "0 0 0"), 3, f"{what}, origin xyz", source)
-    rpy = _numbers(origin.get("rpy", "0 0 0"), 3, f"{what}, origin rpy", source)
-    return frames.transform(frames.matrix_from_rpy(rpy), xyz)
-
-
 def _limits(element: XmlElement, kind: str, what: str, source: str) -> tuple[float, float]:
     limit = element.find("limit")
     if kind not in ("revolute", "prismatic") or limit is None:
         return -np.inf, np.inf
     lower, upper = (
-        float(_numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
+        float(urdf_xml.numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
     )
     return lower, upper
 
@@ -187,7 +168,7 @@ def _joints(root: XmlElement, source: str) -> list[_Joint]:
             raise RobotError("a joint needs a name, a type, a parent and a child link", file=source, line=line)
         axis_element = element.find("axis")
         axis_text = "1 0 0" if axis_element is None else axis_element.get("xyz", "1 0 0")
-        axis = _numbers(axis_text, 3, f"{what}, axis", source)
+        axis = urdf_xml.numbers(axis_text, 3, f"{what}, axis", source)
         length = np.linalg.norm(axis)
         if kind in ("revolute", "continuous", "prismatic") and length < 1e-6:
             raise RobotError(f"{what}: the axis has no direction: {axis_text!r}", file=source)
@@ -197,7 +178,7 @@ def _joints(root: XmlElement, source: str) -> list[_Joint]:
                 kind,
                 ends[0].get("link"),
                 ends[1].get("link"),
-                _origin(element, what, source),
+                urdf_xml.origin(element, what, source),
                 axis / length if length else axis,
                 *_limits(element, kind, what, source),
                 element.find("mimic") is not None,
@@ -367,7 +348,7 @@ def joint_origins(urdf: UrdfArm, arm: Arm) -> dict[str, FloatArray]:
         before = T_link_dhm @ urdf.arm.table.step(i) @ urdf.T_dhm_link[i + 1]
         after = T_link_dhm @ arm.table.step(i) @ urdf.T_dhm_link[i + 1]
         name = element.get("name")
-        origins[name] = _origin(element, f"joint {name!r}", "") if np.array_equal(before, after) else after
+        origins[name] = urdf_xml.origin(element, f"joint {name!r}", "") if np.array_equal(before, after) else after
     return origins
 
 
@@ -390,6 +371,33 @@ def with_joint_origins(data: bytes, origins: Mapping[str, FloatArray]) -> bytes:
         if element.get("name") in origins:
             urdf_xml.set_origin(element, origins[element.get("name")])
     return urdf_xml.serialised(tree)
+
+
+def with_tip_moved(data: bytes, source: str, tip: str, T_tip_new: FloatArray) -> bytes | None:
+    """A URDF whose fixed joint at the tip puts the tip link elsewhere, all else as it was.
+
+    Parameters
+    ----------
+    data : bytes
+        The URDF.
+    source : str
+        Its name, for messages.
+    tip : str
+        The tip link.
+    T_tip_new : ndarray, shape (4, 4)
+        The new tip link in the old one.
+
+    Returns
+    -------
+    bytes or None
+        None if the tip link hangs on a joint that moves.
+    """
+    tree = urdf_xml.parse(data, source)
+    for element in tree.getroot().findall("joint"):
+        if element.find("child").get("link") == tip and element.get("type") == "fixed":
+            urdf_xml.set_origin(element, urdf_xml.origin(element, f"joint {element.get('name')!r}", source) @ T_tip_new)
+            return urdf_xml.serialised(tree)
+    return None
 
 
 def fingerprint(data: bytes, source: str) -> str | None:

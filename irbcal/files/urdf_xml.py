@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
@@ -62,6 +64,27 @@ def serialised(tree: XmlTree) -> bytes:
     parts = [b'<?xml version="1.0" encoding="utf-8"?>']
     parts += [etree.tostring(node, encoding="utf-8", with_tail=False) for node in around]
     return b"\n".join(parts) + b"\n"
+
+
+def numbers(text: str, count: int, what: str, source: str) -> FloatArray:
+    """Numbers of an attribute, refused where there are others than ``count``; ``what`` and ``source`` for messages."""
+    try:
+        values = np.array([float(part) for part in text.split()])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != count or not np.isfinite(values).all():
+        raise RobotError(f"{what}: expected {count} numbers, found {text!r}", file=source)
+    return values
+
+
+def origin(element: XmlElement, what: str, source: str) -> FloatArray:
+    """The origin of an element, shape (4, 4); identity without one."""
+    found = element.find("origin")
+    if found is None:
+        return np.eye(4)
+    xyz = numbers(found.get("xyz", "0 0 0"), 3, f"{what}, origin xyz", source)
+    rpy = numbers(found.get("rpy", "0 0 0"), 3, f"{what}, origin rpy", source)
+    return frames.transform(frames.matrix_from_rpy(rpy), xyz)
 
 
 def text_of(values: FloatArray) -> str:

@@ -1,20 +1,21 @@
-"""Gross errors and mixed-up units, seen against robots that wrong points cannot bend, before anything is identified."""
+"""Gross errors and files that do not fit, seen against robots that wrong points cannot bend, before identification."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import IdentificationError, MeasurementError
+from irbcal.identification import slips
 from irbcal.identification.choices import Level
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, level_parameters
 from irbcal.modeling.robot import Robot
-from irbcal.units import DEG, MM
+from irbcal.units import MM
 
 FLOORS = {"nominal": 5 * MM, "offsets": 2 * MM}
 """Distance from the robot fitted at a level below which no point is called a gross error, metres."""
@@ -39,17 +40,6 @@ MOST_POSES = 2000
 
 TOO_FAR = 0.1
 """Median miss, as a fraction of the spread of the measured points, that no real robot shows."""
-
-READINGS = {
-    "joints in radians instead of degrees": (1.0 / DEG, 1.0),
-    "positions in metres instead of millimetres": (1.0, 1.0 / MM),
-    "joints in radians and positions in metres": (1.0 / DEG, 1.0 / MM),
-}
-
-
-def scaled(points: PointSet, q_factor: float, xyz_factor: float) -> PointSet:
-    """The same points with joints and positions multiplied."""
-    return replace(points, q=points.q * q_factor, xyz=points.xyz * xyz_factor)
 
 
 def spread(points: PointSet) -> float:
@@ -107,19 +97,19 @@ def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurement
     Raises
     ------
     MeasurementError
-        If joints or positions are in another unit.
+        If the file looks like one slip of the pen or two, see `irbcal.identification.slips`.
     IdentificationError
         If the robot does not fit the points at all.
     """
     try:
         robot = trimmed(arm, points)
     except IdentificationError as error:
-        _refuse_other_units(arm, points, np.inf, source)
+        _refuse_slip(arm, points, np.inf, source)
         raise IdentificationError(str(error), file=source) from None
     distance = distances(robot, points)
     median = np.median(distance)
     if median > TOO_FAR * spread(points):
-        _refuse_other_units(arm, points, median, source)
+        _refuse_slip(arm, points, median, source)
         raise IdentificationError(
             f"{arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base and tool: "
             "wrong robot file, joint order or joint signs, rows that belong to other poses, a left-handed measuring "
@@ -203,17 +193,8 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
     return robot
 
 
-def _refuse_other_units(arm: Arm, points: PointSet, median: float, source: str) -> None:
-    """Name the units in which the nominal robot would fit."""
-    for reading, factors in READINGS.items():
-        other = scaled(points, *factors)
-        try:
-            better = np.median(distances(trimmed(arm, other), other))
-        except IdentificationError:
-            continue
-        if better < min(0.1 * median, 0.02 * spread(other)):
-            raise MeasurementError(
-                f"these look like {reading}: read so, the nominal robot meets the points within "
-                f"{better / MM:.2g} mm (median)",
-                file=source,
-            )
+def _refuse_slip(arm: Arm, points: PointSet, median: float, source: str) -> None:
+    """Name the slip of the pen that explains why a file does not fit."""
+    slip = slips.find(arm, points, median)
+    if slip is not None:
+        raise MeasurementError(slip.in_words(source), file=source)

@@ -266,10 +266,31 @@ def read(source: MeasurementsLike) -> MeasurementSet:
                 parameter="measurements",
             )
         return source.measurements()
-    return _checked(*columns.read(source, REQUIRED))
+    try:
+        return _checked(*columns.read(source, REQUIRED))
+    except MeasurementError as error:
+        raise _with_proposal(error, source) from None
 
 
 read_measurements = read
+
+
+def _with_proposal(error: MeasurementError, source: TableLike) -> MeasurementError:
+    """A refusal of a file's header, with the line that would import the file where its columns can be guessed."""
+    from irbcal.measurement.imports.proposed import proposed
+
+    if isinstance(source, pd.DataFrame) or error.row != 1 or Path(source).suffix == ".parquet":
+        return error
+    line = proposed(Path(source).read_bytes(), str(source))
+    if line is None:
+        return error
+    words = str(error).removeprefix(str(MeasurementError("", file=error.file, row=error.row, column=error.column)))
+    return MeasurementError(
+        f"{words.removeprefix(': ')}; a file of another program is imported, check names and units: {line}",
+        file=error.file,
+        row=error.row,
+        column=error.column,
+    )
 
 
 def parse(data: bytes, source: str) -> MeasurementSet:

@@ -8,6 +8,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
+from irbcal.identification import slips
 from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.fit import identify
 from irbcal.identification.outliers import spread
@@ -63,7 +64,8 @@ def doubts(nominal: Fit, fit: Fit | AveragedFit, fitted: PointSet, measured: Seq
     """
     if fit.level == "nominal":
         out = [words for points in measured for words in moved_notes(points, fit.robot)]
-        return [*out, *_too_far(nominal.rms)] if nominal.rms > LARGE_NOMINAL else out
+        out += _too_far(nominal.rms) if nominal.rms > LARGE_NOMINAL else []
+        return [*out, *_slip(nominal, fitted)]
     out = []
     for points in measured:
         out += moved_notes(points, fit.robot) or contradicting_parts(nominal.problem.arm, points)
@@ -76,9 +78,18 @@ def doubts(nominal: Fit, fit: Fit | AveragedFit, fitted: PointSet, measured: Seq
         )
     if nominal.rms > LARGE_NOMINAL and fit.rms > 0.05 * nominal.rms:
         out += _too_far(nominal.rms)
+    out += _slip(nominal, fitted)
     out += _scale(nominal, fitted)
     beyond = elsewhere(fit.robot, nominal.robot, fitted.q)
     return [*out, beyond.in_words()] if beyond is not None and beyond.narrow else out
+
+
+def _slip(nominal: Fit, fitted: PointSet) -> list[str]:
+    """A slip of the pen that explains why the nominal robot is far off."""
+    if nominal.rms <= slips.SUSPECT:
+        return []
+    slip = slips.find(nominal.problem.arm, fitted, pairs=nominal.rms > LARGE_NOMINAL)
+    return [] if slip is None else [f"{slip.headline()}."]
 
 
 def _scale(nominal: Fit, fitted: PointSet) -> list[str]:

@@ -14,7 +14,7 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.pose_errors import ModelErrors, PoseErrors
 from irbcal.files.calibration_folder import CalibrationLike, opened
 from irbcal.files.schema import Record
-from irbcal.identification import outliers
+from irbcal.identification import outliers, slips
 from irbcal.measurement import swapped, table
 from irbcal.measurement.moved import moved_notes
 from irbcal.measurement.order import with_last_moves
@@ -441,13 +441,13 @@ def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source
     median = np.median(error)
     if points.poses < 3 or median <= outliers.TOO_FAR * max(spread, 0.1):
         return
-    for reading, factors in outliers.READINGS.items():
-        if np.median(distances(robot, outliers.scaled(points, *factors))) < 0.1 * median:
-            raise MeasurementError(f"these look like {reading}", file=source)
     swaps = swapped.by_robot(robot, points)
     if 2 * len(swaps) > points.poses:
         words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
         raise MeasurementError(" ".join(words), file=source)
+    slip = slips.find(robot.arm, points, float(median))
+    if slip is not None:
+        raise MeasurementError(slip.in_words(source), file=source)
     hint = (
         ""
         if refitted

@@ -30,7 +30,7 @@ def test_gross_errors_are_found_and_good_points_kept():
     [
         (np.pi / 180, 1.0, "joints in radians instead of degrees"),
         (1.0, 1e-3, "positions in metres instead of millimetres"),
-        (np.pi / 180, 1e-3, "joints in radians and positions in metres"),
+        (np.pi / 180, 1e-3, "joints in radians instead of degrees and positions in metres"),
     ],
 )
 def test_other_units_are_named(q_factor, xyz_factor, words):

@@ -59,16 +59,18 @@ class Dialect(_Model):
 class Columns(_Model):
     """Columns by name, or by number from 1 (from -1 backwards).
 
+    In place of position and orientation, ``transform`` names the 12 or 16 columns of a matrix, row by row.
     ``position`` is three columns, or three for each of several targets that share a row. ``name`` is one column or
     several (joined with ``::``) that ``names`` takes apart. ``programmed`` are the joints that the program asked for,
     where ``joints`` are readings: in the units and by the rules of the joints. ``keep`` hands columns on under new
-    names. ``optional`` lists those that are used only where the file has them.
+    names, ``others`` all columns that have no other use, under their own names. ``optional`` lists those that are used
+    only where the file has them.
     """
 
     position: Three | dict[Name, Three]
     joints: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
     programmed: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
-    orientation: Annotated[list[Column], Field(min_length=3, max_length=4)] | None = None
+    orientation: Annotated[list[Column], Field(min_length=3, max_length=9)] | None = None
     pose: Column | None = None
     target: Column | None = None
     name: Annotated[list[Column], Field(min_length=1, max_length=5)] | None = None
@@ -78,6 +80,7 @@ class Columns(_Model):
     u95: Column | None = None
     payload: Column | None = None
     keep: Annotated[dict[Name, Column], Field(max_length=50)] = {}
+    others: bool = False
     optional: list[Literal["programmed", "orientation", "target", "group", "cycle", "time", "u95", "payload"]] = []
 
 
@@ -95,10 +98,11 @@ class Orientation(_Model):
 
     ``quaternion`` needs ``scalar``; ``euler`` needs ``axes`` (the order of the turns and of the columns) and ``about``
     (``moving``: each turn about the axes as turned so far; ``fixed``: about those of the tracker); ``ur`` is a
-    rotation vector in radians. ``maps`` says which coordinates the rotation turns into which.
+    rotation vector in radians; ``matrix`` is nine columns, row by row. ``maps`` says which coordinates the rotation
+    turns into which.
     """
 
-    kind: Literal["quaternion", "euler", "rotation-vector", "ur"] | None = None
+    kind: Literal["quaternion", "euler", "rotation-vector", "ur", "matrix"] | None = None
     scalar: Literal["first", "last"] | None = None
     axes: Annotated[str, StringConstraints(pattern=r"^[xyz]{3}$")] | None = None
     about: Literal["moving", "fixed"] | None = None
@@ -126,7 +130,10 @@ class Lost(_Model):
 
 
 class JointRules(_Model):
-    """From readings to irbcal's joints: ``sign * (reading + readings of the joints in add) + offset``."""
+    """From readings to irbcal's joints: ``sign * (reading + readings of the joints in add) + offset``.
+
+    ``add: {3: 2}`` adds joint 2 to joint 3, ``add: {3: -2}`` takes it away.
+    """
 
     signs: list[Literal[1, -1]] | None = None
     offsets_deg: list[float] | None = None
@@ -158,12 +165,16 @@ class Fixed(_Model):
 
 
 class JointsFileColumns(_Model):
-    """Columns of the joints file; ``programmed`` as in `Columns`."""
+    """Columns of the joints file; ``programmed`` as in `Columns`.
+
+    With ``target``, the file has a row for each point; its targets are those of the points that have none themselves.
+    """
 
     joints: Annotated[list[Column], Field(min_length=1, max_length=20)]
     programmed: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
     pose: Column | None = None
     group: Column | None = None
+    target: Column | None = None
 
 
 class JointsFileUnits(_Model):
@@ -238,6 +249,21 @@ class ImportMap(_Model):
     def lost_texts(self) -> list[str]:
         """Spellings of the marks of lost points, in lower case."""
         return [str(marker).strip().lower() for marker in self.lost.markers]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _transform_is_position_and_orientation(cls, values: Any) -> Any:
+        """``columns.transform``, a 3 x 4 or 4 x 4 matrix row by row, as position and orientation."""
+        columns = values.get("columns") if isinstance(values, dict) else None
+        if not isinstance(columns, dict) or columns.get("transform") is None:
+            return values
+        given = columns["transform"]
+        if not isinstance(given, list) or len(given) not in (12, 16):
+            raise ValueError("columns.transform: expected 12 or 16 columns, the rows of a matrix one after the other")
+        rest = {key: value for key, value in columns.items() if key != "transform"}
+        rest |= {"position": given[3:12:4], "orientation": [given[k] for k in range(12) if k % 4 != 3]}
+        own = values.get("orientation") or {}
+        return {**values, "columns": rest, "orientation": {"kind": "matrix", **own} if isinstance(own, dict) else own}
 
     @model_validator(mode="after")
     def _one_orientation_for_one_target(self) -> ImportMap:

@@ -337,8 +337,16 @@ def _separator(dialect: Dialect, lines: Sequence[str]) -> str:
         return {"tab": "\t", "space": BLANKS}.get(dialect.delimiter, dialect.delimiter)
     for mark in CANDIDATES:  # half of the lines will do: a lost point may be one word alone
         if 2 * sum(mark in line for line in lines) > len(lines) and not (mark == "," and dialect.decimal == ","):
-            return mark
+            return BLANKS if mark == "\t" and _blanks_too(lines) else mark
     return BLANKS if 2 * sum(len(line.split()) > 1 for line in lines) > len(lines) else ","
+
+
+def _blanks_too(lines: Sequence[str]) -> bool:
+    """Whether blanks separate as tabs do: only then have all lines as many values."""
+    by_tabs, by_both = (
+        {len(cells) for cells in split} for split in ([x.split("\t") for x in lines], [x.split() for x in lines])
+    )
+    return len(by_tabs) > 1 and len(by_both) == 1
 
 
 def _fields(line: str, separator: str) -> list[str]:

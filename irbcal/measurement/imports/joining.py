@@ -9,20 +9,24 @@ import pandas as pd
 from irbcal.arrays import IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import joint_columns, programmed_columns
-from irbcal.measurement.imports import dialect
+from irbcal.measurement.imports import dialect, literals
 from irbcal.measurement.imports.column_map import Column, Dialect, ImportMap
 from irbcal.measurement.imports.dialect import short
 from irbcal.measurement.imports.part import ROW, SOURCE, joint_values
 from irbcal.measurement.imports.plausible import check_joint_sizes
 
 
-def join(frame: pd.DataFrame, path: str | PathLike[str], import_map: ImportMap) -> tuple[pd.DataFrame, list[str]]:
+def join(
+    frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathLike[str], import_map: ImportMap
+) -> tuple[pd.DataFrame, list[str]]:
     """Add the joints of a joints file, by the poses' names or by their order.
 
     Parameters
     ----------
     frame : DataFrame
         Points, as `Part.frame` returns them.
+    joints : DataFrame
+        As `read_joints` returns them.
     path : str or Path
         The joints file.
     import_map : ImportMap
@@ -39,8 +43,11 @@ def join(frame: pd.DataFrame, path: str | PathLike[str], import_map: ImportMap) 
     MeasurementError
         If the joints file cannot be read or does not fit the points.
     """
-    joints = _read_joints(path, import_map)
     warnings: list[str] = []
+    if "target" in joints.columns:
+        if "target" not in frame.columns:
+            return _row_by_row(frame, joints, path), warnings
+        joints = _one_row_for_each_pose(joints)
     how = import_map.join or ("name" if import_map.names_poses and "pose" in joints.columns else "order")
     columns = joint_columns(joints.columns) + programmed_columns(joints.columns, str(path))
     if how == "name":
@@ -62,6 +69,34 @@ def join(frame: pd.DataFrame, path: str | PathLike[str], import_map: ImportMap) 
     if how == "name":  # the joints file knows the order in which the robot visited them
         frame = frame.iloc[np.argsort(place, kind="stable")].reset_index(drop=True)
     return frame, warnings
+
+
+def _row_by_row(frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathLike[str]) -> pd.DataFrame:
+    """Points whose targets, poses and joints stand in the same rows of the joints file."""
+    if len(frame) != len(joints):
+        raise MeasurementError(
+            f"expected {len(joints)} rows, as many as {path} has, which names their targets, found {len(frame)}",
+            file=frame[SOURCE].iloc[0],
+        )
+    frame = frame.copy()
+    own = [name for name in joints.columns if name != ROW and (name != "group" or "group" not in frame.columns)]
+    frame[own] = joints[own].to_numpy()
+    frame = frame.astype({name: float for name in joints.columns if name.endswith(("_deg", "_mm"))})
+    if "pose" not in joints.columns:
+        frame["pose"] = _runs(joints).astype(str)
+    return frame
+
+
+def _one_row_for_each_pose(joints: pd.DataFrame) -> pd.DataFrame:
+    """A joints file with a row for each point as one with a row for each pose."""
+    key = joints["pose"] if "pose" in joints.columns else _runs(joints)
+    return joints[~pd.Series(key).duplicated().to_numpy()].drop(columns="target").reset_index(drop=True)
+
+
+def _runs(joints: pd.DataFrame) -> IntArray:
+    """Number of the pose of each row, from 1: neighbouring rows with the same joints are one."""
+    q = joints[joint_columns(joints.columns)].to_numpy()
+    return np.cumsum(np.r_[True, np.abs(np.diff(q, axis=0)).max(axis=1) > 1e-6])
 
 
 def _places_by_name(frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathLike[str]) -> IntArray:
@@ -110,17 +145,36 @@ def _check_counts(frame: pd.DataFrame, poses: int, rows: int, path: str | PathLi
         )
 
 
-def _read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFrame:
-    """A joints file, DataFrame of joints and, where it has them, pose and group."""
+def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFrame:
+    """A joints file, DataFrame of joints and, where it has them, pose, group and target.
+
+    Parameters
+    ----------
+    path : str or Path
+        A table, or a program in whose text the joints stand as literals, see `literals`.
+    import_map : ImportMap
+
+    Raises
+    ------
+    MeasurementError
+        If it is neither.
+    """
     given = import_map.joints_file
+    if given is None:
+        program = literals.read(path)
+        if program is not None:
+            check_joint_sizes(program, str(path), "deg", import_map)
+            return program
     text = dialect.read(path, given.file if given else Dialect())
     names: Sequence[Column]
     programmed: Sequence[Column]
     units: str | Sequence[str]
     pose: Column | None
     group: Column | None
+    target: Column | None
     if given:
         names, units, pose, group = given.columns.joints, given.units.joints, given.columns.pose, given.columns.group
+        target = given.columns.target
         programmed = given.columns.programmed or ()
     else:
         header = text.names or ()
@@ -128,10 +182,11 @@ def _read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFra
         programmed = programmed_columns(header, str(path))
         units = [name.rpartition("_")[2] for name in columns]
         pose, group = ("pose" if "pose" in header else None), ("group" if "group" in header else None)
+        target = "target" if "target" in header else None
         if not names:
             raise MeasurementError(
-                "expected the columns q1_deg, q2_deg … (q1_mm of a rail; optional pose and group), or joints_file in "
-                f"the map, found {', '.join(map(short, header[:40]))}",
+                "expected the columns q1_deg, q2_deg … (q1_mm of a rail; optional pose, group, target), or joints_file "
+                f"in the map, found {', '.join(map(short, header[:40]))}",
                 file=path,
                 row=text.header_line,
             )
@@ -142,7 +197,7 @@ def _read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFra
     if asked:
         frame = frame.assign(**joint_values(text, asked, units, "c"))
     frame[ROW] = text.lines
-    for key, column in (("pose", pose), ("group", group)):
+    for key, column in (("pose", pose), ("group", group), ("target", target)):
         if column is not None:
             frame[key] = text.text(text.find(column, f"the {key}")).to_numpy()
     check_joint_sizes(frame, str(path), units, import_map)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import POSITION, QUATERNION
-from irbcal.measurement.imports.column_map import Column, ImportMap, pattern_regex
+from irbcal.measurement.imports.column_map import RESERVED, Column, ImportMap, pattern_regex
 from irbcal.measurement.imports.dialect import TextTable, short
 from irbcal.units import DEG, MM
 
@@ -28,6 +28,16 @@ LONGEST_NAME = 100
 EXTRAS = {"u95": "u95_mm", "payload": "payload_kg"}
 ROW, SOURCE = " row", " source"
 """Where each row comes from; no column of a file begins with a blank."""
+
+_COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)[.,]?(\d{0,6})$")
+"""A time stamp without marks: 20200714163904, with or without parts of a second."""
+
+
+def _spaced(stamp: re.Match[str]) -> str:
+    """A time stamp with marks."""
+    year, month, day, hour, minute, second, part = stamp.groups()
+    return f"{year}-{month}-{day} {hour}:{minute}:{second}{f'.{part}' if part else ''}"
+
 
 Values: TypeAlias = dict[str, Any]
 """Columns of the output by name: arrays, or one value for all rows."""
@@ -66,6 +76,8 @@ class Part:
     ----------
     text : TextTable
     import_map : ImportMap
+    targets_elsewhere : bool
+        The joints file says what was measured.
 
     Attributes
     ----------
@@ -78,7 +90,8 @@ class Part:
         If the file lacks a column of the map, holds something else in it, or needs what the map does not declare.
     """
 
-    def __init__(self, text: TextTable, import_map: ImportMap) -> None:
+    def __init__(self, text: TextTable, import_map: ImportMap, targets_elsewhere: bool = False) -> None:
+        self.targets_elsewhere = targets_elsewhere
         self.map, self.units = import_map, declared_units(import_map, text.source)
         columns = import_map.columns
         triples: dict[str | None, Sequence[Column]] = {}
@@ -171,7 +184,7 @@ class Part:
             k = self._one(getattr(columns, key), key)
             if k is not None:
                 out[key] = self._full(k, key) if key in ("pose", "target") else self.table.text(k).to_numpy()
-        if "target" not in out and self.target_names == [None]:
+        if "target" not in out and self.target_names == [None] and not self.targets_elsewhere:
             undeclared(self.source, "the target", "fixed.target=smr1", "another name")
         return out
 
@@ -232,17 +245,20 @@ class Part:
         given = self.map.orientation
         absent = np.any([self._is_marker(k) for k in places], axis=0) | lost
         angles = "rad" if given.kind == "ur" else self.map.units.angles
-        if given.kind != "quaternion":
+        if given.kind not in ("quaternion", "matrix"):
             for k in places:
                 self.table.check_unit(k, angles, "angles in")
-        expected = "a quaternion's number" if given.kind == "quaternion" else f"an angle in {angles}"
+        numbers = {"quaternion": "a quaternion's number", "matrix": "a number of a rotation matrix"}
+        expected = numbers.get(given.kind or "", f"an angle in {angles}")
         values = np.column_stack([self.table.numbers(k, expected, absent) for k in places])
         out = np.full((len(values), 4), np.nan)
         have = ~absent
         if not have.any():
             return out
         values = values[have]
-        if given.kind == "quaternion":
+        if given.kind == "matrix":
+            rotation = Rotation.from_matrix(self._rotations(places, values.reshape(-1, 3, 3), np.flatnonzero(have)))
+        elif given.kind == "quaternion":
             self._check_unit_length(places, values, np.flatnonzero(have))
             rotation = Rotation.from_quat(values if given.scalar == "last" else np.roll(values, -1, axis=1))
         else:
@@ -256,6 +272,25 @@ class Part:
             rotation = rotation.inv()
         out[have] = np.roll(rotation.as_quat(canonical=True), 1, axis=1)
         return out
+
+    def _rotations(self, places: Sequence[int], values: FloatArray, rows: IntArray) -> FloatArray:
+        """Rotation matrices as read, (n, 3, 3), refused where they are none."""
+        off = np.abs(values @ values.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        bad = (off > 2e-3) | (np.linalg.det(values) < 0)
+        if bad.any():
+            k = int(np.flatnonzero(bad)[0])
+            what = (
+                "a left-handed one"
+                if off[k] <= 2e-3
+                else f"rows that are no unit vectors at right angles ({off[k]:.2g})"
+            )
+            raise MeasurementError(
+                f"expected a rotation matrix, found {what}",
+                file=self.source,
+                row=int(self.table.lines[rows[k]]),
+                column=[self.table.label(place) for place in places],
+            )
+        return values
 
     def _check_unit_length(self, places: Sequence[int], values: FloatArray, rows: IntArray) -> None:
         norm = np.linalg.norm(values, axis=1)
@@ -288,13 +323,26 @@ class Part:
             out["time_s"] = self._time(k)
         for name, column in columns.keep.items():
             out[name] = self._kept(self.table.find(column, name))
+        if columns.others and self.table.names:
+            used = self.taken | self._used()
+            names = enumerate(self.table.names)
+            out |= {name: self._kept(k) for k, name in names if k not in used and name and name not in RESERVED}
         return out
+
+    def _used(self) -> set[int]:
+        """Places of all columns that the map names beside those of numbers."""
+        columns, status = self.map.columns, self.map.lost.status
+        own = [getattr(columns, key) for key in ("pose", "target", "group", "cycle", "time", "u95", "payload")]
+        own += [*(columns.name or ()), *columns.keep.values(), *([] if status is None else [status.column])]
+        found = (self.table.find(column, "a use", True) for column in own if column is not None)
+        return {k for k in found if k is not None}
 
     def _time(self, k: int) -> FloatArray:
         text, unit = self.table.text(k), self.units.time
         absent = self.table.is_one_of(k, ALWAYS_LOST)
         if unit != "iso":
             return self.table.numbers(k, f"a time in {unit} or nothing", absent) * TIME_S[unit]
+        text = text.str.replace(_COMPACT, _spaced, regex=True)
         when = pd.to_datetime(text.where(~absent), errors="coerce", format="ISO8601", utc=True)
         bad = when.isna().to_numpy() & ~absent
         if bad.any():
@@ -392,7 +440,7 @@ def _check_orientation(import_map: ImportMap, source: str, count: int) -> None:
             source,
             f"what the {count} orientation columns mean",
             "orientation.kind=euler",
-            "quaternion, rotation-vector or ur; --set columns.orientation=null leaves them out",
+            "quaternion, rotation-vector, ur or matrix; --set columns.orientation=null leaves them out",
         )
     if given.kind == "quaternion" and given.scalar is None:
         undeclared(source, f"{what}'s order of numbers", "orientation.scalar=first", "last")
@@ -402,7 +450,7 @@ def _check_orientation(import_map: ImportMap, source: str, count: int) -> None:
         undeclared(source, f"{what}'s axes", "orientation.about=moving", "fixed")
     if given.kind in ("euler", "rotation-vector") and import_map.units.angles is None:
         undeclared(source, f"{what}'s unit", "units.angles=deg", "rad")
-    wanted = 4 if given.kind == "quaternion" else 3
+    wanted = {"quaternion": 4, "matrix": 9}.get(given.kind or "", 3)
     if count != wanted:
         raise MeasurementError(
             f"columns.orientation: expected {wanted} columns for {given.kind}, found {count}", file=source

@@ -50,9 +50,9 @@ def apply_joint_rules(frame: pd.DataFrame, import_map: ImportMap) -> None:
         return
     matrix = np.eye(n)
     for to, of in rules.add.items():
-        if not (1 <= to <= n and 1 <= of <= n and to != of):
+        if not (1 <= to <= n and 1 <= abs(of) <= n and to != abs(of)):
             raise MeasurementError(f"the map: joints.add: expected two different joints of 1 to {n}, found {to}: {of}")
-        matrix[to - 1, of - 1] = 1.0
+        matrix[to - 1, abs(of) - 1] = np.sign(of)
     offsets = np.array(rules.offsets_deg if rules.offsets_deg is not None else np.zeros(n))
     sliding = [k for k, name in enumerate(columns) if name.endswith("_mm") and offsets[k]]
     if sliding:

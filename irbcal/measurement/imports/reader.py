@@ -21,7 +21,7 @@ from irbcal.measurement.columns import POSITION, QUATERNION, joint_columns, prog
 from irbcal.measurement.imports import dialect, poses
 from irbcal.measurement.imports.column_map import ImportMap
 from irbcal.measurement.imports.imported import Imported, refuse_sources
-from irbcal.measurement.imports.joining import join
+from irbcal.measurement.imports.joining import join, read_joints
 from irbcal.measurement.imports.map_file import Changes, read_map
 from irbcal.measurement.imports.part import ROW, SOURCE, Part, declared_units, undeclared
 from irbcal.measurement.imports.plausible import check_joint_sizes, check_reach, strange
@@ -46,8 +46,8 @@ def import_measurements(
     out : str or Path, optional
         Measurement file to write (CSV), whole or not at all. Without it, nothing is written.
     joints : str or Path, optional
-        Joints file for sources that hold points only: ``q1_deg`` … and, optional, ``c1_deg`` …, ``pose`` and
-        ``group``.
+        Joints file for sources that hold points only: ``q1_deg`` … and, optional, ``c1_deg`` …, ``pose``,
+        ``group`` and ``target`` (a row for each point then), or a program whose targets are joints.
     set_ : dict, or sequence of str
         Changes of the map, such as ``{"units.lengths": "mm"}`` or ``["units.lengths=mm"]``.
     dry_run : bool
@@ -106,11 +106,13 @@ def understand(
     MeasurementError
         If a file does not fit the map; the sentence names file, row, column, what was expected and what was found.
     """
-    _check_declared(import_map, joints is not None, str(sources[0]))
+    given = None if joints is None else read_joints(joints, import_map)
+    elsewhere = given is not None and "target" in given.columns
+    _check_declared(import_map, joints is not None, str(sources[0]), elsewhere)
     parts: list[pd.DataFrame] = []
     counted: Counter[str | None] = Counter()
     for path in sources:
-        part = Part(dialect.read(path, import_map.file, import_map.lost_texts), import_map)
+        part = Part(dialect.read(path, import_map.file, import_map.lost_texts), import_map, elsewhere)
         own = part.file_fields.get("target")  # logs of one target each count the same poses
         parts.append(part.frame(counted[own]))
         counted[own] += len(part.table.cells)
@@ -119,8 +121,8 @@ def understand(
         if name in frame.columns:
             frame[name] = frame[name].fillna("")
     warnings: list[str] = []
-    if joints is not None:
-        frame, warnings = join(frame, joints, import_map)
+    if joints is not None and given is not None:
+        frame, warnings = join(frame, given, joints, import_map)
     else:
         if import_map.pose_by == "joints" and not import_map.names_poses:
             frame["pose"] = poses.runs(frame).astype(str)
@@ -145,12 +147,13 @@ def understand(
     return Imported(frame[order], origin, import_map, tuple(warnings))
 
 
-def _check_declared(import_map: ImportMap, with_joints_file: bool, source: str) -> None:
+def _check_declared(import_map: ImportMap, with_joints_file: bool, source: str, targets_elsewhere: bool) -> None:
     """Refuse a map that leaves open what must be declared."""
     declared_units(import_map, source)
     columns = import_map.columns
     has_target = (
-        columns.target is not None
+        targets_elsewhere
+        or columns.target is not None
         or import_map.fixed.target
         or isinstance(columns.position, dict)
         or any("{target}" in text for text in (*import_map.names, import_map.file_name or ""))

@@ -61,7 +61,7 @@ def test_bad_maps_are_named(tmp_path, text, expected):
 
 def test_names_of_maps_and_changes(tmp_path):
     path = write(tmp_path / "r.csv", "h", ROW)
-    assert "robodc: expected a preset (leica-tmac, per-target, robodk" in refused(path, "robodc")
+    assert "robodc: expected a preset (irbcal, leica-tmac, per-target, robodk" in refused(path, "robodc")
     assert "did you mean robodk?" in refused(path, "robodc")
     assert "there is no such file" in refused(path, str(tmp_path / "none.yaml"))
     assert "expected key=value" in refused(path, "robodk", "units.lengths")

@@ -243,3 +243,74 @@ def test_bad_rows_are_named(tmp_path, lines, expected):
     text = refused(path, "robodk")
     assert str(path) in text
     assert expected in text
+
+
+def _turn_and_row(joints="10,-20,30,0,45,90"):
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_rotvec([0.3, -0.5, 0.2])
+    return turn, turn.as_matrix(), joints
+
+
+@pytest.mark.parametrize("rows", [3, 4])
+def test_orientation_as_a_matrix(tmp_path, rows):
+    turn, R, joints = _turn_and_row()
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, [900.0, -10.0, 700.0]
+    line = f"{joints},{','.join(f'{v:.12g}' for v in T[:rows].ravel())}"
+    text = (
+        f"{{file: {{header: false}}, columns: {{joints: [1, 2, 3, 4, 5, 6], transform: {list(range(7, 7 + 4 * rows))}}}, "
+        "units: {joints: deg, lengths: mm}, fixed: {target: t}}"
+    )
+    found = understood(write(tmp_path / "t.csv", line, line), str(make_map(tmp_path, text))).table
+    assert found.loc[0, XYZ].tolist() == [900.0, -10.0, 700.0]
+    assert np.abs(found.loc[0, QUATERNION].to_numpy(float) - np.roll(turn.as_quat(canonical=True), 1)).max() < 1e-9
+
+
+def test_matrices_that_are_none_are_refused(tmp_path):
+    text = (
+        "{file: {header: false}, columns: {joints: [1], position: [2, 3, 4], orientation: [5, 6, 7, 8, 9, 10, 11, 12, 13]}, "
+        "orientation: {kind: matrix}, units: {joints: deg, lengths: mm}, fixed: {target: t}}"
+    )
+    name = str(make_map(tmp_path, text))
+    assert "found rows that are no unit vectors at right angles" in refused(
+        write(tmp_path / "a", "1,900,0,0,1,0,0,1,1,0,0,0,1"), name
+    )
+    assert "found a left-handed one" in refused(write(tmp_path / "b", "1,900,0,0,1,0,0,0,1,0,0,0,-1"), name)
+    bad = str(make_map(tmp_path, "{columns: {transform: [1, 2]}}", "bad.yaml"))
+    assert "columns.transform: expected 12 or 16 columns" in refused(write(tmp_path / "c", "1,2"), bad)
+
+
+def test_blanks_and_tabs_in_one_file(tmp_path):
+    path = write(tmp_path / "a.txt", "P1_smr1\t1000 2000\t300", "P2_smr1 1100\t2000 300")
+    joints = tmp_path / "j.csv"
+    joints.write_text(FOUR_JOINTS)
+    found = understood(path, "spatial-analyzer", "units.lengths=mm", joints=joints).table
+    assert found[XYZ].to_numpy().tolist() == [[1000, 2000, 300], [1100, 2000, 300]]
+
+
+def test_compact_time_stamps(tmp_path):
+    text = (
+        "{file: {header: false}, columns: {joints: [1], position: [2, 3, 4], time: 5}, "
+        "units: {joints: deg, lengths: mm, time: iso}, fixed: {target: t}}"
+    )
+    rows = ["10,900,0,0,20200714163904", "20,901,0,0,20200714163905.250", "30,902,0,0,2020-07-14 16:39:06"]
+    time = understood(write(tmp_path / "a", *rows), str(make_map(tmp_path, text))).table["time_s"]
+    assert (time - time[0]).tolist() == pytest.approx([0.0, 1.25, 2.0])
+    assert "expected a time such as" in refused(
+        write(tmp_path / "b", "1,900,0,0,20201714163904"), str(tmp_path / "map.yaml")
+    )
+
+
+def test_targets_of_a_joints_file(tmp_path):
+    points = write(tmp_path / "p.csv", "x,y,z", "1000,0,0", "1100,0,0", "1000,5,0", "1100,5,0")
+    joints = write(
+        tmp_path / "j.csv", "pose,q1_deg,q2_deg,target", *(f"P{p},{10 * p},20,smr{t}" for p in (1, 2) for t in (1, 2))
+    )
+    text = "{columns: {position: [x, y, z]}, units: {lengths: mm}}"
+    name = str(make_map(tmp_path, text))
+    found = reader.understand([points], map_file.read_map(name), joints).table
+    assert found["target"].tolist() == ["smr1", "smr2", "smr1", "smr2"]
+    assert found["pose"].tolist() == ["P1", "P1", "P2", "P2"]
+    assert found["q1_deg"].tolist() == [10, 10, 20, 20]
+    assert "expected 4 rows, as many as" in refused(write(tmp_path / "q.csv", "x,y,z", "1000,0,0"), name, joints=joints)

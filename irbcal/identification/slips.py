@@ -1,0 +1,450 @@
+"""Slips of the pen found by hypothesis: what would have to be read otherwise for a file to fit a robot.
+
+A file that does not fit its robot is most often right but for one slip: a joint that counts the other way, two columns
+swapped, another unit, a row lost. Each such slip is a hypothesis: an affine map of the joints, or joints of the row
+before or behind. All are tried, alone and in pairs. Of each, the points are fitted by the nominal robot with base and
+tool in closed form, the base being any affine map: its rotation's sign then tells left-handed points, its scale another
+unit of length, without a hypothesis of their own. The best are judged with a rigid base by their median distance.
+
+Nothing is changed here: a slip is named, with what would mend it.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import IdentificationError
+from irbcal.identification import least_squares, start
+from irbcal.identification.residuals import Problem
+from irbcal.measurement.points import PointSet
+from irbcal.modeling.arm import Arm
+from irbcal.summary import Speaks, Told
+from irbcal.units import DEG, MM
+
+FACTOR = 5.0
+"""How many times nearer the points must be for a slip to be named; for two slips at once its square root more."""
+
+NEAR, NEAR_SHARE = 10.0 * MM, 0.01
+"""Median distance that a named slip leaves at most, metres and as a share of the spread of the measured points."""
+
+SUSPECT = 4.0 * MM
+"""Median distance from the nominal robot below which no slip is looked for, metres."""
+
+FEWEST_POSES, FEWEST_EQUATIONS = 10, 2.0
+"""Poses, and equations for each unknown, below which nothing is named: too many hypotheses would fit."""
+
+SUBSET, ENOUGH_POINTS = 48, 72
+"""Poses that hypotheses are tried on at most; fewer, but at least half, where they hold so many points."""
+
+JUDGED = 14
+"""Hypotheses that are judged with a rigid base, of those that fit best with an affine one."""
+
+AS_GOOD = 1.5
+"""Hypotheses that fit within this factor of the best are as good: the simplest of them is named first."""
+
+SAME = 0.01 * MM
+"""Distances that differ by no more are the same, metres."""
+
+CORE, ROUNDS = 0.6, 6
+"""Share of the points that the robot is fitted to, and how often these are chosen anew."""
+
+LENGTHS = {
+    1e3: ("positions in metres instead of millimetres", "m"),
+    25.4: ("positions in inches instead of millimetres", "inch"),
+    10.0: ("positions in centimetres instead of millimetres", None),
+    1e3 / 25.4: ("positions in metres instead of inches", None),
+    1e-3: ("positions in millimetres instead of metres", None),
+    1 / 25.4: ("positions in millimetres instead of inches", None),
+    0.1: ("positions in millimetres instead of centimetres", None),
+}
+"""Factor on positions as read: what they look like, and the unit to declare to `irbcal.import_measurements`."""
+
+FAR = 0.05
+"""Median distance after some rounds above which no more are needed, metres."""
+
+CHUNK = 400
+"""Hypotheses in memory at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """Another way to read the joints and points of a file.
+
+    Attributes
+    ----------
+    words : tuple of str
+        What the file looks like, such as ``joint 3 with its sign turned``.
+    cost : float
+        How far-fetched it is; about one for each thing that is wrong.
+    matrix, offset : ndarray, shape (joints, joints) and (joints,)
+        ``matrix @ q + offset`` are the joints, radians (metres for prismatic joints).
+    late : int
+        The points of a row belong to the joints so many rows before.
+    scale : float
+        Factor on positions.
+    mirrored : bool
+        Whether positions are left-handed.
+    """
+
+    words: tuple[str, ...]
+    cost: float
+    matrix: FloatArray
+    offset: FloatArray
+    late: int = 0
+    scale: float = 1.0
+    mirrored: bool = False
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def joints(self, q: FloatArray) -> FloatArray:
+        """Joints of all rows, (n, joints); of rows without one so many before them, those of the nearest row."""
+        rows = np.clip(np.arange(len(q)) - self.late, 0, len(q) - 1)
+        return q[rows] @ self.matrix.T + self.offset
+
+    def of(self, points: PointSet) -> PointSet:
+        """The points read so, without orientations and stops before; a mirrored z stands for any mirrored axis."""
+        flip = np.array([1.0, 1.0, -1.0 if self.mirrored else 1.0])
+        xyz = points.xyz * (self.scale * flip)
+        return replace(points, q=self.joints(points.q), xyz=xyz, rotation=None, previous=None, session=None)
+
+    def then(self, other: Hypothesis) -> Hypothesis:
+        """Both: the other is applied to what this one gives."""
+        return Hypothesis(
+            self.words + other.words,
+            self.cost + other.cost,
+            other.matrix @ self.matrix,
+            other.matrix @ self.offset + other.offset,
+            self.late + other.late,
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Slip(Speaks):
+    """A slip that explains why a file does not fit a robot.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    before, after : float
+        Median distance of the points from the nominal robot as they are, and read so, metres.
+    also : tuple of Hypothesis
+        Other ways to read the file that fit as well.
+    joint_columns : tuple of str
+    oriented : bool
+        Whether orientations were measured, too.
+    """
+
+    hypothesis: Hypothesis
+    before: float
+    after: float
+    also: tuple[Hypothesis, ...] = ()
+    joint_columns: tuple[str, ...] = ()
+    oriented: bool = False
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def looks_like(self) -> str:
+        """What the file looks like."""
+        return " and ".join(self.hypothesis.words)
+
+    def in_words(self, source: str = "") -> str:
+        """One sentence, with the way to mend it where there is one.
+
+        Parameters
+        ----------
+        source : str
+            The file.
+        """
+        also = "; ".join(" and ".join(other.words) for other in self.also)
+        also = f" (as well with {also})" if also else ""
+        return (
+            f"these look like {self.looks_like}: read so, the nominal robot meets the points within "
+            f"{self.after / MM:.2g} mm (median), as they are within {self.before / MM:.3g} mm{also}. Nothing was "
+            f"changed; {self.remedy(source)}"
+        )
+
+    def remedy(self, source: str = "") -> str:
+        """What mends the file: a line for ``irbcal import`` where that can, else words."""
+        by_hand = []
+        if self.hypothesis.late:
+            side = "up" if self.hypothesis.late > 0 else "down"
+            by_hand.append(f"move the columns of target and position {abs(self.hypothesis.late)} pose {side}")
+        options = _options(self.hypothesis, self.joint_columns)
+        if options and self.oriented and self.hypothesis.mirrored:
+            options.append("columns.orientation=null")
+        if options is None:
+            by_hand.append(f"change the columns: {self.looks_like}")
+            options = []
+        if not options:
+            return f"to mend it, {' and '.join(by_hand)}"
+        first = f"to mend it, {' and '.join(by_hand)}, then" if by_hand else "to read them so:"
+        name = source if source and not source.startswith("<") else "measured.csv"
+        words = ["irbcal", "import", name, "--as", "irbcal"]
+        return f"{first} {shlex.join(words + [part for text in options for part in ('--set', text)])} --out mended.csv"
+
+    def told(self) -> Sequence[Told]:
+        """The sentence."""
+        text = self.in_words()
+        return [text[0].upper() + text[1:]]
+
+
+def find(arm: Arm, points: PointSet, before: float | None = None, pairs: bool = True) -> Slip | None:
+    """Look for a slip that explains why points do not fit a robot.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal.
+    points : PointSet
+        All poses in the order of the file; of several sessions, those of the last one are used.
+    before : float, optional
+        Median distance from the nominal robot as the points are, metres, where it is known; infinite where it cannot
+        be fitted at all.
+    pairs : bool
+        Try two slips at once where one does not explain it.
+
+    Returns
+    -------
+    Slip or None
+        None where the points fit, or no way to read them fits clearly better.
+    """
+    if points.session is not None:
+        points = points.select(points.session == points.session[-1]).without_empty_poses()
+    unknowns = 12 + 3 * len(np.unique(points.target))
+    if points.poses < FEWEST_POSES or 3 * len(points) < FEWEST_EQUATIONS * unknowns:
+        return None
+    own = _judged(arm, replace(points, rotation=None, previous=None, session=None))
+    before = own if before is None else min(own, before)
+    if before < SUSPECT:
+        return None
+    single = list(hypotheses(arm))
+    found = _best(arm, points, single, before, FACTOR)
+    if found is None and pairs:
+        found = _best(arm, points, list(_pairs(single)), before, FACTOR**1.5)
+    return found
+
+
+def hypotheses(arm: Arm) -> Iterator[Hypothesis]:
+    """All single slips of an arm's joints, the file as it is first, in the order in which two of them are applied."""
+    n = len(arm.joint_names)
+    turning = np.flatnonzero(~arm.table.prismatic)
+    one, none = np.eye(n), np.zeros(n)
+    yield Hypothesis((), 0.0, one, none)
+    for late in (1, -1):
+        where = "before" if late > 0 else "behind"
+        words = f"points one pose {'late' if late > 0 else 'early'} (they belong to the joints of the row {where})"
+        yield Hypothesis((words,), 1.4, one, none, late)
+    if len(turning):
+        unit = np.where(arm.table.prismatic, 1.0, 1.0 / DEG)
+        yield Hypothesis(("joints in radians instead of degrees",), 0.5, np.diag(unit), none)
+        yield Hypothesis(("joints in degrees instead of radians",), 0.6, np.diag(1.0 / unit), none)
+    for a, b in combinations(range(n), 2):
+        order = np.arange(n)
+        order[[a, b]] = b, a
+        yield Hypothesis((f"joints {a + 1} and {b + 1} swapped",), 1.2, one[order], none)
+    for a in range(n):
+        for b in (a - 1, a + 1):
+            for sign in (1.0, -1.0):
+                if a in turning and b in turning:
+                    matrix = one.copy()
+                    matrix[a, b] = sign
+                    how = "be added to" if sign > 0 else "be taken from"
+                    words = f"joint {a + 1} shown with joint {b + 1} in it (joint {b + 1} is to {how} it)"
+                    yield Hypothesis((words,), 1.1 if a > b else 1.6, matrix, none)
+    for k in range(1, n + 1 if n <= 6 else 4):
+        for joints in combinations(range(n), k):
+            signs = np.ones(n)
+            signs[list(joints)] = -1.0
+            yield Hypothesis((_turned(joints),), float(k), np.diag(signs), none)
+    for a in turning[1:-1]:  # offsets of the first and the last joint go into base and tool
+        for degrees, shown in ((90, "+90"), (-90, "-90"), (180, "±180")):
+            offset = none.copy()
+            offset[a] = degrees * DEG
+            words = f"joint {a + 1} with its zero elsewhere ({shown} degrees)"
+            yield Hypothesis((words,), 1.3, one, offset)
+
+
+def _turned(joints: Sequence[int]) -> str:
+    numbers = [str(k + 1) for k in joints]
+    if len(numbers) == 1:
+        return f"joint {numbers[0]} with its sign turned"
+    return f"joints {', '.join(numbers[:-1])} and {numbers[-1]} with their signs turned"
+
+
+def _pairs(single: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
+    """Two slips at once; of signs that are turned at most three."""
+    likely = [item for item in single if 0 < item.cost < 3.5]
+    for first, second in combinations(likely, 2):
+        signs = [bool(item.words[0].endswith("turned")) for item in (first, second)]
+        if not all(signs) and not (first.late and second.late):
+            yield first.then(second)
+
+
+def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], before: float, factor: float) -> Slip | None:
+    """The simplest of the hypotheses that fit clearly better than the file as it is."""
+    spread = float(np.sqrt(np.var(points.xyz, axis=0).sum()))
+    fits: list[tuple[float, Hypothesis]] = []
+    for hypothesis in _screened(arm, points, tried):
+        if hypothesis.cost:
+            after = _judged(arm, hypothesis.of(points))
+            if after <= min(hypothesis.scale * min(before / factor, NEAR_SHARE * spread), NEAR):
+                fits.append((after, hypothesis))
+    if not fits:
+        return None
+    least = min(after for after, _ in fits)
+    near = AS_GOOD * least + SAME
+    good = sorted((item for item in fits if item[0] <= near), key=lambda item: item[1].cost)
+    also = tuple(item for _, item in good[1:] if item.cost < good[0][1].cost + 0.6)
+    return Slip(good[0][1], before, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any()))
+
+
+def _subset(points: PointSet) -> tuple[PointSet, FloatArray]:
+    """Some poses from the whole file, and their rows."""
+    inner = np.arange(1, points.poses - 1)
+    most = int(np.clip(ENOUGH_POINTS * points.poses / len(points), SUBSET // 2, SUBSET))
+    rows = inner[np.unique(np.linspace(0, len(inner) - 1, min(most, len(inner))).round().astype(int))]
+    keep = np.zeros(points.poses, dtype=bool)
+    keep[rows] = True
+    return points.select(keep).with_seen_targets(), rows
+
+
+def _screened(arm: Arm, points: PointSet, tried: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The hypotheses that fit best with any affine base, each with the scale and the hand that its base tells."""
+    some, rows = _subset(points)
+    m, count = len(some), len(some.target_names)
+    y = some.xyz - some.xyz.mean(axis=0)
+    size = max(float(np.abs(y).max()), 1e-12)
+    design = np.column_stack([y / size, np.ones(m)])
+    U, S, _ = np.linalg.svd(design, full_matrices=False)
+    Q = U[:, 1e-9 * S[0] < S]
+    inverse = np.linalg.pinv(design, rcond=1e-9)
+    scores, bases = [], []
+    for first in range(0, len(tried), CHUNK):
+        part = tried[first : first + CHUNK]
+        q = np.concatenate([item.joints(points.q)[rows] for item in part])
+        T = arm.forward(q).reshape(len(part), -1, 4, 4)[:, some.pose]
+        p = T[:, :, :3, 3]
+        turns = np.zeros((len(part), m, 3, count, 3))
+        turns[:, np.arange(m), :, some.target] = np.moveaxis(T[:, :, :3, :3], 0, 1)
+        A = turns.reshape(len(part), m, 3 * 3 * count)
+        left = (A - Q @ (Q.T @ A)).reshape(len(part), 3 * m, 3 * count)
+        right = (p - Q @ (Q.T @ p)).reshape(len(part), 3 * m)
+        normal = np.swapaxes(left, 1, 2) @ left
+        c = -np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ (np.swapaxes(left, 1, 2) @ right[..., None])
+        residual = (right + (left @ c)[..., 0]).reshape(len(part), m, 3)
+        reached = p + (A.reshape(len(part), 3 * m, -1) @ c).reshape(len(part), m, 3)
+        placed = reached - residual
+        spread = np.sqrt(np.var(placed, axis=1).sum(axis=1))  # joints that hardly move are met by a base that shrinks
+        scores.append(np.median(np.linalg.norm(residual, axis=2), axis=1) / np.maximum(spread, 1e-12))
+        bases.append(np.swapaxes((inverse @ reached)[:, :3], 1, 2) / size)
+    order = np.argsort(np.concatenate(scores) * (1.0 + 0.02 * np.array([item.cost for item in tried])))
+    W = np.concatenate(bases)
+    return [_with_base(tried[k], W[k]) for k in order[:JUDGED]]
+
+
+def _with_base(hypothesis: Hypothesis, W: FloatArray) -> Hypothesis:
+    """A hypothesis with what an affine base (3, 3) tells of the unit of the positions and of their hand."""
+    sizes = np.linalg.svd(W, compute_uv=False)
+    if sizes[-1] < 0.7 * sizes[0]:  # the points do not tell all of it
+        return hypothesis
+    words, cost = list(hypothesis.words), hypothesis.cost
+    mirrored, scale = bool(np.linalg.det(W) < 0), 1.0
+    found = float(np.exp(np.log(sizes).mean()))
+    for factor, (name, _) in LENGTHS.items():
+        if abs(np.log(found / factor)) < 0.1:
+            scale, cost = factor, cost + 0.5
+            words.append(name)
+    if mirrored:
+        words.append("left-handed points (one axis mirrored, or two swapped)")
+        cost += 1.0
+    return replace(hypothesis, words=tuple(words), cost=cost, mirrored=mirrored, scale=scale)
+
+
+def _judged(arm: Arm, points: PointSet) -> float:
+    """Median distance from the nominal robot, fitted rigidly to the best part of the points, metres."""
+    points = points.without_empty_poses().with_seen_targets()
+    core = np.ones(len(points), dtype=bool)
+    distance = np.full(len(points), np.inf)
+    for k in range(ROUNDS):
+        some = points.take(core).without_empty_poses()
+        if len(np.unique(some.target)) < len(points.target_names):
+            break
+        try:
+            problem = Problem(arm, some, ())
+            state, _ = start.closed_form(problem)
+            if k == ROUNDS - 1 and np.median(distance) < FAR:
+                state = least_squares.solve(problem, state).state
+        except (IdentificationError, np.linalg.LinAlgError):
+            break
+        W = np.linalg.inv(state.T_world_base)
+        T = arm.forward(points.q)[points.pose]
+        reached = np.einsum("mij,mj->mi", T[:, :3, :3], state.targets[points.target]) + T[:, :3, 3]
+        distance = np.linalg.norm(points.xyz @ W[:3, :3].T + W[:3, 3] - reached, axis=1)
+        if k == ROUNDS // 2 and np.median(distance) > FAR:
+            break
+        core = distance <= np.quantile(distance, CORE)
+    return float(np.median(distance))
+
+
+def _options(hypothesis: Hypothesis, columns: Sequence[str]) -> list[str] | None:
+    """What to ``--set`` so that ``irbcal import --as irbcal`` reads a file so; None where it cannot."""
+    n = len(columns)
+    options = []
+    order, signs, add, radians = np.arange(n), [1] * n, {}, False
+    matrix = hypothesis.matrix.copy()
+    turning = np.array([name.endswith("_deg") for name in columns])
+    if np.abs(matrix[turning]).max(initial=0.0) > 10.0:
+        matrix[turning] *= DEG
+        radians = True
+    entries = [np.flatnonzero(np.abs(row) > 1e-9) for row in matrix]
+    if not np.allclose(np.abs(matrix[np.abs(matrix) > 1e-9]), 1.0) or any(len(row) not in (1, 2) for row in entries):
+        return None
+    taken = {int(row[0]) for row in entries if len(row) == 1}
+    for k, row in enumerate(entries):
+        free = [int(j) for j in row if len(row) == 1 or int(j) not in taken]
+        if len(free) > 1:
+            free = [j for j in free if j == k] or free[:1]
+        if len(free) != 1:
+            return None
+        order[k], signs[k] = free[0], int(np.sign(matrix[k, free[0]]))
+    if sorted(order) != list(range(n)):
+        return None
+    for k, row in enumerate(entries):
+        for j in row:
+            if j != order[k]:
+                other = int(np.flatnonzero(order == j)[0]) + 1
+                add[k + 1] = other if matrix[k, j] * signs[k] > 0 else -other
+    own = [f"q{k}_deg" for k in range(1, 7)]
+    names = [columns[int(j)] for j in order]
+    if names != own:
+        options.append(f"columns.joints=[{', '.join(names)}]")
+    if names != own:
+        options.append(f"columns.programmed=[{', '.join('c' + name[1:] for name in names)}]")
+    if radians:
+        units = ["rad" if turns else "mm" for turns in turning]
+        options.append("units.joints=rad" if turning.all() else f"units.joints=[{', '.join(units)}]")
+    elif not turning.all():
+        options.append(f"units.joints=[{', '.join('deg' if turns else 'mm' for turns in turning)}]")
+    if add:
+        options.append(f"joints.add={{{', '.join(f'{to}: {of}' for to, of in add.items())}}}")
+    if -1 in signs:
+        options.append(f"joints.signs={signs}")
+    if hypothesis.offset.any():
+        options.append(f"joints.offsets_deg={[round(float(value) / DEG, 9) for value in hypothesis.offset]}")
+    if hypothesis.scale != 1.0:
+        unit = LENGTHS[hypothesis.scale][1]
+        if unit is None:
+            return None
+        options.append(f"units.lengths={unit}")
+    if hypothesis.mirrored:
+        options.append("columns.position=[y_mm, x_mm, z_mm]")
+    return options

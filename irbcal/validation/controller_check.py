@@ -1,0 +1,331 @@
+"""A robot's URDF against the poses that its controller reports: which numbers the controller computes with.
+
+A controller that shows joints and the pose that it computes of them tells its own kinematics to the last digit. Where
+they are the URDF's, programs corrected by irbcal meet a controller that computes as assumed; where they are not, the
+URDF that equals the controller is the one to calibrate and to correct with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, NameArray, lock
+from irbcal.atomic import write_together
+from irbcal.errors import MeasurementError
+from irbcal.files import robots
+from irbcal.files import urdf as urdf_module
+from irbcal.files.urdf import UrdfArm
+from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
+from irbcal.measurement import columns
+from irbcal.measurement.columns import TableLike
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.overwriting import refuse_overwriting
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FEWEST = 12
+"""Rows that are needed."""
+
+SHOWN = 12
+"""Rows of another moment that are named."""
+
+UNIT = 2e-3
+"""How far a quaternion's length may be from one, as its digits are rounded."""
+
+ROUND = 50e-6
+"""Median distance that rounding and motion between two readings leave at most, metres."""
+
+Option = Literal["no sign of it", "seems to be on", "not to be told"]
+"""Whether an absolute-accuracy option seems to be on."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ControllerCheck(Speaks):
+    """What a controller computes with, against a URDF.
+
+    Attributes
+    ----------
+    source : str
+    robot : str
+        Name of the arm.
+    fit : ControllerFit
+    nominal : Arm
+        As the URDF has it.
+    labels : ndarray of str, shape (n,)
+        Names of the rows: the column ``pose``, else their rows in the file.
+    absolute_accuracy : str
+        ``no sign of it``, ``seems to be on``, ``not to be told``.
+    urdf : bytes
+        The URDF that equals the controller.
+    notes : tuple of str
+    """
+
+    source: str
+    robot: str
+    fit: ControllerFit
+    nominal: Arm
+    labels: NameArray
+    absolute_accuracy: Option
+    urdf: bytes
+    urdf_source: str
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def agreeing(self) -> int:
+        """Number of rows whose joints and pose belong together."""
+        return int((~self.fit.moment).sum())
+
+    @property
+    def other_moment(self) -> list[str]:
+        """Names of the rows whose joints and pose are of different moments."""
+        return [str(name) for name in self.labels[self.fit.moment]]
+
+    def median_mm(self, fitted: bool = False) -> float:
+        """Median distance of the rows that belong together from the URDF, or from the fitted numbers."""
+        errors = self.fit.after if fitted else self.fit.before
+        return float(np.median(errors[~self.fit.moment, 0])) / MM
+
+    def save(self, out: str | PathLike[str]) -> None:
+        """Write the URDF that equals the controller, whole or not at all.
+
+        Raises
+        ------
+        CalibrationError
+            If it cannot be written, or is one of the files that were read.
+        """
+        out = Path(out)
+        refuse_overwriting({"out": out}, [self.source, self.urdf_source])
+        write_together(out.parent, {out.name: self.urdf})
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows: ``pose``, ``before_mm``, ``before_deg``, ``after_mm``, ``after_deg``, ``other_moment``."""
+        import pandas as pd
+
+        before, after = (errors / (MM, DEG) for errors in (self.fit.before, self.fit.after))
+        return pd.DataFrame(
+            {
+                "pose": self.labels,
+                "before_mm": before[:, 0],
+                "before_deg": before[:, 1],
+                "after_mm": after[:, 0],
+                "after_deg": after[:, 1],
+                "other_moment": self.fit.moment,
+            }
+        )
+
+    def numbers(self) -> list[dict[str, Any]]:
+        """What differs: name, the URDF's value, the controller's, difference and standard deviation, mm and degrees."""
+        rows = []
+        for name, value, std in zip(self.fit.names, self.fit.values, self.fit.std, strict=True):
+            kind = name.rstrip("0123456789")
+            length = kind in ("a", "d", "b", "tool_x", "tool_y", "tool_z")
+            unit = MM if length else DEG
+            own = 0.0 if name in TOOL else float(getattr(self.nominal.table, kind)[int(name[len(kind) :]) - 1])
+            rows.append(
+                {
+                    "number": name,
+                    "unit": "mm" if length else "deg",
+                    "urdf": own / unit,
+                    "controller": (own + float(value)) / unit,
+                    "difference": float(value) / unit,
+                    "std": float(std) / unit,
+                }
+            )
+        return rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: millimetres and degrees."""
+        return {
+            "robot": self.robot,
+            "rows": len(self.labels),
+            "rows_that_agree": self.agreeing,
+            "rows_of_another_moment": self.other_moment,
+            "urdf_median_mm": self.median_mm(),
+            "fitted_median_mm": self.median_mm(True),
+            "numbers": self.numbers(),
+            "base": self.fit.T_base.tolist() if self.fit.frames_differ else None,
+            "tool": self.fit.T_tool.tolist() if self.fit.frames_differ else None,
+            "absolute_accuracy": self.absolute_accuracy,
+            "notes": list(self.notes),
+        }
+
+    def told(self) -> Sequence[Told]:
+        """How near, with which numbers, whether an option is on, which rows do not count."""
+        fit, count = self.fit, len(self.labels)
+        told: list[Told] = [
+            f"{self.agreeing} of {count} reported poses agree with {self.robot} to {self.median_mm():.3f} mm (median; "
+            f"95 % within {np.percentile(fit.before[~fit.moment, 0], 95) / MM:.3f} mm)."
+        ]
+        if fit.frames_differ:
+            base, tool = (_frame_in_words(T) for T in (fit.T_base, fit.T_tool))
+            told.append(
+                f"That is with frames of its own: base link at {base} in its base, its tool at {tool} in the tip link."
+            )
+        if fit.names:
+            told.append(f"With the numbers below they agree to {self.median_mm(True):.3f} mm (median).")
+            rows = tuple(
+                (row["number"], row["urdf"], row["controller"], row["difference"], row["std"], row["unit"])
+                for row in self.numbers()
+            )
+            told.append(
+                Table(
+                    "Numbers of the DHM table that differ",
+                    ("number", "URDF", "controller", "difference", "±", "unit"),
+                    rows,
+                    4,
+                )
+            )
+        else:
+            told.append("The controller computes with the numbers of the URDF.")
+        told.append(self._option_in_words())
+        other = self.other_moment
+        if other:
+            more = f" … and {len(other) - SHOWN} more" if len(other) > SHOWN else ""
+            told.append(
+                f"Note: left out, as joints and pose are of different moments, rows {', '.join(other[:SHOWN])}{more}"
+            )
+        return [*told, *(f"Note: {text}" for text in self.notes)]
+
+    def _option_in_words(self) -> str:
+        if self.absolute_accuracy == "seems to be on":
+            return (
+                "An absolute-accuracy option (or a factory calibration) seems to be on: nearly all numbers differ a "
+                "little. Do not correct programs for a controller that corrects them itself."
+            )
+        if self.absolute_accuracy == "no sign of it":
+            few = "; a few other lengths or zeros are another edition of the model" if self.fit.names else ""
+            return f"No sign of an absolute-accuracy option: it would change nearly all numbers a little{few}."
+        return "Whether an absolute-accuracy option is on cannot be told: no rigid model explains what is left."
+
+
+def controller(
+    poses: TableLike, robot: str | Path, *, base_link: str | None = None, tip_link: str | None = None
+) -> ControllerCheck:
+    """Which numbers a controller computes with: ``irbcal controller`` as a function.
+
+    Parameters
+    ----------
+    poses : str, Path or DataFrame
+        Joints (``q1_deg`` … or ``q1_rad`` …, ``q1_mm`` or ``q1_m`` of a joint that slides) and the pose that the
+        controller reports for them: ``x_mm``, ``y_mm``, ``z_mm`` (or ``x_m`` …) and ``qw``, ``qx``, ``qy``, ``qz``; all
+        of these may begin with ``controller_``. Optional ``pose``.
+    robot : str or Path
+        URDF, or a robot's name.
+    base_link, tip_link : str, optional
+        Links of the URDF between which the arm is.
+
+    Returns
+    -------
+    ControllerCheck
+        ``save(path)`` writes the URDF that equals the controller.
+
+    Raises
+    ------
+    IrbcalError
+        If an input is refused, or the poses are nowhere near those of the robot.
+    """
+    urdf = urdf_module.read(robot, base_link, tip_link)
+    q, T, labels, source = _read(poses, urdf.arm)
+    fit = fit_controller(urdf.arm, q, T, source)
+    data, notes = _written(urdf, fit)
+    return ControllerCheck(
+        source,
+        urdf.arm.name,
+        fit,
+        urdf.arm,
+        labels,
+        _option(fit),
+        data,
+        str(robots.robot_file(robot)),
+        tuple(notes),
+    )
+
+
+def _option(fit: ControllerFit) -> Option:
+    if float(np.median(fit.after[~fit.moment, 0])) > ROUND:
+        return "not to be told"
+    return "seems to be on" if fit.many else "no sign of it"
+
+
+def _written(urdf: UrdfArm, fit: ControllerFit) -> tuple[bytes, list[str]]:
+    """The URDF that equals the controller, and what it does not hold."""
+    notes = []
+    data = urdf_module.to_bytes(urdf, fit.arm, words="irbcal: made equal to a controller's kinematics")
+    if fit.frames_differ:
+        notes.append("the URDF holds the controller's numbers of the arm, not its base frame and tool")
+    elif not np.allclose(fit.T_tool, np.eye(4), rtol=0, atol=1e-12):
+        moved = urdf_module.with_tip_moved(data, urdf.arm.name, urdf.arm.tip_link, fit.T_tool)
+        if moved is None:
+            notes.append(
+                f"the URDF does not hold what differs at the tool: {urdf.arm.tip_link} hangs on a joint that moves"
+            )
+        data = data if moved is None else moved
+    return data, notes
+
+
+def _frame_in_words(T: FloatArray) -> str:
+    values = frames.to_xyz_angles(T) / np.array([MM] * 3 + [DEG] * 3) + 0.0
+    return (
+        "("
+        + ", ".join(f"{value:.3f}" for value in values[:3])
+        + " mm; "
+        + ", ".join(f"{value:.4f}" for value in values[3:])
+        + " deg about x, y, z)"
+    )
+
+
+def _read(poses: TableLike, arm: Arm) -> tuple[FloatArray, FloatArray, NameArray, str]:
+    """Joints (n, joints), reported poses (n, 4, 4), names of the rows, and the file's name."""
+    cells, source, _ = columns.read(poses, [])
+    q = []
+    for k, slides in enumerate(arm.table.prismatic, 1):
+        units = {f"q{k}_mm": MM, f"q{k}_m": 1.0} if slides else {f"q{k}_deg": DEG, f"q{k}_rad": 1.0}
+        q.append(_column(cells, units, source, f"joint {k}"))
+    xyz = [_column(cells, _either(f"{axis}_mm", MM) | _either(f"{axis}_m", 1.0), source, axis) for axis in "xyz"]
+    quaternion = np.column_stack([_column(cells, _either(name, 1.0), source, name) for name in columns.QUATERNION])
+    norm = np.linalg.norm(quaternion, axis=1)
+    if (np.abs(norm - 1.0) > UNIT).any():
+        k = int(np.argmax(np.abs(norm - 1.0)))
+        raise MeasurementError(
+            f"expected a unit quaternion, found one of length {norm[k]:.6g}",
+            file=source,
+            row=int(cells.index[k]),
+            column=columns.QUATERNION,
+        )
+    if len(cells) < FEWEST:
+        raise MeasurementError(f"expected {FEWEST} rows or more, found {len(cells)}", file=source)
+    T = np.zeros((len(cells), 4, 4))
+    T[:, 3, 3] = 1.0
+    T[:, :3, :3] = frames.matrix_from_quaternion(quaternion / norm[:, None])
+    T[:, :3, 3] = np.column_stack(xyz)
+    names = cells["pose"].astype(str) if "pose" in cells.columns else cells.index.astype(str)
+    return arm.check_joints(np.column_stack(q)), T, np.asarray(names, dtype=object), source
+
+
+def _either(name: str, unit: float) -> dict[str, float]:
+    return {f"controller_{name}": unit, name: unit}
+
+
+def _column(cells: pd.DataFrame, units: dict[str, float], source: str, what: str) -> FloatArray:
+    """The first of some columns that is there, in SI units."""
+    for name, unit in units.items():
+        if name in cells.columns:
+            return columns.numbers(cells, name, source, "a number") * unit
+    raise MeasurementError(
+        f"missing column for {what}: expected {' or '.join(units)}; found {columns.listed(list(cells.columns))}",
+        file=source,
+        row=columns.header_row(source),
+    )
