@@ -16,6 +16,8 @@ from .errors import MeasurementError as MeasurementError
 from .errors import OptionError as OptionError
 from .errors import ProgramError as ProgramError
 from .errors import RobotError as RobotError
+from .files.dh_table import DhRobot as DhRobot
+from .files.dh_table import urdf_from_dh as urdf_from_dh
 from .files.robots import robots as robots
 from .files.urdf import read_urdf as read_urdf
 from .identification.evidence import identify_evidence as identify_evidence

@@ -15,7 +15,7 @@ from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
 from irbcal.files.calibration_folder import CalibrationLike
-from irbcal.files.earlier import Earlier, earlier_of
+from irbcal.files.earlier import Earlier, calibrated_before, earlier_of
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.outcome import Outcome
 from irbcal.gathering import gathered, of_earlier, without_gross_errors
@@ -238,6 +238,7 @@ def run(
     known = lists.read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
     ready = _prepared(measurements, arm, options, earlier)
+    ready.notes = [*calibrated_before(robots.robot_file(robot)), *ready.notes]
     source = ready.measurements.source
     sessions = () if ready.fit.session is None else session_names(ready.fit)
     say(f"identifying base and tool from {ready.fit.poses} poses")
@@ -404,7 +405,7 @@ def _never_seen(heldout: PointSet, fit: PointSet, source: str) -> tuple[PointSet
 
 def _read(measurements: MeasurementsLike, arm: Arm) -> MeasurementSet:
     seen = table.read(measurements)
-    seen.check_joints(arm)
+    seen = seen.of_arm(arm)
     return seen
 
 

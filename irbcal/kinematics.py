@@ -148,6 +148,8 @@ class InverseJoints(Speaks):
         Names of the joints' columns in files: ``q1_deg`` and so on, ``q1_mm`` of a prismatic joint.
     units : ndarray, shape (joints,)
         SI value of one unit of each column.
+    coupling : ndarray, shape (joints, joints), optional
+        Of the arm, see `irbcal.modeling.coupling`: tables hold joints as the controller counts them.
     """
 
     joints: FloatArray
@@ -156,6 +158,7 @@ class InverseJoints(Speaks):
     note: NameArray
     columns: tuple[str, ...]
     units: FloatArray
+    coupling: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -179,7 +182,8 @@ class InverseJoints(Speaks):
         """
         import pandas as pd
 
-        table = pd.DataFrame(self.joints / self.units, columns=list(self.columns))
+        q = self.joints if self.coupling is None else self.joints @ np.linalg.inv(self.coupling).T
+        table = pd.DataFrame(q / self.units, columns=list(self.columns))
         if self.branch is not None:
             table.insert(0, "branch", self.branch)
             table.insert(0, "row", self.row + 1)
@@ -378,7 +382,7 @@ def inverse_kinematics(
         tolerance = 1e-8 if len(start) < 6 else 1e-10
         found = any_arm.solve(model, arm, T, start, tolerance, tolerance)
     return InverseJoints(
-        found.joints, np.arange(len(T)), None, found.notes(), tuple(arm.joint_columns), arm.joint_units
+        found.joints, np.arange(len(T)), None, found.notes(), tuple(arm.joint_columns), arm.joint_units, arm.coupling
     )
 
 
@@ -407,6 +411,7 @@ def _all_branches(model: Robot, arm: Arm, T: FloatArray, near: FloatArray) -> In
         np.concatenate(notes)[order],
         tuple(arm.joint_columns),
         arm.joint_units,
+        arm.coupling,
     )
 
 
@@ -430,10 +435,9 @@ def _joints(q: JointsLike, arm: Arm) -> FloatArray:
     from irbcal.measurement.table import MeasurementSet
 
     if isinstance(q, (str, PathLike, pd.DataFrame)):
-        return lists.read_joints(q, arm.joint_columns)
+        return arm.from_controller(lists.read_joints(q, arm.joint_columns))
     if isinstance(q, MeasurementSet):
-        q.check_joints(arm)
-        return q.joints()
+        return q.of_arm(arm).joints()
     found = arm.check_joints(q.joints if isinstance(q, InverseJoints) else q)
     if not np.isfinite(found).all():
         row, joint = np.argwhere(~np.isfinite(found))[0]

@@ -26,6 +26,7 @@ VERBS = {
     "fk": "forward_kinematics",
     "ik": "inverse_kinematics",
     "filter": "correct",
+    "urdf": "urdf_from_dh",
     "demo": None,  # calibrate with the shipped data
 }
 """Commands whose function has another name."""

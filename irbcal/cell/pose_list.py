@@ -170,7 +170,7 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
         _refuse_first(outside, raw, "wait_s", source, f"0 to {LONGEST_WAIT:g} seconds")
         waits = np.where(np.isfinite(given), given, waits)
     return PoseList(
-        np.column_stack(joints) * arm.joint_units,
+        arm.from_controller(np.column_stack(joints) * arm.joint_units),
         _pose_names(raw, source) if "pose" in raw.columns else numbered(n),
         _targets(raw) if "targets" in raw.columns else None,
         waits,

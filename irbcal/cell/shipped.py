@@ -25,6 +25,7 @@ from irbcal.files import urdf as urdf_module
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
+from irbcal.modeling.home import home_joints
 from irbcal.modeling.joint_map import JointMap
 from irbcal.units import DEG, MM
 
@@ -118,7 +119,7 @@ def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBO
     T = np.array(T_TRACKER_BASE)
     T[:3, 3] *= size
     tracker = Tracker(T)
-    home = arm.forward(np.zeros((1, len(arm.joint_names))))[0]
+    home = arm.forward(home_joints(arm)[None])[0]
     look = home[:3, :3].T @ (tracker.place - home[:3, 3])
     fourier = np.array(FOURIER) if arm.six_revolute else np.zeros(4)
     return Cell(

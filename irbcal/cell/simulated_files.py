@@ -39,8 +39,8 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     columns: dict[str, Any] = {"pose": poses.pose[row]}
     for name, values in poses.extra.items():
         columns[name] = values[row]
-    commands = np.round(poses.q / units, 6) + 0.0
-    joints = commands if run.readings is None else np.round(run.readings / units, 6) + 0.0
+    commands = np.round(arm.to_controller(poses.q) / units, 6) + 0.0
+    joints = commands if run.readings is None else np.round(arm.to_controller(run.readings) / units, 6) + 0.0
     columns |= {name: joints[row, j] for j, name in enumerate(arm.joint_columns)}
     if run.readings is not None:
         columns |= {f"c{name[1:]}": commands[row, j] for j, name in enumerate(arm.joint_columns)}

@@ -232,7 +232,7 @@ def simulate(
     run = _run(opened, poses, payload is not None)
     found = None
     if wanted is not None and calibration is not None:
-        program = lists.read_joints(wanted, opened.arm.joint_columns)
+        program = opened.arm.from_controller(lists.read_joints(wanted, opened.arm.joint_columns))
         found = misses(run, program, calibration_folder.opened(calibration))
     return Simulated(str(robot), opened, poses, run, found)
 

@@ -41,6 +41,8 @@ def ik(
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
 ) -> None:
     """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot."""
+    import numpy as np
+
     from irbcal.files.opening import open_robot
     from irbcal.kinematics import inverse_kinematics
 
@@ -48,7 +50,8 @@ def ik(
     start = None
     if near is not None:
         columns = opened.nominal.joint_columns
-        start = grid.numbers(near, [len(columns)], "--near", columns) * opened.nominal.joint_units
+        given = np.asarray(grid.numbers(near, [len(columns)], "--near", columns)) * opened.nominal.joint_units
+        start = opened.nominal.from_controller(given).tolist()
     with wrong_calls():
         found = inverse_kinematics(
             opened,

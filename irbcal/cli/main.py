@@ -28,6 +28,7 @@ from irbcal.cli import (
     simulate,
     study,
     tracker,
+    urdf,
     verify,
     view,
 )
@@ -67,6 +68,7 @@ app.command("evaluate", rich_help_panel="Calibrate", cls=Guarded)(evaluate.evalu
 app.command("view", rich_help_panel="Calibrate", cls=Guarded)(view.view)
 app.command("report", rich_help_panel="Calibrate", cls=Guarded)(report.report)
 app.command("robots", rich_help_panel="Prepare", cls=Guarded)(robots.robots)
+app.command("urdf", rich_help_panel="Prepare", cls=Guarded)(urdf.urdf)
 app.command("fk", rich_help_panel="Use", cls=Guarded)(fk.fk)
 app.command("ik", rich_help_panel="Use", cls=Guarded)(ik.ik)
 app.command("filter", rich_help_panel="Use", cls=Guarded)(filter.filter_program)

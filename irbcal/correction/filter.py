@@ -17,6 +17,7 @@ from irbcal.correction.configurations import ConfData, seeds_of
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.last_moves import with_last_moves
+from irbcal.correction.maker_program import MakerProgram
 from irbcal.correction.program import Given, Goals, Left, Program, read_bytes, refuse_filtered
 from irbcal.errors import OptionError, ProgramError
 from irbcal.files.calibration_folder import CalibrationLike, opened, read
@@ -233,7 +234,7 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
     """
     refuse_filtered(program)
     alone = []
-    for goals in program.goals():
+    for goals in _of_arm(program, nominal):
         fake = _fake_targets(robot, nominal, goals)
         alone.append((goals, _refused(fake, program.refused(goals, fake))))
     found, last_moves = with_last_moves(robot, nominal, alone, program.stops())
@@ -250,7 +251,7 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
         last_move_error = np.concatenate([none[:, 0], *errors])
     return Filtered(
         source=program.source,
-        files=program.with_fake_targets(found, fingerprint),
+        files=program.with_fake_targets(_counted(found, program, nominal), fingerprint),
         targets=np.array(names, dtype=object),
         lines=np.concatenate([np.zeros(0, dtype=int), *(goals.lines[fake.ok] for goals, fake in found)]),
         q_before=np.concatenate([none, *(fake.q_nominal[fake.ok] for fake in fakes)]),
@@ -264,7 +265,25 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
         fingerprint=fingerprint,
         last_move_error=last_move_error,
         last_moves=None if last_moves is None else (last_moves.known, last_moves.stops),
+        coupling=nominal.coupling,
     )
+
+
+def _of_arm(program: Program, nominal: Arm) -> list[Goals]:
+    """The goals of a program, in joints of the arm where it has those that its controller counts."""
+    goals = program.goals()
+    if isinstance(program, MakerProgram):  # a maker's program knows how its controllers count
+        return [*goals]
+    return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in goals]
+
+
+def _counted(
+    found: Sequence[tuple[Goals, Corrected]], program: Program, nominal: Arm
+) -> Sequence[tuple[Goals, Corrected]]:
+    """Corrections as the program counts joints."""
+    if nominal.coupling is None or isinstance(program, MakerProgram):
+        return found
+    return [(goals, replace(fake, q=nominal.to_controller(fake.q))) for goals, fake in found]
 
 
 def _fake_targets(robot: Robot, nominal: Arm, goals: Goals) -> Corrected:

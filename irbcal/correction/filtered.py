@@ -62,6 +62,8 @@ class Filtered(Speaks):
         for calibrations that do not depend on last moves.
     last_moves : tuple of two int, or None
         Stops whose last move the order of the program tells, and all stops at corrected targets.
+    coupling : ndarray, shape (joints, joints), optional
+        Of the arm: tables and texts hold joints as the controller counts them.
     """
 
     source: str
@@ -82,6 +84,7 @@ class Filtered(Speaks):
     cautions: tuple[str, ...] = ()
     last_move_error: FloatArray | None = None
     last_moves: tuple[int, int] | None = None
+    coupling: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -142,7 +145,8 @@ class Filtered(Speaks):
         }
 
     def _in_units(self, q: FloatArray) -> FloatArray:
-        return q / np.array([MM if name.endswith("_mm") else DEG for name in self.joint_columns])
+        counted = q if self.coupling is None else q @ np.linalg.inv(self.coupling).T
+        return counted / np.array([MM if name.endswith("_mm") else DEG for name in self.joint_columns])
 
     def told(self) -> list[Told]:
         """How many targets changed by how much, the first of them, and what was left and why."""

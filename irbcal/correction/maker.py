@@ -8,7 +8,7 @@ hold for arms whose axes point as those of the maker's public URDFs do; other ar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -121,6 +121,10 @@ class Maker:
                 f"joints, those of {arm.name} point along {' '.join(found)}: how its joints are counted is not known",
                 file=source,
             )
+
+    def of(self, arm: Arm) -> Maker:
+        """The same for an arm with a declared coupling, which takes the place of the one that the language assumes."""
+        return self if arm.coupling is None else replace(self, matrix=arm.coupling)
 
     def joints(self, program: FloatArray) -> FloatArray:
         """Joints of the URDF (..., 6), radians, from those of the controller, radians."""

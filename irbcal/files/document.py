@@ -172,6 +172,7 @@ def _robot_section(outcome: Outcome) -> RobotSection:
         last_frame_to_tip=arm.T_last_tip.tolist(),
         dhm_nominal=_rows(arm.table),
         dhm_calibrated=_rows(outcome.fit.robot.table),
+        coupling=None if arm.coupling is None else arm.coupling.tolist(),
     )
 
 

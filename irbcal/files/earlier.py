@@ -16,7 +16,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, OptionError, RobotError
-from irbcal.files import robots
+from irbcal.files import robots, urdf
 from irbcal.files.calibration_folder import CalibrationLike, folder_of, opened
 from irbcal.files.schema import Record
 from irbcal.measurement.blocks import MARK, block_of
@@ -98,6 +98,18 @@ class Earlier:
                 f"{self.record.robot.urdf}",
                 parameter="robot",
             )
+
+
+def calibrated_before(file: Path) -> list[str]:
+    """A note on a URDF that a calibration wrote."""
+    mark = urdf.fingerprint(file.read_bytes(), str(file))
+    if mark is None:
+        return []
+    return [
+        f"The URDF is that of an earlier calibration ({mark[:8]}), whose joint map is not in it: what this calibration "
+        "finds takes its place, and programs are corrected for a controller that computes with this URDF. To add "
+        "measurements to the earlier one, use --with and its folder."
+    ]
 
 
 def earlier_of(calibration: CalibrationLike) -> Earlier:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 _PACKAGE = Path(__file__).parents[1]
 EXAMPLES = "example-robot-data"
 """The package that holds other makers' robots."""
+DESCRIPTIONS = "robot_descriptions"
+"""A package that fetches many more, each when it is first used."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class NamedRobot:
     what : str
         The robot in words.
     source : str
-        ``irbcal`` or ``example-robot-data``.
+        ``irbcal``, ``example-robot-data`` or ``robot_descriptions``.
     base_link, tip_link : str or None
         Ends of the arm where its URDF leaves them open.
     """
@@ -53,6 +55,8 @@ class NamedRobot:
         RobotError
             If the package that holds it is not installed.
         """
+        if self.source == DESCRIPTIONS:
+            return _described(self.file)
         if self.source != EXAMPLES:
             return urdf_folder() / self.file
         path = next((folder / EXAMPLES / "robots" / self.file for folder in _example_robots()), None)
@@ -123,7 +127,32 @@ class RobotList(Speaks):
 def robots() -> RobotList:
     """Robots that can be named instead of a URDF file: those that ship with irbcal and those of example-robot-data."""
     present = [robot for robot in NAMED if robot.source != EXAMPLES or any(_example_robots())]
-    return RobotList(tuple(present))
+    return RobotList((*present, *_descriptions()))
+
+
+def _descriptions() -> tuple[NamedRobot, ...]:
+    """The arms of robot_descriptions that have a URDF; none unless that package is installed."""
+    try:
+        from robot_descriptions._descriptions import DESCRIPTIONS as listed  # type: ignore[import-not-found,unused-ignore]
+
+        return tuple(
+            NamedRobot(name, name, " ".join(filter(None, (item.maker, item.robot))), DESCRIPTIONS)
+            for name, item in sorted(listed.items())
+            if item.has_urdf and "arm" in item.tags
+        )
+    except (ImportError, AttributeError):  # not installed, or a version that lists its robots otherwise
+        return ()
+
+
+def _described(module: str) -> Path:
+    """The URDF of an arm of robot_descriptions, which that package fetches when it is first asked for."""
+    from importlib import import_module
+
+    try:
+        return Path(str(import_module(f"{DESCRIPTIONS}.{module}").URDF_PATH))
+    except Exception as error:  # whatever keeps that package from fetching it
+        reason = " ".join(str(error).split())[:300]
+        raise RobotError(f"{DESCRIPTIONS} could not give {module}: {reason}", parameter="robot") from None
 
 
 def urdf_folder() -> Path:
@@ -139,7 +168,7 @@ def named(robot: str | Path) -> NamedRobot | None:
     if Path(robot).is_file():
         return None
     wanted = str(robot).lower()
-    for item in NAMED:
+    for item in (*NAMED, *(_descriptions() if wanted.endswith("_description") else ())):
         if wanted == item.name or (item.source != EXAMPLES and wanted.removesuffix(".urdf") + ".urdf" == item.file):
             return item
     return None
@@ -165,6 +194,13 @@ def robot_file(robot: str | Path) -> Path:
     path = Path(robot)
     if path.is_file():
         return path
+    if (path / "calibration.json").is_file():
+        raise RobotError(
+            f"this is a calibration: --with {path} adds measurements to it; {path / 'calibrated.urdf'} is its geometry "
+            "alone, without its joint map",
+            file=path,
+            parameter="robot",
+        )
     if path.exists():
         raise RobotError(f"expected a URDF file, found {'a folder' if path.is_dir() else 'something else'}", file=path)
     known = named(robot)

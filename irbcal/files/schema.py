@@ -18,7 +18,7 @@ from irbcal.files.seal import Seal
 from irbcal.files.section import Section
 from irbcal.identification.level_certainty import term_of
 from irbcal.measurement.points import PointSet
-from irbcal.modeling import frames
+from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.dhm import DHMTable
@@ -90,6 +90,7 @@ class RobotSection(Section):
     last_frame_to_tip: Matrix
     dhm_nominal: list[Row]
     dhm_calibrated: list[Row]
+    coupling: list[list[float]] | None = None
 
 
 class Origin(Section):
@@ -330,6 +331,7 @@ class Record(Section):
             limits(1, section.upper),
             section.base_link,
             section.tip_link,
+            coupling.matrix(section.coupling, len(slides)),
         )
 
     def robot_calibrated(self) -> Robot:
@@ -375,7 +377,11 @@ class Record(Section):
 
     def robot_nominal(self) -> Robot:
         """The nominal robot with base and tool identified from the same poses."""
-        return Robot(self.arm(calibrated=False), JointMap(), *_placed(self.placement_nominal))
+        return Robot(
+            self.arm(calibrated=False),
+            JointMap(np.zeros(len(self.robot.joint_names))),
+            *_placed(self.placement_nominal),
+        )
 
     def used_points(self, heldout: bool) -> tuple[PointSet, FloatArray] | None:
         """The used points, fitted or held out, and the directions from which their joints were reached.

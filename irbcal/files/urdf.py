@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
-from irbcal.files import robots, urdf_xml
+from irbcal.files import coupling_file, robots, urdf_xml
 from irbcal.files.urdf_xml import XmlElement, XmlTree
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -32,9 +32,9 @@ from irbcal.reading import read_bytes
 LARGEST_ARM = 50.0
 """Metres; no arm is larger."""
 MOST_JOINTS = 20
-NO_LIMIT = 1e6
-"""A joint limit beyond is none."""
 """Joints of a chain; more is no arm."""
+NO_LIMIT = 1e6
+"""A limit beyond is none."""
 FINGERPRINT_TAG = "irbcal_calibration"
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
 
@@ -118,10 +118,16 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None) -> U
     if known is not None:
         base, tip = base or known.base_link, tip or known.tip_link
     file = robots.robot_file(path)
-    return from_bytes(read_bytes(file, RobotError), str(file), base, tip)
+    found = from_bytes(read_bytes(file, RobotError), str(file), base, tip)
+    return with_coupling(found, coupling_file.beside(file, len(found.arm.joint_names)))
 
 
 read_urdf = read
+
+
+def with_coupling(urdf: UrdfArm, coupling: FloatArray | None) -> UrdfArm:
+    """The same with another coupling of its joints, see `irbcal.modeling.coupling`."""
+    return urdf if coupling is None else replace(urdf, arm=replace(urdf.arm, coupling=coupling))
 
 
 def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | None = None) -> UrdfArm:

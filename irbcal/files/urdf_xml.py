@@ -16,7 +16,7 @@ from irbcal.modeling import frames
 
 MAX_BYTES = 20_000_000
 FARTHEST, LARGEST_TURN = 1e4, 1e4
-"""Metres and radians that no origin has."""
+"""Metres and radians that no joint's origin has."""
 WORDS_MARK = "CALIBRATED by irbcal"
 """Start of the comment that a corrected URDF begins with."""
 

@@ -131,13 +131,17 @@ def first_state(problem: Problem) -> State:
     if len(problem.sessions) > 1:
         return _first_of_sessions(problem)
     state, spread = start.closed_form(problem)
+    turned = start.hand_eye(problem)
     if spread > SPREAD:
-        return state
+        if turned is None:
+            return state
+        return min((state, turned), key=lambda one: float(np.sum(problem.residuals(one) ** 2)))
     nominal = Problem(problem.arm, problem.points, (), known_targets=problem.known)
     first, _ = start.closed_form(nominal)
     best: least_squares.Solution | None = None
     failure = IdentificationError("no start was found")
-    for candidate in [first, *start.turned_starts(nominal, first)]:
+    shown = start.hand_eye(nominal)
+    for candidate in [first, *([] if shown is None else [shown]), *start.turned_starts(nominal, first)]:
         try:
             solution = least_squares.solve(nominal, candidate)
         except IdentificationError as error:

@@ -12,7 +12,6 @@ from irbcal.identification import slips
 from irbcal.identification.choices import Level
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import PointSet, distances
-from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, level_parameters
 from irbcal.modeling.robot import Robot
@@ -40,13 +39,15 @@ MOST_POSES = 2000
 """Poses that levels beyond the nominal one are fitted to, while gross errors are looked for."""
 
 TOO_FAR = 0.1
-"""Median miss, as a fraction of the spread of the nominal tip positions, that no real robot shows."""
+"""Median miss, as a fraction of the spread of the measured points, that no real robot shows."""
 
 
-def spread(arm: Arm, points: PointSet) -> float:
-    """Root mean square distance of the nominal tip positions from their middle, metres."""
-    tip = dhm.forward(arm.table, points.q, arm.T_base_0, arm.T_last_tip)[:, :3, 3]
-    return float(np.sqrt(np.mean(np.sum((tip - tip.mean(axis=0)) ** 2, axis=1))))
+def spread(points: PointSet) -> float:
+    """Root mean square distance of the measured points from their middle, metres.
+
+    Not that of the tip: on a positioner the tip may lie where the axes cross, and stay there.
+    """
+    return float(np.sqrt(np.mean(np.sum((points.xyz - points.xyz.mean(axis=0)) ** 2, axis=1))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurement
         raise IdentificationError(str(error), file=source) from None
     distance = distances(robot, points)
     median = np.median(distance)
-    if median > TOO_FAR * spread(arm, points):
+    if median > TOO_FAR * spread(points):
         _refuse_slip(arm, points, median, source)
         raise IdentificationError(
             f"{arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base and tool: "
@@ -118,9 +119,9 @@ def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurement
     level: Level = "nominal"
     for closer in dict.fromkeys(("offsets", default_level(arm))):
         found = _closer(arm, points, distance, closer)
-        if found is not None:
-            robot, level = found, closer
-            distance = distances(robot, points)
+        nearer = None if found is None else distances(found, points)
+        if found is not None and nearer is not None and np.median(nearer) < np.median(distance):
+            robot, level, distance = found, closer, nearer
     return GrossErrors(distance <= limit(distance, level), distance, robot, level)
 
 

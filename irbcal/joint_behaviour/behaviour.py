@@ -217,7 +217,9 @@ def joints(
     periods = _checked(calibration, robot, joint, order, frequency)
     say("reading the measurements")
     seen = table.read(measurements)
-    model = _model(calibration, robot, seen)
+    model = _model(calibration, robot)
+    seen = seen if model.arm is None else seen.of_arm(model.arm)
+    notes = () if model.programmed is None else mixed_use(model.programmed, seen.programmed, seen.source)
     say("analysing the joints")
     found = analyse(
         seen,
@@ -229,7 +231,7 @@ def joints(
         frequency=periods,
         simulated=model.simulated,
     )
-    found = replace(found, notes=(*found.notes, *model.notes))
+    found = replace(found, notes=(*found.notes, *notes))
     if plots is None:
         return found
     from irbcal.atomic import write_together
@@ -266,18 +268,21 @@ class _Model(NamedTuple):
     nominal: Arm | None = None
     references: Mapping[str, FloatArray] | None = None
     simulated: bool = False
-    notes: Sequence[str] = ()
+    programmed: bool | None = None
+
+    @property
+    def arm(self) -> Arm | None:
+        """Whose joints were moved."""
+        return self.robot if isinstance(self.robot, Arm) else self.nominal
 
 
-def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None, seen: MeasurementSet) -> _Model:
+def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None) -> _Model:
     if calibration is not None:
         from irbcal.files import calibration_folder
 
         saved = calibration_folder.opened(calibration)
-        seen.check_joints(saved.arm())
-        nominal = saved.arm(calibrated=False)
-        notes = mixed_use(saved.programmed, seen.programmed, seen.source)
-        return _Model(saved.robot_calibrated(), nominal, saved.reference_places() or None, saved.simulated, notes)
+        nominal, places = saved.arm(calibrated=False), saved.reference_places() or None
+        return _Model(saved.robot_calibrated(), nominal, places, saved.simulated, saved.programmed)
     if robot is None:
         return _Model()
     if isinstance(robot, Arm):
@@ -286,7 +291,6 @@ def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None, 
         from irbcal.files import urdf
 
         arm = urdf.read(robot).arm
-    seen.check_joints(arm)
     return _Model(arm)
 
 

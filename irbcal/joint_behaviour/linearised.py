@@ -60,6 +60,8 @@ class Linearised:
         if not isinstance(own, JointMap):  # a map of other terms: held as it is, the thesis's terms come on top of it
             seen = replace(_without_frame_terms(robot, points), q=own.effective(points.q))
             own = JointMap(np.zeros(joints))
+        if len(own.gain) != joints:  # a map without gains says nothing of how many joints there are
+            own = replace(own, gain=np.zeros(joints))
         held = [getattr(own, p.kind)[p.index] if p.name in maps else 0.0 for p in chosen]
         problem = Problem(arm, seen, chosen, own.phases)
         targets = np.array([robot.targets[name] for name in points.target_names])

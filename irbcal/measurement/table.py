@@ -15,7 +15,7 @@ being line 1; in a DataFrame the position plus one) and the column.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
@@ -54,11 +54,14 @@ class MeasurementSet(OwnTables, Speaks):
         File name for messages.
     sha256 : str
         Of the file's content (of a DataFrame's: as ``frame.to_csv(index=False)`` writes it).
+    coupling : ndarray, shape (joints, joints), optional
+        Of the arm that was measured, see `of_arm`.
     """
 
     table: pd.DataFrame
     source: str
     sha256: str
+    coupling: FloatArray | None = None
 
     @property
     def _rows(self) -> pd.DataFrame:
@@ -112,7 +115,8 @@ class MeasurementSet(OwnTables, Speaks):
 
     def _of_poses(self, names: list[str]) -> FloatArray:
         first = self._rows.groupby("pose_index", sort=True)[names].first().to_numpy()
-        return first * columns.joint_units(names)
+        q: FloatArray = first * columns.joint_units(names)
+        return q if self.coupling is None else np.asarray(q @ self.coupling.T)
 
     def reading_lag(self) -> ReadingLag | None:
         """How the readings differ from the programmed joints, and whether they lag; None without programmed joints."""
@@ -126,6 +130,19 @@ class MeasurementSet(OwnTables, Speaks):
         """What the user should know of the joints that models take, in sentences; nothing without programmed joints."""
         lag = self.reading_lag()
         return [] if lag is None else lag.notes(self.source)
+
+    def of_arm(self, arm: Arm) -> "MeasurementSet":
+        """The same measurements, whose joints are those of an arm that its controller counts in its own way.
+
+        The table holds the controller's joints, `joints` and `readings` give those of the arm.
+
+        Raises
+        ------
+        MeasurementError
+            If the joint columns are not those of the arm.
+        """
+        self.check_joints(arm)
+        return self if arm.coupling is None else replace(self, coupling=arm.coupling)
 
     def check_joints(self, arm: Arm) -> None:
         """Refuse joint columns that are not those of an arm.

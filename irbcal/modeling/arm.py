@@ -18,6 +18,9 @@ from irbcal.units import DEG, MM
 LARGEST_TRAVEL = 50.0
 """Metres that no prismatic joint goes, if the URDF gives no limit."""
 
+NEARLY = 0.01
+"""Radians within which axes count as horizontal and parallel: those of a calibrated URDF are not so exactly."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Arm:
@@ -35,6 +38,9 @@ class Arm:
     lower, upper : ndarray, shape (n,)
         Joint limits, radians (metres for prismatic joints); infinite for continuous joints.
     base_link, tip_link : str
+    coupling : ndarray, shape (n, n), optional
+        Joints of the arm from those that its controller counts, ``q = coupling @ p``, where these differ: see
+        `irbcal.modeling.coupling`. All joints but those in files are the arm's own.
     """
 
     name: str
@@ -46,6 +52,7 @@ class Arm:
     upper: FloatArray
     base_link: str = "base_link"
     tip_link: str = "tool0"
+    coupling: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for key in ("T_base_0", "T_last_tip", "lower", "upper"):
@@ -84,6 +91,14 @@ class Arm:
         """SI value of one unit of each column of `joint_columns`, shape (n,)."""
         return np.where(self.table.prismatic, MM, DEG)
 
+    def from_controller(self, p: FloatArray) -> FloatArray:
+        """The arm's joints (n, joints) from those that the controller counts, SI units."""
+        return p if self.coupling is None else np.asarray(p @ self.coupling.T)
+
+    def to_controller(self, q: FloatArray) -> FloatArray:
+        """Joints (n, joints) as the controller counts them, from the arm's, SI units."""
+        return q if self.coupling is None else np.asarray(q @ np.linalg.inv(self.coupling).T)
+
     def with_table(self, table: dhm.DHMTable) -> Arm:
         """The same arm with another DHM table."""
         return replace(self, table=table)
@@ -110,6 +125,15 @@ class Arm:
         upper = np.where(np.isfinite(self.upper), self.upper, free)
         return np.random.default_rng(seed).uniform(lower, upper, (n, len(lower)))
 
+    @property
+    def bends_like_the_thesis(self) -> bool:
+        """Whether the arm-stiffness model describes it, see `stiffness_geometry`."""
+        try:
+            self.stiffness_geometry()
+        except RobotError:
+            return False
+        return True
+
     def stiffness_geometry(self) -> tuple[FloatArray, Stiffness]:
         """What the arm-stiffness model needs to know of the arm (Nubiola 2011, Figure 5.3).
 
@@ -131,7 +155,7 @@ class Arm:
         chain = dhm.chain_frames(self.table, self.table.offsets[:, None], self.T_base_0)
         z, o = chain.z[:, :, 0], chain.o[:, :, 0]
         axis = z[1]
-        if abs(axis[2]) > 1e-6 or abs(axis @ z[2] - 1.0) > 1e-9:
+        if abs(axis[2]) > NEARLY or float(np.linalg.norm(axis - z[2])) > NEARLY:
             raise RobotError(
                 f"the arm-stiffness model needs axes 2 and 3 horizontal and pointing the same way, but those of "
                 f"{self.name} point along {np.round(z[1], 3) + 0.0} and {np.round(z[2], 3) + 0.0} in {self.base_link}: "

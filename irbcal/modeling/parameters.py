@@ -121,7 +121,7 @@ def levels_of(arm: Arm) -> tuple[Level, ...]:
 
 def default_level(arm: Arm) -> Level:
     """The level for an arm where none is asked for: ``34`` for arms built like the thesis's, else ``placement``."""
-    return "34" if closed_form.has_closed_form(arm) else "placement"
+    return "34" if closed_form.has_closed_form(arm) and arm.bends_like_the_thesis else "placement"
 
 
 def level_parameters(level: str, arm: Arm | None = None) -> tuple[Parameter, ...]:

@@ -31,6 +31,10 @@ SAMPLES = 200
 AWAY = 1e3
 
 
+class NoSolidsError(RobotError):
+    """The URDF has no collision geometry, or a mesh of it is not on this computer."""
+
+
 class CollisionModel:
     """Where an arm's own solids stand in its way and in the tracker's.
 
@@ -55,8 +59,10 @@ class CollisionModel:
 
     Raises
     ------
+    NoSolidsError
+        If a mesh is not found, or there is no collision geometry.
     RobotError
-        If a mesh is not found, may not be read or is not understood, or there is no collision geometry.
+        If a mesh may not be read or is not understood.
     """
 
     def __init__(self, urdf_bytes: bytes, arm: Arm, *, package_dirs: Sequence[str | Path] = ()) -> None:
@@ -73,7 +79,7 @@ class CollisionModel:
             reason = " ".join(str(error).split())
             raise RobotError(f"the collision geometry of {arm.name} cannot be read: {reason}") from None
         if not self.geometry.ngeoms:
-            raise RobotError(f"the URDF of {arm.name} has no collision geometry: collisions cannot be checked")
+            raise NoSolidsError(f"the URDF of {arm.name} has no collision geometry")
         for solid in self.geometry.geometryObjects:
             _make_convex(solid)
         self.data = self.model.createData()
@@ -287,4 +293,4 @@ def _find(uri: str, folders: Sequence[Path], link: str | None) -> Path:
             if path.suffix.lower() not in MESH_ENDINGS:
                 raise RobotError(f"{where}: expected a file with the ending {', '.join(MESH_ENDINGS)}")
             return path
-    raise RobotError(f"{where} is not in the folders of meshes (--package-dir names the one that holds the package)")
+    raise NoSolidsError(f"{where} is not in the folders of meshes (--package-dir names the one that holds the package)")

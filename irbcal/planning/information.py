@@ -27,8 +27,8 @@ from irbcal.errors import MeasurementError
 from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.home import METRES_PER_DEGREE
 from irbcal.modeling.parameters import level_parameters, parameter
-from irbcal.planning.home import METRES_PER_DEGREE
 from irbcal.planning.reflectors import Targets
 from irbcal.units import DEG, MM
 

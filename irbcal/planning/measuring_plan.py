@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 from irbcal import atomic
 from irbcal.cell.cell import WAIT_S
 from irbcal.cell.tracker import ACCEPTANCE
-from irbcal.errors import OptionError
+from irbcal.errors import MeasurementError, OptionError
 from irbcal.files.opening import RobotLike
+from irbcal.modeling.home import home_joints
 from irbcal.modeling.parameters import default_level
 from irbcal.options import number
 from irbcal.planning import choosing, plan_files
 from irbcal.planning.choosing import MOST_REFLECTORS, Step
-from irbcal.planning.home import home_joints
 from irbcal.planning.information import IMAGINED_SIZE, NOISE, Model
 from irbcal.planning.made import Made
 from irbcal.planning.prediction import predict
@@ -230,6 +230,7 @@ def plan(
         speed=speed,
         payload_kg=payload,
         seed=seed,
+        must=axis is not None,
     )
     scene = open_scene(
         robot,
@@ -273,10 +274,16 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
     axis: list[Poses] = []
     others: list[Poses] = []
     tallies: dict[str, Tally] = {}
+    missing: list[str] = []
     if wish.axis:
         step("axis moves")
-        axis.append(axis_moves(setting, wish.axis == MANY))
-        tallies["axis"] = axis[0].tally
+        try:
+            axis.append(axis_moves(setting, wish.axis == MANY))
+            tallies["axis"] = axis[0].tally
+        except MeasurementError as error:
+            if wish.must or wish.axis == MANY:
+                raise
+            missing.append(f"the plan is without axis moves, which only the method circles needs: {error}")
     kinds: tuple[tuple[int, str, Region | None, int], ...] = (
         (wish.cube, "iso_cube", in_cube(*scene.cube), seeds[0]),
         (wish.all_range, "all_range", None, seeds[1]),
@@ -301,7 +308,7 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
     std = {name: prediction.position_std(places, first) for name, places in there.items()}
     times = stops(scene, wish, poses.q, asked, start, over_home)
     outside = "" if scene.certainty is None else scene.certainty.outside_in_words(poses.q, "planned poses")
-    notes = [*scene.notes, *notes, *([outside] if outside else [])]
+    notes = [*scene.notes, *missing, *notes, *([outside] if outside else [])]
     return Plan(
         scene, wish, poses.q, asked, poses.groups, over_home, tallies, prediction, std, times, comparison, tuple(notes)
     )

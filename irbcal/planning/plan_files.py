@@ -11,9 +11,9 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.measurement.columns import joint_columns
+from irbcal.modeling.home import DECIMALS, home_joints
 from irbcal.names import comment, without_formulas
 from irbcal.planning.conditions import CONDITIONS
-from irbcal.planning.home import DECIMALS, home_joints
 from irbcal.planning.made import Made
 from irbcal.planning.wish import READINGS_S
 from irbcal.thesis_setup import FRONT
@@ -64,8 +64,9 @@ def _csv(table: pd.DataFrame) -> bytes:
 
 
 def _joints(made: Made) -> FloatArray:
-    """Joints as they are commanded, degrees and millimetres, shape (n, joints)."""
-    return np.round(made.q / made.scene.setting.arm.joint_units, DECIMALS) + 0.0
+    """Joints as they are commanded and as the controller counts them, degrees and millimetres, shape (n, joints)."""
+    arm = made.scene.setting.arm
+    return np.round(arm.to_controller(made.q) / arm.joint_units, DECIMALS) + 0.0
 
 
 def plan_table(made: Made) -> pd.DataFrame:
@@ -117,11 +118,12 @@ def rapid(made: Made) -> str:
     wish, mm_s = made.wish, round(made.wish.speed / MM)
     speed = f"v{mm_s}" if mm_s in SPEED_NAMES else f"[{mm_s},500,5000,1000]"
     absent = ",".join(["9E9"] * 6)
+    arm = made.scene.setting.arm
 
     def move(joints: Iterable[str]) -> str:
         return f"    MoveAbsJ [[{','.join(joints)}],[{absent}]]\\NoEOffs,{speed},fine,tool0;"
 
-    home = [f"{value:.{DECIMALS}f}" for value in home_joints(made.scene.setting.arm) / DEG]
+    home = [f"{value:.{DECIMALS}f}" for value in arm.to_controller(home_joints(arm)[None])[0] / DEG]
     lines = [
         "MODULE irbcal_plan",
         "  ! "

@@ -15,8 +15,8 @@ from irbcal.cell.tool import thesis_tool
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, lists
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.home import home_joints
 from irbcal.modeling.robot import Robot
-from irbcal.planning.home import home_joints
 
 DIRECTIONS = ("nx", "ny", "nz")
 

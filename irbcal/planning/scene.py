@@ -155,6 +155,7 @@ def open_scene(
         min_height = IRB1600_HEIGHTS
     folders = [*package_dirs, *([opened.folder] if opened.folder else [])]
     solids = _solids(opened.urdf_bytes, arm, station, folders, notes) if SOLID & set(on) else None
+    on = tuple(item for item in on if solids is not None or item not in SOLID)
     setting = Setting(opened.robot, seen, station, on, margin, acceptance, min_height, solids)
     where = _cube(setting) if cube is None else (place("cube_centre", cube[0]), length("cube_edge", cube[1]))
     links, speed = (base_link, tip_link), _joint_speed(opened.urdf)
@@ -164,17 +165,22 @@ def open_scene(
 
 def _solids(
     urdf: bytes, arm: Arm, place: FloatArray, folders: Sequence[str | Path], notes: list[str]
-) -> CollisionModel:
-    """The robot's solids with the tracker in their way."""
-    from irbcal.planning.collisions import CollisionModel
+) -> CollisionModel | None:
+    """The robot's solids with the tracker in their way; None, with a note, where the URDF has none that can be read."""
+    from irbcal.planning.collisions import CollisionModel, NoSolidsError
 
-    solids = CollisionModel(urdf, arm, package_dirs=robots.package_dirs(*folders))
     if (away := float(np.linalg.norm(place))) < NEAR_TRACKER:
         raise MeasurementError(
             f"--tracker: expected a place at least {NEAR_TRACKER / MM:.0f} mm from the base link, found "
             f"{away / MM:.0f} mm",
             parameter="tracker",
         )
+    try:
+        solids = CollisionModel(urdf, arm, package_dirs=robots.package_dirs(*folders))
+    except NoSolidsError as error:
+        off = [item for item in CONDITIONS if item in SOLID]
+        notes.append(f"the conditions {', '.join(off[:-1])} and {off[-1]} are off: {error}")
+        return None
     solids.add_obstacle(place, TRACKER_RADIUS)
     if solids.overlapping:
         pairs = ", ".join(" and ".join(pair) for pair in solids.overlapping)

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
+from irbcal.modeling.home import METRES_PER_DEGREE, home_joints, rounded
 from irbcal.planning.conditions import Setting, counted
-from irbcal.planning.home import METRES_PER_DEGREE, home_joints, rounded
 from irbcal.units import DEG
 
 AXIS_CONDITIONS = ("limits", "collision", "sight")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
+from irbcal.modeling.home import home_joints
 from irbcal.planning import route
 from irbcal.planning.conditions import Setting, touching_on
-from irbcal.planning.home import home_joints
 from irbcal.planning.sources import Poses
 
 

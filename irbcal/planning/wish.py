@@ -46,6 +46,8 @@ class Wish:
         Reference reflectors that are measured in each pose, too: they take time.
     payload_kg : float, optional
     seed : int
+    must : bool
+        Whether a plan without the axis moves is refused where these do not meet the conditions.
     """
 
     axis: int = FEW
@@ -63,6 +65,7 @@ class Wish:
     speed: float = 0.5
     payload_kg: float | None = None
     seed: int = 0
+    must: bool = True
 
     def __post_init__(self) -> None:
         if self.axis not in (0, FEW, MANY):

@@ -84,7 +84,7 @@ class FivePoses(Speaks):
         T = self.arm.forward(self.q)
         wxyz = frames.quaternion_from_matrix(T[:, :3, :3])
         columns = [*self.arm.joint_columns, "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
-        numbers = np.column_stack([self.q / self.arm.joint_units, T[:, :3, 3] / MM, wxyz])
+        numbers = np.column_stack([self.arm.to_controller(self.q) / self.arm.joint_units, T[:, :3, 3] / MM, wxyz])
         table = pd.DataFrame(numbers, columns=columns)
         table.insert(0, "pose", POSES)
         return table

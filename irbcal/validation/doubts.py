@@ -69,7 +69,7 @@ def doubts(nominal: Fit, fit: Fit | AveragedFit, fitted: PointSet, measured: Seq
     out = []
     for points in measured:
         out += moved_notes(points, fit.robot) or contradicting_parts(nominal.problem.arm, points)
-    left = max(LEFT[0], LEFT[1] * spread(nominal.problem.arm, fitted))
+    left = max(LEFT[0], LEFT[1] * spread(fitted))
     if fit.rms > left:
         out.append(
             f"The calibrated robot still misses the fitted points by {fit.rms / MM:.3g} mm (rms), more than tracker "

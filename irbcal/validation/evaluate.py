@@ -201,7 +201,7 @@ def in_frame_of_calibration(
     """
     record = opened(calibration)
     seen = table.read(measurements)
-    seen.check_joints(record.arm())
+    seen = seen.of_arm(record.arm())
     ready = prepare(seen, record, any_target=refit.tool, same_tool=same_tool)
     robots = {"nominal": record.robot_nominal(), "calibrated": record.robot_calibrated()}
 
@@ -429,7 +429,7 @@ def _verified(
     calibration: Record, robot: Robot, points: PointSet, verified: table.MeasurementsLike
 ) -> Mapping[str, Any]:
     seen = table.read(verified)
-    seen.check_joints(calibration.arm())
+    seen = seen.of_arm(calibration.arm())
     other = prepare(seen, calibration).points
     _refuse_far_points(robot, other, distances(robot, other), seen.source, False)
     return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, other)
@@ -437,7 +437,7 @@ def _verified(
 
 def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source: str, refitted: bool) -> None:
     """Points that are nowhere near their predictions: another unit, another place, another robot."""
-    spread = outliers.spread(robot.arm, points)
+    spread = outliers.spread(points)
     median = np.median(error)
     if points.poses < 3 or median <= outliers.TOO_FAR * max(spread, 0.1):
         return

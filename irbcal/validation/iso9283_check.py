@@ -177,7 +177,7 @@ def iso9283(
         saved = None if calibration is None else calibration_folder.opened(calibration)
         seen = table.read(measurements)
         if saved is not None:
-            seen.check_joints(saved.arm())
+            seen = seen.of_arm(saved.arm())
         poses = check_poses(seen, saved, commanded, target, set_size)
     if approaches is not None:
         if band is None:

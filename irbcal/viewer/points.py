@@ -118,7 +118,7 @@ def plan_joints(plan: PlanLike, arm: Arm) -> FloatArray:
     import pandas as pd
 
     if isinstance(plan, (str, Path, pd.DataFrame)):
-        return lists.read_joints(plan, arm.joint_columns, once=True)
+        return arm.from_controller(lists.read_joints(plan, arm.joint_columns, once=True))
     q = np.asarray(plan, dtype=float)
     if q.ndim != 2 or not len(q) or not np.isfinite(q).all():
         raise RobotError(

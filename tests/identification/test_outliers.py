@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
+import irbcal
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification.outliers import find_gross_errors
 
@@ -51,6 +52,30 @@ def test_another_robot_is_refused():
     ) as caught:
         find_gross_errors(arm("irb120"), points, "m.csv")
     assert caught.value.file == "m.csv"
+
+
+def test_a_positioner_whose_tip_lies_on_the_crossing_of_its_axes(tmp_path):
+    """The tip never moves: how far the reflectors moved says what a miss is worth."""
+    origin = '<origin xyz="0 0 {}"/><axis xyz="{}"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+    robot = tmp_path / "positioner.urdf"
+    robot.write_text(
+        '<robot name="positioner"><link name="base_link"/><link name="a"/><link name="tool0"/>'
+        '<joint name="tilt" type="revolute"><parent link="base_link"/><child link="a"/>'
+        + origin.format(0.8, "0 1 0")
+        + '<joint name="turn" type="revolute"><parent link="a"/><child link="tool0"/>'
+        + origin.format(0.0, "0 0 1")
+        + "</robot>"
+    )
+    nominal = irbcal.read_urdf(robot).arm
+    q = nominal.random_joints(60, 1)
+    assert np.ptp(nominal.forward(q)[:, :3, 3], axis=0).max() < 1e-12
+    rng = np.random.default_rng(2)
+    truth = random_robot(nominal, "placement", rng)
+    points = measured(truth, q, 3e-5, rng)
+    assert find_gross_errors(nominal, points).keep.all()
+    xyz = points.xyz.copy()
+    xyz[7] += [0.1, 0.0, 0.0]
+    assert np.flatnonzero(~find_gross_errors(nominal, dataclasses.replace(points, xyz=xyz)).keep).tolist() == [7]
 
 
 def test_a_lost_zero_does_not_hide_a_gross_error():

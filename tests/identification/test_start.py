@@ -8,6 +8,7 @@ from irbcal.errors import IdentificationError
 from irbcal.identification import start
 from irbcal.identification.fit import identify
 from irbcal.identification.residuals import Problem
+from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 
 
@@ -89,3 +90,31 @@ def test_poses_that_only_turn_one_joint_are_refused():
     q[:, 0] = np.linspace(-1, 1, 20)
     with pytest.raises(IdentificationError, match="do not determine base and tool"):
         identify(nominal, measured(robot, q), "nominal")
+
+
+@pytest.mark.parametrize("moving", [(0, 1), (3, 4), (0, 1, 2)])
+def test_full_poses_with_some_joints_moving(moving):
+    """A grid over a few joints of seven: the minimum is that from the true base and tool, at any place of these."""
+    import irbcal
+
+    nominal = irbcal.read_urdf("panda").arm
+    rng = np.random.default_rng(3)
+    q = np.tile([0.0, 0.0, 0.0, -1.8, 0.0, 1.9, 0.5], (49, 1))
+    q[:, moving] += rng.uniform(-0.6, 0.6, (49, len(moving)))
+    for _ in range(5):
+        T_world_base = frames.transform(random_rotation(rng), rng.uniform(-3, 3, 3))
+        T_tip_target = frames.transform(random_rotation(rng), rng.uniform(-0.2, 0.2, 3))
+        T = T_world_base @ nominal.forward(q) @ T_tip_target
+        T[:, :3, 3] += 3e-4 * rng.standard_normal((49, 3))
+        count = np.arange(49)
+        points = PointSet(
+            q, count, np.zeros(49, dtype=int), T[:, :3, 3], ("probe",), count.astype(str), np.full(49, ""),
+            rotation=T[:, :3, :3],
+        )  # fmt: skip
+        fit = identify(nominal, points, "nominal")
+        off = frames.rotation_distance(fit.robot.T_world_base[:3, :3], T_world_base[:3, :3])
+        assert fit.rms < 1e-3
+        assert off < 2e-3
+        hand_eye = start.hand_eye(Problem(nominal, points, ()))
+        assert frames.rotation_distance(hand_eye.T_world_base[:3, :3], T_world_base[:3, :3]) < 1e-6
+        assert np.abs(hand_eye.targets[0] - T_tip_target[:3, 3]).max() < 2e-3

@@ -1,8 +1,11 @@
 """Where a plan is made for: the tracker's place and turn."""
 
+import re
+
 import pytest
 
 from irbcal.errors import OptionError
+from irbcal.files.robots import robot_file
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.scene import open_scene
 from irbcal.units import DEG
@@ -29,3 +32,20 @@ def test_places_in_millimetres_are_refused(options, parameter):
 def test_conditions_are_a_sequence():
     with pytest.raises(OptionError, match=r"without: .* one text: give \['sight'\]"):
         open_scene("irb1600", without="sight")
+
+
+def test_without_meshes_the_conditions_that_need_them_are_off(tmp_path):
+    data = robot_file("irb120").read_text()
+    robot = tmp_path / "lost.urdf"
+    robot.write_text(data.replace("package://", "package://nowhere/"))
+    assert "package://nowhere/" in robot.read_text()
+    scene = open_scene(robot)
+    assert not SOLID & set(scene.setting.conditions)
+    notes = [note for note in scene.notes if "are off" in note]
+    assert len(notes) == 1
+    assert notes[0].startswith("the conditions collision, sight and way are off: collision mesh")
+    bare = tmp_path / "bare.urdf"
+    bare.write_text(re.sub("<collision.*?</collision>", "", data, flags=re.DOTALL))
+    assert any("no collision geometry" in note for note in open_scene(bare).notes)
+    silent = open_scene(robot, without=SOLID)
+    assert not any("are off" in note for note in silent.notes)

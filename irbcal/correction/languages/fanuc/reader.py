@@ -70,8 +70,9 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> LsProgram:
         moves.take(step)
     found = [point.found for point in taught.values() if point.found is not None]
     order = moves.course.order({id(one): k for k, one in enumerate(found)})
-    targets = targets_of(FANUC, arm, listing, found)
-    check_ends(FANUC, arm, given, targets, source)
+    maker = FANUC.of(arm)
+    targets = targets_of(maker, arm, listing, found)
+    check_ends(maker, arm, given, targets, source)
     eye = {"0": frames.transform()}
     tools, user_frames = frames_for(targets, given, eye, eye, source)
     return LsProgram(
@@ -85,7 +86,7 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> LsProgram:
         notes=tuple(moves.notes(found)),
         fingerprint=_mark_in(moves.comments),
         listing=listing,
-        maker=FANUC,
+        maker=maker,
         arm=arm,
         order=order,
         mark_at=places["MN"][1],

@@ -58,8 +58,9 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> JobProgram:
     found = list(job.points.values())
     order = job.course.order({id(one): k for k, one in enumerate(found)})
     units = np.array([DEG / value for value in given.pulses]) if given.pulses else np.full(6, DEG)
-    targets = targets_of(YASKAWA, arm, listing, found, dict.fromkeys(range(len(found)), units))
-    check_ends(YASKAWA, arm, given, targets, source)
+    maker = YASKAWA.of(arm)
+    targets = targets_of(maker, arm, listing, found, dict.fromkeys(range(len(found)), units))
+    check_ends(maker, arm, given, targets, source)
     tools, places = frames_for(targets, given, {}, {WORLD: frames.transform()}, source)
     return JobProgram(
         source=source,
@@ -72,7 +73,7 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> JobProgram:
         notes=tuple(job.notes.values()),
         fingerprint=_mark_in(job.comments),
         listing=listing,
-        maker=YASKAWA,
+        maker=maker,
         arm=arm,
         order=order,
         mark_at=job.nop,

@@ -50,7 +50,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given, maker: Mak
     """
     # declarations before routines, so that moves find their targets
     ordered = sorted(files, key=lambda file: (Path(file[0]).suffix.lower() != ".dat", files.index(file)))
-    listing = Listing(ordered, "KUKA KRL")
+    maker, listing = maker.of(arm), Listing(ordered, "KUKA KRL")
     for part in listing.parts:
         if not looks_like(listing.text[part.start : part.end].encode("latin-1")):
             raise ProgramError("expected a KRL program with DEF or DEFDAT", file=part.name)

@@ -66,8 +66,9 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> ScriptProgram:
     script.conclude()
     found = sorted([*script.variables.values(), *script.literals], key=lambda one: one.start)
     order = script.course.order({id(one): k for k, one in enumerate(found)})
-    targets = targets_of(UNIVERSAL_ROBOTS, arm, listing, found)
-    check_ends(UNIVERSAL_ROBOTS, arm, given, targets, source)
+    maker = UNIVERSAL_ROBOTS.of(arm)
+    targets = targets_of(maker, arm, listing, found)
+    check_ends(maker, arm, given, targets, source)
     tools, bases = frames_for(targets, given, script.tools, {"base": frames.transform()}, source)
     head = _DEF.search(listing.text)
     return ScriptProgram(
@@ -81,7 +82,7 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> ScriptProgram:
         notes=(Note(1, _NOTE),) if any(one.kind == "pose" and one.uses for one in found) else (),
         fingerprint=mark_in(comments),
         listing=listing,
-        maker=UNIVERSAL_ROBOTS,
+        maker=maker,
         arm=arm,
         order=order,
         mark_at=listing.after_line(head.start()) if head else len(BOM) * listing.text.startswith(BOM),

@@ -69,9 +69,10 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> Val3Pro
     application.conclude()
     found = [one for _, one in application.targets]
     order = application.course.order({id(one): k for k, one in enumerate(found)})
-    targets = targets_of(STAUBLI, arm, listing, found)
+    maker = STAUBLI.of(arm)
+    targets = targets_of(maker, arm, listing, found)
     main = next((part for part in listing.parts if part.name.lower().endswith(".dtx")), listing.parts[0])
-    check_ends(STAUBLI, arm, given, targets, main.name)
+    check_ends(maker, arm, given, targets, main.name)
     tools, places = frames_for(targets, given, application.tools(), application.frames(), main.name)
     head = _HEAD.match(listing.text, main.start, main.end)
     return Val3Program(
@@ -85,7 +86,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> Val3Pro
         notes=(),
         fingerprint=mark_in(comments),
         listing=listing,
-        maker=STAUBLI,
+        maker=maker,
         arm=arm,
         order=order,
         mark_at=head.end() if head else main.end,

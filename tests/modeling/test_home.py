@@ -5,7 +5,8 @@ import pytest
 from planning_support import gantry, setting
 from support import arm
 
-from irbcal.planning import home, sources
+from irbcal.modeling import home
+from irbcal.planning import sources
 
 
 def test_joints_are_what_can_be_commanded():
