@@ -34,7 +34,7 @@ LARGEST_ARM = 50.0
 MOST_JOINTS = 20
 """Joints of a chain; more is no arm."""
 NO_LIMIT = 1e6
-"""A limit beyond is none."""
+"""A limit beyond is none: some programs write 1e16."""
 FINGERPRINT_TAG = "irbcal_calibration"
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
 
@@ -158,9 +158,7 @@ def _limits(element: XmlElement, kind: str, what: str, source: str) -> tuple[flo
         float(urdf_xml.numbers(limit.get(key, "0"), 1, f"{what}, limit {key}", source)[0]) for key in ("lower", "upper")
     )
     if lower > upper:
-        found = f"{lower:g} and {upper:g}"
-        raise RobotError(f"{what}: expected a lower limit below the upper one, found {found}", file=source)
-    # some programs write that there is no limit as 1e16
+        raise RobotError(f"{what}: expected limits from below, found {lower:g} and {upper:g}", file=source)
     return (lower if lower > -NO_LIMIT else -np.inf), (upper if upper < NO_LIMIT else np.inf)
 
 

@@ -214,7 +214,7 @@ def test_levels_name_existing_parameters():
     ("old", "new", "words"),
     [
         ('xyz="0 0 1"/>', 'xyz="0 0 0"/>', "the axis has no direction"),
-        ('upper="', 'upper="-9', "expected a lower limit below the upper one"),
+        ('upper="', 'upper="-9', "expected limits from below"),
     ],
 )
 def test_numbers_that_no_robot_has_are_refused(old, new, words):
