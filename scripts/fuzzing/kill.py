@@ -200,16 +200,16 @@ def _fork_where_it_writes(
         if begun:  # inside of a fork: a second set
             return write(*arguments)
         begun = True
-        whole = _duration(folder, kept)
+        whole, complete = _uninterrupted(folder, kept)
         for number in calls or range(1, 10_000):
             _reset(folder, kept)
             if not _killed_at(number):
                 break
-            _note(results, f"call {number}", _state(writer, folder, kept))
+            _note(results, f"call {number}", _state(writer, folder, kept, complete))
         for _ in range(moments):
             _reset(folder, kept)
             _killed_after(random.random() * whole)
-            _note(results, "moment", _state(writer, folder, kept))
+            _note(results, "moment", _state(writer, folder, kept, complete))
         _reset(folder, kept)
         os._exit(0)
 
@@ -231,14 +231,16 @@ def _fork_where_it_writes(
         killer.cancel()
         killer.join()
 
-    def _duration(folder: Path, kept: Path) -> float:
+    def _uninterrupted(folder: Path, kept: Path) -> tuple[float, dict[Path, bytes]]:
+        """How long the writing takes, and what it leaves: to the byte what every fork would leave."""
         begin = time.monotonic()
         child = os.fork()
         if child == 0:
             _go_on()
         os.waitpid(child, 0)
+        whole, complete = time.monotonic() - begin, _contents(folder / "out")
         _reset(folder, kept)
-        return time.monotonic() - begin
+        return whole, complete
 
     def _go_on() -> bool:
         try:
@@ -278,31 +280,25 @@ def _reset(folder: Path, kept: Path) -> None:
     shutil.copytree(kept, folder / "out")
 
 
-def _state(writer: Writer, folder: Path, kept: Path) -> str:
+def _contents(folder: Path) -> dict[Path, bytes]:
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def _state(writer: Writer, folder: Path, kept: Path, complete: dict[Path, bytes]) -> str:
     """``old``, ``new``, or what is wrong; seen by a process that opens the folder as a command does."""
     from irbcal import atomic
 
     for path in [folder / "out", *(folder / "out").rglob("*/")]:
         if path.is_dir():
             atomic.recover(path)
-    before = {path.relative_to(kept): path.read_bytes() for path in kept.rglob("*") if path.is_file()}
-    now = {
-        path.relative_to(folder / "out"): path.read_bytes() for path in (folder / "out").rglob("*") if path.is_file()
-    }
+    before, now = _contents(kept), _contents(folder / "out")
     if set(before) - set(now) or any(path.name.startswith(".irbcal-") for path in now):
         return f"files are {sorted(map(str, now))}"
     try:
         writer.loads(folder)
     except Exception as error:  # whatever it is, the result cannot be used
         return f"cannot be read: {error}"
-    same = [before[path] == now[path] for path in before]
-    if all(same) and set(now) == set(before):
-        return "old"
-    return "mixed" if any(same) and writer.name == "calibrate" and not _may_be_same(before, now) else "new"
-
-
-def _may_be_same(before: dict[Path, bytes], now: dict[Path, bytes]) -> bool:
-    return not any(before[path] == now[path] for path in before)
+    return "old" if now == before else "new" if now == complete else "mixed"
 
 
 def _note(results: Path, where: str, what: str) -> None:
