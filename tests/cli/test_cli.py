@@ -220,7 +220,7 @@ def test_bad_measurement_files(data, tmp_path):
     assert "both" not in calibrate(edited(data, "b6.csv", lambda t: radians(metres(t))))
     assert "no usable point is left of 180: lost: no position" in calibrate(edited(data, "b7.csv", lost))
     assert "2 poses cannot determine a robot" in calibrate(edited(data, "b8.csv", lambda t: t[t["pose"] < 2]))
-    assert "wrong robot file, joint order or joint signs" in calibrate(edited(data, "b9.csv", swapped))
+    assert "these look like joints 2 and 3 swapped" in calibrate(edited(data, "b9.csv", swapped))
     (data / "empty.csv").write_text("")
     assert "the file is empty" in calibrate(data / "empty.csv")
     assert "there is no such file" in calibrate(data / "none.csv")

@@ -31,7 +31,7 @@ def test_arm_lengths_and_directions_of_the_shipped_robots(name, lengths):
 
 
 def test_stiffness_needs_a_shoulder_and_an_elbow_that_gravity_bends():
-    tilted = arm().with_table(replace(arm().table, alpha=arm().table.alpha + np.array([0, 0.01, 0, 0, 0, 0])))
+    tilted = arm().with_table(replace(arm().table, alpha=arm().table.alpha + np.array([0, 0.1, 0, 0, 0, 0])))
     with pytest.raises(RobotError, match="needs axes 2 and 3 horizontal and pointing the same way"):
         tilted.stiffness_geometry()
 

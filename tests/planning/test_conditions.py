@@ -8,8 +8,9 @@ from support import arm
 from irbcal.errors import MeasurementError
 from irbcal.files import urdf_check
 from irbcal.files.robots import robot_file
+from irbcal.modeling import home
 from irbcal.modeling.robot import Robot
-from irbcal.planning import conditions, home
+from irbcal.planning import conditions
 from irbcal.planning.conditions import Setting
 from irbcal.planning.reflectors import Targets
 
