@@ -231,13 +231,14 @@ class View(Speaks):
 
         with server.serving(self.html, port) as address:
             number = address.split("/")[2].rsplit(":", 1)[1]
-            say(f"The view is at {address} (for browsers on this computer only; Ctrl-C ends).")
-            say(f"From another computer: ssh -L {number}:127.0.0.1:{number} THIS-COMPUTER, then open the same address.")
-            if open:
-                import webbrowser
+            try:  # from here on Ctrl-C is how it ends, whatever is being said
+                say(f"The view is at {address} (for browsers on this computer only; Ctrl-C ends).")
+                tunnel = f"ssh -L {number}:127.0.0.1:{number} THIS-COMPUTER"
+                say(f"From another computer: {tunnel}, then open the same address.")
+                if open:
+                    import webbrowser
 
-                webbrowser.open(address)
-            try:
+                    webbrowser.open(address)
                 while True:
                     time.sleep(3600)
             except KeyboardInterrupt:
