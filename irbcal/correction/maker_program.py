@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -78,12 +78,15 @@ class MakerProgram(TextProgram):
         What the controller computes with.
     order : tuple of Stop
         The stops in the order of the program.
+    mark_at : int
+        Where the mark goes.
     """
 
     listing: Listing
     maker: Maker
     arm: Arm
     order: tuple[Stop, ...]
+    mark_at: int
 
     @abstractmethod
     def mark(self, fingerprint: str) -> Edit:
@@ -100,10 +103,6 @@ class MakerProgram(TextProgram):
     def stops(self) -> tuple[Stop, ...]:
         """The stops in the order of the program."""
         return self.order
-
-    def marked(self, data: bytes, fingerprint: str) -> bytes:
-        """Not asked for: the mark is one of the edits."""
-        raise NotImplementedError
 
     def goals(self) -> list[Goals]:
         """The targets that may be corrected, poses with the joints that the controller takes."""
@@ -220,6 +219,57 @@ class MakerProgram(TextProgram):
             return self.listing.files_with([])
         check_values(self, values)
         return self.listing.files_with([*self.edits(values, configurations), self.mark(one_word(fingerprint))])
+
+
+class Parts(TypedDict):
+    """What all these programs are made of: arguments of `MakerProgram`."""
+
+    source: str
+    text: str
+    encoding: str
+    targets: tuple[Target, ...]
+    tools: dict[str, FloatArray]
+    work_objects: dict[str, FloatArray]
+    listing: Listing
+    maker: Maker
+    arm: Arm
+    order: tuple[Stop, ...]
+
+
+def parts_of(
+    maker: Maker,
+    arm: Arm,
+    listing: Listing,
+    found: Sequence[Found],
+    order: tuple[Stop, ...],
+    given: Given,
+    tools: Mapping[str, FloatArray],
+    work_objects: Mapping[str, FloatArray],
+    source: str,
+    units: Mapping[int, FloatArray] | None = None,
+) -> Parts:
+    """Targets with the frames that they need; arguments as for `targets_of` and `frames_for`.
+
+    Raises
+    ------
+    ProgramError
+        If a frame is not known, or in which frames the controller counts.
+    """
+    targets = targets_of(maker, arm, listing, found, units)
+    check_ends(maker, arm, given, targets, source)
+    on_tip, in_base = frames_for(targets, given, tools, work_objects, source)
+    return Parts(
+        source=source,
+        text=listing.text,
+        encoding="latin-1",
+        targets=targets,
+        tools=on_tip,
+        work_objects=in_base,
+        listing=listing,
+        maker=maker,
+        arm=arm,
+        order=order,
+    )
 
 
 def targets_of(

@@ -164,10 +164,6 @@ class TextProgram(ABC):
         lock(self)
 
     @abstractmethod
-    def marked(self, data: bytes, fingerprint: str) -> bytes:
-        """Bytes of such a program with the language's mark of a correction."""
-
-    @abstractmethod
     def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
         """New text of the numbers that change; see `with_targets`."""
 
@@ -242,11 +238,9 @@ class TextProgram(ABC):
                     configurations[k] = new
         return values, configurations
 
+    @abstractmethod
     def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
         """Files of the program with fake targets, their configuration data and the language's mark."""
-        values, configurations = self.new_text(found)
-        data = self.marked(with_targets(self, values, configurations), fingerprint) if values else self.data
-        return {self.source: data}
 
 
 def tip_poses(program: TextProgram, indices: Sequence[int]) -> FloatArray:

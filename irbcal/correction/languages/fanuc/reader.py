@@ -14,7 +14,7 @@ from irbcal.correction.course import Course, State
 from irbcal.correction.languages.fanuc.sections import Instruction, Point, instructions, points, sections
 from irbcal.correction.languages.fanuc.writing import FANUC, LsProgram
 from irbcal.correction.listing import Listing, mark_in
-from irbcal.correction.maker_program import Found, check_ends, frames_for, targets_of
+from irbcal.correction.maker_program import Found, parts_of
 from irbcal.correction.program import Given, Note, read_bytes
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -70,25 +70,12 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> LsProgram:
         moves.take(step)
     found = [point.found for point in taught.values() if point.found is not None]
     order = moves.course.order({id(one): k for k, one in enumerate(found)})
-    maker = FANUC.of(arm)
-    targets = targets_of(maker, arm, listing, found)
-    check_ends(maker, arm, given, targets, source)
     eye = {"0": frames.transform()}
-    tools, user_frames = frames_for(targets, given, eye, eye, source)
     return LsProgram(
-        source=source,
-        text=listing.text,
-        encoding="latin-1",
-        targets=targets,
-        tools=tools,
-        work_objects=user_frames,
+        **parts_of(FANUC.of(arm), arm, listing, found, order, given, eye, eye, source),
         uncorrected=tuple(moves.course.uncorrected),
         notes=tuple(moves.notes(found)),
         fingerprint=_mark_in(moves.comments),
-        listing=listing,
-        maker=maker,
-        arm=arm,
-        order=order,
         mark_at=places["MN"][1],
         mark_number=max((step.number for step in steps), default=0) + 1,
     )

@@ -75,11 +75,10 @@ class LsProgram(MakerProgram):
 
     Attributes
     ----------
-    mark_at, mark_number : int
-        Where the mark goes, and the number of its line.
+    mark_number : int
+        Number of the mark's line.
     """
 
-    mark_at: int
     mark_number: int
 
     def mark(self, fingerprint: str) -> Edit:

@@ -15,7 +15,7 @@ import numpy as np
 from irbcal.correction.course import Course, State
 from irbcal.correction.languages.inform.writing import YASKAWA, JobProgram, posture_of
 from irbcal.correction.listing import Listing, Number, mark_in
-from irbcal.correction.maker_program import Found, check_ends, frames_for, targets_of
+from irbcal.correction.maker_program import Found, parts_of
 from irbcal.correction.program import Given, Note, read_bytes
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -58,24 +58,13 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> JobProgram:
     found = list(job.points.values())
     order = job.course.order({id(one): k for k, one in enumerate(found)})
     units = np.array([DEG / value for value in given.pulses]) if given.pulses else np.full(6, DEG)
-    maker = YASKAWA.of(arm)
-    targets = targets_of(maker, arm, listing, found, dict.fromkeys(range(len(found)), units))
-    check_ends(maker, arm, given, targets, source)
-    tools, places = frames_for(targets, given, {}, {WORLD: frames.transform()}, source)
+    of_joints = dict.fromkeys(range(len(found)), units)
+    world = {WORLD: frames.transform()}
     return JobProgram(
-        source=source,
-        text=listing.text,
-        encoding="latin-1",
-        targets=targets,
-        tools=tools,
-        work_objects=places,
+        **parts_of(YASKAWA.of(arm), arm, listing, found, order, given, {}, world, source, of_joints),
         uncorrected=tuple(job.course.uncorrected),
         notes=tuple(job.notes.values()),
         fingerprint=_mark_in(job.comments),
-        listing=listing,
-        maker=maker,
-        arm=arm,
-        order=order,
         mark_at=job.nop,
         pulses=tuple(given.pulses),
     )

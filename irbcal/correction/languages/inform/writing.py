@@ -56,13 +56,10 @@ class JobProgram(MakerProgram):
 
     Attributes
     ----------
-    mark_at : int
-        Where the mark goes.
     pulses : tuple of float
         Pulses per degree of the six joints; empty where they are not given.
     """
 
-    mark_at: int
     pulses: tuple[float, ...]
 
     def mark(self, fingerprint: str) -> Edit:

@@ -16,7 +16,7 @@ from irbcal.correction.languages.krl.tokens import Line, lines_of
 from irbcal.correction.languages.krl.writing import KUKA, KrlProgram, integer
 from irbcal.correction.listing import Listing, mark_in
 from irbcal.correction.maker import Maker
-from irbcal.correction.maker_program import Found, check_ends, frames_for, targets_of
+from irbcal.correction.maker_program import Found, parts_of
 from irbcal.correction.program import Given, Note, read_bytes
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -110,35 +110,27 @@ def _program(
         for one in found:
             one.name += f" of {Path(listing.parts[listing.part(one.start)].name).name}"
     order = statements.course.order({id(one): k for k, one in enumerate(found)})
-    targets = targets_of(maker, arm, listing, found)
     eye = {NULLFRAME: frames.transform()}
-    check_ends(maker, arm, given, targets, listing.parts[0].name)
     main = next((p for p in listing.parts if Path(p.name).suffix.lower() != ".dat"), listing.parts[0])
-    tools, bases = frames_for(targets, given, {**statements.tools, **eye}, {**statements.frames, **eye}, main.name)
+    tools, bases = {**statements.tools, **eye}, {**statements.frames, **eye}
+    parts = parts_of(maker, arm, listing, found, order, given, tools, bases, main.name)
     notes = [Note(listing.line(at), text) for at, text in statements.notes]
     if any(one.external and one.uses for one in found):
         moved = next(one for one in found if one.external and one.uses)
         if re.search(r"[1-9]", re.sub(r"E\d", "", moved.external)):
             text = f"{moved.name} has external axes: where they carry the robot or the work, its place is another"
             notes.append(Note(listing.line(moved.start), text))
-    status = [integer(listing.text[slice(*t.configuration_spans[0])]) or 0 for t in targets if t.configuration_spans]
+    status = [
+        integer(listing.text[slice(*t.configuration_spans[0])]) or 0 for t in parts["targets"] if t.configuration_spans
+    ]
     if any(value & 16 for value in status):
         text = "points say (S, bit 4) that the robot was absolutely accurate: it must not be corrected twice"
         notes.append(Note(1, text))
     return KrlProgram(
-        source=main.name,
-        text=listing.text,
-        encoding="latin-1",
-        targets=targets,
-        tools=tools,
-        work_objects=bases,
+        **parts,
         uncorrected=tuple(statements.course.uncorrected),
         notes=tuple(dict.fromkeys(notes)),
         fingerprint=mark_in(comments),
-        listing=listing,
-        maker=maker,
-        arm=arm,
-        order=order,
         mark_at=_behind_head(listing, main.start, main.end),
     )
 

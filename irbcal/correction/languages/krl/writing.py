@@ -62,15 +62,7 @@ def posture_of(status: int, turn: int) -> Posture:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class KrlProgram(MakerProgram):
-    """A KRL program as read.
-
-    Attributes
-    ----------
-    mark_at : int
-        Where the mark goes.
-    """
-
-    mark_at: int
+    """A KRL program as read."""
 
     def mark(self, fingerprint: str) -> Edit:
         """A comment line."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.configurations import ConfData, configuration_of
+from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.languages.rapid.frames import given_frames, shared_frames
 from irbcal.correction.languages.rapid.literals import Literals
 from irbcal.correction.languages.rapid.marking import in_comments, mark
@@ -30,8 +31,8 @@ from irbcal.correction.languages.rapid.uses import Uses
 from irbcal.correction.languages.rapid.writing import edits
 from irbcal.correction.listing import Edit
 from irbcal.correction.notation import poses_from_numbers
-from irbcal.correction.program import Given, Note, Stop, read_bytes
-from irbcal.correction.text_program import Configuration, Target, TextProgram
+from irbcal.correction.program import Given, Goals, Note, Stop, read_bytes
+from irbcal.correction.text_program import Configuration, Target, TextProgram, with_targets
 from irbcal.errors import ProgramError
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG
@@ -67,9 +68,12 @@ class Module(TextProgram):
         written = target.configuration
         return configuration_of(q, written.cfx) if isinstance(written, ConfData) else None
 
-    def marked(self, data: bytes, fingerprint: str) -> bytes:
-        """Bytes of such a module with the comment line that says what its targets are corrected for."""
-        return mark(data, fingerprint, self.source)
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+        """The module with fake targets, their configuration data and the line that says what they are corrected for."""
+        values, configurations = self.new_text(found)
+        if not values:
+            return {self.source: self.data}
+        return {self.source: mark(with_targets(self, values, configurations), fingerprint, self.source)}
 
 
 def looks_like(data: bytes) -> bool:

@@ -17,7 +17,7 @@ from irbcal.correction.course import Course, State
 from irbcal.correction.languages.urscript.tokens import Token, Tokens, arguments, numbers, statements
 from irbcal.correction.languages.urscript.writing import UNIVERSAL_ROBOTS, ScriptProgram
 from irbcal.correction.listing import BOM, Listing, mark_in
-from irbcal.correction.maker_program import Found, check_ends, frame, frames_for, targets_of
+from irbcal.correction.maker_program import Found, frame, parts_of
 from irbcal.correction.program import Given, Note, read_bytes
 from irbcal.correction.text_program import Role
 from irbcal.modeling import frames
@@ -66,25 +66,13 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> ScriptProgram:
     script.conclude()
     found = sorted([*script.variables.values(), *script.literals], key=lambda one: one.start)
     order = script.course.order({id(one): k for k, one in enumerate(found)})
-    maker = UNIVERSAL_ROBOTS.of(arm)
-    targets = targets_of(maker, arm, listing, found)
-    check_ends(maker, arm, given, targets, source)
-    tools, bases = frames_for(targets, given, script.tools, {"base": frames.transform()}, source)
+    maker, base = UNIVERSAL_ROBOTS.of(arm), {"base": frames.transform()}
     head = _DEF.search(listing.text)
     return ScriptProgram(
-        source=source,
-        text=listing.text,
-        encoding="latin-1",
-        targets=targets,
-        tools=tools,
-        work_objects=bases,
+        **parts_of(maker, arm, listing, found, order, given, script.tools, base, source),
         uncorrected=tuple(script.course.uncorrected),
         notes=(Note(1, _NOTE),) if any(one.kind == "pose" and one.uses for one in found) else (),
         fingerprint=mark_in(comments),
-        listing=listing,
-        maker=maker,
-        arm=arm,
-        order=order,
         mark_at=listing.after_line(head.start()) if head else len(BOM) * listing.text.startswith(BOM),
     )
 

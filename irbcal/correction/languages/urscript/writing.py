@@ -26,15 +26,7 @@ UNIVERSAL_ROBOTS = Maker(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScriptProgram(MakerProgram):
-    """A URScript program as read.
-
-    Attributes
-    ----------
-    mark_at : int
-        Where the mark goes.
-    """
-
-    mark_at: int
+    """A URScript program as read."""
 
     def mark(self, fingerprint: str) -> Edit:
         """A comment line."""

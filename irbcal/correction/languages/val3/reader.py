@@ -16,7 +16,7 @@ from irbcal.correction.course import Course, State
 from irbcal.correction.languages.val3.data import POSE, Code, Value, numbers, read, target
 from irbcal.correction.languages.val3.writing import STAUBLI, Val3Program
 from irbcal.correction.listing import Listing, mark_in
-from irbcal.correction.maker_program import Found, check_ends, frame, frames_for, targets_of
+from irbcal.correction.maker_program import Found, frame, parts_of
 from irbcal.correction.program import Given, read_bytes
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -69,26 +69,14 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> Val3Pro
     application.conclude()
     found = [one for _, one in application.targets]
     order = application.course.order({id(one): k for k, one in enumerate(found)})
-    maker = STAUBLI.of(arm)
-    targets = targets_of(maker, arm, listing, found)
     main = next((part for part in listing.parts if part.name.lower().endswith(".dtx")), listing.parts[0])
-    check_ends(maker, arm, given, targets, main.name)
-    tools, places = frames_for(targets, given, application.tools(), application.frames(), main.name)
+    tools, places = application.tools(), application.frames()
     head = _HEAD.match(listing.text, main.start, main.end)
     return Val3Program(
-        source=main.name,
-        text=listing.text,
-        encoding="latin-1",
-        targets=targets,
-        tools=tools,
-        work_objects=places,
+        **parts_of(STAUBLI.of(arm), arm, listing, found, order, given, tools, places, main.name),
         uncorrected=tuple(application.course.uncorrected),
         notes=(),
         fingerprint=mark_in(comments),
-        listing=listing,
-        maker=maker,
-        arm=arm,
-        order=order,
         mark_at=head.end() if head else main.end,
     )
 

@@ -50,15 +50,7 @@ def posture_of(attributes: Mapping[str, str]) -> tuple[Posture, str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Val3Program(MakerProgram):
-    """A VAL3 application as read.
-
-    Attributes
-    ----------
-    mark_at : int
-        Where the mark goes.
-    """
-
-    mark_at: int
+    """A VAL3 application as read."""
 
     def mark(self, fingerprint: str) -> Edit:
         """A comment of the XML."""
