@@ -32,7 +32,7 @@ VERBS = {
 """Commands whose function has another name."""
 
 ELSEWHERE = {
-    "calibrate": {"world_link": "save", "target_links": "save"},
+    "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
     "fk": {"joints": None},
     "ik": {"poses": None},
     "ballbar": {"file": None, "magnify": None},
