@@ -274,6 +274,7 @@ def calibrate(
     payload_place: Sequence[float] | None = None,
     same_tool: bool = False,
     torques: bool = False,
+    parallel: Literal["hayati", "forced"] = "hayati",
     progress: Progress | None = None,
 ) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -303,7 +304,7 @@ def calibrate(
         Link names, see `irbcal.read_urdf`.
     method, objective, power, loss
         See `irbcal.identification.methods.identify_by`. With method ``circles`` the fit sees the one-joint moves
-        (groups ``axis1`` ... ``axis6``) only, and all other poses are held out.
+        (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then ``26``.
     free, hold : sequence of str
         Error parameters added to the level and taken from it, by name or pattern.
     targets : str, Path or dict, optional
@@ -325,6 +326,9 @@ def calibrate(
         The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
     torques : bool
         Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
+    parallel : {"hayati", "forced"}
+        With method ``circles``: the tilt between nearly parallel axes is kept, or they get one direction (Nubiola 2011,
+        section 3.1.3).
     progress : callable, optional
         Called with a short text at each step.
 
@@ -360,6 +364,7 @@ def calibrate(
         payload_place,
         same_tool,
         torques,
+        parallel,
     )
     return Calibration(calibrating.run(measurements, robot, options, progress))
 
