@@ -27,8 +27,10 @@ FLOORS = (
 
 LONG = {
     "calibration.py: calibrate": "the documentation of its options",
+    "cell/simulation.py: simulate": "the documentation of its options",
     "cli/calibrate.py: calibrate": "its options with their help",
     "cli/evaluate.py: evaluate": "its options with their help",
+    "cli/simulate.py: simulate": "its options with their help",
     "identification/methods.py: identify_by": "the documentation of its options",
     "planning/measuring_plan.py: plan": "the documentation of its options",
     "validation/evaluate.py: evaluate": "the documentation of its options",
