@@ -117,7 +117,7 @@ def correct(
         _controller(calibration, record),
         pulses_per_degree(pulses),
     )
-    programs = language.read_for(nominal, sources, given)
+    programs = language.read_for(nominal, sources, given._replace(pulses=pulses_per_degree(pulses)))
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     found = together([filter_program(robot, nominal, one, record.fingerprint) for one in programs])
     if robot.certainty is not None and (outside := robot.certainty.outside_in_words(found.q_before, "targets")):
