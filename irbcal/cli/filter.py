@@ -55,6 +55,15 @@ def filter_program(
         str | None,
         typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
     ] = None,
+    controller_model: Annotated[
+        Path | None,
+        typer.Option(
+            help="What the controller itself computes with, where that is not the nominal robot: a URDF (irbcal "
+            "controller writes it), or ur_description's calibration YAML.",
+            metavar="FILE",
+            show_default=False,
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
@@ -77,6 +86,7 @@ def filter_program(
             payload=payload,
             payload_place=grid.metres(payload_place, "--payload-place"),
             pulses=program_words.pulses(pulses),
+            controller_model=controller_model,
         )
     except NotWritten as refusal:
         found, refused = refusal.found, True
