@@ -117,6 +117,10 @@ def calibrate(
     world_link: Annotated[bool, typer.Option("--world-link", help="Add the measuring frame to the URDF.")] = False,
     target_links: Annotated[bool, typer.Option("--target-links", help="Add the reflectors to the URDF.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a calibration that is in --out already.")] = False,
+    mesh_paths: Annotated[
+        Literal["package", "relative", "absolute"],
+        typer.Option(help="Mesh files in the URDF: as they were, or as paths, which MuJoCo, urchin and yourdfpy open."),
+    ] = "package",
     fail_if_worse: Annotated[bool, typer.Option("--fail-if-worse", help=show.FAIL_IF_WORSE)] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
@@ -130,7 +134,7 @@ def calibrate(
         robot,
         out,
         json,
-        {"world_link": world_link, "target_links": target_links},
+        {"world_link": world_link, "target_links": target_links, "mesh_paths": mesh_paths},
         model=model,
         terms=terms,
         holdout=holdout,
@@ -163,7 +167,7 @@ def run(
     robot: str | None,
     out: Path,
     json: bool,
-    links: dict[str, bool],
+    links: dict[str, Any],
     force: bool = False,
     **options: Any,
 ) -> Verdict:
