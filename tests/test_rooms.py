@@ -27,6 +27,7 @@ FLOORS = (
 
 LONG = {
     "calibration.py: calibrate": "the documentation of its options",
+    "cell/simulation.py: simulate": "the documentation of its options",
     "cli/calibrate.py: calibrate": "its options with their help",
     "cli/evaluate.py: evaluate": "its options with their help",
     "cli/iso9283.py: iso9283": "its options with their help",
