@@ -327,8 +327,7 @@ def calibrate(
     torques : bool
         Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
     parallel : {"hayati", "forced"}
-        With method ``circles``: the tilt between nearly parallel axes is kept, or they get one direction (Nubiola 2011,
-        section 3.1.3).
+        With method ``circles``: keep the tilt of nearly parallel axes, or force one direction (section 3.1.3).
     progress : callable, optional
         Called with a short text at each step.
 
