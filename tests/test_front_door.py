@@ -32,6 +32,7 @@ VERBS = {
 """Commands whose function has another name."""
 
 ELSEWHERE = {
+    "evaluate": dict.fromkeys(("report", "figures", "data"), "certificate"),
     "calibrate": {"world_link": "save", "target_links": "save"},
     "fk": {"joints": None},
     "ik": {"poses": None},
