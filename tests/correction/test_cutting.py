@@ -29,7 +29,7 @@ def test_one_piece_less_would_not_do(robots, via):
     found = cut_move(move(via=via), ends, robot, nominal, 5e-5)
     assert found.why == ""
     assert found.deviation <= 5e-5 < found.uncut
-    assert found.pieces > 2
+    assert found.pieces > 1
     less = cut_move(move(via=via), ends, robot, nominal, found.deviation * 1.0001)
     assert less.pieces == found.pieces
     assert cut_move(move(via=via), ends, robot, nominal, 0.9999 * found.deviation).pieces > found.pieces
