@@ -22,6 +22,13 @@ FOLDER_FILES = (
     "poses.csv",
     "plan.json",
     "plan.mod",
+    "plan.src",
+    "plan.ls",
+    "plan.script",
+    "plan.pjx",
+    "plan.dtx",
+    "start.pgx",
+    "PLAN.JBI",
     "plan.html",
     "study.json",
 )

@@ -33,7 +33,7 @@ VERBS = {
 
 ELSEWHERE = {
     "evaluate": dict.fromkeys(("report", "figures", "data"), "certificate"),
-    "calibrate": {"world_link": "save", "target_links": "save"},
+    "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
     "fk": {"joints": None},
     "ik": {"poses": None},
     "ballbar": {"file": None, "magnify": None},
