@@ -15,6 +15,8 @@ SHARE = 0.15
 """Share of the mean square error from which something is named."""
 FEW = 0.05
 """Share of the poses that is called a few."""
+NOISE_MM = 0.1
+"""Residuals of the fit (rms) that a laser tracker and a robot's repeatability may leave."""
 HALF = 0.5
 """Share of the mean square error that a few poses hold where they are named."""
 ADDED = "(irbcal plan), and add them: irbcal calibrate NEW.csv --with DIR --out NEW_DIR."
@@ -56,7 +58,12 @@ def limits(record: Record, evidence: Evidence) -> list[Limit]:
     rms = float(np.sqrt(np.mean(model.distance**2)) / MM)
     found = [*_before_all(record, first), *_corner(record)]
     if rms > 0.0:
-        found += [*_few_poses(record, rms, first), *_lag(record), *_reversal(record, evidence)]
+        found += [
+            *_few_poses(record, rms, first),
+            *_small_model(record, rms),
+            *_lag(record),
+            *_reversal(record, evidence),
+        ]
         found += [*_untried(record, rms), *_outliers(first)]
     found = [limit for limit in found if limit.share >= SHARE]
     return sorted(found, key=lambda limit: -limit.share)
@@ -107,6 +114,20 @@ def _few_poses(record: Record, rms: float, first: PoseSet) -> list[Limit]:
             f"{fitted:.3f} mm.",
             f"Measure {record.poses_fit} more poses {ADDED}",
             1.0 - (fitted / rms) ** 2,
+        )
+    ]
+
+
+def _small_model(record: Record, rms: float) -> list[Limit]:
+    """A level that misses its own poses by more than a tracker does."""
+    fitted = record.fit.all.rms_mm
+    if record.evidence is not None or record.model == "nominal" or fitted < NOISE_MM:
+        return []
+    return [
+        Limit(
+            f"The model: level {record.model} leaves {fitted:.3f} mm (rms) on the very poses that it was fitted to.",
+            "Calibrate with --model auto, which also tries gears, gravity in all joints, warm-up and the last move.",
+            min(1.0, (fitted / rms) ** 2),
         )
     ]
 

@@ -43,6 +43,13 @@ def test_few_poses_by_the_share_of_the_mean_square(calibration, evidence):
     assert f"{rms / 2:.3f} mm" in few[0].words
 
 
+def test_a_level_that_is_too_small(calibration, evidence):
+    fit = calibration.fit.model_copy(update={"all": calibration.fit.all.model_copy(update={"rms_mm": 0.3})})
+    found = limits(calibration.model_copy(update={"fit": fit}), evidence)
+    assert any("level 34 leaves 0.300 mm" in limit.words and "--model auto" in limit.next for limit in found)
+    assert not any("level 34 leaves" in limit.words for limit in limits(calibration, evidence))
+
+
 def test_a_few_poses_hold_most(calibration, evidence):
     poses = evidence.sets[-1]  # fitted: more than 20
     errors = np.full(len(poses.pose_names), 1e-5)
