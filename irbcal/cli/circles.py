@@ -36,7 +36,8 @@ def circles(
 ) -> None:
     """Base, tool and links of a robot by the circles of one-joint moves alone.
 
-    The base comes from axes 1 and 2, the tool from the last two, links from all six. The tool can be compared with its drawing. Nothing is written: calibrate --method circles makes a calibration.
+    The base comes from axes 1 and 2, the tool from the last two, links from all six. The tool can be compared with its
+    drawing. Nothing is written: calibrate --method circles makes a calibration.
     """
     from irbcal.joint_behaviour import by_circles
     from irbcal.units import DEG
