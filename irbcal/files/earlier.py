@@ -56,7 +56,9 @@ class Earlier:
         return sum(points.poses for _, points, _ in self.sessions)
 
     def robot(self) -> Path:
-        """File of its nominal robot, if that is one that is known by name; else its folder, which holds it, too.
+        """Its nominal robot: a file of the same name here, or known by name; else the folder, which holds it, too.
+
+        Files are taken by their content: another file of that name is not.
 
         Raises
         ------
@@ -64,6 +66,9 @@ class Earlier:
             If it is not.
         """
         section = self.record.robot
+        here = Path(section.urdf)
+        if here.is_file() and hashlib.sha256(here.read_bytes()).hexdigest() == section.urdf_sha256:
+            return here
         for known in robots.NAMED:
             if Path(known.file).name != section.urdf:
                 continue
@@ -76,7 +81,7 @@ class Earlier:
         if self.folder is not None:
             return self.folder
         raise OptionError(
-            f"robot: the earlier calibration was made from {section.urdf}, which is no robot that is known by name: "
+            f"robot: the earlier calibration was made from {section.urdf}, which is neither here nor known by name: "
             "name its file",
             parameter="robot",
         )
