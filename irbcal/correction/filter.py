@@ -29,7 +29,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import without_formulas
-from irbcal.options import shown
+from irbcal.options import pulses_per_degree, shown
 from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
@@ -120,8 +120,9 @@ def correct(
     nominal = record.arm(calibrated=False)
     urdf = _urdf(calibration)
     model = None if controller_model is None else controller_kinematics(controller_model, record, urdf)
-    frames_given = _given(tool, "tool"), _given(wobj, "wobj")
-    given = Given(*frames_given, _controller(urdf, record), _pulses(pulses), None if model is None else model.arm)
+    frames_given = given_frames(tool, "tool"), given_frames(wobj, "wobj")
+    counts, own = pulses_per_degree(pulses), None if model is None else model.arm
+    given = Given(*frames_given, _controller(urdf, record), counts, own)
     programs = language.read_for(nominal, sources, given)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     robot = robot if model is None else model.seen_by_it(robot)
@@ -154,19 +155,6 @@ def _written(found: Filtered, out: str | Path | None, changes: str | Path | None
     return found
 
 
-def _pulses(pulses: Sequence[float] | None) -> tuple[float, ...]:
-    """Pulses per degree from the caller."""
-    if pulses is None:
-        return ()
-    values = np.asarray(pulses, dtype=object)
-    good = values.shape == (6,) and all(isinstance(v, (int, float)) and 1.0 < abs(v) < 1e6 for v in values)
-    if not good:
-        raise OptionError(
-            f"pulses: expected six numbers of pulses per degree, found {shown(pulses)}", parameter="pulses"
-        )
-    return tuple(float(value) for value in values)
-
-
 def _places(out: Path, files: Mapping[str, bytes], folder: bool) -> dict[Path, bytes]:
     """Where files go: all into a folder, or the one into a file."""
     if not folder:
@@ -190,7 +178,7 @@ def _controller(data: bytes | None, record: Record) -> ControllerFrames:
     return controller_frames(data, "calibrated.urdf", record.robot.base_link, record.robot.tip_link)
 
 
-def _given(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
+def given_frames(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
     """Frames from the caller, by names in lower case."""
     if given is not None and not isinstance(given, Mapping):
         raise OptionError(
@@ -306,6 +294,32 @@ def _counted(
     if nominal.coupling is None or isinstance(program, MakerProgram):
         return found
     return [(goals, replace(fake, q=nominal.to_controller(fake.q))) for goals, fake in found]
+
+
+def meant_joints(program: Program, nominal: Arm) -> list[tuple[Goals, FloatArray, Sequence[str]]]:
+    """Joints that a controller takes for the targets of a program.
+
+    Parameters
+    ----------
+    program : Program
+        See `irbcal.correction.languages`.
+    nominal : Arm
+        What the controller computes with.
+
+    Returns
+    -------
+    list of (Goals, ndarray of shape (n, joints), sequence of str)
+        Radians; NaN where there are none, with the reason. Empty reasons where there are.
+    """
+    out: list[tuple[Goals, FloatArray, Sequence[str]]] = []
+    for goals in _of_arm(program, nominal):
+        if goals.kind == "joint":
+            out.append((goals, goals.values, [""] * len(goals.names)))
+            continue
+        fake = _fake_targets(Robot(nominal), nominal, goals, None)
+        known = np.isfinite(fake.q_nominal).all(axis=1)
+        out.append((goals, fake.q_nominal, [*np.where(known, "", fake.reason)]))
+    return out
 
 
 def _fake_targets(robot: Robot, nominal: Arm, goals: Goals, controller: Arm | None) -> Corrected:

@@ -86,6 +86,8 @@ class Maker:
         degrees of zero (that counts as negative).
     world : bool
         Whether the controller's world need not be the arm's base link, so that the URDF must name it.
+    pulses : bool
+        Whether joints are written in pulses, of which each robot has its own number per degree.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Maker:
     aligned: bool = False
     world: bool = False
     wrist_axis: int = 5
+    pulses: bool = False
 
     def __post_init__(self) -> None:
         lock(self)
