@@ -64,6 +64,14 @@ def filter_program(
             show_default=False,
         ),
     ] = None,
+    where: Annotated[
+        str | None,
+        typer.Option(
+            help="For poses of Kawasaki programs, what the controller shows at one place with null tool and base: "
+            "J1,J2,J3,J4,J5,J6=X,Y,Z,O,A,T.",
+            show_default=False,
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
@@ -87,6 +95,7 @@ def filter_program(
             payload_place=grid.metres(payload_place, "--payload-place"),
             pulses=program_words.pulses(pulses),
             controller_model=controller_model,
+            where=program_words.where(where, maker),
         )
     except NotWritten as refusal:
         found, refused = refusal.found, True
