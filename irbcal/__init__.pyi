@@ -33,6 +33,8 @@ from .planning.measuring_plan import plan as plan
 from .reports.certificate import certificate as certificate
 from .studies.runner import study as study
 from .validation.ballbar_check import ballbar as ballbar
+from .validation.comparing import Compared as Compared
+from .validation.comparing import compare as compare
 from .validation.controller_check import controller as controller
 from .validation.evaluate import evaluate as evaluate
 from .validation.evaluation import Evaluation as Evaluation

@@ -51,10 +51,13 @@ OF_THE_SHELL = {
     "html",
     "plot",
     "plots",
+    "csv",
+    "latex",
     "show_preset",
     "dry_run",
     "list",
     "fail_if_worse",
+    "force",
 }
 """Options that say where the output goes: a function returns it."""
 

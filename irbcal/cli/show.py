@@ -72,7 +72,7 @@ def _verdict(console: Console, text: str) -> None:
     """A verdict or a doubt: bold, and red where it is not to be trusted."""
     from rich.text import Text
 
-    good = text.startswith(("Verdict: Better", "Tolerance: PASS"))
+    good = text.startswith(("Verdict: Better", "Verdict: On these", "Tolerance: PASS"))
     console.print(Text(text, style="bold" if good else "bold red"), soft_wrap=True)
 
 

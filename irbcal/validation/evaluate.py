@@ -131,7 +131,7 @@ def evaluate(
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
     judged_by, told = check_options(tolerance, rule), checked_info(info)
-    measurements = _carrying(table.read(measurements), payload)
+    measurements = carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
     ready, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
     ready = without_fitted(ready.without_copies(), record, include_fitted)
@@ -286,7 +286,7 @@ def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
     return (*notes, *_other_loads(ready.points, record), *_outside_ranges(ready.points, record))
 
 
-def _carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
+def carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
     """Measurements with a load where they do not tell it."""
     if payload is None:
         return measurements

@@ -55,7 +55,7 @@ WRITERS = (
     Writer(
         "calibrate",
         ["calibrate", "m.csv", "--robot", "irb1600", "--model", "16", "--out", "out"],
-        ["calibrate", "m.csv", "--robot", "irb1600", "--model", "26", "--out", "out"],
+        ["calibrate", "m.csv", "--robot", "irb1600", "--model", "26", "--out", "out", "--force"],
         _calibration,
     ),
     Writer(
