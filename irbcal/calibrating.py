@@ -13,10 +13,10 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
-from irbcal.files import urdf as urdf_module
-from irbcal.files.calibration_folder import CalibrationLike
-from irbcal.files.earlier import Earlier, calibrated_before, earlier_of
+from irbcal.files.calibration_folder import URDF_NAME, CalibrationLike
+from irbcal.files.earlier import Earlier, calibrated_before, earlier_of, taken_from
 from irbcal.files.frame_terms_section import FrameTermsSection
+from irbcal.files.nominal import calibration_at, read_nominal
 from irbcal.files.outcome import Outcome
 from irbcal.gathering import gathered, of_earlier, without_gross_errors
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
@@ -80,6 +80,7 @@ class Options:
     verify: MeasurementsLike | None = None
     base_link: str | None = None
     tip_link: str | None = None
+    coupling: str | None = None
     method: str = "least-squares"
     objective: str = "rms"
     power: float = 8.0
@@ -229,16 +230,21 @@ def run(
     """The main job: read, clean, divide, identify, doubt; parameters and errors as `irbcal.calibrate`."""
     started = time.perf_counter()
     say: Progress = progress or (lambda text: None)
+    saved = calibration_at(robot)
+    if saved is not None and options.with_ is None:
+        options = replace(options, with_=saved.folder)
     earlier = None if options.with_ is None else earlier_of(options.with_)
     robot, options = of_earlier(robot, options, earlier)
-    robot_urdf = urdf_module.read(robot, options.base_link, options.tip_link)
+    saved = calibration_at(robot)
+    robot_urdf = read_nominal(robot, options.base_link, options.tip_link, options.coupling)
     arm = robot_urdf.arm
     if earlier is not None:
         earlier.check(arm)
     known = lists.read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
     ready = _prepared(measurements, arm, options, earlier)
-    ready.notes = [*calibrated_before(robots.robot_file(robot)), *ready.notes]
+    robot_file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
+    ready.notes = [*(calibrated_before(robot_file) if saved is None else taken_from(saved)), *ready.notes]
     source = ready.measurements.source
     sessions = () if ready.fit.session is None else session_names(ready.fit)
     say(f"identifying base and tool from {ready.fit.poses} poses")
@@ -268,7 +274,7 @@ def run(
     doubtful = doubts(nominal, fit, ready.fit, ready.whole)
     return Outcome(
         robot_urdf,
-        robots.robot_file(robot),
+        robot_file,
         fit,
         nominal,
         ready.fit,
@@ -287,6 +293,7 @@ def run(
         (ready.fit_motion.elapsed, ready.heldout_motion.elapsed),
         earlier,
         tuple(doubtful),
+        None if saved is None else (saved.record.robot.urdf, saved.record.robot.urdf_sha256),
     )
 
 

@@ -260,6 +260,7 @@ def calibrate(
     verify: MeasurementsLike | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
+    coupling: str | None = None,
     method: str = "least-squares",
     objective: str = "rms",
     power: float = 8.0,
@@ -301,6 +302,8 @@ def calibrate(
         reference points of the first.
     base_link, tip_link : str, optional
         Link names, see `irbcal.read_urdf`.
+    coupling : str, optional
+        How the controller counts joints, such as ``3+2``; see `irbcal.files.coupling_file.declared`.
     method, objective, power, loss
         See `irbcal.identification.methods.identify_by`. With method ``circles`` the fit sees the one-joint moves
         (groups ``axis1`` ... ``axis6``) only, and all other poses are held out.
@@ -346,6 +349,7 @@ def calibrate(
         verify,
         base_link,
         tip_link,
+        coupling,
         method,
         objective,
         power,

@@ -180,6 +180,7 @@ def simulate(
     where: tuple[ArrayLike, ArrayLike] | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
+    coupling: str | None = None,
 ) -> Simulated:
     """Measure with a virtual robot, tool and laser tracker: SIMULATED data for trying out plans and calibrations.
 
@@ -215,6 +216,9 @@ def simulate(
         What robot programs need and do not say, as for `irbcal.correct`.
     base_link, tip_link : str, optional
         Links of the URDF; by default as `irbcal.read_urdf` chooses them.
+    coupling : str, optional
+        How the controller counts its joints, such as ``3+2``, or ``none``; that of the file beside the URDF unless
+        given, see `irbcal.modeling.coupling`.
 
     Returns
     -------
@@ -233,7 +237,7 @@ def simulate(
         raise OptionError("wanted and calibration go together", parameter="wanted")
     seed, robot_seed, wait = check_seed(seed), check_seed(robot_seed, "robot_seed"), number("wait", wait, 0)
     kind = checked("cell", cell, realistic.NAMES)
-    opened = open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed)
+    opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
     opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
     opened = _equipped(opened, targets, payload, tracker)
     given = None

@@ -114,6 +114,13 @@ def calibrate(
         str | None,
         typer.Option(help="Tip link of the arm.", show_default="tool0, flange, ee_link, tcp or the last link"),
     ] = None,
+    coupling: Annotated[
+        str | None,
+        typer.Option(
+            help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
+            show_default="that of the file beside the URDF",
+        ),
+    ] = None,
     world_link: Annotated[bool, typer.Option("--world-link", help="Add the measuring frame to the URDF.")] = False,
     target_links: Annotated[bool, typer.Option("--target-links", help="Add the reflectors to the URDF.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a calibration that is in --out already.")] = False,
@@ -143,6 +150,7 @@ def calibrate(
         verify=verify,
         base_link=base_link,
         tip_link=tip_link,
+        coupling=coupling,
         method=method,
         objective=objective,
         power=8.0 if power is None else power,

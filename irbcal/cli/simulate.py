@@ -83,6 +83,13 @@ _Where = Annotated[
 ]
 _BaseLink = Annotated[str | None, typer.Option(help="Base link; base_link or the root by default.")]
 _TipLink = Annotated[str | None, typer.Option(help="Tip link; tool0, flange, ee_link or the last link by default.")]
+_Coupling = Annotated[
+    str | None,
+    typer.Option(
+        help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
+        show_default="that of the file beside the URDF",
+    ),
+]
 _List = Annotated[bool, typer.Option("--list", help="Name the effects and stop.")]
 _Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
 
@@ -110,6 +117,7 @@ def simulate(
     where: _Where = None,
     base_link: _BaseLink = None,
     tip_link: _TipLink = None,
+    coupling: _Coupling = None,
     list_: _List = False,
     json: _Json = False,
 ) -> None:
@@ -155,6 +163,7 @@ def simulate(
             where=program_words.where(where, _maker(plan) if where else None),
             base_link=base_link,
             tip_link=tip_link,
+            coupling=coupling,
         )
     except OptionError as error:
         raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None

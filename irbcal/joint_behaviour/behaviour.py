@@ -285,13 +285,11 @@ def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None) 
         return _Model(saved.robot_calibrated(), nominal, places, saved.simulated, saved.programmed)
     if robot is None:
         return _Model()
-    if isinstance(robot, Arm):
-        arm = robot
-    else:
-        from irbcal.files import urdf
+    if not isinstance(robot, Arm):
+        from irbcal.files.nominal import read_nominal
 
-        arm = urdf.read(robot).arm
-    return _Model(arm)
+        robot = read_nominal(robot).arm
+    return _Model(robot)
 
 
 # --- from points to the whole answer ---------------------------------------------------------------------

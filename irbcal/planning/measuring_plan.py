@@ -161,6 +161,7 @@ def plan(
     package_dirs: Sequence[str | Path] = (),
     base_link: str | None = None,
     tip_link: str | None = None,
+    coupling: str | None = None,
     progress: Step | None = None,
 ) -> Plan:
     """Plan measurements: poses that the robot reaches and the tracker sees, and what they promise.
@@ -181,7 +182,7 @@ def plan(
         What is best, ``position`` or ``D``; where predicted positions count, ``both``, ``cube`` or ``range``.
     level : str, optional
         Error model to plan for; that of a calibration without a wish unless given.
-    targets, tracker, margin, acceptance, min_height, without, package_dirs, base_link, tip_link
+    targets, tracker, margin, acceptance, min_height, without, package_dirs, base_link, tip_link, coupling
         See `irbcal.planning.scene.open_scene`.
     cube_centre, cube_edge : array_like of shape (3,) and float, optional
         ISO cube in the base link; both or none.
@@ -254,6 +255,7 @@ def plan(
         package_dirs=package_dirs,
         base_link=base_link,
         tip_link=tip_link,
+        coupling=coupling,
     )
     return make(scene, wish, progress)
 
