@@ -236,7 +236,9 @@ def _judged(words: list[str], code: int, out: str, err: str, before: dict[str, s
         return "traceback"
     after = _hashes(folder)
     resealed = words[:1] == ["verify"] and "--reseal" in words
-    if any(after.get(name) != content for name, content in before.items()) and not resealed:
+    own = ("report.html",) if words[:1] == ["report"] else ()  # written anew into the folder it reads
+    changed = [name for name, content in before.items() if after.get(name) != content and Path(name).name not in own]
+    if changed and not resealed:
         return "changed a file"
     new = [name for name in after if name not in before]
     if any(Path(name).name.startswith(".irbcal-") for name in new):
