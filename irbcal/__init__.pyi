@@ -30,8 +30,11 @@ from .measurement.table import read_measurements as read_measurements
 from .planners.calibrated_model import CalibratedModel as CalibratedModel
 from .planning.measuring_plan import Plan as Plan
 from .planning.measuring_plan import plan as plan
+from .reports.certificate import certificate as certificate
 from .studies.runner import study as study
 from .validation.ballbar_check import ballbar as ballbar
+from .validation.comparing import Compared as Compared
+from .validation.comparing import compare as compare
 from .validation.controller_check import controller as controller
 from .validation.evaluate import evaluate as evaluate
 from .validation.evaluation import Evaluation as Evaluation

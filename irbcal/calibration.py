@@ -15,6 +15,7 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, CalibrationLike, Saved
 from irbcal.files.choice_section import EvidenceChoice
+from irbcal.files.mesh_paths import MeshPaths
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import Errors, Parameter, Record
 from irbcal.identification.averaged import groups_table, models_table
@@ -102,9 +103,16 @@ class Calibration(Speaks):
         """The calibrated (or nominal) arm."""
         return self.record.arm(calibrated)
 
-    def save(self, folder: str | Path, *, world_link: bool = False, target_links: bool = False) -> Record:
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        world_link: bool = False,
+        target_links: bool = False,
+        mesh_paths: MeshPaths = "package",
+    ) -> Record:
         """See `save`."""
-        return save(self, folder, world_link=world_link, target_links=target_links)
+        return save(self, folder, world_link=world_link, target_links=target_links, mesh_paths=mesh_paths)
 
     @property
     def plot(self) -> Plots:
@@ -373,6 +381,7 @@ def save(
     *,
     world_link: bool = False,
     target_links: bool = False,
+    mesh_paths: MeshPaths = "package",
 ) -> Record:
     """Write a calibration folder: all its files, or none.
 
@@ -383,6 +392,9 @@ def save(
         Made if absent; other files in it are left alone.
     world_link, target_links : bool
         Add the measuring frame and the reflectors to the URDF; of a loaded calibration the URDF stays as it is.
+    mesh_paths : {"package", "relative", "absolute"}
+        How mesh files stand in the URDF: as they were, or as paths (from the folder, or whole) that readers without
+        package folders open, such as MuJoCo, urchin and yourdfpy.
 
     Returns
     -------
@@ -392,10 +404,15 @@ def save(
     ------
     CalibrationError
         If the folder cannot be written, or Pinocchio or yourdfpy disagrees with the URDF.
+    RobotError
+        If a mesh file whose path is asked for is not found.
     """
     from irbcal.atomic import check_writable
+    from irbcal.files import mesh_paths as paths
+    from irbcal.options import checked
     from irbcal.reports import report_page
 
+    how = checked("mesh_paths", mesh_paths, paths.CHOICES)
     check_writable(folder, NAMES)
     held = calibration if isinstance(calibration, Calibration) else Calibration(calibration)
     if world_link or target_links:
@@ -406,6 +423,8 @@ def save(
         record, urdf = held._document(world_link=world_link, target_links=target_links)
     else:
         record, urdf = held.record, held.urdf
+    nominal = held.folder if held.outcome is None else held.outcome.robot_file.parent
+    record, urdf = paths.written(record, urdf, how, folder, nominal)
     calibration_folder.write(folder, record, urdf, report_page.render(record))
     return record
 

@@ -218,3 +218,24 @@ def renamed(**new_of_old: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
         return call
 
     return decorate
+
+
+def pulses_per_degree(pulses: Sequence[float] | None) -> tuple[float, ...]:
+    """Pulses per degree of six joints from the caller; none where there are none.
+
+    Raises
+    ------
+    OptionError
+        If these are not six numbers of such a size.
+    """
+    if pulses is None:
+        return ()
+    try:
+        values = [float(value) for value in pulses]
+    except (TypeError, ValueError):
+        values = []
+    if len(values) != 6 or not all(1.0 < abs(value) < 1e6 for value in values):
+        raise OptionError(
+            f"pulses: expected six numbers of pulses per degree, found {shown(pulses)}", parameter="pulses"
+        )
+    return tuple(values)

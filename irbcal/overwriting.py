@@ -1,4 +1,4 @@
-"""Refusing to write over what a command reads, and over its own other outputs."""
+"""Refusing to write over what a command reads, over its own other outputs, and over an earlier calibration."""
 
 from __future__ import annotations
 
@@ -22,6 +22,13 @@ FOLDER_FILES = (
     "poses.csv",
     "plan.json",
     "plan.mod",
+    "plan.src",
+    "plan.ls",
+    "plan.script",
+    "plan.pjx",
+    "plan.dtx",
+    "start.pgx",
+    "PLAN.JBI",
     "plan.html",
     "study.json",
 )
@@ -61,6 +68,29 @@ def refuse_overwriting(outputs: Mapping[str, Paths], *inputs: object) -> None:
                 raise CalibrationError(
                     "this is the file to read from: name another one to write", file=written, parameter=option
                 )
+
+
+def refuse_replacing(folder: Path, force: bool = False) -> None:
+    """Refuse a folder that holds a calibration already: what moves a robot today must not be gone by one slip.
+
+    Parameters
+    ----------
+    folder : Path
+        That a calibration will be written to.
+    force : bool
+        Replace it all the same.
+
+    Raises
+    ------
+    CalibrationError
+        If there is one, and it is not to be replaced.
+    """
+    if not force and os.path.lexists(folder / "calibration.json"):
+        raise CalibrationError(
+            "there is a calibration in this folder already: name another folder, or replace it with --force",
+            file=folder,
+            parameter="out",
+        )
 
 
 def _paths(value: object) -> list[Path]:

@@ -17,11 +17,17 @@ SCIPY = {"krl": "ZYX", "fanuc": "xyz", "inform": "xyz", "kawasaki": "ZYZ", "val3
 """How scipy names the makers' angles in the order of their fields; ``xyz`` is about fixed axes."""
 
 
-def robot_of(name, size=0.1):
-    """A nominal arm of ../shared/data/other_arms, a robot that errs, and the controller's frames."""
+def path_of(name):
+    """A URDF of ../shared/data/other_arms."""
     path = Path(os.environ.get("IRBCAL_SHARED_DATA", "../shared/data")) / "other_arms" / f"{name}.urdf"
     if not path.is_file():
         pytest.skip(f"{path} is not here")
+    return path
+
+
+def robot_of(name, size=0.1):
+    """A nominal arm of ../shared/data/other_arms, a robot that errs, and the controller's frames."""
+    path = path_of(name)
     nominal = urdf.read(path).arm
     at = controller_frames.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
     return nominal, random_robot(nominal, "placement", np.random.default_rng(1), size=size), at

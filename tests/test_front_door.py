@@ -32,7 +32,8 @@ VERBS = {
 """Commands whose function has another name."""
 
 ELSEWHERE = {
-    "calibrate": {"world_link": "save", "target_links": "save"},
+    "evaluate": dict.fromkeys(("report", "figures", "data"), "certificate"),
+    "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
     "fk": {"joints": None},
     "ik": {"poses": None},
     "ballbar": {"file": None, "magnify": None},
@@ -50,10 +51,13 @@ OF_THE_SHELL = {
     "html",
     "plot",
     "plots",
+    "csv",
+    "latex",
     "show_preset",
     "dry_run",
     "list",
     "fail_if_worse",
+    "force",
 }
 """Options that say where the output goes: a function returns it."""
 

@@ -6,7 +6,7 @@ import pytest
 
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.files import calibration_folder
-from irbcal.overwriting import FOLDER_FILES, refuse_overwriting
+from irbcal.overwriting import FOLDER_FILES, refuse_overwriting, refuse_replacing
 
 READ = "this is the file to read from: name another one to write"
 
@@ -65,3 +65,17 @@ def test_tables_in_memory_and_names_are_no_files(tmp_path):
 
 def test_all_files_of_a_calibration_are_known():
     assert set(calibration_folder.NAMES) <= set(FOLDER_FILES)
+
+
+def test_an_earlier_calibration_is_replaced_on_request_only(tmp_path):
+    refuse_replacing(tmp_path / "none")
+    refuse_replacing(tmp_path)
+    (tmp_path / calibration_folder.JSON_NAME).write_text("{}")
+    with pytest.raises(CalibrationError, match="already: name another folder, or replace it with --force"):
+        refuse_replacing(tmp_path)
+    refuse_replacing(tmp_path, force=True)
+    link = tmp_path / "broken"
+    link.mkdir()
+    (link / calibration_folder.JSON_NAME).symlink_to("nowhere")
+    with pytest.raises(CalibrationError, match="--force"):
+        refuse_replacing(link)

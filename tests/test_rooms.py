@@ -27,11 +27,16 @@ FLOORS = (
 
 LONG = {
     "calibration.py: calibrate": "the documentation of its options",
+    "cell/simulation.py: simulate": "the documentation of its options",
     "cli/calibrate.py: calibrate": "its options with their help",
     "cli/evaluate.py: evaluate": "its options with their help",
+    "cli/iso9283.py: iso9283": "its options with their help",
+    "cli/filter.py: filter_program": "its options with their help",
+    "correction/filter.py: correct": "the documentation of its options",
     "identification/methods.py: identify_by": "the documentation of its options",
     "planning/measuring_plan.py: plan": "the documentation of its options",
     "validation/evaluate.py: evaluate": "the documentation of its options",
+    "validation/iso9283_check.py: iso9283": "the documentation of its options",
 }
 """Functions above 80 lines, and why."""
 

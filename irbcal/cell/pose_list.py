@@ -12,11 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
-from irbcal.cell import procedure
+from irbcal.cell import procedure, programs
 from irbcal.cell.cell import WAIT_S, Cell
+from irbcal.correction.fake_targets import correct_poses
+from irbcal.correction.languages.table import POSE
+from irbcal.correction.program import Given
 from irbcal.errors import MeasurementError
+from irbcal.files.controller_frames import unknown
 from irbcal.measurement import columns, lists
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +35,7 @@ class HasFrame(Protocol):
 
 
 PosesLike: TypeAlias = "str | Path | pd.DataFrame | HasFrame | ArrayLike"
-"""A file of joints, the same as a table, a measuring plan, or joints (n, joints) in radians and metres."""
+"""A robot program or a table of joints or poses, a measuring plan, or joints (n, joints) in radians and metres."""
 
 KEPT = ("group", "cycle")
 """Columns of a plan that go into the measurement file as they are."""
@@ -97,7 +102,7 @@ def numbered(n: int) -> NameArray:
     return np.arange(1, n + 1).astype(str).astype(object)
 
 
-def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList:
+def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: Given | None = None) -> PoseList:
     """Poses by whatever holds them.
 
     Parameters
@@ -108,6 +113,8 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList:
     arm : Arm
     wait_s : float
         Seconds between stop and measurement where the poses do not say.
+    given : Given, optional
+        What comes with a robot program, see `irbcal.cell.programs.given_for`.
 
     Returns
     -------
@@ -122,6 +129,10 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList:
 
     if hasattr(poses, "to_frame") and not isinstance(poses, pd.DataFrame):
         poses = poses.to_frame()
+    if isinstance(poses, (str, Path)) and programs.is_program(poses):
+        q, digest = programs.read(poses, arm, given or Given({}, {}, unknown()))
+        n = len(q)
+        return PoseList(q, numbered(n), None, np.full(n, float(wait_s)), {}, str(poses), digest)
     if isinstance(poses, (str, Path, pd.DataFrame)):
         return read(poses, arm, wait_s)
     q = arm.check_joints(poses)
@@ -129,7 +140,7 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList:
 
 
 def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList:
-    """Read a plan or a program of joints.
+    """Read a plan, or a table of joints or of poses.
 
     Parameters
     ----------
@@ -137,7 +148,9 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
         CSV with the arm's joint columns; optional columns ``pose``, ``group``, ``cycle``, ``targets`` (names with
         spaces or semicolons between them) and ``wait_s``. With a column ``target`` in place of ``targets``, the rows of
         a pose are one for each of its targets, as in the ``plan.csv`` of a measuring plan. Where there are programmed
-        joints (``c1_deg`` …) beside the joint columns, they are what is commanded. Others are not looked at.
+        joints (``c1_deg`` …) beside the joint columns, they are what is commanded. In place of joints poses of the tip
+        in the base link (``x_mm``, ``y_mm``, ``z_mm``, ``qw``, ``qx``, ``qy``, ``qz``): the arm takes the solution
+        nearest to zero joints, as the filter does. Others are not looked at.
     arm : Arm
     wait_s : float
         Where the file does not say.
@@ -151,7 +164,32 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
     MeasurementError
         If the file does not keep the format.
     """
-    raw, source, digest = columns.read(table, arm.joint_columns)
+    raw, source, digest = columns.read(table, ())
+    if set(POSE) <= set(raw.columns) and arm.joint_columns[0] not in raw.columns:
+        q = _of_poses(table, raw, arm, source)
+    else:
+        columns.check_header(list(raw.columns), arm.joint_columns, source)
+        raw, q = _of_joints(raw, arm, source)
+    n = len(raw)
+    waits = np.full(n, float(wait_s))
+    if "wait_s" in raw.columns:
+        given = columns.numbers(raw, "wait_s", source, "seconds or nothing", lost=True)
+        outside = (given < 0) | (given > LONGEST_WAIT)
+        _refuse_first(outside, raw, "wait_s", source, f"0 to {LONGEST_WAIT:g} seconds")
+        waits = np.where(np.isfinite(given), given, waits)
+    return PoseList(
+        q,
+        _pose_names(raw, source) if "pose" in raw.columns else numbered(n),
+        _targets(raw) if "targets" in raw.columns else None,
+        waits,
+        {name: raw[name].to_numpy(dtype=object) for name in KEPT if name in raw.columns},
+        source,
+        digest,
+    )
+
+
+def _of_joints(raw: pd.DataFrame, arm: Arm, source: str) -> tuple[pd.DataFrame, FloatArray]:
+    """The rows of a table that are poses, and their joints (n, joints) in SI units."""
     commanded = columns.commanded(raw.columns, arm.joint_columns, source)
     if {"pose", "target"} <= set(raw.columns) and "targets" not in raw.columns:
         raw = _one_row_a_pose(raw, commanded, source)
@@ -162,22 +200,18 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
         largest = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG
         _refuse_first(np.abs(values) > largest, raw, name, source, expected)
         joints.append(values)
-    n = len(raw)
-    waits = np.full(n, float(wait_s))
-    if "wait_s" in raw.columns:
-        given = columns.numbers(raw, "wait_s", source, "seconds or nothing", lost=True)
-        outside = (given < 0) | (given > LONGEST_WAIT)
-        _refuse_first(outside, raw, "wait_s", source, f"0 to {LONGEST_WAIT:g} seconds")
-        waits = np.where(np.isfinite(given), given, waits)
-    return PoseList(
-        arm.from_controller(np.column_stack(joints) * arm.joint_units),
-        _pose_names(raw, source) if "pose" in raw.columns else numbered(n),
-        _targets(raw) if "targets" in raw.columns else None,
-        waits,
-        {name: raw[name].to_numpy(dtype=object) for name in KEPT if name in raw.columns},
-        source,
-        digest,
-    )
+    return raw, arm.from_controller(np.column_stack(joints) * arm.joint_units)
+
+
+def _of_poses(table: columns.TableLike, raw: pd.DataFrame, arm: Arm, source: str) -> FloatArray:
+    """Joints (n, joints) of poses, of the solution nearest to zero joints."""
+    found = correct_poses(Robot(arm), arm, lists.read_poses(table))
+    missing = ~np.isfinite(found.q_nominal).all(axis=1)
+    if missing.any():
+        k = int(np.argmax(missing))
+        message = f"expected a pose that {arm.name} reaches within its joint limits"
+        raise MeasurementError(message, file=source, row=int(raw.index[k]))
+    return found.q_nominal
 
 
 def drawn(cell: Cell, count: int, seed: int = 0, wait_s: float = WAIT_S) -> PoseList:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,16 +12,17 @@ from numpy.typing import ArrayLike
 
 from irbcal import atomic
 from irbcal.arrays import FloatArray, lock
-from irbcal.cell import pose_list, realistic, simulated_files
+from irbcal.cell import pose_list, programs, realistic, simulated_files
 from irbcal.cell.cell import WAIT_S, Cell
 from irbcal.cell.pose_list import PoseList, PosesLike
 from irbcal.cell.run import Run
 from irbcal.cell.shipped import ROBOT_SEED, open_cell
+from irbcal.correction.program import Given
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import CalibrationLike
 from irbcal.files.schema import Record
-from irbcal.measurement import lists, table
+from irbcal.measurement import table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
 from irbcal.measurement.table import MeasurementSet
@@ -173,6 +174,9 @@ def simulate(
     wait: float = WAIT_S,
     wanted: TableLike | None = None,
     calibration: CalibrationLike | None = None,
+    tool: Mapping[str, ArrayLike] | None = None,
+    wobj: Mapping[str, ArrayLike] | None = None,
+    pulses: Sequence[float] | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> Simulated:
@@ -183,7 +187,8 @@ def simulate(
     robot : str or Path
         URDF of the nominal robot, or a shipped one: ``irb1600`` (tuned on the thesis), ``irb120``.
     plan : str, Path, DataFrame, Plan or array_like of shape (n, joints), optional
-        Joints to command, see `irbcal.cell.pose_list.taken`.
+        Joints or poses to command, or a robot program (docs/programs.md) of which the stops are measured; see
+        `irbcal.cell.pose_list.taken`.
     random : int, optional
         In place of a plan, that many random poses in the tracker's sight.
     seed, robot_seed : int
@@ -205,6 +210,8 @@ def simulate(
     wanted, calibration : optional
         The program before it was filtered (file or DataFrame), and the calibration it was filtered with (folder or
         loaded): tells how far the robot ends from where the program wanted it.
+    tool, wobj, pulses : optional
+        What robot programs need and do not say, as for `irbcal.correct`.
     base_link, tip_link : str, optional
         Links of the URDF; by default as `irbcal.read_urdf` chooses them.
 
@@ -228,12 +235,15 @@ def simulate(
     opened = open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed)
     opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
     opened = _equipped(opened, targets, payload, tracker)
-    poses = _poses(opened, plan, random, seed, wait)
+    given = None
+    if any(programs.is_program(one) for one in (plan, wanted)):
+        given = programs.given_for(robot, opened.arm, tool, wobj, pulses)
+    poses = _poses(opened, plan, random, seed, wait, given)
     run = _run(opened, poses, payload is not None)
     found = None
     if wanted is not None and calibration is not None:
-        program = opened.arm.from_controller(lists.read_joints(wanted, opened.arm.joint_columns))
-        found = misses(run, program, calibration_folder.opened(calibration))
+        program = pose_list.taken(wanted, opened.arm, wait, given)
+        found = misses(run, program.q, calibration_folder.opened(calibration))
     return Simulated(str(robot), opened, poses, run, found)
 
 
@@ -261,11 +271,13 @@ def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], als
     return (cell if only is None else cell.only(*only, *also)).without(*without)
 
 
-def _poses(cell: Cell, plan: PosesLike | None, random: int | None, seed: int, wait: float) -> PoseList:
+def _poses(
+    cell: Cell, plan: PosesLike | None, random: int | None, seed: int, wait: float, given: Given | None
+) -> PoseList:
     if (plan is None) == (random is None):
         raise OptionError("give either a plan or a number of random poses", parameter="plan")
     if random is None:
-        return pose_list.taken(plan, cell.arm, wait)
+        return pose_list.taken(plan, cell.arm, wait, given)
     return pose_list.drawn(cell, number("random", random, 1, MOST_POSES, whole=True), seed, wait)
 
 

@@ -116,6 +116,11 @@ def calibrate(
     ] = None,
     world_link: Annotated[bool, typer.Option("--world-link", help="Add the measuring frame to the URDF.")] = False,
     target_links: Annotated[bool, typer.Option("--target-links", help="Add the reflectors to the URDF.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a calibration that is in --out already.")] = False,
+    mesh_paths: Annotated[
+        Literal["package", "relative", "absolute"],
+        typer.Option(help="Mesh files in the URDF: as they were, or as paths, which MuJoCo, urchin and yourdfpy open."),
+    ] = "package",
     fail_if_worse: Annotated[bool, typer.Option("--fail-if-worse", help=show.FAIL_IF_WORSE)] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
@@ -129,7 +134,7 @@ def calibrate(
         robot,
         out,
         json,
-        {"world_link": world_link, "target_links": target_links},
+        {"world_link": world_link, "target_links": target_links, "mesh_paths": mesh_paths},
         model=model,
         terms=terms,
         holdout=holdout,
@@ -152,18 +157,27 @@ def calibrate(
         payload_place=grid.metres(payload_place, "--payload-place"),
         same_tool=same_tool,
         torques=torques,
+        force=force,
     )
     show.fail(verdict, fail_if_worse)
 
 
 def run(
-    measurements: Path, robot: str | None, out: Path, json: bool, links: dict[str, bool], **options: Any
+    measurements: Path,
+    robot: str | None,
+    out: Path,
+    json: bool,
+    links: dict[str, Any],
+    force: bool = False,
+    **options: Any,
 ) -> Verdict:
     """The main job with its output; also what the demo runs. The verdict comes back."""
     from irbcal.atomic import made_folders
     from irbcal.calibration import calibrate as identify
     from irbcal.files.calibration_folder import NAMES
+    from irbcal.overwriting import refuse_replacing
 
+    refuse_replacing(out, force)
     with made_folders(out, names=NAMES), show.progress(STEPS, quiet=json) as step:
         with wrong_calls():
             calibration = identify(measurements, robot, progress=step, **options)

@@ -11,10 +11,16 @@ from irbcal.cli import calibrate, show
 from irbcal.files import robots
 from irbcal.identification.choices import Model
 
+OWN = Path("irbcal-demo")
+"""Where nothing but the demonstration writes."""
+
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = Path("irbcal-demo"),
+    out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = OWN,
     model: Annotated[Model, typer.Option(help="Level of the error model (thesis, section 5.4).")] = "34",
+    force: Annotated[
+        bool, typer.Option("--force", help=f"Replace a calibration that is in --out already ({OWN} always is).")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses."""
@@ -26,6 +32,7 @@ def demo(
         out,
         json,
         {},
+        force=force or out == OWN,
         model=model,
         verify=robots.demo_file("demo_verification.csv"),
     )

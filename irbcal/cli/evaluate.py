@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import typer
 
 from irbcal.cli import grid, show
 
+if TYPE_CHECKING:
+    from irbcal.validation.evaluation import Evaluation
+
 Relative: TypeAlias = Literal["virtual", "three-points"]
+Rule: TypeAlias = Literal["mean3sigma", "max", "percentile"]
 
 
 def evaluate(
@@ -69,6 +73,33 @@ def evaluate(
         bool,
         typer.Option("--same-tool", help="With loads unknown to the calibration reflectors stayed in place."),
     ] = False,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Largest position error allowed, mm: pass or fail; exit code 3 unless it is a pass."),
+    ] = None,
+    rule: Annotated[
+        Rule | None,
+        typer.Option(
+            help="What must be within the tolerance: mean + 3 sigma, the largest error, or the 95th percentile.",
+            show_default="mean3sigma",
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Write a certificate to print and sign (HTML, A4).", show_default=False)
+    ] = None,
+    info: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="For the certificate: serial_number, operator, tracker, tracker_certificate, temperature, date, "
+            "robot_type or any other; repeatable. Columns of the file with these names are taken, too.",
+            show_default=False,
+        ),
+    ] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="Folder for the certificate's figures (PNG).", show_default=False)
+    ] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder for its data (CSV, JSON).", show_default=False)] = None,
     fail_if_worse: Annotated[bool, typer.Option("--fail-if-worse", help=show.FAIL_IF_WORSE)] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
@@ -76,6 +107,10 @@ def evaluate(
     from irbcal.units import MM
     from irbcal.validation.evaluate import evaluate as judge
 
+    if report is None and (figures or data):
+        raise typer.BadParameter(
+            "only a certificate has them: name its page with --report", param_hint="--figures, --data"
+        )
     result = judge(
         calibration,
         measurements,
@@ -93,12 +128,43 @@ def evaluate(
         seed=seed,
         payload=payload,
         same_tool=same_tool,
+        tolerance=None if tolerance is None else tolerance * MM,
+        rule=rule,
+        info=_told(info),
     )
+    written = {} if report is None else _certificate(result, report, figures, data)
     if json:
-        show.print_json(result.to_dict())
+        show.print_json(
+            result.to_dict() | {"written": [str(path / name) for path in written for name in written[path]]}
+        )
     else:
         show.tell(result.told())
+        for folder, files in written.items():
+            show.say(f"Written to {folder}: {', '.join(files)}")
+    if result.conformity is not None and not result.conformity:
+        raise typer.Exit(show.NOT_TRUSTED)
     show.fail(result.verdict, fail_if_worse)
+
+
+def _certificate(
+    result: Evaluation, report: Path, figures: Path | None, data: Path | None
+) -> dict[Path, tuple[str, ...]]:
+    from irbcal.reports.certificate import certificate
+
+    return certificate(result, report, figures=figures, data=data)
+
+
+def _told(info: list[str] | None) -> dict[str, str]:
+    """Names and what they are, of texts ``key=value``."""
+    out: dict[str, str] = {}
+    for text in info or ():
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise typer.BadParameter(f"expected key=value, found {text!r}", param_hint="--info")
+        if key in out:
+            raise typer.BadParameter(f"{key} is told twice", param_hint="--info")
+        out[key] = value
+    return out
 
 
 def _frame_points(text: str | None, relative: Relative | None) -> list[tuple[str, str]] | None:

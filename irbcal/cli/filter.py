@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from irbcal.cli import grid, show
+from irbcal.cli import grid, program_words, show
 
 if TYPE_CHECKING:
-    from irbcal.arrays import FloatArray
     from irbcal.correction.filtered import Filtered
-    from irbcal.correction.maker import Maker
 
 
 def filter_program(
@@ -57,6 +55,15 @@ def filter_program(
         str | None,
         typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
     ] = None,
+    controller_model: Annotated[
+        Path | None,
+        typer.Option(
+            help="What the controller itself computes with, where that is not the nominal robot: a URDF (irbcal "
+            "controller writes it), or ur_description's calibration YAML.",
+            metavar="FILE",
+            show_default=False,
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
@@ -64,7 +71,8 @@ def filter_program(
     from irbcal.correction.languages import files_of
 
     maker = files_of(program)[0].MAKER
-    tools, work_objects = _frames(tool, "--tool", maker), _frames(wobj, "--wobj", maker)
+    tools = program_words.frames(tool, "--tool", maker)
+    work_objects = program_words.frames(wobj, "--wobj", maker)
     refused = False
     try:
         found = correct(
@@ -77,7 +85,8 @@ def filter_program(
             wobj=work_objects,
             payload=payload,
             payload_place=grid.metres(payload_place, "--payload-place"),
-            pulses=_numbers(pulses),
+            pulses=program_words.pulses(pulses),
+            controller_model=controller_model,
         )
     except NotWritten as refusal:
         found, refused = refusal.found, True
@@ -123,42 +132,3 @@ def _last_moves(found: Filtered) -> dict[str, Any]:
         "max_last_move_mm": float(found.last_move_error.max(initial=0.0) / MM),
         "expected_with_last_moves_mm": None if expected is None else float(expected.mean() / MM),
     }
-
-
-def _numbers(text: str | None) -> list[float] | None:
-    """Numbers with commas between them."""
-    try:
-        return None if text is None else [float(value) for value in text.split(",")]
-    except ValueError:
-        raise typer.BadParameter(f"expected six numbers with commas, found {text!r}", param_hint="--pulses") from None
-
-
-LARGEST_MM = 1e6
-"""Of a tool or work object; a kilometre is none."""
-
-
-def _frames(given: list[str] | None, option: str, maker: Maker | None) -> dict[str, FloatArray]:
-    """Frames from the command line, dict of name to (4, 4) in metres."""
-    import numpy as np
-
-    from irbcal.correction.notation import poses_from_numbers
-
-    out = {}
-    for text in given or ():
-        name, _, numbers = text.partition("=")
-        try:
-            values = [float(value) for value in numbers.split(",")]
-        except ValueError:
-            values = []
-        if not (np.abs(values) < LARGEST_MM).all():  # nan, too
-            values = []
-        if name and len(values) == 6 and maker is not None:
-            out[name.lower()] = maker.poses(np.array([values]))[0]
-            continue
-        if not name or len(values) != 7 or abs(sum(v * v for v in values[3:]) - 1) > 1e-3:
-            expected = "NAME=x,y,z,q1,q2,q3,q4"
-            if maker is not None:
-                expected += f" or NAME=x,y,z,{','.join(maker.orientation.names)}"
-            raise typer.BadParameter(f"expected {expected}, found {text!r}", param_hint=option)
-        out[name.lower()] = poses_from_numbers([values])[0]
-    return out

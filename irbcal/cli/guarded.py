@@ -8,7 +8,7 @@ from typer.core import TyperCommand
 
 from irbcal.overwriting import refuse_overwriting
 
-OUTPUTS = ("out", "changes", "html", "plot", "plots", "figures", "data")
+OUTPUTS = ("out", "changes", "html", "plot", "plots", "figures", "data", "report", "csv", "latex")
 """Parameters that name files or folders to write, of every command: all others that name files are read."""
 
 

@@ -1,4 +1,4 @@
-"""``irbcal iso9283``: pose accuracy and repeatability, distance, drift, stabilisation, paths."""
+"""``irbcal iso9283``: poses, distances, drift, stabilisation, paths, posing time, compliance."""
 
 from enum import Enum
 from pathlib import Path
@@ -18,7 +18,12 @@ def iso9283(
         typer.Argument(help="Measurement file with columns pose (P1 … P5) and cycle.", show_default=False),
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Calibration folder: commanded poses at the file's joints, by both models.")
+        Path | None,
+        typer.Option(
+            help="Calibration folder: commanded poses at the file's joints, by both models; the base link of the "
+            "commanded path and of forces.",
+            show_default=False,
+        ),
     ] = None,
     commanded: Annotated[
         Path | None,
@@ -37,10 +42,26 @@ def iso9283(
     ] = None,
     rest: Annotated[float, typer.Option(min=0.0, help="Seconds after which the robot is at rest.")] = 10.0,
     path: Annotated[
-        Path | None, typer.Option(help="Sampled paths: cycle,x_mm,y_mm,z_mm[,qw,qx,qy,qz].", show_default=False)
+        Path | None, typer.Option(help="Sampled paths: cycle,x_mm,y_mm,z_mm[,time_s,qw,qx,qy,qz].", show_default=False)
     ] = None,
     commanded_path: Annotated[
-        Path | None, typer.Option(help="Points of the commanded path, in the same frame.", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Points of the commanded path, in the same frame; with --calibration in the base link.",
+            show_default=False,
+        ),
+    ] = None,
+    velocity: Annotated[
+        float | None, typer.Option(help="Commanded velocity of the path, mm/s.", show_default=False)
+    ] = None,
+    window: Annotated[float, typer.Option(min=0.0, help="Seconds over which velocities are smoothed.")] = 0.0,
+    moves: Annotated[
+        Path | None,
+        typer.Option(help="Moves from rest to rest: move,time_s,x_mm,y_mm,z_mm[,cycle].", show_default=False),
+    ] = None,
+    forces: Annotated[
+        Path | None,
+        typer.Option(help="Places under load: direction (+x …),force_n,x_mm,y_mm,z_mm[,cycle].", show_default=False),
     ] = None,
     plan: Annotated[
         str | None,
@@ -61,7 +82,7 @@ def iso9283(
     plot: Annotated[Path | None, typer.Option(help="Figure to write (.png, .svg, .pdf).", show_default=False)] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
-    """Accuracy and repeatability of poses, distances and paths, drift and stabilisation, after ISO 9283:1998."""
+    """Accuracy, repeatability, drift, settling, velocity, corners, posing time, compliance, after ISO 9283:1998."""
     from irbcal.figures.drawn_figure import check_name
     from irbcal.units import MM
     from irbcal.validation import iso9283_check
@@ -83,6 +104,10 @@ def iso9283(
             rest=rest,
             path=path,
             commanded_path=commanded_path,
+            velocity=None if velocity is None else velocity * MM,
+            window=window,
+            moves=moves,
+            forces=forces,
         )
     if plot is not None:
         result.save_plots(plot)

@@ -13,6 +13,7 @@ import typer
 from irbcal.cli import (
     ballbar,
     calibrate,
+    compare,
     controller,
     demo,
     evaluate,
@@ -65,6 +66,7 @@ app.command("demo", rich_help_panel="Calibrate", cls=Guarded)(demo.demo)
 app.command("import", rich_help_panel="Calibrate", cls=Guarded)(import_.import_files)
 app.command("calibrate", rich_help_panel="Calibrate", cls=Guarded)(calibrate.calibrate)
 app.command("evaluate", rich_help_panel="Calibrate", cls=Guarded)(evaluate.evaluate)
+app.command("compare", rich_help_panel="Calibrate", cls=Guarded)(compare.compare)
 app.command("view", rich_help_panel="Calibrate", cls=Guarded)(view.view)
 app.command("report", rich_help_panel="Calibrate", cls=Guarded)(report.report)
 app.command("robots", rich_help_panel="Prepare", cls=Guarded)(robots.robots)

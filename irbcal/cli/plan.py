@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from irbcal.cli import show
+from irbcal.cli import program_words, show
 
 
 class Axis(str, Enum):
@@ -31,6 +31,13 @@ class Condition(str, Enum):
     """Conditions of poses."""
 
     limits, height, acceptance, collision, sight, way = "limits", "height", "acceptance", "collision", "sight", "way"
+
+
+class Language(str, Enum):
+    """Languages that a plan can be written in, see `irbcal.correction.languages.by_name`."""
+
+    rapid, krl, fanuc, urscript = "rapid", "krl", "fanuc", "urscript"
+    val3, inform, csv = "val3", "inform", "csv"
 
 
 _Out = Annotated[Path, typer.Option(help="Folder for the plan.", show_default=False)]
@@ -94,6 +101,14 @@ _Noise = Annotated[
     float, typer.Option("--noise-mm", min=1e-4, max=10.0, help="Standard deviation of a measured coordinate.")
 ]
 _Seed = Annotated[int, typer.Option(min=0, help="Of the random poses.")]
+_Language = Annotated[
+    Language | None,
+    typer.Option(help="Of the robot program; csv: none.", show_default="that of the maker, by the robot's name"),
+]
+_Pulses = Annotated[
+    str | None,
+    typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
+]
 _PackageDirs = Annotated[
     list[Path] | None,
     typer.Option(
@@ -132,12 +147,14 @@ def plan(
     speed: _Speed = 500.0,
     noise: _Noise = 0.1,
     seed: _Seed = 0,
+    language: _Language = None,
+    pulses: _Pulses = None,
     package_dirs: _PackageDirs = None,
     base_link: _BaseLink = None,
     tip_link: _TipLink = None,
     json: _Json = False,
 ) -> None:
-    """Plan measurements: poses that the robot reaches and the tracker sees, a RAPID module, and what they promise."""
+    """Plan measurements: poses that the robot reaches and the tracker sees, a robot program, and what they promise."""
     place = _tracker(tracker)
     heights = _numbers(min_height, 2, "--min-height", "FRONT,BACK in mm")
     centre, edge = _cube(cube_centre, cube_edge)
@@ -170,6 +187,8 @@ def plan(
         speed=speed * MM,
         noise=noise * MM,
         seed=seed,
+        language=None if language is None else language.value,
+        pulses=program_words.pulses(pulses),
         package_dirs=package_dirs or (),
         base_link=base_link,
         tip_link=tip_link,

@@ -60,7 +60,7 @@ def tell(told: Sequence[Told]) -> None:
     for item in told:
         if isinstance(item, Table):
             print_table(console, item)
-        elif item.startswith(("Verdict: ", "Doubt: ")):
+        elif item.startswith(("Verdict: ", "Doubt: ", "Tolerance: ", "Against a pass: ")):
             _verdict(console, item)
         elif item.startswith("Note: "):
             note(item.removeprefix("Note: "))
@@ -72,7 +72,7 @@ def _verdict(console: Console, text: str) -> None:
     """A verdict or a doubt: bold, and red where it is not to be trusted."""
     from rich.text import Text
 
-    good = text.startswith("Verdict: Better")
+    good = text.startswith(("Verdict: Better", "Verdict: On these", "Tolerance: PASS"))
     console.print(Text(text, style="bold" if good else "bold red"), soft_wrap=True)
 
 

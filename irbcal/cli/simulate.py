@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from irbcal.cli import show
+if TYPE_CHECKING:
+    from irbcal.correction.maker import Maker
+
+from irbcal.cli import program_words, show
 
 _Plan = Annotated[
     Path | None,
     typer.Argument(
-        help="CSV of joints to command (q1_deg …), such as a plan or a filtered program; optional columns pose, "
-        "group, cycle, targets (names with spaces between them), wait_s.",
+        help="Robot program of any language of docs/programs.md, or CSV of joints (q1_deg …) or poses (x_mm … qz), "
+        "such as a plan; optional columns pose, group, cycle, targets (names with spaces between them), wait_s.",
         show_default=False,
     ),
 ]
@@ -63,6 +66,17 @@ _Wanted = Annotated[
 _Calibration = Annotated[
     Path | None, typer.Option(help="With --wanted: the calibration it was filtered with.", show_default=False)
 ]
+_Tool = Annotated[
+    list[str] | None,
+    typer.Option(help="A tool that a program does not define: NAME=numbers, as in irbcal filter; likewise"),
+]
+_Wobj = Annotated[
+    list[str] | None, typer.Option("--wobj", "--frame", help="a work object (base, user frame) in the base frame.")
+]
+_Pulses = Annotated[
+    str | None,
+    typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
+]
 _BaseLink = Annotated[str | None, typer.Option(help="Base link; base_link or the root by default.")]
 _TipLink = Annotated[str | None, typer.Option(help="Tip link; tool0, flange, ee_link or the last link by default.")]
 _List = Annotated[bool, typer.Option("--list", help="Name the effects and stop.")]
@@ -86,6 +100,9 @@ def simulate(
     wait: _Wait = 4.0,
     wanted: _Wanted = None,
     calibration: _Calibration = None,
+    tool: _Tool = None,
+    wobj: _Wobj = None,
+    pulses: _Pulses = None,
     base_link: _BaseLink = None,
     tip_link: _TipLink = None,
     list_: _List = False,
@@ -100,7 +117,7 @@ def simulate(
     if out is None:
         raise typer.BadParameter("missing", param_hint="--out")
     if (plan is None) == (random is None):
-        raise typer.BadParameter("give either a file of joints or --random", param_hint="PLAN")
+        raise typer.BadParameter("give either a program or plan, or --random", param_hint="PLAN")
     if only and without:
         raise typer.BadParameter("--only and --without exclude each other", param_hint="--only")
     if (wanted is None) != (calibration is None):
@@ -127,6 +144,9 @@ def simulate(
             wait=wait,
             wanted=wanted,
             calibration=calibration,
+            tool=program_words.frames(tool, "--tool", _maker(plan) if tool else None),
+            wobj=program_words.frames(wobj, "--wobj", _maker(plan) if wobj else None),
+            pulses=program_words.pulses(pulses),
             base_link=base_link,
             tip_link=tip_link,
         )
@@ -137,6 +157,13 @@ def simulate(
         show.print_json({"out": str(measured), "truth": str(truth), **simulated.to_dict()})
         return
     show.tell([*simulated.told(), f"Written to {measured}, the truth to {truth}"])
+
+
+def _maker(program: Path | None) -> Maker | None:
+    """How six numbers of a frame are meant."""
+    from irbcal.correction.languages import files_of
+
+    return None if program is None else files_of([program])[0].MAKER
 
 
 def _list(json: bool) -> None:

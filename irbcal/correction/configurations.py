@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.inverse import closed_form, own_model
 
 QUADRANT_TOLERANCE = 1e-6
 """Radians by which rounding may put an axis beyond the edge of its quadrant."""
@@ -40,7 +40,7 @@ def configuration_of(q: ArrayLike, cfx: int) -> ConfData:
 
 
 def seeds_of(
-    nominal: Arm, T_base_tip: ArrayLike, configurations: Sequence[ConfData | None]
+    nominal: Arm, T_base_tip: FloatArray, configurations: Sequence[ConfData | None], own: Arm | None = None
 ) -> tuple[FloatArray, BoolArray]:
     """Joints that the controller takes for poses with configuration data.
 
@@ -53,6 +53,8 @@ def seeds_of(
     nominal : Arm
     T_base_tip : ndarray, shape (n, 4, 4)
     configurations : sequence of ConfData or None, length n
+    own : Arm, optional
+        What the controller computes with where that is not the nominal arm.
 
     Returns
     -------
@@ -61,7 +63,7 @@ def seeds_of(
     told : ndarray of bool, shape (n,)
         False where the pose can be reached, but not with its configuration data.
     """
-    branches = closed_form.branches(nominal, T_base_tip)
+    branches = own_model.branches(nominal, T_base_tip, own)
     nearest, _ = closed_form.nearest(nominal, branches, np.zeros(6))
     n = len(nearest)
     wanted = np.array([[c.cf1, c.cf4, c.cf6] if c else [0, 0, 0] for c in configurations]).reshape(n, 3)

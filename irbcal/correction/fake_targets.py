@@ -16,7 +16,7 @@ from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
+from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form, own_model
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
@@ -117,7 +117,7 @@ def corrected_in_words(shift: FloatArray, asked: int | None = None) -> str:
     return f"{len(shift)}{of} target{plural} corrected, by {mean:.3f} mm on average and at most {most:.3f} mm"
 
 
-def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike) -> Corrected:
+def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike, controller: Arm | None = None) -> Corrected:
     """Fake targets for joint targets: the nominal pose of ``q`` is what is wanted (Nubiola 2011, section 6.2).
 
     Nubiola 2011, eq. 7.3: ``q_B = T_R6^-1[T_6(q_A)]``, with ``q`` for ``q_A`` and `Corrected.q` for ``q_B``.
@@ -130,6 +130,8 @@ def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike) -> Corrected:
         What the controller computes with.
     q : ndarray, shape (n, joints)
         Radians (metres for prismatic joints).
+    controller : Arm, optional
+        What the controller computes with where that is not the nominal arm: only a little another one.
 
     Returns
     -------
@@ -146,7 +148,8 @@ def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike) -> Corrected:
             f"{nominal.name} has {joints.shape[1]} joints: with fewer than six there are no fake targets, because "
             "position and orientation cannot both be corrected"
         )
-    return _correct(robot, nominal, nominal.forward(joints), joints)
+    computing = nominal if controller is None else controller
+    return _correct(robot, nominal, computing.forward(joints), joints, computing)
 
 
 def correct_poses(
@@ -155,6 +158,7 @@ def correct_poses(
     T_base_tip: ArrayLike,
     seed: ArrayLike | None = None,
     configuration: ArrayLike | None = None,
+    controller: Arm | None = None,
 ) -> Corrected:
     """Fake targets for poses of the tip in the base link (Nubiola 2011, section 6.2).
 
@@ -170,6 +174,8 @@ def correct_poses(
     configuration : ndarray of int, shape (n,), optional
         Branch that is meant (see `irbcal.modeling.inverse.closed_form`); without it and ``seed`` the one nearest to
         zero joints.
+    controller : Arm, optional
+        As for `correct_joints`.
 
     Returns
     -------
@@ -185,22 +191,25 @@ def correct_poses(
             f"{nominal.name} has no closed-form inverse, so a pose does not tell which joints are meant: correct a "
             "program of joints"
         )
-    branches = closed_form.branches(nominal, T_base_tip)
+    branches = own_model.branches(nominal, np.asarray(T_base_tip, dtype=float), controller)
     near = np.zeros(6) if seed is None else seed
     if configuration is None:
         q, _ = closed_form.nearest(nominal, branches, near)
     else:
         q, inside = closed_form.with_configuration(nominal, branches, configuration, near)
         q = np.where(inside[:, None], q, np.nan)
-    return _correct(robot, nominal, np.asarray(T_base_tip, dtype=float), q)
+    return correct_meant(robot, nominal, T_base_tip, q, controller)
 
 
-def correct_meant(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, q_nominal: FloatArray) -> Corrected:
-    """Fake targets for poses (n, 4, 4) of which the joints that the nominal robot takes are known: (n, joints)."""
-    return _correct(robot, nominal, np.asarray(T_base_tip, dtype=float), q_nominal)
+def correct_meant(
+    robot: Robot, nominal: Arm, T_base_tip: ArrayLike, q_nominal: FloatArray, controller: Arm | None = None
+) -> Corrected:
+    """Fake targets for poses (n, 4, 4) of which the joints that the controller takes are known: (n, joints)."""
+    computing = nominal if controller is None else controller
+    return _correct(robot, nominal, np.asarray(T_base_tip, dtype=float), q_nominal, computing)
 
 
-def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatArray) -> Corrected:
+def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatArray, controller: Arm) -> Corrected:
     known = np.isfinite(q_nominal).all(axis=1)
     n = len(q_nominal)
     q = np.full(q_nominal.shape, np.nan)
@@ -229,5 +238,5 @@ def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatA
     ok = np.isfinite(q).all(axis=1)
     T_fake = np.full((n, 4, 4), np.nan)
     if ok.any():
-        T_fake[ok] = nominal.forward(q[ok])
+        T_fake[ok] = controller.forward(q[ok])
     return Corrected(T_wanted, q_nominal, q, T_fake, ok, reason, residual)

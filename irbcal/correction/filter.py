@@ -22,13 +22,14 @@ from irbcal.correction.program import Given, Goals, Left, Program, read_bytes, r
 from irbcal.errors import OptionError, ProgramError
 from irbcal.files.calibration_folder import CalibrationLike, opened, read
 from irbcal.files.controller_frames import ControllerFrames, controller_frames, unknown
+from irbcal.files.controller_model import controller_kinematics
 from irbcal.files.schema import Record
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import without_formulas
-from irbcal.options import shown
+from irbcal.options import pulses_per_degree, shown
 from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
@@ -57,6 +58,7 @@ def correct(
     pulses: Sequence[float] | None = None,
     payload: float | None = None,
     payload_place: ArrayLike | None = None,
+    controller_model: str | Path | None = None,
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 
@@ -81,6 +83,10 @@ def correct(
         Pulses per degree of the six joints, for Yaskawa jobs whose positions are in pulses.
     payload, payload_place : optional
         Mass carried, kg, and its centre in the tip link (3,), metres; those of most poses of the fit unless given.
+    controller_model : str or Path, optional
+        What the controller itself computes with where that is not the nominal robot: a URDF (``irbcal controller``
+        writes one), or joint origins in the layout of ``ur_description``'s calibration files. Poses of the program, its
+        tools and its work objects are then those of this model.
 
     Returns
     -------
@@ -107,16 +113,24 @@ def correct(
     programs_given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
     if not programs_given:
         raise OptionError("program: expected a file, found none", parameter="program")
-    refuse_overwriting({"out": out, "changes": changes}, programs_given, calibration)
+    inputs = [*programs_given, *([] if controller_model is None else [controller_model])]
+    refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
     language, sources = languages.files_of(programs_given)
     record = opened(calibration)
     nominal = record.arm(calibrated=False)
-    given = Given(_given(tool, "tool"), _given(wobj, "wobj"), _controller(calibration, record), _pulses(pulses))
+    urdf = _urdf(calibration)
+    model = None if controller_model is None else controller_kinematics(controller_model, record, urdf)
+    frames_given = given_frames(tool, "tool"), given_frames(wobj, "wobj")
+    counts, own = pulses_per_degree(pulses), None if model is None else model.arm
+    given = Given(*frames_given, _controller(urdf, record), counts, own)
     programs = language.read_for(nominal, sources, given)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
-    found = together([filter_program(robot, nominal, one, record.fingerprint) for one in programs])
+    robot = robot if model is None else model.seen_by_it(robot)
+    found = together([filter_program(robot, nominal, one, record.fingerprint, given.own_model) for one in programs])
     if robot.certainty is not None and (outside := robot.certainty.outside_in_words(found.q_before, "targets")):
         found = replace(found, cautions=(outside,))
+    if model is not None:
+        found = replace(found, cautions=(model.in_words(robot, found.q_before), *found.cautions))
     if record.heldout is not None:
         found = replace(found, expected_error=record.heldout.all.mean_mm * MM)
     if out is None and changes is None:
@@ -141,19 +155,6 @@ def _written(found: Filtered, out: str | Path | None, changes: str | Path | None
     return found
 
 
-def _pulses(pulses: Sequence[float] | None) -> tuple[float, ...]:
-    """Pulses per degree from the caller."""
-    if pulses is None:
-        return ()
-    values = np.asarray(pulses, dtype=object)
-    good = values.shape == (6,) and all(isinstance(v, (int, float)) and 1.0 < abs(v) < 1e6 for v in values)
-    if not good:
-        raise OptionError(
-            f"pulses: expected six numbers of pulses per degree, found {shown(pulses)}", parameter="pulses"
-        )
-    return tuple(float(value) for value in values)
-
-
 def _places(out: Path, files: Mapping[str, bytes], folder: bool) -> dict[Path, bytes]:
     """Where files go: all into a folder, or the one into a file."""
     if not folder:
@@ -164,15 +165,20 @@ def _places(out: Path, files: Mapping[str, bytes], folder: bool) -> dict[Path, b
     return {out / Path(name).name: data for name, data in files.items()}
 
 
-def _controller(calibration: CalibrationLike, record: Record) -> ControllerFrames:
-    """The controller's world and flange, from the calibration's URDF where that is at hand."""
+def _urdf(calibration: CalibrationLike) -> bytes | None:
+    """The calibration's URDF where that is at hand."""
     data = read(calibration).urdf if isinstance(calibration, (str, os.PathLike)) else getattr(calibration, "urdf", None)
-    if not isinstance(data, bytes):
+    return data if isinstance(data, bytes) else None
+
+
+def _controller(data: bytes | None, record: Record) -> ControllerFrames:
+    """The controller's world and flange, from the calibration's URDF where that is at hand."""
+    if data is None:
         return unknown()
     return controller_frames(data, "calibrated.urdf", record.robot.base_link, record.robot.tip_link)
 
 
-def _given(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
+def given_frames(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
     """Frames from the caller, by names in lower case."""
     if given is not None and not isinstance(given, Mapping):
         raise OptionError(
@@ -207,7 +213,9 @@ def _not_written(found: Filtered) -> NotWritten:
     return refusal
 
 
-def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: str) -> Filtered:
+def filter_program(
+    robot: Robot, nominal: Arm, program: Program, fingerprint: str, controller: Arm | None = None
+) -> Filtered:
     """Correct the targets of a program as read.
 
     Parameters
@@ -220,6 +228,8 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
         See `irbcal.correction.languages`.
     fingerprint : str
         Of the calibration; goes into the mark.
+    controller : Arm, optional
+        What the controller computes with where that is not the nominal arm.
 
     Returns
     -------
@@ -235,9 +245,9 @@ def filter_program(robot: Robot, nominal: Arm, program: Program, fingerprint: st
     refuse_filtered(program)
     alone = []
     for goals in _of_arm(program, nominal):
-        fake = _fake_targets(robot, nominal, goals)
+        fake = _fake_targets(robot, nominal, goals, controller)
         alone.append((goals, _refused(fake, program.refused(goals, fake))))
-    found, last_moves = with_last_moves(robot, nominal, alone, program.stops())
+    found, last_moves = with_last_moves(robot, controller or nominal, alone, program.stops())
     left = list(program.left())
     names: list[str] = []
     for goals, fake in found:
@@ -286,17 +296,43 @@ def _counted(
     return [(goals, replace(fake, q=nominal.to_controller(fake.q))) for goals, fake in found]
 
 
-def _fake_targets(robot: Robot, nominal: Arm, goals: Goals) -> Corrected:
+def meant_joints(program: Program, nominal: Arm) -> list[tuple[Goals, FloatArray, Sequence[str]]]:
+    """Joints that a controller takes for the targets of a program.
+
+    Parameters
+    ----------
+    program : Program
+        See `irbcal.correction.languages`.
+    nominal : Arm
+        What the controller computes with.
+
+    Returns
+    -------
+    list of (Goals, ndarray of shape (n, joints), sequence of str)
+        Radians; NaN where there are none, with the reason. Empty reasons where there are.
+    """
+    out: list[tuple[Goals, FloatArray, Sequence[str]]] = []
+    for goals in _of_arm(program, nominal):
+        if goals.kind == "joint":
+            out.append((goals, goals.values, [""] * len(goals.names)))
+            continue
+        fake = _fake_targets(Robot(nominal), nominal, goals, None)
+        known = np.isfinite(fake.q_nominal).all(axis=1)
+        out.append((goals, fake.q_nominal, [*np.where(known, "", fake.reason)]))
+    return out
+
+
+def _fake_targets(robot: Robot, nominal: Arm, goals: Goals, controller: Arm | None) -> Corrected:
     if goals.kind == "joint":
-        return correct_joints(robot, nominal, goals.values)
+        return correct_joints(robot, nominal, goals.values, controller)
     if goals.joints is not None:
-        return _refused(correct_meant(robot, nominal, goals.values, goals.joints), goals.unknown)
+        return _refused(correct_meant(robot, nominal, goals.values, goals.joints, controller), goals.unknown)
     if goals.configurations is None:
-        return correct_poses(robot, nominal, goals.values)
+        return correct_poses(robot, nominal, goals.values, controller=controller)
     confs = [conf if isinstance(conf, ConfData) else None for conf in goals.configurations]
-    seed, told = seeds_of(nominal, goals.values, confs)
+    seed, told = seeds_of(nominal, goals.values, confs, controller)
     branch = closed_form.configuration(nominal, np.nan_to_num(seed))
-    found = correct_poses(robot, nominal, goals.values, seed, branch)
+    found = correct_poses(robot, nominal, goals.values, seed, branch, controller)
     reason = "its configuration data fit no solution of the robot within the joint limits"
     return _refused(found, ["" if known else reason for known in told])
 

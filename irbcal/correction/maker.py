@@ -18,7 +18,7 @@ from irbcal.correction.orientations import Orientation
 from irbcal.errors import ProgramError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import any_arm, closed_form
+from irbcal.modeling.inverse import any_arm, closed_form, own_model
 from irbcal.modeling.inverse.branches import Branches
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG
@@ -86,6 +86,8 @@ class Maker:
         degrees of zero (that counts as negative).
     world : bool
         Whether the controller's world need not be the arm's base link, so that the URDF must name it.
+    pulses : bool
+        Whether joints are written in pulses, of which each robot has its own number per degree.
     """
 
     name: str
@@ -100,6 +102,7 @@ class Maker:
     aligned: bool = False
     world: bool = False
     wrist_axis: int = 5
+    pulses: bool = False
 
     def __post_init__(self) -> None:
         lock(self)
@@ -169,7 +172,12 @@ def axes_of(arm: Arm) -> tuple[str, ...]:
 
 
 def joints_of(
-    maker: Maker, arm: Arm, T_base_tip: FloatArray, postures: Sequence[Posture], near: FloatArray
+    maker: Maker,
+    arm: Arm,
+    T_base_tip: FloatArray,
+    postures: Sequence[Posture],
+    near: FloatArray,
+    own: Arm | None = None,
 ) -> tuple[FloatArray, list[str]]:
     """Joints that a controller takes for poses.
 
@@ -182,6 +190,8 @@ def joints_of(
     postures : sequence of Posture, length n
     near : ndarray, shape (n, 6)
         Joints of the URDF that the arm comes from, radians; NaN where they are not known.
+    own : Arm, optional
+        What the controller computes with where that is not ``arm``.
 
     Returns
     -------
@@ -198,11 +208,11 @@ def joints_of(
     if not closed_form.has_closed_form(arm):
         rows = np.flatnonzero(known)
         if len(rows):
-            found = any_arm.solve(Robot(arm), arm, T_base_tip[rows], seed=near[rows], thorough=False)
+            found = any_arm.solve(Robot(own or arm), arm, T_base_tip[rows], seed=near[rows], thorough=False)
             q[rows] = np.where((found.converged & found.inside)[:, None], found.joints, np.nan)
         reached: BoolArray = np.logical_and.reduce(np.isfinite(q), axis=1)
         return q, ["" if r else NO_REACH if k else NO_POSTURE for r, k in zip(reached, known, strict=True)]
-    branches = closed_form.branches(arm, T_base_tip)
+    branches = own_model.branches(arm, T_base_tip, own)
     start = np.where(known[:, None], near, 0.0)
     turned, fits = _fitting(maker, arm, branches, postures, start)
     told: BoolArray = np.logical_or(known, np.array([posture.whole for posture in postures], dtype=bool))

@@ -78,6 +78,8 @@ class MakerProgram(TextProgram):
         What the controller computes with.
     order : tuple of Stop
         The stops in the order of the program.
+    own_model : Arm or None
+        What the controller itself computes with where that is not ``arm``.
     mark_at : int
         Where the mark goes.
     """
@@ -86,6 +88,7 @@ class MakerProgram(TextProgram):
     maker: Maker
     arm: Arm
     order: tuple[Stop, ...]
+    own_model: Arm | None
     mark_at: int
 
     @abstractmethod
@@ -129,7 +132,7 @@ class MakerProgram(TextProgram):
         reasons = [NO_POSTURE] * len(poses)
 
         def take(rows: Sequence[int], starts: FloatArray) -> None:
-            found, why = joints_of(self.maker, self.arm, T[rows], [postures[k] for k in rows], starts)
+            found, why = joints_of(self.maker, self.arm, T[rows], [postures[k] for k in rows], starts, self.own_model)
             for k, joints, reason in zip(rows, found, why, strict=True):
                 q[k], reasons[k] = joints, reason
 
@@ -144,7 +147,7 @@ class MakerProgram(TextProgram):
                 continue
             found, why = joints_of(
                 self.maker, self.arm, np.repeat(T[[row]], len(starts), axis=0), [postures[row]] * len(starts),
-                np.array(starts),
+                np.array(starts), self.own_model,
             )  # fmt: skip
             q[row], reasons[row] = found[0], next(filter(None, why), "")
             if not reasons[row] and np.abs(found - found[0]).max() > 1e-6:
@@ -234,6 +237,7 @@ class Parts(TypedDict):
     maker: Maker
     arm: Arm
     order: tuple[Stop, ...]
+    own_model: Arm | None
 
 
 def parts_of(
@@ -269,6 +273,7 @@ def parts_of(
         maker=maker,
         arm=arm,
         order=order,
+        own_model=given.own_model,
     )
 
 

@@ -12,6 +12,7 @@ from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.correction.fake_targets import Corrected
 from irbcal.errors import ProgramError
 from irbcal.files.controller_frames import ControllerFrames
+from irbcal.modeling.arm import Arm
 
 Kind: TypeAlias = Literal["joint", "pose"]
 """What a target is: a set of joints, or a pose of the tool centre point in a work object."""
@@ -108,12 +109,15 @@ class Given(NamedTuple):
     controller : ControllerFrames
     pulses : tuple of float
         Pulses per degree of the joints, for programs that are written in pulses; empty where they are not given.
+    own_model : Arm or None
+        What the controller itself computes with where that is not the nominal arm.
     """
 
     tools: Mapping[str, FloatArray]
     work_objects: Mapping[str, FloatArray]
     controller: ControllerFrames
     pulses: tuple[float, ...] = ()
+    own_model: Arm | None = None
 
 
 class Program(Protocol):

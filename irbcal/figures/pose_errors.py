@@ -28,6 +28,8 @@ HEADROOM = 1.07
 
 BINS = 40
 CLASSES = 5
+ROUND = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""Numbers of a decade that stand between classes of errors."""
 
 QUANTILES = 200
 """Ordered errors that a normal quantile plot shows at most, the largest `TAIL` always."""
@@ -206,16 +208,21 @@ def _mark_size(n: int) -> float:
     return min(6.0, max(2.6, 90 / n**0.5))
 
 
-def errors_by_pose(poses: PoseErrors) -> Figure:
-    """A panel for each model, one above the other, so that neither hides the other."""
+def errors_by_pose(poses: PoseErrors, tolerance_mm: float | None = None) -> Figure:
+    """A panel for each model, one above the other, so that neither hides the other; a tolerance as a dashed line."""
     caption = f"Position error of each {poses.name} pose (mean of its points) in order of measurement"
-    return Figure(f"errors_by_pose_{_file(poses)}", caption, [_by_pose(poses, caption)], _models_legend(poses))
+    legend = _models_legend(poses)
+    if tolerance_mm is not None:
+        caption += "; dashed: the tolerance"
+        legend.append(("ink", "--", f"tolerance {tolerance_mm:g} mm"))
+    return Figure(f"errors_by_pose_{_file(poses)}", caption, [_by_pose(poses, caption, tolerance_mm)], legend)
 
 
-def _by_pose(poses: PoseErrors, caption: str) -> Drawing:
+def _by_pose(poses: PoseErrors, caption: str, tolerance_mm: float | None) -> Drawing:
     n = len(poses.pose_names)
     drawing = Drawing(caption, 150.0 + 100.0 * (len(poses.models) - 1))
-    top = up_to(HEADROOM * max(model.per_pose.max() for model in poses.models.values()) / MM, 4)
+    largest = max(model.per_pose.max() for model in poses.models.values()) / MM
+    top = up_to(HEADROOM * max(largest, tolerance_mm or 0.0), 4)
     x = np.arange(1.0, n + 1)
     ends = (1 - 0.02 * n - 0.5, n + 0.02 * n + 0.5)
     for k, (name, model) in enumerate(poses.models.items()):
@@ -226,6 +233,8 @@ def _by_pose(poses: PoseErrors, caption: str) -> Drawing:
         y = model.per_pose / MM
         texts = [f"pose {pose}: {name} {error:.3f} mm" for pose, error in zip(poses.pose_names, y, strict=True)]
         _dots(panel, x, y, name, texts, _titled(y), size=_mark_size(n), opacity=0.75)
+        if tolerance_mm is not None:
+            panel.level(tolerance_mm, "ink", dash="5 3")
     return drawing
 
 
@@ -347,20 +356,22 @@ def workspace(poses: PoseErrors) -> Figure:
             drawings.append(panel.drawing)
     legend: list[LegendEntry] = [(f"error{k}", "o", text) for k, text in enumerate(words)]
     caption = (
-        f"{label}, seen along z and along y of the base link (cross: its origin); each colour has the same share of "
-        "all errors shown"
+        f"{label}, seen along z and along y of the base link (cross: its origin); each colour has about the same share "
+        "of all errors shown"
     )
     return Figure("workspace", caption, drawings, legend, len(poses.models))
 
 
 def _classes(errors: FloatArray) -> tuple[FloatArray, list[str]]:
-    """Inner edges of `CLASSES` classes with about as many errors each, and the classes in words.
-
-    All edges have as many decimals, so many that the smallest has two digits.
-    """
-    edges = np.quantile(errors, np.arange(1, CLASSES) / CLASSES)
-    decimals = max(0, 1 - int(np.floor(np.log10(max(edges[0], 1e-9)))))
-    text = [f"{edge:.{decimals}f}" for edge in edges]
+    """Inner edges of `CLASSES` classes at round numbers, with about as many errors each, and the classes in words."""
+    quantiles = np.maximum(np.quantile(errors, np.arange(1, CLASSES) / CLASSES), 1e-6)
+    first, last = np.floor(np.log10(quantiles[0])) - 1, np.ceil(np.log10(quantiles[-1])) + 1
+    known = np.array([k * 10.0**power for power in np.arange(first, last + 1) for k in ROUND])
+    taken: list[int] = []
+    for value in quantiles:
+        nearest = int(np.argmin(np.abs(np.log(known / value))))
+        taken.append(max(nearest, taken[-1] + 1) if taken else nearest)
+    text = [f"{known[k]:.10g}" for k in taken]
     edges = np.array([float(edge) for edge in text])
     between = [f"{a} to {b} mm" for a, b in pairwise(text)]
     return edges, [f"below {text[0]} mm", *between, f"{text[-1]} mm and more"]

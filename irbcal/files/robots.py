@@ -66,8 +66,8 @@ class NamedRobot:
 
 
 NAMED = (
-    NamedRobot("irb1600", "irb1600_6_145.urdf", "ABB IRB 1600-6/1.45", "irbcal"),
-    NamedRobot("irb120", "irb120_3_058.urdf", "ABB IRB 120-3/0.58", "irbcal"),
+    NamedRobot("irb1600", "irbcal_description/urdf/irb1600_6_145.urdf", "ABB IRB 1600-6/1.45", "irbcal"),
+    NamedRobot("irb120", "irbcal_description/urdf/irb120_3_058.urdf", "ABB IRB 120-3/0.58", "irbcal"),
     NamedRobot("ur3", "ur_description/urdf/ur3_robot.urdf", "Universal Robots UR3"),
     NamedRobot("ur5", "ur_description/urdf/ur5_robot.urdf", "Universal Robots UR5"),
     NamedRobot("ur10", "ur_description/urdf/ur10_robot.urdf", "Universal Robots UR10"),
@@ -169,7 +169,9 @@ def named(robot: str | Path) -> NamedRobot | None:
         return None
     wanted = str(robot).lower()
     for item in (*NAMED, *(_descriptions() if wanted.endswith("_description") else ())):
-        if wanted == item.name or (item.source != EXAMPLES and wanted.removesuffix(".urdf") + ".urdf" == item.file):
+        if wanted == item.name or (
+            item.source != EXAMPLES and wanted.removesuffix(".urdf") + ".urdf" == Path(item.file).name
+        ):
             return item
     return None
 

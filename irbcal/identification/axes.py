@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import circles
 from irbcal.measurement.last_moves import STILL
@@ -21,6 +21,27 @@ from irbcal.units import DEG
 
 GROUPS = tuple(f"axis{k}" for k in range(1, 7))
 """Groups of poses in which one joint moves, each in its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class OneAxis:
+    """One measured joint axis, in the measuring frame.
+
+    Attributes
+    ----------
+    fit : AxisFit
+    home : ndarray, shape (joints,)
+        Joints at which the others stood, radians; the moving joint's own entry does not matter.
+    moves : PointSet
+        The poses of its group and their points.
+    """
+
+    fit: circles.AxisFit
+    home: FloatArray
+    moves: PointSet
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,23 +95,54 @@ def measure_axes(points: PointSet) -> MeasuredAxes:
     IdentificationError
         If a group is missing, if other joints move within a group or if a group does not give an axis.
     """
-    with_points = np.zeros(points.poses, dtype=bool)
-    with_points[points.pose] = True
-    groups = np.array([str(group) for group in points.groups])
+    with_points, groups = _groups(points)
     found = sorted({group for group in groups[with_points] if group})
     if not set(GROUPS) <= set(found):
         raise IdentificationError(
             "the method circles needs one-joint moves in the groups axis1 ... axis6; found "
             + (", ".join(found) or "no groups")
         )
-    fits, homes = [], np.empty((6, 6))
-    for k, name in enumerate(GROUPS):
-        group = points.select(with_points & (groups == name))
-        homes[k] = _home(group.q, k)
-        fits.append(circles.fit_axis(group.xyz, group.target, group.joints()[:, k], name))
+    found_axes = [one_axis(points, k) for k in range(6)]
+    fits, homes = [axis.fit for axis in found_axes], np.array([axis.home for axis in found_axes])
     p, z = np.array([fit.point for fit in fits]), np.array([fit.direction for fit in fits])
     moves = points.select(with_points & np.isin(groups, GROUPS))
     return MeasuredAxes(tuple(fits), homes, *at_zero_joints(p, z, homes), moves)
+
+
+def one_axis(points: PointSet, k: int) -> OneAxis:
+    """Find one axis from the group ``axis1``, ``axis2`` … of its joint.
+
+    Parameters
+    ----------
+    points : PointSet
+    k : int
+        Joint, counted from 0.
+
+    Returns
+    -------
+    OneAxis
+
+    Raises
+    ------
+    IdentificationError
+        If the group is missing, if other joints move within it or if it does not give an axis.
+    """
+    name = f"axis{k + 1}"
+    with_points, groups = _groups(points)
+    mine = with_points & (groups == name)
+    if not mine.any():
+        others = ", ".join(sorted({group for group in groups[with_points] if group})) or "no groups"
+        raise IdentificationError(f"there are no moves of joint {k + 1} in a group {name}; found {others}")
+    moves = points.select(mine)
+    home = _home(moves.q, k)
+    return OneAxis(circles.fit_axis(moves.xyz, moves.target, moves.joints()[:, k], name), home, moves)
+
+
+def _groups(points: PointSet) -> tuple[BoolArray, NameArray]:
+    """Which poses have points, and the group of each pose."""
+    with_points = np.zeros(points.poses, dtype=bool)
+    with_points[points.pose] = True
+    return with_points, np.array([str(group) for group in points.groups], dtype=object)
 
 
 def _home(q: FloatArray, k: int) -> FloatArray:
@@ -102,7 +154,7 @@ def _home(q: FloatArray, k: int) -> FloatArray:
     worst = int(np.argmax(range_of))
     if range_of[worst] > STILL:
         raise IdentificationError(
-            f"group {GROUPS[k]}: joint {worst + 1} moves by {range_of[worst] / DEG:.3g} degrees, "
+            f"group axis{k + 1}: joint {worst + 1} moves by {range_of[worst] / DEG:.3g} degrees, "
             f"but only joint {k + 1} may move there"
         )
     return q[0] + off.mean(axis=0)

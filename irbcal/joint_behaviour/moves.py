@@ -12,6 +12,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import circles
+from irbcal.joint_behaviour.free_frequency import interval
 from irbcal.joint_behaviour.series import Series, home_poses, one_series
 from irbcal.joint_behaviour.terms import (
     HIGHEST_FREQUENCY,
@@ -37,6 +38,9 @@ GRAVITY = (2, 3)
 
 SPARE = 3
 """Angles more than unknowns that a test needs."""
+
+MANY = 8
+"""Angles of which the first one, reached from nobody knows where, can be spared."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,7 +153,7 @@ def _joint_moves(joint: int, series: Sequence[Series], order: int, frequency: fl
     levels = [_levels(s) for s in series]
     lever = float(np.sqrt(np.mean([s.lever**2 for s in series])))
     backlash = _backlash_of_moves(joint, series, levels, lever)
-    data = _Levels(series, levels, sure_backlash(backlash))
+    data = _Levels(series, levels, backlash)
     return JointMoves(
         joint,
         tuple(series),
@@ -212,7 +216,10 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
 
 
 class _Fit(NamedTuple):
-    """Outcome of `_Levels.fit`; covariance with that of the circles, rms of angles left out in radians."""
+    """Outcome of `_Levels.fit`; covariance with that of the circles, rms of angles left out in radians.
+
+    ``variance`` is that of one pose's angle, rad^2.
+    """
 
     beta: FloatArray
     covariance: FloatArray
@@ -220,12 +227,15 @@ class _Fit(NamedTuple):
     p: float
     rms_without: float
     rms_with: float
+    variance: float
 
 
 class _Levels:
     """Angular errors of all series of a joint, a row for each joint angle, both directions in the middle.
 
-    Where there is backlash, poses that were reached from nobody knows where are left out.
+    Where there is backlash, or may be and the other angles are `MANY`, poses that were reached from nobody knows where
+    are left out. Where too few angles were reached from both sides to tell it, the direction is fitted beside every
+    term.
 
     Attributes
     ----------
@@ -235,30 +245,40 @@ class _Levels:
         Square root of the number of poses.
     own : ndarray, shape (r, series)
         Which series a row belongs to: each has a zero of its own.
+    beside : ndarray, shape (r, k)
+        ``own`` and, where backlash is not known, the direction.
     covariance : ndarray, shape (r, r)
         Of ``y`` by the uncertainty of the circles.
     step : float
         Typical distance between neighbouring angles, radians.
     """
 
-    def __init__(self, series: Sequence[Series], levels: Sequence[IntArray], play: float) -> None:
+    def __init__(self, series: Sequence[Series], levels: Sequence[IntArray], backlash: Term) -> None:
+        play, unknown = sure_backlash(backlash), backlash.note != ""
+        side: list[FloatArray] = []
         x: list[FloatArray] = []
         y: list[FloatArray] = []
         root: list[FloatArray] = []
         own: list[IntArray] = []
         follow: list[FloatArray] = []
         for k, (s, number) in enumerate(zip(series, levels, strict=True)):
-            used = (s.direction != 0) | (play == 0.0)
+            used = s.direction != 0
+            if play == 0.0 and not (unknown and len(np.unique(number[used])) >= MANY):
+                used = np.ones_like(used)
             _, number = np.unique(number[used], return_inverse=True)
             count = np.bincount(number)
             x.append(np.bincount(number, s.turn[used]) / count)
             y.append(np.bincount(number, (s.angle + 0.5 * play * s.direction)[used]) / count)
             root.append(np.sqrt(count))
+            side.append(np.bincount(number, s.direction[used]) / count)
             own.append(np.full(len(count), k))
             D = np.column_stack([np.bincount(number, column) / count for column in s.follow[used].T])
             follow.append(D @ np.nan_to_num(s.fit.covariance) @ D.T)
         self.x, self.y, self.root = (np.concatenate(parts) for parts in (x, y, root))
         self.own = (np.concatenate(own)[:, None] == np.arange(len(series))).astype(float)
+        both = np.concatenate(side)
+        varies = any(part.min() < 0 < part.max() for part in side) and len(both) >= MANY
+        self.beside = np.column_stack([self.own, both]) if unknown and varies else self.own
         self.covariance = np.zeros((len(self.x), len(self.x)))
         start = 0
         for block in follow:
@@ -273,8 +293,7 @@ class _Levels:
         from scipy.stats import f as fisher
 
         w = self.root[:, None]
-        N, X, y = w * self.own, w * X, self.root * self.y
-        N = N / np.linalg.norm(N, axis=0)
+        N, X, y = np.linalg.qr(w * self.beside)[0], w * X, self.root * self.y
         rest_X, rest = X - N @ (N.T @ X), y - N @ (N.T @ y)
         P = np.linalg.pinv(rest_X)
         beta = P @ rest
@@ -286,7 +305,7 @@ class _Levels:
         p = float(fisher.sf(beta @ np.linalg.solve(C, beta) / len(beta), len(beta), freedom))
         H_0 = np.sum(N**2, axis=1)
         H_1 = H_0 + np.einsum("rk,kr->r", rest_X, P)
-        return _Fit(beta, C, freedom, p, self._left_out(rest, H_0), self._left_out(left, H_1))
+        return _Fit(beta, C, freedom, p, self._left_out(rest, H_0), self._left_out(left, H_1), sigma2)
 
     def _left_out(self, left: FloatArray, leverage: FloatArray) -> float:
         """Root mean square of what is left of angles that were left out, radians; a pose counts once."""
@@ -317,7 +336,7 @@ def _term_of_levels(
 
 def _gain_of_moves(joint: int, data: _Levels, lever: float) -> Term:
     """A gain of the encoder, as Nubiola 2011, eq. 3.31, has it."""
-    missing = 1 + data.own.shape[1] + SPARE - len(data.x)
+    missing = 1 + data.beside.shape[1] + SPARE - len(data.x)
     if missing > 0:
         return Term("gain", joint, ("gain",), note=f"{len(data.x)} joint angles are too few")
     X = data.x[:, None]
@@ -339,10 +358,11 @@ def _gravity_of_moves(joint: int, data: _Levels, lever: float) -> Term:
 def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequency: float | None) -> Term:
     """The Fourier series fitted to both directions (Nubiola 2011, section 5.2, Figure 5.2, Table 5.2).
 
-    Its constant is the series' zero; omega is given, as the thesis's is in the end, or free.
+    Its constant is the series' zero; omega is given, as the thesis's is in the end, or free, then with the interval of
+    `irbcal.joint_behaviour.free_frequency`.
     """
     names, free = fourier_names(order), frequency is None
-    needed = data.own.shape[1] + 2 * order + free + SPARE
+    needed = data.beside.shape[1] + 2 * order + free + SPARE
     # of places a turn apart, a series with one period a turn sees one
     places = len(data.x) if free or frequency != 1.0 else len(circles.distinct_angles(data.x))
     if len(data.x) < needed or places < 2 * order + 2:
@@ -365,10 +385,10 @@ def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequ
     swapped = X.reshape(len(X), order, 2)[:, :, ::-1].reshape(len(X), -1)
     along = (turned * swapped) @ fit.beta
     free_too = data.fit(np.column_stack([X, along]))
-    half = quantile(free_too.freedom) * np.sqrt(free_too.covariance[-1, -1])
     fit = fit._replace(covariance=free_too.covariance, freedom=free_too.freedom, p=min(1.0, fit.p * len(tried)))
-    interval = (found, float(found - half), float(found + half))
-    return _term_of_levels("fourier", joint, names, X, data, lever, fit, frequency=interval)
+    spread = data.covariance + np.diag(free_too.variance / data.root**2)
+    sure = interval(data.x, data.y, spread, data.beside, order, tried, found, free_too.freedom)
+    return _term_of_levels("fourier", joint, names, X, data, lever, fit, frequency=sure)
 
 
 def _judged_moves(joints: list[JointMoves]) -> list[JointMoves]:

@@ -226,7 +226,7 @@ def _values(term: Term, slides: Slides) -> list[str]:
         lines.append(f"{label}{value / size:.{digits}f} ± {(high - low) / 2 / size:.{digits}f}")
     if term.frequency is not None and len(term.frequency) == 3:
         found, low, high = term.frequency
-        lines.append(f"frequency {found:.4f} ± {(high - low) / 2:.4f}")
+        lines.append(f"frequency {found:.4f} ({low:.4f} to {high:.4f})")
     return lines
 
 

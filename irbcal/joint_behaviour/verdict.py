@@ -138,7 +138,7 @@ def _frequency(term: Term) -> str:
     if len(term.frequency) == 1:
         return f" at {term.frequency[0]:.4g} periods per turn"
     found, low, high = term.frequency
-    return f" at {found:.4g} ± {(high - low) / 2:.2g} periods per turn (free)"
+    return f" at {found:.4g} ({low:.4g} to {high:.4g}) periods per turn (free)"
 
 
 def _play_in_words(term: Term, slides: Slides = ()) -> str:

@@ -17,12 +17,13 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.files.opening import RobotLike
 from irbcal.modeling.home import home_joints
 from irbcal.modeling.parameters import default_level
-from irbcal.options import number
+from irbcal.options import number, pulses_per_degree
 from irbcal.planning import choosing, plan_files
 from irbcal.planning.choosing import MOST_REFLECTORS, Step
 from irbcal.planning.information import IMAGINED_SIZE, NOISE, Model
 from irbcal.planning.made import Made
 from irbcal.planning.prediction import predict
+from irbcal.planning.program import language_of
 from irbcal.planning.reflectors import TargetsLike
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.planning.sources import FEW, MANY, Poses, Region, Tally, axis_moves, first_seen, in_cube, random_poses
@@ -177,6 +178,8 @@ def plan(
     noise: float = NOISE,
     imagined: float = IMAGINED_SIZE,
     seed: int = 0,
+    language: str | None = None,
+    pulses: Sequence[float] | None = None,
     package_dirs: Sequence[str | Path] = (),
     base_link: str | None = None,
     tip_link: str | None = None,
@@ -214,6 +217,11 @@ def plan(
         Of the tool, m/s.
     noise, imagined, seed
         See `irbcal.planning.wish.Wish`.
+    language : str, optional
+        Of the robot program: ``rapid``, ``krl``, ``fanuc``, ``urscript``, ``val3``, ``inform``, or ``csv`` for none;
+        that of the robot's maker unless given, as far as the robot's name tells it.
+    pulses : sequence of float, optional
+        Pulses per degree of the six joints, for Yaskawa jobs.
     progress : callable, optional
         Called with a text at the beginning of each step.
 
@@ -253,6 +261,8 @@ def plan(
         payload_kg=payload,
         seed=seed,
         must=axis is not None,
+        language=language,
+        pulses=pulses_per_degree(pulses),
     )
     scene = open_scene(
         robot,
@@ -291,6 +301,7 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
     """
     step = step or (lambda text: None)
     setting = scene.setting
+    _, no_program = language_of(setting.arm, wish)
     model = Model(scene.nominal, setting.targets, wish.level or default_level(scene.nominal), wish.noise)
     seeds = [int(k) for k in np.random.SeedSequence(wish.seed).generate_state(6)]
     axis: list[Poses] = []
@@ -330,7 +341,7 @@ def make(scene: Scene, wish: Wish, step: Step | None = None) -> Plan:
     std = {name: prediction.position_std(places, first) for name, places in there.items()}
     times = stops(scene, wish, poses.q, asked, start, over_home)
     outside = "" if scene.certainty is None else scene.certainty.outside_in_words(poses.q, "planned poses")
-    notes = [*scene.notes, *missing, *notes, *([outside] if outside else [])]
+    notes = [*scene.notes, *missing, *notes, *(text for text in (outside, no_program) if text)]
     return Plan(
         scene, wish, poses.q, asked, poses.groups, over_home, tallies, prediction, std, times, comparison, tuple(notes)
     )

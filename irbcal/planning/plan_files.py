@@ -1,18 +1,18 @@
-"""The files that carry a measuring plan out: tables, a RAPID module, and what it promises."""
+"""The files that carry a measuring plan out: tables, a robot program, and what it promises."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.measurement.columns import joint_columns
-from irbcal.modeling.home import DECIMALS, home_joints
-from irbcal.names import comment, without_formulas
+from irbcal.modeling.home import DECIMALS
+from irbcal.names import without_formulas
+from irbcal.planning import program
 from irbcal.planning.conditions import CONDITIONS
 from irbcal.planning.exchange import Comparison
 from irbcal.planning.made import Made
@@ -22,9 +22,6 @@ from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pandas as pd
-
-SPEED_NAMES = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000, 1500, 2000, 2500, 3000)
-"""Speeds that RAPID has names for, mm/s."""
 
 
 def files(made: Made, page: str | None = None) -> dict[str, bytes]:
@@ -39,16 +36,15 @@ def files(made: Made, page: str | None = None) -> dict[str, bytes]:
     Returns
     -------
     dict of str to bytes
-        ``plan.csv`` (what the tracker is asked for), ``poses.csv`` (what the robot does), ``plan.json``; ``plan.mod``
-        for arms with six revolute joints; ``plan.html`` with a page.
+        ``plan.csv`` (what the tracker is asked for), ``poses.csv`` (what the robot does), ``plan.json``; the program
+        of `irbcal.planning.program`; ``plan.html`` with a page.
     """
     out = {
         "plan.csv": _csv(plan_table(made)),
         "poses.csv": _csv(pose_table(made)),
         "plan.json": (json.dumps(facts(made), indent=1, allow_nan=False) + "\n").encode(),
     }
-    if made.scene.setting.arm.six_revolute:
-        out["plan.mod"] = rapid(made).encode()
+    out |= program.files(made)
     if page is not None:
         out["plan.html"] = page.encode("utf-8")
     return out
@@ -114,45 +110,13 @@ def _target_texts(made: Made) -> list[str]:
     return [" ".join(names[row]) for row in made.asked]
 
 
-def rapid(made: Made) -> str:
-    """A RAPID module that runs the plan: absolute joint moves, and a wait in each pose for rest and readings."""
-    wish, mm_s = made.wish, round(made.wish.speed / MM)
-    speed = f"v{mm_s}" if mm_s in SPEED_NAMES else f"[{mm_s},500,5000,1000]"
-    absent = ",".join(["9E9"] * 6)
-    arm = made.scene.setting.arm
-
-    def move(joints: Iterable[str]) -> str:
-        return f"    MoveAbsJ [[{','.join(joints)}],[{absent}]]\\NoEOffs,{speed},fine,tool0;"
-
-    home = [f"{value:.{DECIMALS}f}" for value in arm.to_controller(home_joints(arm)[None])[0] / DEG]
-    lines = [
-        "MODULE irbcal_plan",
-        "  ! "
-        + comment(
-            f"Measuring plan for {made.scene.setting.arm.name}: {len(made.q)} poses, about "
-            f"{made.duration_s / 60:.0f} minutes."
-        ),
-        f"  ! In each pose: {wish.wait_s:g} s of rest, then {READINGS_S:g} s for each reflector, "
-        f"{wish.references} references among them.",
-        "  ! The commanded joints are those of plan.csv: do not run this module through a filter.",
-        "  PROC main()",
-        "    AccSet 50,50;",
-        move(home),
-    ]
-    texts = [[f"{value:.{DECIMALS}f}" for value in row] for row in _joints(made)]
-    rows = zip(texts, made.groups, _target_texts(made), made.hold_s, made.over_home, strict=True)
-    for number, (joints, group, names, hold, over) in enumerate(rows, start=1):
-        lines += ["    ! " + comment(f"pose {number}, {group}: {names}"), *([move(home)] if over else [])]
-        lines += [move(joints), f"    WaitTime {hold:g};"]
-    return "\n".join([*lines, move(home), "  ENDPROC", "ENDMODULE", ""])
-
-
 def facts(made: Made) -> dict[str, Any]:
     """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
     scene, wish, setting = made.scene, made.wish, made.scene.setting
     return {
         "robot": setting.arm.name,
         "source": scene.name,
+        "language": program.language_of(setting.arm, wish)[0] or None,
         "poses": len(made.q),
         "points": int(made.asked.sum()),
         "duration_s": made.duration_s,

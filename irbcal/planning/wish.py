@@ -48,6 +48,10 @@ class Wish:
     seed : int
     must : bool
         Whether a plan without the axis moves is refused where these do not meet the conditions.
+    language : str, optional
+        Of the program, see `irbcal.correction.languages.by_name`; that of the robot's maker unless given.
+    pulses : tuple of float
+        Pulses per degree of the six joints, for programs that hold pulses.
     """
 
     axis: int = FEW
@@ -66,6 +70,8 @@ class Wish:
     payload_kg: float | None = None
     seed: int = 0
     must: bool = True
+    language: str | None = None
+    pulses: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.axis not in (0, FEW, MANY):

@@ -128,7 +128,7 @@ def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
             for row in backlash(evidence.approach)
         ],
     }
-    return {name: _csv(rows, calibration.simulated) for name, rows in tables.items() if rows}
+    return {name: as_csv(rows, calibration.simulated) for name, rows in tables.items() if rows}
 
 
 def _model_rows(c: Record, evidence: Evidence) -> dict[str, list[dict[str, Any]]]:
@@ -155,7 +155,8 @@ def _model_rows(c: Record, evidence: Evidence) -> dict[str, list[dict[str, Any]]
     return out
 
 
-def _csv(rows: Sequence[Mapping[str, Any]], simulated: bool) -> bytes:
+def as_csv(rows: Sequence[Mapping[str, Any]], simulated: bool) -> bytes:
+    """Rows as a CSV file with a column that says whether the data are simulated; no cell begins like a formula."""
     stream = StringIO()
     columns = list(dict.fromkeys(name for row in rows for name in row))
     writer = csv.DictWriter(stream, [*columns, "simulated"], lineterminator="\n")

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from irbcal.figures import charts
-from irbcal.figures.charts import Figure, fixed
+from irbcal.figures.charts import Figure
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
 from irbcal.files.schema import Exclusion, Parameter, Record, RobotSection
 from irbcal.modeling.terms.gear import in_words
-from irbcal.reports import report_data
+from irbcal.reports import paper, report_data
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from irbcal.joint_behaviour.terms import Term
     from irbcal.reports.evidence import Evidence
 
-DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 STATISTICS = (
     ("mean", "mean_mm"),
     ("sigma", "sigma_mm"),
@@ -48,20 +47,9 @@ def render(calibration: Record, evidence: Evidence | None = None) -> str:
     -------
     str
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("irbcal.reports"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"fixed": fixed, "unit": _in_unit, "std": _deviation, "count": _count, "svg": charts.inline}
-    environment.filters["repr"] = repr
     robot = calibration.robot
     evidence = gather(calibration) if evidence is None else evidence
-    return environment.get_template("report.html.j2").render(
+    return paper.template("report.html.j2").render(
         c=calibration,
         paint=charts.PAINT,
         key_mark=charts.key,
@@ -127,24 +115,6 @@ def verdict(calibration: Record) -> list[str]:
     """The verdict, and what speaks against it, in sentences, see `irbcal.validation.verdict`."""
     found = verdict_of(calibration)
     return [found.sentence(), *found.doubts]
-
-
-# --- numbers ---------------------------------------------------------------------------------------------
-
-
-def _in_unit(value: float, unit: str) -> str:
-    return fixed(value, DIGITS[unit]) if unit in DIGITS else format(value, ".6g")
-
-
-def _deviation(value: float | None, unit: str) -> str:
-    if value is None:
-        return "–"
-    smallest = 10.0 ** -DIGITS.get(unit, 6)
-    return f"< {_in_unit(smallest, unit)}" if value < smallest / 2 else _in_unit(value, unit)
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 # --- tables ----------------------------------------------------------------------------------------------

@@ -168,7 +168,7 @@ def _models_in_poses() -> list[Figure]:
     out = []
     for number, kind, area, what in (
         (8, "iso9283", "iso_poses", "the ISO 9283 poses, P1 to P5, thirty cycles each"),
-        (10, "poses", "all_range", "poses in the whole range"),
+        (10, "poses", "iso_cube", "poses in the ISO cube"),
     ):
         for k, (quantity, name) in enumerate(_QUANTITIES):
             caption = f"After Figure 7.{number + k}: {name} errors of {what}, 3 kg"
@@ -196,8 +196,8 @@ def _sizes(settings: Settings) -> list[Figure]:
     members = _coloured((f"{r.measures}", r) for r in sizes)
     out = []
     for k, (quantity, name) in enumerate(_QUANTITIES):
-        caption = f"After Figure 7.{15 + k}: {name} errors of the first procedure of each size, whole range, 3 kg"
-        strips = _strips_of(members, f"poses/all_range/3/{quantity}", quantity)
+        caption = f"After Figure 7.{15 + k}: {name} errors of the first procedure of each size, ISO cube, 3 kg"
+        strips = _strips_of(members, f"poses/iso_cube/3/{quantity}", quantity)
         out.append(Figure(PROCEDURES, f"figure-7-{15 + k}", caption, sizes, strips))
     return out
 

@@ -171,7 +171,9 @@ def table_7_8(results: Results) -> Table:
 
 
 _POSE_COLUMNS = (*(f"position: {s} (mm)" for s in SYMBOLS), *(f"orientation: {s} (°)" for s in SYMBOLS))
-_POSES_NOTE = "Whole range (the thesis does not say where); poses with targets 1 to 3 in sight, fake targets."
+_POSES_NOTE = (
+    "ISO cube, as the thesis's conclusion says of its Table 7.9; poses with targets 1 to 3 in sight, fake targets."
+)
 
 
 def _pose_cells(results: Results, repetition: Repetition, area: str, beside: tuple[Four, Four] | None) -> list[Cell]:
@@ -183,12 +185,15 @@ def _pose_cells(results: Results, repetition: Repetition, area: str, beside: tup
 
 
 def table_7_9(results: Results) -> Table:
-    """Nubiola 2011, Table 7.9: position and orientation of 1,000 poses, four models (section 7.7.3.5)."""
+    """Nubiola 2011, Table 7.9: position and orientation of 1,000 poses in the ISO cube, four models.
+
+    Nubiola 2011, section 7.7.3.5; that these poses lie in the ISO cube is said in the conclusion.
+    """
     rows: tuple[tuple[Value, ...], ...] = tuple(
-        (MODEL_NAMES[model], *_pose_cells(results, repetition, "all_range", thesis.TABLE_7_9[model]))
+        (MODEL_NAMES[model], *_pose_cells(results, repetition, "iso_cube", thesis.TABLE_7_9[model]))
         for model, repetition in COMPARED.items()
     )
-    title = "Position reduced to the flange, and orientation, of the four models, 3 kg"
+    title = "ISO cube: position reduced to the flange, and orientation, of the four models, 3 kg"
     return Table("7.9", title, ("model", *_POSE_COLUMNS), rows, (_POSES_NOTE,))
 
 
@@ -215,13 +220,16 @@ def table_7_11(results: Results) -> Table:
 
 
 def table_7_12(results: Results) -> Table:
-    """Nubiola 2011, Table 7.12: position and orientation of a procedure of each size (section 7.7.4)."""
+    """Nubiola 2011, Table 7.12: position and orientation of a procedure of each size (section 7.7.4).
+
+    The poses are those of Table 7.9, in the ISO cube.
+    """
     model = results.settings.model
     rows: list[tuple[Value, ...]] = []
     for n in results.settings.procedures:
         beside = thesis.TABLE_7_12.get(n) if model == "34" else None
-        rows.append((f"{n} measures", *_pose_cells(results, Repetition(model, n), "all_range", beside)))
-    title = f"Position and orientation of the {model}-parameter procedures, 3 kg"
+        rows.append((f"{n} measures", *_pose_cells(results, Repetition(model, n), "iso_cube", beside)))
+    title = f"ISO cube: position and orientation of the {model}-parameter procedures, 3 kg"
     notes = (_POSES_NOTE, "The first procedure of each size; its measurements are drawn anew for each procedure.")
     return Table("7.12", title, ("procedure from", *_POSE_COLUMNS), tuple(rows), notes)
 

@@ -14,6 +14,7 @@ from irbcal.errors import OptionError
 from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
 from irbcal.options import length, number, place
 from irbcal.summary import Cell, Speaks, Table, Told
@@ -23,6 +24,7 @@ from irbcal.validation.ballbar_circle import circle
 from irbcal.validation.ballbar_circle import tool as tool_frame
 from irbcal.validation.ballbar_prediction import Prediction, predict
 from irbcal.validation.ballbar_trace import MEASURED, Trace, explained
+from irbcal.validation.tables import is_simulated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,6 +52,8 @@ class BallbarCheck(Speaks):
         By the names of the runs; empty where nothing was measured.
     simulated : bool
         Whether the calibration is from simulated data.
+    simulated_readings : bool
+        Whether the measured file says that it is simulated.
     """
 
     bar: float
@@ -57,6 +61,7 @@ class BallbarCheck(Speaks):
     run: Run
     measured: dict[str, Trace]
     simulated: bool
+    simulated_readings: bool = False
 
     def __post_init__(self) -> None:
         lock(self)
@@ -79,8 +84,8 @@ class BallbarCheck(Speaks):
     def to_dict(self) -> dict[str, Any]:
         """What the command prints as JSON, mm and degrees.
 
-        ``simulated``, ``nominal_targets``, ``fake_targets`` (None without), ``arcs``, ``run``, ``measured`` (of each
-        run, with the rms that the prediction leaves unexplained) and ``reversals``.
+        ``simulated``, ``simulated_readings``, ``nominal_targets``, ``fake_targets`` (None without), ``arcs``, ``run``,
+        ``measured`` (of each run, with the rms that the prediction leaves unexplained) and ``reversals``.
         """
         p, runs = self.prediction, {}
         for name, trace in self.measured.items():
@@ -92,6 +97,7 @@ class BallbarCheck(Speaks):
             }
         return {
             "simulated": self.simulated,
+            "simulated_readings": self.simulated_readings,
             "nominal_targets": ballbar_trace.summary(p.uncorrected),
             "fake_targets": None if p.corrected is None else ballbar_trace.summary(p.corrected),
             "arcs": p.arcs,
@@ -115,7 +121,7 @@ class BallbarCheck(Speaks):
 
     def told(self) -> Sequence[Told]:
         """Radial errors of all traces, what the prediction explains, and the joints that turn back."""
-        start = "Calibration from SIMULATED data: " if self.simulated else ""
+        start = f"{self.mark}: " if self.mark else ""
         rows: list[tuple[Cell, ...]] = []
         for name, trace in self.traces().items():
             values = ballbar_trace.summary(trace)
@@ -136,10 +142,17 @@ class BallbarCheck(Speaks):
             )
         return out
 
+    @property
+    def mark(self) -> str:
+        """What is simulated, in words; empty where nothing is."""
+        of_calibration = ["Calibration from SIMULATED data"] if self.simulated else []
+        return ", ".join([*of_calibration, *(["SIMULATED readings"] if self.simulated_readings else [])])
+
     def headline(self) -> str:
         """Circularity of all traces."""
         said = (f"{name} {np.ptp(trace.error) / MM:.3f} mm" for name, trace in self.traces().items())
-        return f"circularity with a bar of {self.bar / MM:g} mm: {'; '.join(said)}"
+        start = f"{self.mark}: " if self.mark else ""
+        return f"{start}circularity with a bar of {self.bar / MM:g} mm: {'; '.join(said)}"
 
     def plot(self, magnify: float | None = None) -> DrawnFigure:
         """Polar plot of the radial errors (Figures A VI-1, A VI-4 and A VI-7), errors ``magnify`` times enlarged."""
@@ -216,4 +229,5 @@ def ballbar(
     path = circle(nominal, q, bar, T_tip_tcp, normal, start, height, tilt)
     found = predict(path, robot, nominal, q, arcs, T_tip_tcp)
     traces = {} if measured is None else ballbar_trace.read(measured, bar)
-    return BallbarCheck(bar, found, run, traces, saved.simulated)
+    told = measured is not None and is_simulated(readings.read(measured, ("angle_deg",)))
+    return BallbarCheck(bar, found, run, traces, saved.simulated, told)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -14,9 +14,7 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.pose_errors import ModelErrors, PoseErrors
 from irbcal.files.calibration_folder import CalibrationLike, opened
 from irbcal.files.schema import Record
-from irbcal.identification import outliers, slips
-from irbcal.measurement import swapped, table
-from irbcal.measurement.moved import moved_notes
+from irbcal.measurement import table
 from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet, distances, rotation_distances
@@ -29,19 +27,16 @@ from irbcal.options import checked, number, place
 from irbcal.options import seed as check_seed
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
+from irbcal.validation.conformity import Rule, check_options, conformity
 from irbcal.validation.coverage import coverage
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
+from irbcal.validation.origin import checked_info, origin
 from irbcal.validation.prepared import Prepared, prepare
 from irbcal.validation.refit import Refit
+from irbcal.validation.suspicion import doubts_of, refuse_far_points
 from irbcal.validation.unseen import without_fitted
 from irbcal.validation.verdict import counted
 from irbcal.validation.verdict import verdict as judged
-
-if TYPE_CHECKING:
-    pass
-
-CHANGED, CHANGED_BY = 2.5, 0.1
-"""Factor, and mm, by which errors must exceed those of a calibration's own proof to be spoken of."""
 
 RELATIVE = ("virtual", "three-points")
 
@@ -69,6 +64,9 @@ def evaluate(
     seed: int = 0,
     payload: float | None = None,
     same_tool: bool = False,
+    tolerance: float | None = None,
+    rule: Rule | None = None,
+    info: Mapping[str, str] | None = None,
 ) -> Evaluation:
     """Errors of a calibration and of its nominal robot on other measurements.
 
@@ -107,6 +105,13 @@ def evaluate(
         Mass carried, kg, where the measurements do not tell it (column ``payload_kg``).
     same_tool : bool
         With a load that the calibration does not know the reflectors are where they were with its usual load.
+    tolerance : float, optional
+        Metres: judge the calibrated robot by it, see `irbcal.validation.conformity`.
+    rule : {"mean3sigma", "max", "percentile"}, optional
+        What must be within the tolerance; mean + 3 sigma unless given; ``percentile`` is the 95th.
+    info : dict of str to str, optional
+        What a certificate tells besides: ``serial_number``, ``operator`` and others of
+        `irbcal.validation.origin.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
 
     Returns
     -------
@@ -125,11 +130,12 @@ def evaluate(
         checked("relative", relative, RELATIVE)
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
-    measurements = _carrying(table.read(measurements), payload)
+    judged_by, told = check_options(tolerance, rule), checked_info(info)
+    measurements = carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
     ready, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
     ready = without_fitted(ready.without_copies(), record, include_fitted)
-    against = _doubts(ready.points, robots["calibrated"], record)
+    against = doubts_of(ready.points, robots["calibrated"], record)
     ready = _inside(ready, robots["calibrated"], sphere)
     seen, points = ready.measurements, ready.points
     errors = {name: distances(robot, points) for name, robot in robots.items()}
@@ -140,15 +146,26 @@ def evaluate(
         return {name: _known(statistics(error[mask])) for name, error in errors.items()}
 
     of_parts = {part: _by_label(labels, of) for part, labels in parts.items()}
+    whole = of(np.ones(len(points), dtype=bool))
+    percentiles = {name: _known(accuracy.percentiles(error)) for name, error in errors.items()}
+    covers, simulated = accuracy.largest_covers(len(np.unique(places(points)))), seen.simulated or record.simulated
+    found = judged(
+        errors["nominal"] / MM,
+        errors["calibrated"] / MM,
+        ready.number[points.pose],
+        counted(ready.excluded),
+        ready.proven,
+        against,
+    )
     return Evaluation(
-        nominal=_known(statistics(errors["nominal"])),
-        calibrated=_known(statistics(errors["calibrated"])),
+        nominal=whole["nominal"],
+        calibrated=whole["calibrated"],
         per_target=of_parts["per_target"],
         per_group=of_parts["per_group"],
         per_payload=of_parts["per_payload"],
         per_group_payload=of_parts["per_group_payload"],
-        percentiles={name: _known(accuracy.percentiles(error)) for name, error in errors.items()},
-        largest_covers=accuracy.largest_covers(len(np.unique(places(points)))),
+        percentiles=percentiles,
+        largest_covers=covers,
         orientation={name: _known(turn) for name, turn in turns.items()} if turns["nominal"] else None,
         intervals=_intervals(errors, points, parts, seed) if intervals else None,
         coverage=None if refit_base else coverage(robots["calibrated"], points),
@@ -157,20 +174,29 @@ def evaluate(
         comparison=None if compare is None else _comparison(opened(compare), ready, refit, robots["calibrated"], seed),
         verified=None if verified is None else _verified(record, robots["calibrated"], points, verified),
         excluded=tuple(ready.excluded),
-        verdict=judged(
-            errors["nominal"] / MM,
-            errors["calibrated"] / MM,
-            ready.number[points.pose],
-            counted(ready.excluded),
-            ready.proven,
-            against,
-        ),
+        verdict=found,
         notes=(*against, *_notes(ready, record)),
-        simulated=seen.simulated or record.simulated,
+        simulated=simulated,
         model=record.model,
         refit_base=refit_base,
         refit_tool=refit_tool,
         errors=_pose_errors(robots, points, errors),
+        origin=origin(calibration, record, ready, told, _scope(refit, sphere, ready)),
+        conformity=None
+        if tolerance is None
+        else conformity(
+            {**whole["calibrated"], **percentiles["calibrated"]},
+            errors["calibrated"],
+            places(points)[points.pose],
+            found,
+            tolerance,
+            judged_by,
+            poses=points.poses,
+            largest_covers=covers,
+            proven=ready.proven,
+            simulated=simulated,
+            seed=seed,
+        ),
     )
 
 
@@ -220,7 +246,7 @@ def in_frame_of_calibration(
     if not judged[chosen].any():
         ready = replace(ready, notes=(*ready.notes, _placed_in_words(refit, placing.poses, points.poses)))
     error = distances(robots["calibrated"], ready.points)
-    _refuse_far_points(robots["calibrated"], ready.points, error, seen.source, bool(refit))
+    refuse_far_points(robots["calibrated"], ready.points, error, seen.source, bool(refit))
     return ready, robots
 
 
@@ -229,6 +255,20 @@ def _placed_in_words(refit: Refit, placing: int, judged: int) -> str:
         f"The {refit.what} {'were' if refit.base and refit.tool else 'was'} placed anew on {placing} poses of these "
         f"measurements, for each model; errors are those of the other {judged} poses."
     )
+
+
+def _scope(refit: Refit, sphere: Sequence[float] | None, ready: Prepared) -> tuple[str, ...]:
+    """What an evaluation is limited to, in sentences."""
+    out = []
+    if refit.base and not any("placed anew on" in note for note in ready.notes):
+        out.append("The base was placed anew on the judged poses themselves: these are relative errors.")
+    if sphere is not None:
+        x, y, z, diameter = (value / MM for value in sphere)
+        out.append(
+            f"Only points inside the sphere of {diameter:g} mm about ({x:g}, {y:g}, {z:g}) mm in the base link are "
+            "judged."
+        )
+    return tuple(out)
 
 
 def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Prepared:
@@ -240,29 +280,13 @@ def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Pr
     return ready.keep(inside)
 
 
-def _doubts(points: PointSet, robot: Robot, record: Record) -> list[str]:
-    """What speaks against errors of these points, in the order in which they were measured, in sentences."""
-    words = swapped.in_words([(points.pose_ids[p], o) for p, o in swapped.by_robot(robot, points)], points.target_names)
-    out = words or moved_notes(points, robot)
-    known = record.heldout or record.fit
-    mean = float(distances(robot, points).mean()) / MM
-    if mean > CHANGED * known.all.mean_mm and mean - known.all.mean_mm > CHANGED_BY:
-        out.append(
-            f"The errors are {mean / known.all.mean_mm:.1f} times those that the calibration was written with "
-            f"({mean:.3f} against {known.all.mean_mm:.3f} mm): something has changed since, or these poses are unlike "
-            "those of the fit."
-        )
-    corner = record.certainty.warning() if record.certainty is not None else ""
-    return [*out, *([corner] if corner else [])]
-
-
 def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
     seen = ready.measurements
     notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
     return (*notes, *_other_loads(ready.points, record), *_outside_ranges(ready.points, record))
 
 
-def _carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
+def carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
     """Measurements with a load where they do not tell it."""
     if payload is None:
         return measurements
@@ -431,31 +455,5 @@ def _verified(
     seen = table.read(verified)
     seen = seen.of_arm(calibration.arm())
     other = prepare(seen, calibration).points
-    _refuse_far_points(robot, other, distances(robot, other), seen.source, False)
+    refuse_far_points(robot, other, distances(robot, other), seen.source, False)
     return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, other)
-
-
-def _refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source: str, refitted: bool) -> None:
-    """Points that are nowhere near their predictions: another unit, another place, another robot."""
-    spread = outliers.spread(points)
-    median = np.median(error)
-    if points.poses < 3 or median <= outliers.TOO_FAR * max(spread, 0.1):
-        return
-    swaps = swapped.by_robot(robot, points)
-    if 2 * len(swaps) > points.poses:
-        words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
-        raise MeasurementError(" ".join(words), file=source)
-    slip = slips.find(robot.arm, points, float(median))
-    if slip is not None:
-        raise MeasurementError(slip.in_words(source), file=source)
-    hint = (
-        ""
-        if refitted
-        else "; evaluate with --refit-base if the tracker or the base was moved, with --refit-tool if the reflectors "
-        "were mounted anew"
-    )
-    raise MeasurementError(
-        f"the calibrated robot misses these points by {median / MM:.4g} mm (median): not measured in its frame, with "
-        f"its tool or on this robot{hint}",
-        file=source,
-    )

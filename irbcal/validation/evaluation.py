@@ -16,7 +16,9 @@ from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import accuracy
+from irbcal.validation.conformity import Conformity
 from irbcal.validation.coverage import coverage_in_words
+from irbcal.validation.origin import Origin
 from irbcal.validation.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -65,6 +67,10 @@ class Evaluation(Speaks):
         What was placed anew.
     errors : PoseErrors
         Of each point and pose.
+    origin : Origin or None
+        Robot, people, instruments, files with their hashes, and how many poses were new.
+    conformity : Conformity or None
+        Whether a tolerance is kept, where one was given.
     """
 
     nominal: Statistics
@@ -90,6 +96,8 @@ class Evaluation(Speaks):
     refit_base: bool
     errors: PoseErrors
     refit_tool: bool = False
+    origin: Origin | None = None
+    conformity: Conformity | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -103,6 +111,8 @@ class Evaluation(Speaks):
             "notes": list(self.notes),
             "simulated": self.simulated,
             "verdict": self.verdict.to_dict(),
+            "origin": None if self.origin is None else self.origin.to_dict(),
+            "conformity": None if self.conformity is None else self.conformity.to_dict(),
         }
 
     def to_frame(self) -> pd.DataFrame:
@@ -137,7 +147,8 @@ class Evaluation(Speaks):
     def told(self) -> Sequence[Told]:
         """What ``irbcal evaluate`` prints."""
         shown = {"nominal": "nominal", "calibrated": f"model {self.model}"}
-        told: list[Told] = [*self.verdict.told(), self._error_table(shown)]
+        kept = () if self.conformity is None else self.conformity.told()
+        told: list[Told] = [*kept, *self.verdict.told(), self._error_table(shown)]
         if self.refit_base and not self.refit_tool and not any("was placed anew on" in note for note in self.notes):
             told.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:

@@ -1,4 +1,4 @@
-"""The door to ISO 9283:1998: pose tests, stabilisation and paths together, and the plan of the test poses.
+"""The door to ISO 9283:1998: pose tests, settling, paths, posing time and compliance, and the plan of the test poses.
 
 The formulas are those of public descriptions of the standard (such as Nubiola 2011, annex I and section 7.7.3.4); the
 standard itself was not at hand.
@@ -7,7 +7,7 @@ standard itself was not at hand.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,8 +28,10 @@ from irbcal.summary import Speaks, Told
 from irbcal.validation.cube import FRACTION, PLANES, FivePoses, Plane, five_poses
 from irbcal.validation.path_check import PathCheck, path_accuracy
 from irbcal.validation.pose_check import SET_SIZE, PoseCheck, check_poses
+from irbcal.validation.posing_time import PosingTimes, posing_times
 from irbcal.validation.settling import REST
 from irbcal.validation.settling_check import Settling, settle
+from irbcal.validation.static_compliance import StaticCompliance, static_compliance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,37 +46,44 @@ class Iso9283(Speaks):
     poses : PoseCheck or None
     stabilisation : Settling or None
     path : PathCheck or None
+    posing : PosingTimes or None
+    compliance : StaticCompliance or None
     """
 
     poses: PoseCheck | None
     stabilisation: Settling | None
     path: PathCheck | None
+    posing: PosingTimes | None = None
+    compliance: StaticCompliance | None = None
 
     def __post_init__(self) -> None:
         lock(self)
 
-    def _made(self) -> list[PoseCheck | Settling | PathCheck]:
-        return [part for part in (self.poses, self.stabilisation, self.path) if part is not None]
+    def _made(self) -> list[PoseCheck | Settling | PathCheck | PosingTimes | StaticCompliance]:
+        parts = (self.poses, self.stabilisation, self.path, self.posing, self.compliance)
+        return [part for part in parts if part is not None]
 
     def told(self) -> Sequence[Told]:
         """What each of the tests has to say."""
         return [item for part in self._made() for item in part.told()]
 
     def to_dict(self) -> dict[str, Any]:
-        """``poses``, ``stabilisation`` and ``path`` as these have it, None for what was not made."""
+        """``poses``, ``stabilisation``, ``path``, ``posing`` and ``compliance``; None for what was not made."""
         settled = None if self.stabilisation is None else self.stabilisation.to_dict()
         return {
             "poses": None if self.poses is None else self.poses.to_dict(),
             "stabilisation": None if settled is None else {k: v for k, v in settled.items() if k != "check"},
             "path": None if self.path is None else self.path.to_dict(),
+            "posing": None if self.posing is None else self.posing.to_dict(),
+            "compliance": None if self.compliance is None else self.compliance.to_dict(),
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """The table of the first test that was made: pose tests, else stabilisation, else path."""
+        """The table of the first test that was made, in the order of the attributes."""
         return self._made()[0].to_frame()
 
     def plots(self) -> dict[str, DrawnFigure]:
-        """All figures, by ``poses``, ``drift``, ``stabilisation`` and ``path``; only what was measured.
+        """All figures, by ``drift`` and the names of the attributes; only what was measured.
 
         Raises
         ------
@@ -86,7 +95,8 @@ class Iso9283(Speaks):
             drawn["poses"] = self.poses.plot()
         if self.poses is not None and self.poses.has_drift:
             drawn["drift"] = self.poses.plot_drift()
-        for name, part in (("stabilisation", self.stabilisation), ("path", self.path)):
+        for name in ("stabilisation", "path", "posing", "compliance"):
+            part: Settling | PathCheck | PosingTimes | StaticCompliance | None = getattr(self, name)
             if part is not None:
                 drawn[name] = part.plot()
         if not drawn:
@@ -128,8 +138,14 @@ def iso9283(
     rest: float = REST,
     path: TableLike | None = None,
     commanded_path: TableLike | None = None,
+    velocity: float | None = None,
+    window: float = 0.0,
+    moves: TableLike | None = None,
+    forces: TableLike | None = None,
 ) -> Iso9283:
-    """Accuracy and repeatability of poses, distances and paths, drift and stabilisation, after ISO 9283:1998.
+    """Accuracy, repeatability, drift, settling, path velocity, corners, posing time, compliance, after ISO 9283:1998.
+
+    The files are told in docs/files.md.
 
     Parameters
     ----------
@@ -137,23 +153,33 @@ def iso9283(
         With the columns ``pose`` (P1 to P5, or any names) and ``cycle``; rows with a ``direction`` are those of the
         multi-directional variation, rows of the group ``iso9283_drift`` those of the drift test.
     calibration : str, Path or loaded calibration, optional
-        Gives the commanded poses at the measurements' joints, by the nominal and by the calibrated robot.
+        Gives the commanded poses at the measurements' joints, by the nominal and by the calibrated robot; and its base
+        link, in which the commanded path then stands and along whose axes forces act.
     commanded : str, Path or DataFrame, optional
         Commanded poses: ``pose,x_mm,y_mm,z_mm`` and for orientations ``qw,qx,qy,qz``. With a calibration, poses of the
         tip in the base link; without, places of what was measured in the measuring frame.
     target : str, optional
-        Regard the position of this target; by default the tip, where poses were measured as a whole.
+        Regard the position of this target; by default the tip, where poses were measured as a whole. Of a path: the
+        commanded one is that of the tip, with orientations, and this target was measured.
     set_size : int
         Cycles of a set of the drift test, two or more.
     approaches : str, Path or DataFrame, optional
         Time series of approaches to a pose: ``time_s,x_mm,y_mm,z_mm`` and, for several, ``run``.
     band : float, optional
-        Limit band of the stabilisation, metres; by default RP of P1, else of the first pose.
+        Limit band of stabilisation and posing time, metres; by default RP of P1, else of the first pose.
     rest : float
         Seconds after which the robot is at rest.
     path, commanded_path : str, Path or DataFrame, optional
-        Sampled paths, ``cycle,x_mm,y_mm,z_mm`` and for orientations ``qw,qx,qy,qz``, and the points of the commanded
-        path in the same frame; both or neither.
+        Sampled paths, ``cycle,x_mm,y_mm,z_mm``, for velocities ``time_s`` and for orientations ``qw,qx,qy,qz``, and the
+        points of the commanded path: in the same frame, with a calibration in the base link; both or neither.
+    velocity : float, optional
+        Commanded velocity of the path, m/s.
+    window : float
+        Velocities are slopes through the samples of so many seconds; 0: between neighbours.
+    moves : str, Path or DataFrame, optional
+        Moves from rest to rest: ``move,time_s,x_mm,y_mm,z_mm`` and, for several, ``cycle``.
+    forces : str, Path or DataFrame, optional
+        Places under load: ``direction`` (+x, -x, …), ``force_n``, ``x_mm,y_mm,z_mm`` and, for several, ``cycle``.
 
     Returns
     -------
@@ -168,25 +194,43 @@ def iso9283(
     """
     if (path is None) != (commanded_path is None):
         raise OptionError("a path needs its commanded points, and they a path", parameter="path")
-    if measurements is None and approaches is None and path is None:
-        raise OptionError("give measurements, approaches or a path", parameter="measurements")
+    if all(source is None for source in (measurements, approaches, path, moves, forces)):
+        raise OptionError("give measurements, approaches, a path, moves or forces", parameter="measurements")
+    if velocity is not None and not velocity > 0:
+        raise OptionError(f"velocity: expected a number above zero, found {velocity:g}", parameter="velocity")
+    if (velocity is not None or window) and path is None:
+        raise OptionError("a velocity is that of a path: give one", parameter="path")
     if set_size < 2:
         raise OptionError(f"a set of the drift test has two cycles or more, found {set_size}", parameter="set_size")
+    number("window", window, 0)
     poses = settled = None
+    saved = None if calibration is None else calibration_folder.opened(calibration)
     if measurements is not None:
-        saved = None if calibration is None else calibration_folder.opened(calibration)
         seen = table.read(measurements)
         if saved is not None:
             seen = seen.of_arm(saved.arm())
         poses = check_poses(seen, saved, commanded, target, set_size)
-    if approaches is not None:
-        if band is None:
-            band = None if poses is None else poses.default_band()
+    if band is None and (approaches is not None or moves is not None):
+        band = None if poses is None else poses.default_band()
         if band is None:
             raise OptionError("there is no repeatability of P1 to take: give a limit band", parameter="band")
+    if approaches is not None and band is not None:
         settled = settle(approaches, band, rest)
-    sampled = None if path is None or commanded_path is None else path_accuracy(path, commanded_path)
-    return Iso9283(poses, settled, sampled)
+    robot = None if saved is None else saved.robot_calibrated()
+    sampled = posing = compliance = None
+    if path is not None and commanded_path is not None:
+        on = target if measurements is None or robot is not None else None
+        sampled = path_accuracy(path, commanded_path, velocity=velocity, window=window, robot=robot, target=on)
+    if moves is not None and band is not None:
+        posing = posing_times(moves, band)
+    if forces is not None:
+        compliance = static_compliance(forces, None if robot is None else robot.T_world_base[:3, :3].T)
+    simulated = saved is not None and saved.simulated
+    if sampled is not None and simulated:
+        sampled = replace(sampled, simulated=True)
+    if compliance is not None and simulated:
+        compliance = replace(compliance, simulated=True)
+    return Iso9283(poses, settled, sampled, posing, compliance)
 
 
 def iso9283_plan(

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from irbcal.arrays import lock
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
@@ -43,9 +43,11 @@ class ModelCriteria:
         Errors of all poses and cycles ``from`` the command or the mean: statistics of ``position`` and ``orientation``
         (Nubiola 2011, Table 7.8).
     distance : dict or None
-        ``AD_mm`` and ``RD_mm`` from P2 to P4.
+        ``AD_mm`` and ``RD_mm`` from P2 to P4, along the axes ``AD_x_mm``, ``RD_x_mm``, …, and with orientations about
+        them ``AD_a_deg``, ``RD_a_deg``, …
     directions : dict of str to dict, or None
-        ``vAP_mm`` and, with orientations, ``vAP_a_deg``, ... of each pose over its ``directions`` of approach.
+        ``vAP_mm``, ``vAP_x_mm``, … and, with orientations, ``vAP_a_deg``, … of each pose over its ``directions`` of
+        approach.
     drift : dict or None
         ``RP_mm``, ``AP_mm`` and ``shift_mm`` of each of the ``sets`` of cycles, ``dRP_mm``, ``dAP_mm``.
     history : dict or None
@@ -186,12 +188,32 @@ def _distance(cycles: Attained) -> dict[str, Any] | None:
     parts = [part.select(np.array([list(part.cycle).index(c) for c in common])) for part in parts]
     wanted = [None if part.wanted is None else part.wanted.mean(axis=0) for part in parts]
     total, spread = pose_criteria.distance_accuracy(parts[0].xyz, parts[1].xyz, wanted[0], wanted[1])
-    return {
+    out: dict[str, Any] = {
         "poses": ["P2", "P4"],
         "n": len(common),
         "AD_mm": None if total is None else _mm(total),
         "RD_mm": _mm(spread),
     }
+    first, second = parts
+    along = pose_criteria.distance_along_axes(first.xyz, second.xyz, *wanted)
+    out |= _by_axis(*along, AXES, MM, "mm")
+    if first.rotation is not None and second.rotation is not None:
+        turns, meant = pose_criteria.turns_between(first.rotation, second.rotation), None
+        if first.wanted_rotation is not None and second.wanted_rotation is not None:
+            meant = pose_criteria.turns_between(first.wanted_rotation, second.wanted_rotation).mean(axis=0)
+        zero = np.zeros(3)
+        about = pose_criteria.distance_along_axes(turns, zero, meant, None if meant is None else zero)
+        out |= _by_axis(*about, ANGLES, DEG, "deg")
+    return out
+
+
+def _by_axis(accuracy: FloatArray | None, spread: FloatArray, axes: str, size: float, unit: str) -> dict[str, Any]:
+    """AD and RD along or about each axis by name."""
+    out: dict[str, Any] = {}
+    for k, axis in enumerate(axes):
+        out[f"AD_{axis}_{unit}"] = None if accuracy is None else float(accuracy[k] / size)
+        out[f"RD_{axis}_{unit}"] = float(spread[k] / size)
+    return out
 
 
 def _directions(approached: Attained) -> dict[str, dict[str, float]]:
@@ -209,6 +231,7 @@ def _directions(approached: Attained) -> dict[str, dict[str, float]]:
             )
         means = np.array([mine.xyz[mine.direction == way].mean(axis=0) for way in ways])
         out[name] = {"directions": len(ways), "vAP_mm": _mm(pose_criteria.multidirectional_variation(means))}
+        out[name] |= {f"vAP_{axis}_mm": _mm(np.ptp(means[:, k])) for k, axis in enumerate(AXES)}
         angles = mine.angles()
         if angles is not None:
             means = np.array([angles[mine.direction == way].mean(axis=0) for way in ways])

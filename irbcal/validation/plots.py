@@ -25,8 +25,10 @@ if TYPE_CHECKING:
     from irbcal.validation.point_drift import PointDrift
     from irbcal.validation.point_repeatability import PointRepeatability
     from irbcal.validation.pose_check import PoseCheck
+    from irbcal.validation.posing_time import PosingTimes
     from irbcal.validation.scale_bar import ScaleBar
     from irbcal.validation.settling_check import Settling
+    from irbcal.validation.static_compliance import StaticCompliance
 
 COLOURS = {"nominal": NOMINAL, "calibrated": CALIBRATED, "measured": MEASURED}
 """One colour for each model, the same as in the report."""
@@ -49,6 +51,12 @@ DOT = 3.0
 
 def _legend(figure: Figure, handles: Sequence[Any], columns: int = 3) -> None:
     figure.legend(handles=handles, loc="outside upper right", ncols=columns)
+
+
+def _mark(figure: Figure, simulated: bool) -> None:
+    """Say above a figure that its data are simulated."""
+    if simulated:
+        figure.suptitle("SIMULATED data", x=0.01, ha="left", fontsize=SMALL, fontweight="bold", color=ACCENT)
 
 
 def _runs(labels: Sequence[str] | NameArray) -> list[tuple[int, int, str]]:
@@ -97,6 +105,7 @@ def pose_cycles(figure: Figure, result: PoseCheck) -> None:
         _groups_on_x(axes, labels)
     panels[-1].set_xlabel(f"pose, in each by cycle; errors from the {'command' if about == 'commanded' else 'mean'}")
     _legend(figure, handles)
+    _mark(figure, result.simulated)
 
 
 def drift_sets(figure: Figure, result: PoseCheck) -> None:
@@ -114,6 +123,7 @@ def drift_sets(figure: Figure, result: PoseCheck) -> None:
     axes.set_xlabel("time (h)" if last["time_s"] else f"set of {last['set_size']} cycles")
     axes.set_ylabel("AP, RP, way (mm)")
     _legend(figure, axes.get_legend_handles_labels()[0], 4)
+    _mark(figure, result.simulated)
 
 
 def approaches(figure: Figure, result: Settling) -> None:
@@ -132,6 +142,7 @@ def approaches(figure: Figure, result: Settling) -> None:
     axes.set_xlabel("time (s); dashed: settled")
     axes.set_ylabel("distance from final position (mm)")
     _legend(figure, axes.get_legend_handles_labels()[0], 2)
+    _mark(figure, result.simulated)
 
 
 def along_path(figure: Figure, result: PathCheck) -> None:
@@ -142,10 +153,45 @@ def along_path(figure: Figure, result: PathCheck) -> None:
     axes.plot(along, mean, color=MEASURED, label=f"mean path, AT = {errors.AT / MM:.3f}")
     label = f"mean(l) + 3 S, RT = {errors.RT / MM:.3f}"
     axes.plot(along, errors.repeatability / MM, "--", color=ACCENT, label=label)
+    for k, corner in enumerate(result.corners):
+        name = "corners" if k == 0 else None
+        axes.axvline(corner.way / MM, color=SOFT, linewidth=THIN, linestyle=(0, (4, 2)), label=name)
     axes.set_ylim(bottom=0)
     axes.set_xlabel("way on the commanded path (mm)")
     axes.set_ylabel("distance (mm)")
     _legend(figure, axes.get_legend_handles_labels()[0])
+    _mark(figure, result.simulated)
+
+
+def posing_times(figure: Figure, result: PosingTimes) -> None:
+    """Posing time over the length of the move: cycles and their mean."""
+    axes = figure.add_subplot()
+    moves = sorted(result.moves.values(), key=lambda move: float(move.distance.mean()))
+    x = np.array([move.distance.mean() / MM for move in moves])
+    for move in moves:
+        axes.plot(move.distance / MM, move.times, "o", color=MEASURED, markersize=DOT)
+    axes.plot(x, [move.times.mean() for move in moves], color=ACCENT, label="mean of the cycles")
+    axes.set_xlim(left=0)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel(f"length of the move (mm); limit band {result.band / MM:g} mm")
+    axes.set_ylabel("posing time (s)")
+    _legend(figure, axes.get_legend_handles_labels()[0])
+    _mark(figure, result.simulated)
+
+
+def compliance(figure: Figure, result: StaticCompliance) -> None:
+    """Displacement along the force over the force, with the fitted slopes."""
+    axes = figure.add_subplot()
+    for k, (name, found) in enumerate(result.directions.items()):
+        colour = SERIES[k % len(SERIES)]
+        axes.plot(found.force, found.displacement @ found.direction / MM, "o", color=colour, markersize=DOT)
+        ends = np.array([0.0, found.force.max()])
+        axes.plot(ends, ends * found.along / MM, color=colour, label=f"{name}: {found.along / MM:.5f} mm/N")
+    axes.set_xlim(left=0)
+    axes.set_xlabel(f"force along the axes of the {result.frame} (N)")
+    axes.set_ylabel("displacement along the force (mm)")
+    _legend(figure, axes.get_legend_handles_labels()[0])
+    _mark(figure, result.simulated)
 
 
 # --- tracker ----------------------------------------------------------------------------------------------
@@ -234,8 +280,7 @@ def ballbar(figure: Figure, result: BallbarCheck, magnification: float | None = 
     _word(axes, 0, 0, f"bar {radius:g} mm\nerrors × {magnification:g}\n1 ring = {step:g} mm")
     note = "on the rim: joints that turn back there, at their largest (max) or smallest (min) angle; rings: error in mm"
     figure.supxlabel(note, fontsize=SMALL, color=SOFT)
-    words = "Calibration from SIMULATED data" if result.simulated else None
-    figure.legend(handles=handles, loc="outside upper left", ncols=1, title=words, alignment="left")
+    figure.legend(handles=handles, loc="outside upper left", ncols=1, title=result.mark or None, alignment="left")
 
 
 def _outwards(angle: float) -> dict[str, str]:

@@ -27,15 +27,13 @@ from irbcal.units import MM
 from irbcal.validation.attained import attained, commanded_poses, measured_whole
 from irbcal.validation.model_criteria import ModelCriteria, PoseValues, criteria
 from irbcal.validation.prepared import Prepared, prepare
-from irbcal.validation.tables import ANGLES
+from irbcal.validation.tables import ANGLES, AXES
 
 if TYPE_CHECKING:
     import pandas as pd
 
 SET_SIZE = 10
 """Cycles of a set of the drift test."""
-
-"""Left-out points that are named, of each reason."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,12 +108,11 @@ class PoseCheck(Speaks):
         out += _table_over_all(self.models)
         for name, model in self.models.items():
             if model.distance:
-                d = model.distance
-                accuracy = "–" if d["AD_mm"] is None else f"{d['AD_mm']:.3f}"
-                out.append(f"Distance P2 to P4, {name}: AD {accuracy} mm, RD ±{d['RD_mm']:.3f} mm")
+                out += _of_distance(name, model.distance)
         last = list(self.models.values())[-1]
         for pose, values in (last.directions or {}).items():
-            angles = "".join(f", {a} {values[f'vAP_{a}_deg']:.4f}°" for a in ANGLES if f"vAP_{a}_deg" in values)
+            angles = "".join(f", {x} {values[f'vAP_{x}_mm']:.3f}" for x in AXES)
+            angles += "".join(f", {a} {values[f'vAP_{a}_deg']:.4f}°" for a in ANGLES if f"vAP_{a}_deg" in values)
             out.append(
                 f"Variation over {values['directions']} directions, {pose}: vAP {values['vAP_mm']:.3f} mm{angles}"
             )
@@ -201,6 +198,21 @@ def _tables_of_poses(title: str, poses: Mapping[str, PoseValues]) -> list[Told]:
         columns = ["pose", "AP a", "AP b", "AP c", "RP a ±", "RP b ±", "RP c ±"]
         out.append(Table(f"{title}, orientation, degrees", tuple(columns), turned, digits=4))
     return out
+
+
+def _of_distance(name: str, d: Mapping[str, Any]) -> list[Told]:
+    """AD and RD in a sentence, and along and about the axes."""
+    accuracy = "–" if d["AD_mm"] is None else f"{d['AD_mm']:.3f}"
+    parts = []
+    for axes, unit, digits in ((AXES, "mm", 3), (ANGLES, "deg", 4)):
+        for axis in (axis for axis in axes if f"RD_{axis}_{unit}" in d):
+            total = d[f"AD_{axis}_{unit}"]
+            first = "" if total is None else f"{total:+.{digits}f} "
+            parts.append(f"{axis} {first}±{d[f'RD_{axis}_{unit}']:.{digits}f}{'°' if unit == 'deg' else ''}")
+    return [
+        f"Distance P2 to P4, {name}: AD {accuracy} mm, RD ±{d['RD_mm']:.3f} mm",
+        f"Distance P2 to P4, {name}, AD ± RD by axis, mm, and angle: {', '.join(parts)}",
+    ]
 
 
 def _table_over_all(models: Mapping[str, ModelCriteria]) -> list[Told]:

@@ -158,6 +158,39 @@ def distance_accuracy(
     return accuracy, float(3 * distance.std(ddof=1))
 
 
+def distance_along_axes(
+    xyz_1: FloatArray, xyz_2: FloatArray, commanded_1: ArrayLike | None = None, commanded_2: ArrayLike | None = None
+) -> tuple[FloatArray | None, FloatArray]:
+    """Distance accuracy and repeatability between two poses along each axis.
+
+    ``D_xj = |x_1j - x_2j|``, ``AD_x = mean(D_x) - |x_c1 - x_c2|``, ``RD_x = 3 S``; so for y and z. With the angles of
+    the turn from one pose to the other (`turns_between`) in place of ``xyz_1``, and zero in place of ``xyz_2``, these
+    are ``AD_a``, ``RD_a`` and so on.
+
+    Parameters
+    ----------
+    xyz_1, xyz_2 : ndarray, shape (n, 3)
+        Attained in the same cycles, metres.
+    commanded_1, commanded_2 : ndarray, shape (3,), optional
+
+    Returns
+    -------
+    AD : ndarray, shape (3,), or None
+        None without commanded positions.
+    RD : ndarray, shape (3,)
+    """
+    apart = np.abs(xyz_1 - xyz_2)
+    accuracy = None
+    if commanded_1 is not None and commanded_2 is not None:
+        accuracy = apart.mean(axis=0) - np.abs(np.asarray(commanded_1) - np.asarray(commanded_2))
+    return accuracy, 3 * apart.std(axis=0, ddof=1)
+
+
+def turns_between(R_1: FloatArray, R_2: FloatArray) -> FloatArray:
+    """Angles about x, y and z of the turns from second to first orientations, shape (n, 3), radians."""
+    return small_angles(R_1, R_2)
+
+
 @dataclass(frozen=True, eq=False)
 class Drift:
     """Drift of pose accuracy and repeatability over sets of cycles.

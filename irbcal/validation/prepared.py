@@ -31,6 +31,10 @@ class Prepared:
     notes : tuple of str
     proven : bool
         Whether a fit never saw these poses.
+    counted_out : int
+        Poses of the file that were fitted and are not among these.
+    at_fitted : ndarray of bool, shape (n,), or None
+        Which poses are at joints that were fitted; None where that is not known.
     """
 
     points: PointSet
@@ -39,6 +43,8 @@ class Prepared:
     excluded: tuple[Exclusion, ...]
     notes: tuple[str, ...]
     proven: bool = True
+    counted_out: int = 0
+    at_fitted: BoolArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -55,7 +61,8 @@ class Prepared:
         """The points that a mask of shape (m,) keeps, without empty poses."""
         rest = replace(self.points.take(mask), pose_ids=np.arange(self.points.poses)).without_empty_poses()
         rows = rest.pose_ids
-        return replace(self, points=replace(rest, pose_ids=self.points.pose_ids[rows]), number=self.number[rows])
+        points = replace(rest, pose_ids=self.points.pose_ids[rows])
+        return replace(self, points=points, number=self.number[rows], at_fitted=_rows(self.at_fitted, rows))
 
     def without_copies(self) -> Prepared:
         """Each row once: those that stand in the file before with the same joints and place are left out, and noted."""
@@ -74,7 +81,12 @@ class Prepared:
 
     def select(self, mask: BoolArray) -> Prepared:
         """The poses that a mask of shape (n,) keeps."""
-        return replace(self, points=self.points.select(mask), number=self.number[mask])
+        rows = _rows(self.at_fitted, mask)
+        return replace(self, points=self.points.select(mask), number=self.number[mask], at_fitted=rows)
+
+
+def _rows(values: BoolArray | None, rows: IntArray | BoolArray) -> BoolArray | None:
+    return None if values is None else values[rows]
 
 
 def _text(value: Any) -> str:

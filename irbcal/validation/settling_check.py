@@ -17,7 +17,7 @@ from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import settling
 from irbcal.validation.settling import READINGS, REST, Stabilisation
-from irbcal.validation.tables import in_order, names, places
+from irbcal.validation.tables import in_order, is_simulated, names, places, start_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,11 +34,13 @@ class Settling(Speaks):
     rest : float
         Seconds after which the robot was taken to be at rest.
     runs : dict of str to Stabilisation
+    simulated : bool
     """
 
     band: float
     rest: float
     runs: dict[str, Stabilisation]
+    simulated: bool = False
 
     def __post_init__(self) -> None:
         lock(self)
@@ -59,7 +61,7 @@ class Settling(Speaks):
         """What the command prints as JSON, mm and seconds.
 
         ``check``, ``band_mm``, ``after_s``, ``PSt_s`` (mean), ``overshoot_mm`` (largest), and of each of ``runs``
-        these, the instants of entering the band, and the distances over time; None for what never was.
+        these, the instants of entering the band, and the distances over time; None for what never was; ``simulated``.
         """
         return {
             "check": "settle",
@@ -78,6 +80,7 @@ class Settling(Speaks):
                 }
                 for name, run in self.runs.items()
             },
+            "simulated": self.simulated,
         }
 
     def to_frame(self) -> pd.DataFrame:
@@ -100,7 +103,7 @@ class Settling(Speaks):
         mean = "a run never settled" if self.time is None else f"PSt {self.time:.2f} s (mean)"
         largest = "–" if self.overshoot is None else f"{self.overshoot / MM:.3f}"
         title = f"Position stabilisation, limit band {self.band / MM:.4g} mm"
-        return [f"{mean}, overshoot {largest} mm (largest)", Table(title, columns, rows)]
+        return [f"{start_of(self.simulated)}{mean}, overshoot {largest} mm (largest)", Table(title, columns, rows)]
 
     def plot(self) -> DrawnFigure:
         """Distance from the final position over time, with the limit band (Figure A V-1)."""
@@ -188,4 +191,4 @@ def settle(source: TableLike, band: float, rest: float = REST, count: int = READ
         except MeasurementError as error:
             raise MeasurementError(f"run {name}: {error}", file=table.attrs["source"]) from None
         runs[name] = settling.stabilisation(time, xyz, final, band)
-    return Settling(band, rest, runs)
+    return Settling(band, rest, runs, is_simulated(table))

@@ -30,3 +30,14 @@ def names(table: pd.DataFrame, column: str) -> NameArray | None:
 def in_order(labels: NameArray) -> list[str]:
     """Different names in the order of their first rows."""
     return [str(name) for name in dict.fromkeys(labels)]
+
+
+def is_simulated(table: pd.DataFrame) -> bool:
+    """Whether a table of readings says so itself, as a measurement file does: not ``no`` in a column ``simulated``."""
+    found = names(table, "simulated")
+    return found is not None and any(str(value).lower() not in ("", "no", "0", "false", "nan") for value in found)
+
+
+def start_of(simulated: bool) -> str:
+    """How the first sentence on simulated data begins."""
+    return "SIMULATED data: " if simulated else ""

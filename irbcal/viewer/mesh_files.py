@@ -1,23 +1,17 @@
-"""Mesh files that a URDF names: found where it may look, and read as triangles.
-
-A URDF is untrusted: only files with a mesh's ending below the given package folders, ROS packages that the URDF lies
-in, or the URDF's own folder are opened.
-"""
+"""Mesh files that a URDF names, read as triangles; where they may lie: `irbcal.files.mesh_paths`."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from io import BytesIO
-from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.files.mesh_paths import MeshFolders, Problem
 
-MESH_ENDINGS = (".stl", ".dae", ".obj", ".glb")
 MAX_MESH_BYTES = 100_000_000
 MAX_TRIANGLES = 2_000_000
 """Triangles of a whole robot beyond which further visuals are left out."""
@@ -25,86 +19,8 @@ MAX_TRIANGLES = 2_000_000
 GREY = (0.78, 0.79, 0.80)
 
 
-class Problem(Exception):
-    """A visual that cannot be drawn.
-
-    Attributes
-    ----------
-    reason : str
-        What is wrong.
-    which : str
-        The file or element.
-    """
-
-    def __init__(self, reason: str, which: str) -> None:
-        super().__init__(reason, which)
-        self.reason, self.which = reason, which
-
-
-class MeshFinder:
-    """Finds and reads mesh files that a URDF names, inside the folders that it may read.
-
-    Parameters
-    ----------
-    folder : Path or None
-        Folder of the URDF, if it lies in one.
-    package_dirs : sequence of str or Path
-        Folders that hold ROS packages, or are one.
-    """
-
-    def __init__(self, folder: str | PathLike[str] | None, package_dirs: Sequence[str | PathLike[str]] = ()) -> None:
-        self.own = [] if folder is None else [Path(folder).resolve()]
-        self.packages = [Path(item).resolve() for item in package_dirs]
-        self.around = [
-            parent for top in self.own for parent in (top, *top.parents) if (parent / "package.xml").is_file()
-        ]
-
-    def find(self, uri: str) -> Path:
-        """The file that a mesh's name stands for.
-
-        Parameters
-        ----------
-        uri : str
-            ``package://NAME/...``, ``file://...``, or a path.
-
-        Returns
-        -------
-        Path
-
-        Raises
-        ------
-        Problem
-            If there is none, or if it lies outside the folders that may be read.
-        """
-        shown = uri if len(uri) < 120 else uri[:120] + "…"
-        scheme, found, rest = uri.partition("://")
-        if found and scheme not in ("package", "model", "file"):
-            raise Problem("only files on this computer are read", shown)
-        if "\x00" in uri:
-            raise Problem("not a file name", "a mesh")
-        if found and scheme != "file":
-            name, _, rest = rest.partition("/")
-            candidates = [(top, top / name / rest) for top in self.packages]
-            candidates += [(top, top / rest) for top in (*self.packages, *self.around) if top.name == name]
-        else:
-            rest = rest if found else uri
-            candidates = [(top, top / rest) for top in (*self.own, *self.packages, *self.around)]
-        outside = False
-        for top, path in candidates:
-            try:
-                path = path.resolve()
-                if not path.is_file():
-                    continue
-            except (OSError, RuntimeError):  # too long, or links in a circle
-                continue
-            if path.is_relative_to(top):
-                if path.suffix.lower() not in MESH_ENDINGS:
-                    raise Problem(f"only {', '.join(MESH_ENDINGS)} files are read as meshes", shown)
-                return path
-            outside = True
-        if outside:
-            raise Problem("it lies outside the URDF's folder and the package folders", shown)
-        raise Problem("the file was not found", shown)
+class MeshFinder(MeshFolders):
+    """Finds and reads mesh files that a URDF names, inside the folders that it may read."""
 
     def read(self, uri: str, budget: int = MAX_TRIANGLES) -> tuple[FloatArray, FloatArray | None]:
         """Triangles of a mesh file.

@@ -13,11 +13,12 @@ from typing import TypeAlias
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.files.mesh_paths import Problem
 from irbcal.files.urdf import UrdfArm
 from irbcal.files.urdf_xml import XmlElement
 from irbcal.viewer import shapes
 from irbcal.viewer.links import Link, origin, reach, vector
-from irbcal.viewer.mesh_files import GREY, MAX_TRIANGLES, MeshFinder, Problem
+from irbcal.viewer.mesh_files import GREY, MAX_TRIANGLES, MeshFinder
 
 Painted: TypeAlias = tuple[FloatArray, FloatArray]
 """Triangles, shape (m, 3, 3), and their colours, shape (m, 3)."""

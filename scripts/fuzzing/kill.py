@@ -101,7 +101,7 @@ WRITERS = (
     Writer(
         "calibrate",
         ["calibrate", "m.csv", "--robot", "irb1600", "--model", "16", "--out", "out"],
-        ["calibrate", "m.csv", "--robot", "irb1600", "--model", "26", "--out", "out"],
+        ["calibrate", "m.csv", "--robot", "irb1600", "--model", "26", "--out", "out", "--force"],
         _calibration,
     ),
     Writer(

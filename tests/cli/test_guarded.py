@@ -5,6 +5,7 @@ import shutil
 import pytest
 from typer.testing import CliRunner
 
+import irbcal
 from irbcal.cli.main import app
 from irbcal.files import robots
 
@@ -46,3 +47,14 @@ def test_inputs_are_never_written(place, monkeypatch, line):
     assert done.exit_code in (1, 2), done.output
     assert "to write" in str(done.exception) or "another file" in str(done.exception), done.exception
     assert contents(place) == before
+
+
+def test_a_calibration_is_replaced_with_force_only(place):
+    before = contents(place)
+    line = ["demo", "--model", "11", "--out", str(place / "cal")]
+    done = CliRunner().invoke(app, line)
+    assert done.exit_code == 1
+    assert "replace it with --force" in str(done.exception)
+    assert contents(place) == before
+    assert CliRunner().invoke(app, [*line, "--force"]).exit_code == 0
+    assert irbcal.load(place / "cal").model == "11"

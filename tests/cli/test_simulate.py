@@ -164,7 +164,7 @@ def test_effects_are_listed_without_a_robot():
         ),
         ("{joints},pose\n0,0,0,0,0,0,1\n1,0,0,0,0,0,1\n", "row 3, column pose: expected each pose once"),
         ("{joints},wait_s\n0,0,0,0,0,0,-1\n", "row 2, column wait_s: expected 0 to 86400 seconds, found '-1'"),
-        ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,1,0,0,0\n", "row 1: missing column q1_deg"),
+        ("x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,1,0,0,0\n", "row 2: expected a pose that irb1600_6_145 reaches"),
         ("{joints}\n", "a header but no rows"),
     ],
 )
@@ -184,7 +184,7 @@ def test_refusals_and_wrong_calls(tmp_path, plan):
     assert "unknown target 'nose': targets are smr1" in refused(plan, *common, "--targets", "nose")
     assert "robot file 'kuka' does not exist" in refused(plan, "--robot", "kuka", "--out", tmp_path / "m.csv")
     assert "missing" in wrong_call(plan, "--robot", "irb1600")
-    assert "either a file of joints or --random" in wrong_call(*common)
+    assert "either a program or plan, or --random" in wrong_call(*common)
     assert "exclude each other" in wrong_call(plan, *common, "--only", "noise", "--without", "lost")
     assert "go together" in wrong_call(plan, *common, "--wanted", plan)
     assert "expected x,y,z in mm" in wrong_call(plan, *common, "--tracker", "1,2")

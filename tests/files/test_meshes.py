@@ -187,7 +187,7 @@ def test_ros_package_is_described():
     assert described.find("name").text == FOLDER.name
     assert {"version", "description", "maintainer", "license"} <= {child.tag for child in described}
     assert f"project({FOLDER.name}" in (FOLDER / "CMakeLists.txt").read_text()
-    assert "install(DIRECTORY meshes" in (FOLDER / "CMakeLists.txt").read_text()
+    assert "install(DIRECTORY" in (FOLDER / "CMakeLists.txt").read_text()
 
 
 # ---------------------------------------------------------------- the visuals

@@ -36,7 +36,7 @@ def test_a_shipped_robot_and_its_file_are_the_same():
         assert opened.record is None
         assert opened.nominal is opened.urdf.arm
         assert opened.nominal_urdf is opened.urdf
-        assert opened.folder == robots.urdf_folder()
+        assert opened.folder == robots.robot_file("irb120").parent
         assert len(repr(opened)) < 300
         assert opened.urdf_bytes == robots.robot_file("irb120").read_bytes()
 
@@ -62,7 +62,9 @@ def test_folder_record_and_result_are_the_same_calibration(folder):
         assert_same_poses(opened.urdf.arm.forward(theta), expected, 1e-9, 1e-9)
         assert_same_poses(opened.nominal_urdf.arm.forward(q), arm().forward(q), 1e-9, 1e-9)
         assert opened.folder == (
-            folder if source is loaded or isinstance(source, (str, type(folder))) else robots.urdf_folder()
+            folder
+            if source is loaded or isinstance(source, (str, type(folder)))
+            else robots.robot_file("irb1600").parent
         )
 
 

@@ -37,17 +37,37 @@ def test_joint_6_of_the_thesis_is_found_within_its_intervals():
     assert 5e-6 < np.mean(widths) < 8e-5
 
 
-def test_a_free_frequency_is_found():
-    q = moves(6, there_and_back(-400, 400, 20))
+@pytest.mark.parametrize(
+    ("angles", "noise", "accuracy"),
+    [
+        (there_and_back(-400, 400, 20), 2e-5, 0.01),
+        (there_and_back(-400, 400, 20)[:41], 5e-6, 0.005),  # one way only: the first pose came from nobody knows where
+        (there_and_back(-90, 90, 10), 2e-5, 1.0),  # half a turn hardly tells
+    ],
+    ids=["there and back", "one way", "half a turn"],
+)
+def test_a_free_frequency_is_within_its_interval_with_backlash(angles, noise, accuracy):
+    q = moves(6, angles)
     groups = np.full(len(q), "axis6", object)
     inside = []
-    for seed in range(8):
-        points, step, _ = simulated(q, groups, noise=2e-5, rng=np.random.default_rng(seed), fourier=SERIES)
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        points, step, _ = simulated(q, groups, BACKLASH * np.eye(6)[5], noise=noise, rng=rng, fourier=SERIES)
         found, low, high = analyse_moves(points, step, frequency=None)[0].fourier.frequency
-        assert abs(found - 1.0) < 0.02
-        assert high - low < 0.04
+        assert abs(found - 1.0) < accuracy
         inside.append(low < 1.0 < high)
-    assert sum(inside) >= 6
+    # 30 intervals at 95 %: 25 or fewer inside would be a chance of 1 in 60
+    assert sum(inside) >= 26
+
+
+def test_a_series_of_a_higher_order_may_run_at_half_the_frequency():
+    q = moves(6, there_and_back(-400, 400, 20))
+    points, step, _ = simulated(
+        q, np.full(len(q), "axis6", object), noise=2e-5, rng=np.random.default_rng(0), fourier=SERIES
+    )
+    found, low, high = analyse_moves(points, step, order=4, frequency=None)[0].fourier.frequency
+    assert abs(found - 0.5) < 0.01, "its second and fourth harmonic are the truth's first and second"
+    assert low < 0.5 < 1.0 < high < 1.01
 
 
 def test_no_false_alarm_from_joints_that_only_turn():

@@ -1,25 +1,8 @@
-"""The RAPID module of a plan: ways over home."""
+"""The files of a plan."""
 
-from dataclasses import replace
-
-import numpy as np
-
-from irbcal.correction.languages import rapid
 from irbcal.planning import plan_files
 from irbcal.planning.conditions import SOLID
-from irbcal.planning.measuring_plan import make, plan
-from irbcal.planning.scene import open_scene
-from irbcal.planning.wish import Wish
-
-
-def test_ways_over_home_stand_in_the_rapid_module():
-    scene = open_scene("irb1600", without=SOLID)
-    made = make(scene, Wish(axis=0, cube=0, all_range=4, level="nominal"))
-    direct = rapid.parse(plan_files.rapid(made).encode()).targets
-    over = rapid.parse(plan_files.rapid(replace(made, over_home=np.array([False, True, False, True]))).encode()).targets
-    assert len(direct) == 6
-    assert len(over) == 8
-    assert [not target.value.any() for target in over] == [True, False, True, False, False, True, False, True]
+from irbcal.planning.measuring_plan import plan
 
 
 def test_files_hold_what_the_tables_say():

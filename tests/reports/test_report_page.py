@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
+from irbcal.figures import charts
 from irbcal.files import document
 from irbcal.files.choice_section import Candidate, Choice
 from irbcal.files.schema import (
@@ -183,7 +184,7 @@ def test_matplotlib_settings_neither_matter_nor_change(calibration, evidence, mo
     ("value", "digits", "expected"), [(-1e-9, 3, "0.000"), (2.0005001, 3, "2.001"), (-90.00962, 4, "-90.0096")]
 )
 def test_numbers(value, digits, expected):
-    assert report_page.fixed(value, digits) == expected
+    assert charts.fixed(value, digits) == expected
 
 
 def test_the_examples_on_the_page_run(folder, calibration, page):

@@ -50,7 +50,7 @@ def test_tables_are_what_pandas_reads_from_the_results(frame, tables):
     for k, name in enumerate(("nominal", "11-400-1", "axes-18-1", "34-200-1")):
         for key, kind, area, names in (
             ("7.8", "iso9283", "iso_poses", ["mean", "max"]),
-            ("7.9", "poses", "all_range", STATISTICS),
+            ("7.9", "poses", "iso_cube", STATISTICS),
         ):
             query = {"repetition": name, "kind": kind, "area": area}
             found = [v for quantity in ("flange", "orientation") for v in pick(names, quantity=quantity, **query)]
@@ -58,7 +58,7 @@ def test_tables_are_what_pandas_reads_from_the_results(frame, tables):
     assert values_of(tables["7.10"], 0) == pick(repetition="34-200-1", kind="sphere_virtual_frame")
     assert values_of(tables["7.11"], 0) == pick(repetition="34-200-1", kind="sphere_three_points")
     for k, n in enumerate((80, 120)):
-        query = {"repetition": f"34-{n}-1", "kind": "poses", "area": "all_range"}
+        query = {"repetition": f"34-{n}-1", "kind": "poses", "area": "iso_cube"}
         found = [v for quantity in ("flange", "orientation") for v in pick(quantity=quantity, **query)]
         assert values_of(tables["7.12"], k) == found
     # 7.13 to 7.16: choose again

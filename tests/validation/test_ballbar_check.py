@@ -39,12 +39,23 @@ def test_what_it_tells(found):
     assert "Calibration from SIMULATED data: radial errors of the circle, ballbar 150 mm" in text
     assert "Joints that turn back" in text
     said = repr(found)
-    assert said.startswith("<BallbarCheck: circularity with a bar of 150 mm: nominal targets, predicted 0.")
+    assert said.startswith(
+        "<BallbarCheck: Calibration from SIMULATED data: circularity with a bar of 150 mm: nominal targets, predicted 0."
+    )
     assert len(said) < 2000
     assert found.to_frame()["trace"].unique().tolist() == list(found.traces())
     assert pickle.loads(pickle.dumps(found)).to_dict() == data
     with pytest.raises(ValueError, match="read-only"):
         found.prediction.q[0] = 0.0
+
+
+def test_simulated_readings_are_named(record, found, tmp_path):
+    rows = [f"{a},0.01,yes\n" for a in np.arange(0, 360, 4.0)]
+    (tmp_path / "m.csv").write_text("angle_deg,error_mm,simulated\n" + "".join(rows))
+    told = ballbar(record, tmp_path / "m.csv", tool=TOOL, joints=JOINTS)
+    assert told.mark == "Calibration from SIMULATED data, SIMULATED readings"
+    assert told.plot().figure.legends[0].get_title().get_text() == told.mark
+    assert not found.simulated_readings
 
 
 def test_measured_runs_are_compared_with_what_was_run(record, found, tmp_path):

@@ -28,8 +28,24 @@ def folder(record, tmp_path_factory):
     (folder / "approaches.csv").write_text("\n".join(rows))
     x = np.linspace(0, 100, 21)
     (folder / "commanded.csv").write_text("x_mm,y_mm,z_mm\n" + "".join(f"{v},10,5\n" for v in x))
-    lines = [f"{c},{v},{10 + 0.1 * c},5\n" for c in (1, 2) for v in np.linspace(-3, 103, 30)]
-    (folder / "path.csv").write_text("cycle,x_mm,y_mm,z_mm\n" + "".join(lines))
+    lines = ["cycle,time_s,x_mm,y_mm,z_mm"]
+    in_base = ["cycle,x_mm,y_mm,z_mm"]
+    T = robot.T_world_base
+    for c in (1, 2):
+        for t, v in zip(np.linspace(0, 1, 30), np.linspace(-3, 103, 30), strict=True):
+            lines.append(f"{c},{t:.9f},{v},{10 + 0.1 * c},5")
+            place = T[:3, :3] @ np.array([v, 10 + 0.1 * c, 5]) + 1e3 * T[:3, 3]
+            in_base.append(f"{c},{','.join(f'{x:.9f}' for x in place)}")
+    (folder / "path.csv").write_text("\n".join(lines))
+    (folder / "path_of_base.csv").write_text("\n".join(in_base))
+    moves = [f"a,{t:.2f},{100 * np.clip(t - 1, 0, 1):.6f},1,1" for t in np.arange(0, 3, 0.01)]
+    (folder / "moves.csv").write_text("\n".join(["move,time_s,x_mm,y_mm,z_mm", *moves]))
+    pushed = [
+        ",".join([way, str(f), *(f"{v:.9f}" for v in 1e3 * T[:3, 3] + T[:3, :3] @ (axis * 0.004 * f))])
+        for way, axis in zip(("+x", "+y", "+z"), np.eye(3), strict=True)
+        for f in (0, 30, 60)
+    ]
+    (folder / "forces.csv").write_text("\n".join(["direction,force_n,x_mm,y_mm,z_mm", *pushed]))
     return folder
 
 
@@ -38,25 +54,45 @@ def test_all_parts_together(record, folder, tmp_path):
         folder / "iso.csv",
         calibration=record,
         approaches=folder / "approaches.csv",
-        path=folder / "path.csv",
+        path=folder / "path_of_base.csv",
         commanded_path=folder / "commanded.csv",
+        moves=folder / "moves.csv",
+        forces=folder / "forces.csv",
     )
     assert found.poses.subject == "flange"
     rp = found.poses.models["nominal"].poses["P1"]["RP_mm"]
     assert found.stabilisation.band == pytest.approx(rp * 1e-3, rel=1e-12), "RP of P1 unless another band is given"
-    assert pytest.approx(1.5e-4) == found.path.errors.AT
+    assert pytest.approx(1.5e-4, abs=1e-9) == found.path.errors.AT
+    assert found.path.velocity is None
+    assert [c.along for c in found.compliance.directions.values()] == pytest.approx([4e-6] * 3, rel=1e-6)
+    assert found.posing.band == found.stabilisation.band
+    assert 0.99 < found.posing.moves["a"].times[0] < 1.0
     data = found.to_dict()
-    assert list(data) == ["poses", "stabilisation", "path"]
+    assert list(data) == ["poses", "stabilisation", "path", "posing", "compliance"]
     assert "check" not in data["stabilisation"]
     text = found.summary()
-    for part in ("ISO 9283, flange, calibrated, mm", "Position stabilisation, limit band", "Path: AT 0.150 mm"):
+    for part in (
+        "ISO 9283, flange, calibrated, mm",
+        "Position stabilisation, limit band",
+        "SIMULATED data: Path: AT 0.150 mm",
+        "Posing time from rest to rest",
+        "SIMULATED data: Static compliance, axes of the base link",
+    ):
         assert part in text
     assert len(repr(found)) < 2000
     assert "SIMULATED" in repr(found)
     assert pickle.loads(pickle.dumps(found)).to_dict() == data
-    assert list(found.plots()) == ["poses", "stabilisation", "path"]
+    assert list(found.plots()) == ["poses", "stabilisation", "path", "posing", "compliance"]
+    assert [drawn.figure.get_suptitle() for drawn in found.plots().values()] == [
+        "SIMULATED data",
+        "",
+        "SIMULATED data",
+        "",
+        "SIMULATED data",
+    ]
     written = found.save_plots(tmp_path / "iso.SVG")
-    assert [path.name for path in written] == ["iso.svg", "iso-stabilisation.svg", "iso-path.svg"]
+    names = ["iso.svg", "iso-stabilisation.svg", "iso-path.svg", "iso-posing.svg", "iso-compliance.svg"]
+    assert [path.name for path in written] == names
     assert all(b"<svg" in path.read_bytes() for path in written)
 
 
@@ -85,10 +121,19 @@ def test_the_first_pose_gives_the_band_where_there_is_no_p1(folder, tmp_path):
 @pytest.mark.parametrize(
     ("options", "parameter", "says"),
     [
-        ({}, "measurements", "give measurements, approaches or a path"),
+        ({}, "measurements", "give measurements, approaches, a path, moves or forces"),
         ({"path": "path.csv"}, "path", "a path needs its commanded points"),
         ({"commanded_path": "commanded.csv"}, "path", "a path needs its commanded points"),
         ({"approaches": "approaches.csv"}, "band", "give a limit band"),
+        ({"moves": "moves.csv"}, "band", "give a limit band"),
+        ({"forces": "forces.csv", "velocity": 0.25}, "path", "a velocity is that of a path"),
+        ({"path": "path.csv", "commanded_path": "commanded.csv", "velocity": 0.0}, "velocity", "above zero, found 0"),
+        ({"path": "path.csv", "commanded_path": "commanded.csv", "window": -1}, "window", "at least 0"),
+        (
+            {"path": "path_of_base.csv", "commanded_path": "commanded.csv", "velocity": 0.25},
+            "velocity",
+            "takes the column time_s",
+        ),
         ({"measurements": "directions.csv", "approaches": "approaches.csv"}, "band", "give a limit band"),
         ({"measurements": "iso.csv", "set_size": 1}, "set_size", "two cycles or more, found 1"),
     ],

@@ -72,6 +72,20 @@ def test_distance_pairs_the_cycles_that_both_have():
     assert criteria(poses([*ROWS[:2], ("P2", 1, 0, 0, 0), ("P2", 9, 0, 0, 0)]), 10).distance is None
 
 
+def test_distance_by_axis_and_angle():
+    rows = [("P2", 1, 0, 0, 0), ("P2", 2, 0, 0, 0), ("P4", 1, 101, -1, 2), ("P4", 2, 103, -1, 1)]
+    commanded = np.array([[0, 0, 0], [0, 0, 0], [100, 0, 1], [100, 0, 1]]) * 1e-3
+    turns = np.radians([0.0, 0.0, 30.2, 30.4])
+    rotation = np.array([frames.rot_z(turn) for turn in turns])
+    meant = np.array([frames.rot_z(turn) for turn in np.radians([0.0, 0.0, 30.0, 30.0])])
+    found = criteria(poses(rows, rotation=rotation, wanted=commanded, wanted_rotation=meant), 10).distance
+    assert [found[f"AD_{a}_mm"] for a in "xyz"] == pytest.approx([2, 1, 0.5])
+    assert [found[f"RD_{a}_mm"] for a in "xyz"] == pytest.approx([3 * np.sqrt(2), 0, 3 * np.sqrt(0.5)], abs=1e-9)
+    assert [found[f"AD_{a}_deg"] for a in "abc"] == pytest.approx([0, 0, 0.3], abs=1e-9)
+    assert [found[f"RD_{a}_deg"] for a in "abc"] == pytest.approx([0, 0, 3 * np.sqrt(0.02)], abs=1e-9)
+    assert criteria(poses(rows), 10).distance["AD_x_mm"] is None
+
+
 def test_orientations():
     turns = np.radians([0.1, 0.3, 0.0, 0.2])
     rotation = np.array([frames.rot_z(turn) for turn in turns])
@@ -90,7 +104,10 @@ def test_directions():
     ways = ["x", "y", "x", "y"]
     found = criteria(poses(ROWS, direction=ways), 10)
     assert (found.poses, found.overall) == ({}, None)
-    assert found.directions["P4"] == {"directions": 2, "vAP_mm": pytest.approx(2.0)}
+    along = [found.directions["P4"][f"vAP_{axis}_mm"] for axis in "xyz"]
+    assert (found.directions["P4"]["directions"], found.directions["P4"]["vAP_mm"]) == (2, pytest.approx(2.0))
+    assert np.linalg.norm(along) == pytest.approx(2.0)
+    assert along == pytest.approx([0, 0, 2])
     with pytest.raises(MeasurementError, match=r"poses.csv: column direction: pose P2 was approached from x only"):
         criteria(poses(ROWS, direction=["x", "y", "x", "x"]), 10)
 

@@ -28,7 +28,7 @@ def test_means_over_runs(tmp_path):
     assert found.time == pytest.approx(np.mean(settled) - first)
     assert found.overshoot == pytest.approx(2e-3)
     data = found.to_dict()
-    assert list(data) == ["check", "band_mm", "after_s", "PSt_s", "overshoot_mm", "runs"]
+    assert list(data) == ["check", "band_mm", "after_s", "PSt_s", "overshoot_mm", "runs", "simulated"]
     assert (data["band_mm"], data["overshoot_mm"]) == (pytest.approx(1.0), pytest.approx(2.0))
     assert data["runs"]["2"]["distance_mm"][:5] == pytest.approx([5, 5, 0, 0, 2])
     assert found.headline() == f"PSt {found.time:.2f} s (mean), overshoot 2.000 mm (largest)"

@@ -1,8 +1,8 @@
 """Robot programs: one folder a language.
 
 A language is a package in this folder, listed in `known`, that offers what `Language` says: its name, the endings of
-its files, ``looks_like``, ``read_for`` and ``fingerprint``. What it reads are `irbcal.correction.program.Program`: the
-targets that may be corrected, and the way back into the files.
+its files, ``looks_like``, ``read_for``, ``write_moves`` and ``fingerprint``. What it reads are
+`irbcal.correction.program.Program`: the targets that may be corrected, and the way back into the files.
 
 A language whose targets stand as numbers in a text derives its programs from
 `irbcal.correction.text_program.TextProgram`, which replaces these numbers and keeps every other byte. Where a pose is
@@ -14,11 +14,13 @@ axes point, how joints are counted. What is left to do is to find the targets (`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
 from irbcal.correction.maker import Maker
+from irbcal.correction.moves import Moves
 from irbcal.correction.program import Given, Program, read_bytes
 from irbcal.errors import ProgramError
 from irbcal.modeling.arm import Arm
@@ -40,6 +42,16 @@ class Language(Protocol):
     @property
     def MAKER(self) -> Maker | None:
         """How six numbers of a frame are meant; None where frames are given with quaternions only."""
+        ...
+
+    @property
+    def ROBOTS(self) -> str:
+        """Pattern of the names of robots (lower case) whose controllers run it; empty where none tells."""
+        ...
+
+    @property
+    def write_moves(self) -> Callable[[Moves], dict[str, str]] | None:
+        """Writes joint moves as files, by their names, in ASCII; None for a language that has no moves."""
         ...
 
     def looks_like(self, data: bytes) -> bool:
@@ -99,6 +111,18 @@ def known() -> tuple[Language, ...]:
     from irbcal.correction.languages import fanuc, inform, krl, rapid, table, urscript, val3
 
     return rapid, krl, fanuc, inform, urscript, val3, table
+
+
+def by_name() -> dict[str, Language]:
+    """All languages by the names of their folders; a table is called ``csv``."""
+    from irbcal.correction.languages import table
+
+    return {"csv" if one is table else one.__name__.rsplit(".", 1)[1]: one for one in known()}  # type: ignore[attr-defined]
+
+
+def of_robot(name: str) -> Language | None:
+    """The language of a robot's maker, by the robot's name; None where the name does not tell."""
+    return next((one for one in known() if one.ROBOTS and re.search(one.ROBOTS, name.lower())), None)
 
 
 _ELSEWISE = (

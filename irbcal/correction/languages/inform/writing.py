@@ -29,6 +29,7 @@ YASKAWA = Maker(
     matrix=np.eye(6),
     world=True,
     wrist_axis=4,
+    pulses=True,
 )
 """At zero joints the wrist is in front, the elbow above and the wrist flipped."""
 

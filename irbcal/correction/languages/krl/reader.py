@@ -123,8 +123,11 @@ def _program(
     status = [
         integer(listing.text[slice(*t.configuration_spans[0])]) or 0 for t in parts["targets"] if t.configuration_spans
     ]
-    if any(value & 16 for value in status):
-        text = "points say (S, bit 4) that the robot was absolutely accurate: it must not be corrected twice"
+    if any(value & 16 for value in status) and given.own_model is None:
+        text = (
+            "points say (S, bit 4) that the robot was absolutely accurate: it must not be corrected twice; what such a "
+            "controller computes with is given with --controller-model"
+        )
         notes.append(Note(1, text))
     return KrlProgram(
         **parts,

@@ -6,6 +6,8 @@ from irbcal.correction.languages.table.reader import POSE, fingerprint, looks_li
 NAME = "CSV"
 ENDINGS = (".csv",)
 MAKER = None
+ROBOTS = ""
+write_moves = None
 
 __all__ = [
     "ENDINGS",
@@ -13,10 +15,12 @@ __all__ = [
     "MARK",
     "NAME",
     "POSE",
+    "ROBOTS",
     "fingerprint",
     "looks_like",
     "parse",
     "read",
     "read_for",
     "with_values",
+    "write_moves",
 ]

@@ -30,7 +30,7 @@ QUIET = (*GOALS, "set_tcp", "sleep", "sync", "stopj", "stopl", "textmsg", "popup
 _DEF = re.compile(r"^[ \t]*def[ \t]+\w+[ \t]*\([^\r\n]*:", re.MULTILINE)
 _NOTE = (
     "poses are made for the kinematics of the URDF that was calibrated: it must be the controller's own, with its "
-    "factory calibration"
+    "factory calibration; otherwise give that with --controller-model"
 )
 
 
@@ -68,10 +68,11 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> ScriptProgram:
     order = script.course.order({id(one): k for k, one in enumerate(found)})
     maker, base = UNIVERSAL_ROBOTS.of(arm), {"base": frames.transform()}
     head = _DEF.search(listing.text)
+    poses = any(one.kind == "pose" and one.uses for one in found)
     return ScriptProgram(
         **parts_of(maker, arm, listing, found, order, given, script.tools, base, source),
         uncorrected=tuple(script.course.uncorrected),
-        notes=(Note(1, _NOTE),) if any(one.kind == "pose" and one.uses for one in found) else (),
+        notes=(Note(1, _NOTE),) if poses and given.own_model is None else (),
         fingerprint=mark_in(comments),
         mark_at=listing.after_line(head.start()) if head else len(BOM) * listing.text.startswith(BOM),
     )

@@ -1,0 +1,85 @@
+"""A run of joint moves that a language writes as a robot program: see the module ``moves`` of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.correction.maker import Maker
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.home import DECIMALS
+from irbcal.names import comment
+from irbcal.units import DEG
+
+
+class Move(NamedTuple):
+    """A joint move, and a rest behind it.
+
+    Attributes
+    ----------
+    comment : str
+        Before it; none where empty.
+    wait_s : float
+        Seconds; none where zero.
+    share : float
+        Speed as a share (0 to 1) of the robot's largest joint speeds.
+    joint_speed : float
+        Of the joint that turns most, rad/s.
+    """
+
+    comment: str
+    wait_s: float
+    share: float
+    joint_speed: float
+
+    @property
+    def percent(self) -> int:
+        """Speed in percent, 1 to 100."""
+        return min(max(round(100 * self.share), 1), 100)
+
+
+@dataclass(frozen=True, eq=False)
+class Moves:
+    """Joint moves of an arm in their order.
+
+    Attributes
+    ----------
+    arm : Arm
+        What the controller computes with.
+    q : ndarray, shape (n, 6)
+        Joints of the URDF, radians.
+    moves : tuple of Move, length n
+    head : tuple of str
+        Comments at the begin.
+    tip_speed : float
+        m/s, for languages that take it.
+    pulses : tuple of float
+        Pulses per degree of the joints, for languages that write these.
+    """
+
+    arm: Arm
+    q: FloatArray
+    moves: tuple[Move, ...]
+    head: tuple[str, ...] = ()
+    tip_speed: float = 0.5
+    pulses: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def degrees(self, maker: Maker | None = None) -> FloatArray:
+        """Joints as the controller counts them, degrees, rounded to `DECIMALS`, shape (n, 6)."""
+        q = self.arm.to_controller(self.q) if maker is None else maker.of(self.arm).program_joints(self.q)
+        return np.round(q / DEG, DECIMALS) + 0.0
+
+    def texts(self, maker: Maker | None = None) -> list[list[str]]:
+        """The same as written."""
+        return [[f"{value:.{DECIMALS}f}" for value in row] for row in self.degrees(maker)]
+
+
+def note(text: str, longest: int = 160, without: str = "") -> str:
+    """A comment's text, not longer, and without characters that would end it in a language."""
+    return comment("".join("," if char in without else char for char in comment(text))[:longest])

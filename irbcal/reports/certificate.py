@@ -1,0 +1,245 @@
+"""A certificate: what a calibrated robot reached on measurements of its own, on a page to print and to sign.
+
+It says what an evaluation found and where that comes from; it runs no script and loads nothing.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from irbcal import __version__
+from irbcal.errors import OptionError
+from irbcal.figures import charts
+from irbcal.figures.charts import Figure
+from irbcal.figures.picture import SIMULATED
+from irbcal.figures.pose_errors import PoseErrors, errors_by_pose, vectors, workspace
+from irbcal.measurement.cleaning import left_out
+from irbcal.options import checked
+from irbcal.reports import paper
+from irbcal.reports.report_data import as_csv
+from irbcal.units import MM
+from irbcal.validation.evaluation import MODELS, Evaluation
+from irbcal.validation.origin import FIELDS, Origin
+from irbcal.validation.worst import WorstPose, worst_poses
+
+__all__ = ["certificate", "render"]
+
+FORMATS = ("png", "svg")
+WORST, NOTES = (8, 8, 5), (7, 7, 4)
+"""Poses and notes that are listed, of pages with little, some and much to say."""
+LONGEST = 400
+"""Characters of a note."""
+LINE, ROOM = 92, (6, 16)
+"""Characters of a line; lines of remarks and of what was told beyond which there is no room for the errors by pose,
+and none for all the rest on one page."""
+STATISTICS = (
+    ("mean", "mean_mm"),
+    ("sigma", "sigma_mm"),
+    ("mean + 3σ", "mean_plus_3sigma_mm"),
+    ("95th percentile", "p95_mm"),
+    ("largest", "max_mm"),
+)
+"""Headings of the table of accuracy, and names of their numbers."""
+
+
+def certificate(
+    evaluation: Evaluation,
+    report: str | Path,
+    *,
+    figures: str | Path | None = None,
+    format: Literal["png", "svg"] | None = None,
+    data: str | Path | None = None,
+) -> dict[Path, tuple[str, ...]]:
+    """Write an evaluation as a certificate: one page of HTML to print (A4) and to sign.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Of ``irbcal.evaluate(…, tolerance=…, info=…)``; without a tolerance the page says neither pass nor fail.
+    report : str or Path
+        The page, a name that ends in ``.html``.
+    figures, data : str or Path, optional
+        Folders for the figures, and for the data behind page and figures (CSV, JSON).
+    format : {"png", "svg"}, optional
+        Of the figures; ``png`` unless given.
+
+    Returns
+    -------
+    dict of Path to tuple of str
+        Folder -> names of the files written there.
+
+    Raises
+    ------
+    IrbcalError
+        If an option is refused, or a file cannot be written: then none is.
+    """
+    from irbcal.atomic import made_folders, write_set
+
+    kind = cast("Literal['png', 'svg']", checked("format", format or "png", FORMATS))
+    if format is not None and figures is None:
+        raise OptionError("format: only figures have one: name their folder", parameter="format")
+    path = Path(report)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise OptionError(f"report: expected a name that ends in .html, found {path.name!r}", parameter="report")
+    folders: dict[Path, dict[str, bytes]] = {}
+    with made_folders(*(Path(folder) for folder in (path.parent, figures, data) if folder is not None)):
+        folders.setdefault(path.parent, {})[path.name] = render(evaluation).encode("utf-8")
+        if figures is not None:
+            mark = SIMULATED if evaluation.simulated else ""
+            drawn = {f"{f.name}.{kind}": charts.file(f, kind, mark) for f in draw(evaluation)}
+            folders.setdefault(Path(figures), {}).update(drawn)
+        if data is not None:
+            folders.setdefault(Path(data), {}).update(data_files(evaluation))
+        write_set({folder / name: content for folder, files in folders.items() for name, content in files.items()})
+    return {folder: tuple(files) for folder, files in folders.items()}
+
+
+def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
+    """The certificate as one HTML page.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    issued : datetime, optional
+        Now unless given.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    OptionError
+        If the evaluation does not know where it comes from.
+    """
+    origin, kept = _origin(evaluation), evaluation.conformity
+    remarks, stated = _remarks(evaluation), origin.stated()
+    crowded = sum(_lines([words for _, words in remarks], stated) > room for room in ROOM)
+    return paper.template("certificate.html.j2").render(
+        e=evaluation,
+        origin=origin,
+        kept=kept,
+        paint=charts.PAINT,
+        key_mark=charts.key,
+        stated=stated,
+        remarks=remarks,
+        crowded=crowded,
+        statistics=STATISTICS,
+        rows=_rows(evaluation),
+        intervals=_intervals(evaluation),
+        worst=_worst(evaluation, WORST[crowded]),
+        figures=draw(evaluation)[:2],
+        notes=_notes(evaluation, NOTES[crowded]),
+        issued=(issued or datetime.now(timezone.utc)).strftime("%Y-%m-%d %H:%M UTC"),
+        version=__version__,
+    )
+
+
+def draw(evaluation: Evaluation) -> list[Figure]:
+    """Errors of the calibrated robot by pose, with the tolerance, and over the workspace; error vectors of both."""
+    kept = evaluation.conformity
+    mine = _calibrated(evaluation)
+    return [
+        errors_by_pose(mine, None if kept is None else kept.tolerance_mm),
+        workspace(mine),
+        vectors(evaluation.errors),
+    ]
+
+
+def data_files(evaluation: Evaluation) -> dict[str, bytes]:
+    """What the certificate rests on: points and poses as CSV, everything else as JSON.
+
+    Lengths in mm, angles in degrees; vectors along the axes of the base link.
+    """
+    e, origin = evaluation.errors, _origin(evaluation)
+    model = e.models["calibrated"]
+    points = evaluation.to_frame()
+    if model.vector is not None:
+        for axis, values in zip("xyz", (model.vector / MM).T, strict=True):
+            points[f"calibrated_d{axis}_mm"] = values.round(6)
+    poses = [
+        {
+            "pose": name,
+            "group": e.groups[k],
+            **{
+                f"q{j}_{unit}": round(float(value), 9)
+                for j, (unit, value) in enumerate(zip(origin.joint_units, origin.joints[k], strict=True), 1)
+            },
+            **{f"{label}_mm": round(float(m.per_pose[k] / MM), 6) for label, m in e.models.items()},
+        }
+        for k, name in enumerate(e.pose_names)
+    ]
+    rows = [{str(key): value for key, value in row.items()} for row in points.to_dict("records")]
+    whole = json.dumps({"irbcal": __version__, **evaluation.to_dict()}, indent=1, allow_nan=False, ensure_ascii=False)
+    return {
+        "points.csv": as_csv(rows, evaluation.simulated),
+        "poses.csv": as_csv(poses, evaluation.simulated),
+        "certificate.json": f"{whole}\n".encode(),
+    }
+
+
+def _origin(evaluation: Evaluation) -> Origin:
+    if evaluation.origin is None:
+        raise OptionError("expected an evaluation of irbcal.evaluate, which knows its files", parameter="evaluation")
+    return evaluation.origin
+
+
+def _calibrated(evaluation: Evaluation) -> PoseErrors:
+    """Errors of the calibrated robot alone."""
+    return replace(evaluation.errors, models={"calibrated": evaluation.errors.models["calibrated"]})
+
+
+def _worst(evaluation: Evaluation, count: int) -> list[WorstPose]:
+    return worst_poses(evaluation.errors, _origin(evaluation).joints, count)
+
+
+def _rows(evaluation: Evaluation) -> list[tuple[str, dict[str, Any]]]:
+    return [(name, {**getattr(evaluation, name), **evaluation.percentiles[name]}) for name in MODELS]
+
+
+def _intervals(evaluation: Evaluation) -> dict[str, Any]:
+    """Intervals of the calibrated robot's statistics, empty where there are none."""
+    if evaluation.conformity is not None:
+        return dict(evaluation.conformity.intervals_mm)
+    return dict((evaluation.intervals or {}).get("calibrated") or {})
+
+
+def _lines(remarks: Sequence[str], stated: Sequence[tuple[str, str]]) -> int:
+    """Lines that remarks, and what was told beyond `FIELDS`, take of the first page."""
+    pairs = [stated[k : k + 2] for k in range(0, len(stated), 2)]
+    long = sum(any(len(value) > LINE // 3 for _, value in pair) for pair in pairs)
+    return sum(-(-len(words) // LINE) for words in remarks) + long + len(pairs) - (len(FIELDS) + 1) // 2
+
+
+def _short(notes: Sequence[str], most: int) -> list[str]:
+    """So many notes at most, none too long."""
+    short = [words if len(words) <= LONGEST else f"{words[:LONGEST]} …" for words in notes]
+    more = len(short) - most
+    return [*short[:most], f"{more} more: irbcal evaluate prints them."] if more > 0 else short
+
+
+def _remarks(evaluation: Evaluation) -> list[tuple[str, str]]:
+    """What stands beside the verdict, in sentences; those against a pass are called so."""
+    kept = evaluation.conformity
+    if kept is None:
+        return [("against", words) for words in _short(evaluation.verdict.doubts, 4)]
+    before = "Also: " if kept.outcome == "fail" else "No pass: "
+    against = [("against", before + words) for words in _short(kept.against, 4)]
+    return [*against, *(("remark", words) for words in kept.remarks)]
+
+
+def _notes(evaluation: Evaluation, most: int) -> list[str]:
+    """What a reader must know besides the verdict."""
+    against = () if evaluation.conformity is None else evaluation.conformity.against
+    left = [text.split(" (pose/target")[0].strip() for text in left_out(evaluation.excluded)]
+    notes = [
+        *_origin(evaluation).scope,
+        *([f"Measured points left out: {', '.join(left)}."] if left else []),
+        *(words for words in evaluation.notes if words not in (*evaluation.verdict.doubts, *against)),
+    ]
+    return _short(notes, most)

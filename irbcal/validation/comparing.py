@@ -1,0 +1,376 @@
+"""Several calibrations side by side on the same points, pose by pose."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.files.calibration_folder import CalibrationLike, folder_of, opened
+from irbcal.files.schema import Record
+from irbcal.measurement import table
+from irbcal.measurement.places import places
+from irbcal.measurement.points import distances
+from irbcal.measurement.statistics import statistics
+from irbcal.modeling.robot import Robot
+from irbcal.names import check_names
+from irbcal.options import seed as check_seed
+from irbcal.options import shown
+from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.units import MM
+from irbcal.validation import accuracy, bootstrap
+from irbcal.validation.evaluate import carrying, in_frame_of_calibration
+from irbcal.validation.prepared import Prepared
+from irbcal.validation.refit import Refit
+from irbcal.validation.suspicion import doubts_of
+from irbcal.validation.unseen import without_fitted
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = (
+    ("mean", "mean_mm"),
+    ("sigma", "sigma_mm"),
+    ("max", "max_mm"),
+    ("mean+3σ", "mean_plus_3sigma_mm"),
+    ("95 %", "p95_mm"),
+)
+MOST = 12
+"""Calibrations that are compared."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two calibrations, pose by pose.
+
+    Attributes
+    ----------
+    better, worse : str
+        By the mean; that this is not chance only where ``told_apart``.
+    difference_mm : float
+        Mean error of the worse less that of the better.
+    interval_mm : tuple of two float, or None
+        Of that difference; all pairs' intervals hold together with 95 % confidence (Bonferroni).
+    """
+
+    better: str
+    worse: str
+    difference_mm: float
+    interval_mm: tuple[float, ...] | None
+
+    @property
+    def told_apart(self) -> bool:
+        """Whether the difference is beyond chance."""
+        return self.interval_mm is not None and self.interval_mm[0] > 0.0
+
+    def sentence(self) -> str:
+        """The two in words."""
+        if self.interval_mm is None:
+            return f"too few poses to tell {self.better} and {self.worse} apart"
+        low, high = self.interval_mm
+        if not self.told_apart:
+            return f"not told apart from {self.worse} ({low:+.3f} to {high:+.3f} mm)"
+        return f"better than {self.worse} by {self.difference_mm:.3f} mm ({low:.3f} to {high:.3f} mm)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compared(Speaks):
+    """Several calibrations on the same points.
+
+    Attributes
+    ----------
+    names, models : tuple of str
+        Of the calibrations, in the order in which they were given.
+    statistics : dict of str to dict
+        By name: statistics and percentiles of all points, mm; ``nominal`` is the nominal robot of the first.
+    poses, groups : tuple of str
+        Of the judged poses.
+    error_mm : ndarray, shape (n, k)
+        Mean error of each pose's points under each calibration.
+    distance_mm : ndarray, shape (m, k)
+        Error of each point.
+    pairs : tuple of Pair
+        The best with each of the others first, then all others.
+    counted_out : int
+        Poses of the file that one of them was fitted to, and that are not judged.
+    fitted_by : tuple of str
+        Those that were fitted to judged poses, or of which that is not known.
+    doubts, notes : tuple of str
+        Sentences that begin with a name.
+    simulated : bool
+    """
+
+    names: tuple[str, ...]
+    models: tuple[str, ...]
+    statistics: Mapping[str, Mapping[str, float]]
+    poses: tuple[str, ...]
+    groups: tuple[str, ...]
+    error_mm: FloatArray
+    distance_mm: FloatArray
+    pairs: tuple[Pair, ...]
+    counted_out: int
+    fitted_by: tuple[str, ...]
+    doubts: tuple[str, ...]
+    notes: tuple[str, ...]
+    simulated: bool
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def ranking(self) -> list[str]:
+        """Names, the smallest mean error first."""
+        return sorted(self.names, key=lambda name: self.statistics[name]["mean_mm"])
+
+    @property
+    def trusted(self) -> bool:
+        """Whether no calibration was fitted to these poses, and nothing speaks against one."""
+        return not self.fitted_by and not self.doubts
+
+    def verdict(self) -> str:
+        """Which is best, and from which others it cannot be told apart."""
+        best = self.ranking[0]
+        mine = [pair.sentence() for pair in self.pairs if best in (pair.better, pair.worse)]
+        poses = f"{len(self.poses)} {'SIMULATED ' if self.simulated else ''}poses"
+        text = f"On these {poses} {best} has the smallest mean error ({self.statistics[best]['mean_mm']:.3f} mm): "
+        text += f"{'; '.join(mine)}."
+        if self.fitted_by:
+            text = f"NO PROOF, because {', '.join(self.fitted_by)} saw some of these poses in the fit. {text}"
+        elif self.doubts:
+            text = f"NOT TO BE TRUSTED, see the doubts. {text}"
+        return text
+
+    def told(self) -> Sequence[Told]:
+        """What ``irbcal compare`` prints."""
+        out: list[Told] = [f"Verdict: {self.verdict()}", *(f"Doubt: {words}" for words in self.doubts), self.table()]
+        if self.counted_out:
+            out.append(
+                f"{self.counted_out} poses that were fitted by one or more of these are counted out; --include-fitted "
+                "keeps them."
+            )
+        return [*out, *(f"Note: {words}" for words in self.notes)]
+
+    def table(self) -> Table:
+        """A row a calibration."""
+        kind = "SIMULATED data: " if self.simulated else ""
+        least = self.error_mm.min(axis=1, keepdims=True) == self.error_mm
+        share = least.mean(axis=0)
+        rows: list[tuple[Cell, ...]] = [("nominal", *(self.statistics["nominal"][key] for _, key in COLUMNS), None)]
+        for k, (name, model) in enumerate(zip(self.names, self.models, strict=True)):
+            values = self.statistics[name]
+            rows.append((f"{name} ({model})", *(values[key] for _, key in COLUMNS), f"{share[k]:.0%}"))
+        title = f"{kind}position errors of {len(self.distance_mm)} points of {len(self.poses)} poses, mm"
+        best = {1 + self.names.index(self.ranking[0])}
+        return Table(title, ("", *(head for head, _ in COLUMNS), "best in"), tuple(rows), bold=frozenset(best))
+
+    def latex(self) -> str:
+        """The table as a LaTeX tabular; it needs no package."""
+        found = self.table()
+        heads, cells = [_tex(name) for name in found.columns], [[_tex(c) for c in row] for row in found.cells()]
+        lines = [f"% {_tex(found.title)}", rf"\begin{{tabular}}{{l{'r' * (len(heads) - 1)}}}", r"\hline"]
+        lines += [f"{' & '.join(heads)} \\\\", r"\hline", *(f"{' & '.join(row)} \\\\" for row in cells), r"\hline"]
+        return "\n".join([*lines, r"\end{tabular}", ""])
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a pose: pose, group, and the mean error of its points under each calibration, mm."""
+        import pandas as pd
+
+        columns: dict[str, Any] = {"pose": self.poses, "group": self.groups}
+        columns |= {f"{name}_mm": self.error_mm[:, k] for k, name in enumerate(self.names)}
+        return pd.DataFrame({**columns, "simulated": int(self.simulated)})
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``irbcal compare --json`` prints."""
+        return {
+            "calibrations": [
+                {"name": name, "model": model, **self.statistics[name]}
+                for name, model in zip(self.names, self.models, strict=True)
+            ],
+            "nominal": dict(self.statistics["nominal"]),
+            "ranking": self.ranking,
+            "pairs": [vars(pair) | {"told_apart": pair.told_apart} for pair in self.pairs],
+            "poses": len(self.poses),
+            "points": len(self.distance_mm),
+            "counted_out": self.counted_out,
+            "fitted_by": list(self.fitted_by),
+            "verdict": self.verdict(),
+            "trusted": self.trusted,
+            "doubts": list(self.doubts),
+            "notes": list(self.notes),
+            "simulated": self.simulated,
+            "per_pose": {
+                "pose": list(self.poses),
+                **{name: self.error_mm[:, k].tolist() for k, name in enumerate(self.names)},
+            },
+        }
+
+
+def compare(
+    calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLike],
+    measurements: table.MeasurementsLike,
+    *,
+    include_fitted: bool = False,
+    refit_base: bool = False,
+    refit_tool: bool = False,
+    refit_from: int | None = None,
+    payload: float | None = None,
+    same_tool: bool = False,
+    seed: int = 0,
+) -> Compared:
+    """Compare calibrations of one robot on the same points.
+
+    Parameters
+    ----------
+    calibrations : sequence, or dict of name to str, Path or a loaded calibration
+        Two or more; without names they are called by their folders.
+    measurements : str, Path, DataFrame or MeasurementSet
+    include_fitted : bool
+        Keep poses that one of them was fitted to; they are counted out for all otherwise.
+    refit_base, refit_tool, refit_from, payload, same_tool
+        As `irbcal.evaluate`.
+    seed : int
+        Of the bootstrap and of the poses for ``refit_from``.
+
+    Returns
+    -------
+    Compared
+
+    Raises
+    ------
+    IrbcalError
+        If an input is refused, or no point is left that all of them know and none was fitted to.
+    """
+    named = _named(calibrations)
+    check_seed(seed)
+    seen = carrying(table.read(measurements), payload)
+    refit = Refit(refit_base, refit_tool, refit_from, seed)
+    records = {name: opened(item) for name, item in named.items()}
+    ready: list[Prepared] = []
+    robots: list[dict[str, Robot]] = []
+    gone: set[int] = set()
+    for name, record in records.items():
+        one, mine = in_frame_of_calibration(record, seen, refit, same_tool)
+        one = one.without_copies()
+        try:
+            rest = without_fitted(one, record, include_fitted)
+        except MeasurementError as refused:
+            raise MeasurementError(f"calibration {name}: {refused}") from None
+        gone |= set(one.number.tolist()) - set(rest.number.tolist())
+        ready.append(rest)
+        robots.append(mine)
+    rows = _common(ready, seen.source)
+    first = ready[0]
+    pose, place = first.points.pose[rows[0]], places(first.points)
+    error = np.column_stack(
+        [distances(mine["calibrated"], one.points)[k] for one, mine, k in zip(ready, robots, rows, strict=True)]
+    )
+    nominal = distances(robots[0]["nominal"], first.points)[rows[0]]
+    used, row = np.unique(pose, return_inverse=True)
+    per_pose = np.column_stack([np.bincount(row, column) / np.bincount(row) for column in error.T])
+    names = tuple(named)
+    return Compared(
+        names,
+        tuple(record.model for record in records.values()),
+        {"nominal": _statistics(nominal)} | {name: _statistics(error[:, k]) for k, name in enumerate(names)},
+        tuple(str(first.points.pose_ids[k]) for k in used),
+        tuple(str(first.points.groups[k]) for k in used),
+        per_pose / MM,
+        error / MM,
+        tuple(_pairs(names, per_pose / MM, error.mean(axis=0), place[used], seed)),
+        len(gone),
+        tuple(name for name, one in zip(names, ready, strict=True) if not one.proven),
+        _doubts(records, ready, robots),
+        _notes(names, ready),
+        seen.simulated or any(record.simulated for record in records.values()),
+    )
+
+
+def _doubts(
+    records: Mapping[str, Record], ready: Sequence[Prepared], robots: Sequence[Mapping[str, Robot]]
+) -> tuple[str, ...]:
+    return tuple(
+        f"{name}: {words}"
+        for (name, record), one, mine in zip(records.items(), ready, robots, strict=True)
+        for words in doubts_of(one.points, mine["calibrated"], record)
+    )
+
+
+def _notes(names: Sequence[str], ready: Sequence[Prepared]) -> tuple[str, ...]:
+    """What is to be known of all, once, and of single ones with their names."""
+    every = [set(one.notes) for one in ready]
+    alike = set.intersection(*every)
+    out = [words for words in ready[0].notes if words in alike]
+    for name, one in zip(names, ready, strict=True):
+        out += [f"{name}: {words}" for words in one.notes if words not in alike and "are counted out" not in words]
+    return tuple(out)
+
+
+def _statistics(distance: FloatArray) -> dict[str, float]:
+    return {**(statistics(distance) or {}), **(accuracy.percentiles(distance) or {})}
+
+
+def _named(calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLike]) -> dict[str, CalibrationLike]:
+    """Calibrations by names that differ."""
+    if isinstance(calibrations, Mapping):
+        out = {str(name): item for name, item in calibrations.items()}
+    elif isinstance(calibrations, (str, os.PathLike)) or not isinstance(calibrations, Sequence):
+        raise OptionError(f"expected two or more calibrations, found {shown(calibrations)}", parameter="calibrations")
+    else:
+        out = {}
+        for k, item in enumerate(calibrations, 1):
+            folder = item if isinstance(item, (str, os.PathLike)) else getattr(item, "folder", None)
+            name = f"calibration {k}" if folder is None else folder_of(Path(folder)).resolve().name
+            parent = "" if folder is None else folder_of(Path(folder)).resolve().parent.name
+            name = f"{parent}/{name}" if name in out and parent else name
+            out[f"{name} ({k})" if name in out else name] = item
+    check_names(out, OptionError, parameter="calibrations")
+    if not 2 <= len(out) <= MOST or "nominal" in out:
+        raise OptionError(
+            f"calibrations: expected 2 to {MOST}, none called nominal, found {', '.join(out) or 'none'}",
+            parameter="calibrations",
+        )
+    return out
+
+
+def _common(ready: Sequence[Prepared], source: str) -> list[IntArray]:
+    """Rows of each that are the same pose of the file and the same target, in one order."""
+    keys = [list(zip(one.number[one.points.pose].tolist(), one.points.names(), strict=True)) for one in ready]
+    where = [{key: k for k, key in enumerate(rows)} for rows in keys]
+    common = [key for key in keys[0] if all(key in rows for rows in where[1:])]
+    if not common:
+        raise MeasurementError(
+            "no point is left that all of these calibrations know and none was fitted to: measure other poses, or look "
+            "at the fitted ones with --include-fitted",
+            file=source,
+        )
+    return [np.array([rows[key] for key in common], dtype=int) for rows in where]
+
+
+def _pairs(names: Sequence[str], error: FloatArray, mean: FloatArray, place: IntArray, seed: int) -> list[Pair]:
+    """All pairs with intervals that hold together; those with the best first."""
+    which = np.unique(place, return_inverse=True)[1].ravel()
+    by_place = np.column_stack([np.bincount(which, column) / np.bincount(which) for column in error.T])
+    order = np.argsort(mean, kind="stable").tolist()
+    pairs = list(combinations(order, 2))
+    level = 1.0 - (1.0 - bootstrap.LEVEL) / len(pairs)
+    out = []
+    for better, worse in pairs:
+        change = by_place[:, worse] - by_place[:, better]
+        interval = bootstrap.difference(change, seed=seed, level=level)
+        found = None if interval is None else tuple(interval)
+        out.append(Pair(names[better], names[worse], float((error[:, worse] - error[:, better]).mean()), found))
+    return out
+
+
+def _tex(text: str) -> str:
+    """Text for LaTeX: nothing in it is a command."""
+    special = {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
+    special |= {char: rf"\{char}" for char in "&%$#_{}"} | {"σ": r"$\sigma$", "–": "--", "<": r"$<$", ">": r"$>$"}
+    return "".join(special.get(char, char) for char in text)

@@ -1,0 +1,275 @@
+"""Where an evaluation comes from: robot, people, instruments, files with their hashes, and how many poses were new."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import CalibrationError, MeasurementError, OptionError
+from irbcal.files.calibration_folder import JSON_NAME, URDF_NAME, folder_of
+from irbcal.files.schema import Record
+from irbcal.names import check_names, fault_of
+from irbcal.options import shown
+from irbcal.reading import read_bytes
+from irbcal.units import DEG, MM
+from irbcal.validation.prepared import Prepared
+
+FIELDS = {
+    "robot_type": "Robot type",
+    "serial_number": "Serial number",
+    "operator": "Operator",
+    "tracker": "Tracker",
+    "tracker_certificate": "Tracker certificate",
+    "temperature": "Temperature",
+    "date": "Measured on",
+}
+"""What every certificate tells, and what it is called there."""
+
+ALIASES = {
+    "robot": "robot_type",
+    "type": "robot_type",
+    "serial": "serial_number",
+    "certificate": "tracker_certificate",
+    "temperature_c": "temperature",
+    "measured": "date",
+    "measured_on": "date",
+}
+"""Other names for them."""
+
+MOST, LONGEST = 10, 60
+"""Things that may be told besides `FIELDS`, and characters of each: a certificate is two pages long."""
+
+
+@dataclass(frozen=True)
+class HashedFile:
+    """A file by its content.
+
+    Attributes
+    ----------
+    what : str
+        What it is for.
+    name : str
+        Without its folder.
+    sha256 : str
+    """
+
+    what: str
+    name: str
+    sha256: str
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """Where an evaluation comes from.
+
+    Attributes
+    ----------
+    robot : str
+        Name in the URDF.
+    info : dict of str to str
+        What was told, or stands in columns of the measurements; `FIELDS` first.
+    calibrated : str
+        When the calibration was made (ISO 8601, UTC).
+    fingerprint : str
+        Of the calibration; stands in its URDF, too.
+    files : tuple of HashedFile
+    software : dict of str to str
+        Versions with which the calibration was made.
+    joint_units : tuple of str
+        ``deg`` or ``mm``.
+    joints : ndarray, shape (n, joints)
+        Of the judged poses, in these units.
+    counted_out : int
+        Poses of the file that were fitted, and are not judged.
+    fitted : int or None
+        Poses among the judged that were fitted, or are at joints that were fitted and measured anew; None where the
+        calibration does not tell.
+    scope : tuple of str
+        What the evaluation is limited to, in sentences.
+    """
+
+    robot: str
+    info: Mapping[str, str]
+    calibrated: str
+    fingerprint: str
+    files: tuple[HashedFile, ...]
+    software: Mapping[str, str]
+    joint_units: tuple[str, ...]
+    joints: FloatArray
+    counted_out: int
+    fitted: int | None
+    scope: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def unseen(self) -> int | None:
+        """Judged poses that the fit never saw; None where the calibration does not tell."""
+        return None if self.fitted is None else len(self.joints) - self.fitted
+
+    def stated(self) -> list[tuple[str, str]]:
+        """Labels and what was told; empty text where one of `FIELDS` was not."""
+        known = [(label, self.info.get(key, "")) for key, label in FIELDS.items()]
+        return known + [(_label(key), value) for key, value in self.info.items() if key not in FIELDS]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {
+            "robot": self.robot,
+            "info": dict(self.info),
+            "calibrated": self.calibrated,
+            "fingerprint": self.fingerprint,
+            "files": [vars(item) for item in self.files],
+            "poses": {"judged": len(self.joints), "never_seen": self.unseen, "counted_out": self.counted_out},
+        }
+
+
+def origin(
+    calibration: object,
+    record: Record,
+    ready: Prepared,
+    info: Mapping[str, str],
+    scope: tuple[str, ...] = (),
+) -> Origin:
+    """Where an evaluation comes from.
+
+    Parameters
+    ----------
+    calibration : str, Path or a loaded calibration
+    record : Record
+        What it holds.
+    ready : Prepared
+        What is judged.
+    info : dict of str to str
+        As `checked_info` leaves it.
+    scope : tuple of str
+
+    Returns
+    -------
+    Origin
+    """
+    slides = np.array([kind == "prismatic" for kind in record.robot.joint_types])
+    seen = ready.measurements
+    fitted = None if ready.at_fitted is None else int(ready.at_fitted.sum())
+    return Origin(
+        record.robot.name,
+        {**_of_columns(ready), **info},
+        record.created,
+        record.fingerprint,
+        (
+            HashedFile("measurements", PurePath(seen.source).name, seen.sha256),
+            *_hashed(calibration),
+            HashedFile("calibrated URDF", URDF_NAME, record.calibrated_urdf_sha256),
+            *(HashedFile("calibration data", PurePath(item.file).name, item.sha256) for item in record.data),
+        ),
+        record.software,
+        tuple("mm" if sliding else "deg" for sliding in slides),
+        ready.points.q / np.where(slides, MM, DEG),
+        ready.counted_out,
+        fitted,
+        scope,
+    )
+
+
+def _hashed(calibration: object) -> list[HashedFile]:
+    """The ``calibration.json`` that was read, where it is a file."""
+    folder = calibration if isinstance(calibration, (str, os.PathLike)) else getattr(calibration, "folder", None)
+    if folder is None:
+        return []
+    content = read_bytes(folder_of(Path(folder)) / JSON_NAME, CalibrationError)
+    return [HashedFile("calibration", JSON_NAME, hashlib.sha256(content).hexdigest())]
+
+
+# --- what is told of a measurement ------------------------------------------------------------------------
+
+
+def checked_info(info: Mapping[str, str] | None) -> dict[str, str]:
+    """What is told of a measurement, by the names of `FIELDS` where it is one of them.
+
+    Parameters
+    ----------
+    info : dict of str to str, optional
+
+    Returns
+    -------
+    dict of str to str
+
+    Raises
+    ------
+    OptionError
+        If something is told twice, or is no line of printable characters.
+    """
+    if info is not None and not isinstance(info, Mapping):
+        raise OptionError(f"info: expected names and what they are, found {shown(info)}", parameter="info")
+    out: dict[str, str] = {}
+    for name, value in (info or {}).items():
+        key, text = _key(str(name)), " ".join(str(value).split(" ")).strip()
+        check_names([str(name), str(value)], OptionError, parameter="info")
+        if not key:
+            raise OptionError(f"info: expected a name before what it is, found {shown(value)}", parameter="info")
+        if key in out:
+            raise OptionError(f"info: {_label(key).lower()} is told twice", parameter="info")
+        if max(len(key), len(text)) > LONGEST:
+            raise OptionError(
+                f"info: expected at most {LONGEST} characters, found {max(len(key), len(text))} ({text[:20]!r} …)",
+                parameter="info",
+            )
+        out[key] = f"{text} °C" if str(name).lower() == "temperature_c" else text
+    more = len(out.keys() - FIELDS.keys())
+    if more > MOST:
+        raise OptionError(
+            f"info: expected at most {MOST} things besides {', '.join(FIELDS)}, found {more}",
+            parameter="info",
+        )
+    return out
+
+
+def _key(name: str) -> str:
+    key = "_".join(name.strip().lower().replace("-", " ").replace("_", " ").split())
+    return ALIASES.get(key, key)
+
+
+def _label(key: str) -> str:
+    words = key.replace("_", " ")
+    return FIELDS.get(key, words[:1].upper() + words[1:])
+
+
+def _of_columns(ready: Prepared) -> dict[str, str]:
+    """What columns of the file say of the judged poses."""
+    table = ready.measurements.table
+    rows = table[table["pose_index"].isin(ready.number)]
+    out: dict[str, str] = {}
+    for column in table.columns:
+        key = _key(str(column))
+        if key in FIELDS and column != "type" and key not in out:
+            text = _summed(rows[column], " °C" if column == "temperature_c" else "")
+            if fault_of(text) is not None:
+                raise MeasurementError(
+                    f"column {column}: expected a short text for the certificate", file=ready.measurements.source
+                )
+            out |= {key: text} if text else {}
+    return out
+
+
+def _summed(values: pd.Series[Any], unit: str) -> str:
+    """The values of a column in a few words: a range of numbers, or the different texts."""
+    texts = [text for value in values.dropna().unique() if (text := str(value).strip())]
+    if not texts:
+        return ""
+    numbers = pd.to_numeric(pd.Series(texts), errors="coerce")
+    if numbers.notna().all():
+        low, high = float(numbers.min()), float(numbers.max())
+        return (f"{low:g}" if low == high else f"{low:g} to {high:g}") + unit
+    texts = sorted(texts)
+    if len(texts) > 3:
+        return f"{texts[0]} to {texts[-1]}" if all(text[:4].isdigit() for text in texts) else f"{len(texts)} different"
+    return ", ".join(texts)[:LONGEST]

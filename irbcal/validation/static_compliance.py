@@ -1,0 +1,204 @@
+"""Static compliance of ISO 9283:1998: displacement of the flange by a force on it.
+
+The formulas are those of public descriptions of the standard; the standard itself was not at hand: forces along the
+axes of the base, both ways, in steps up to the rated load, three cycles; displacements in mm per N.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import MeasurementError
+from irbcal.figures.drawn_figure import DrawnFigure
+from irbcal.measurement import readings
+from irbcal.measurement.columns import TableLike
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import MM
+from irbcal.validation.tables import AXES, in_order, is_simulated, names, places, start_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DIRECTIONS = tuple(f"{sign}{axis}" for axis in AXES for sign in "+-")
+"""Names of directions of force."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compliance:
+    """What forces in one direction do.
+
+    Attributes
+    ----------
+    per_newton : ndarray, shape (cycles, 3)
+        Slope of the displacement over the force, by least squares with the unloaded place free, m/N.
+    force : ndarray, shape (n,)
+        Of all readings, newtons.
+    displacement : ndarray, shape (n, 3)
+        From the unloaded place of its cycle, metres.
+    direction : ndarray, shape (3,)
+        Of the force.
+    """
+
+    per_newton: FloatArray
+    force: FloatArray
+    displacement: FloatArray
+    direction: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def along(self) -> float:
+        """Compliance in the direction of the force, mean of the cycles, m/N."""
+        return float(self.per_newton.mean(axis=0) @ self.direction)
+
+    @property
+    def across(self) -> float:
+        """Compliance across the force, mean of the cycles, m/N."""
+        mean = self.per_newton.mean(axis=0)
+        return float(np.linalg.norm(mean - (mean @ self.direction) * self.direction))
+
+    @property
+    def spread(self) -> float:
+        """Half the range of the cycles' compliances along the force, m/N."""
+        return float(np.ptp(self.per_newton @ self.direction) / 2)
+
+    @property
+    def largest(self) -> tuple[float, float]:
+        """Largest force (N) and the mean displacement along it (m)."""
+        most = float(self.force.max())
+        return most, float((self.displacement[self.force == most] @ self.direction).mean())
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StaticCompliance(Speaks):
+    """Compliance along and against the axes of a frame.
+
+    Attributes
+    ----------
+    frame : str
+        ``base link``, or ``measuring frame`` without a calibration.
+    directions : dict of str to Compliance
+        ``+x``, ``-x``, ``+y``, …
+    simulated : bool
+    """
+
+    frame: str
+    directions: dict[str, Compliance]
+    simulated: bool
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON: ``frame``, ``directions`` (as `to_frame`), ``simulated``."""
+        return {
+            "frame": self.frame,
+            "directions": self.to_frame().to_dict("records"),
+            "simulated": self.simulated,
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each direction.
+
+        ``direction``, ``cycles``, ``along_mm_per_n`` with half its range over the cycles, ``across_mm_per_n``,
+        ``largest_n`` and the displacement along it.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {
+                    "direction": name,
+                    "cycles": len(c.per_newton),
+                    "along_mm_per_n": c.along / MM,
+                    "half_range_mm_per_n": c.spread / MM,
+                    "across_mm_per_n": c.across / MM,
+                    "largest_n": c.largest[0],
+                    "displacement_mm": c.largest[1] / MM,
+                }
+                for name, c in self.directions.items()
+            ]
+        )
+
+    def told(self) -> Sequence[Told]:
+        """Compliance direction by direction."""
+        columns = ("force", "cycles", "along mm/N", "±", "across mm/N", "largest N", "moves mm")
+        rows = tuple(tuple(row) for row in self.to_frame().itertuples(index=False, name=None))
+        title = f"{start_of(self.simulated)}Static compliance, axes of the {self.frame}"
+        return [Table(title, columns, rows, 5)]
+
+    def headline(self) -> str:
+        """The softest direction."""
+        name, worst = max(self.directions.items(), key=lambda item: item[1].along)
+        return f"{start_of(self.simulated)}static compliance up to {worst.along / MM:.5f} mm/N ({name})"
+
+    def plot(self) -> DrawnFigure:
+        """Displacement along the force over the force."""
+        from irbcal.validation import plots
+
+        return DrawnFigure.of(plots.compliance, self)
+
+
+def static_compliance(forces: TableLike, R_frame_world: FloatArray | None = None) -> StaticCompliance:
+    """Static compliance from a file of loaded and unloaded places.
+
+    Parameters
+    ----------
+    forces : str, Path or DataFrame
+        Columns ``direction`` (``+x``, ``-x``, ``+y``, …), ``force_n`` (not negative; 0 is the unloaded place),
+        ``x_mm``, ``y_mm``, ``z_mm``, optional ``cycle``.
+    R_frame_world : ndarray, shape (3, 3), optional
+        Takes directions of the measuring frame to the frame along whose axes the forces act, the base link.
+
+    Returns
+    -------
+    StaticCompliance
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format or a direction has fewer than two different forces in a cycle.
+    """
+    table = readings.read_points(forces, labels=("direction",), numbers=("force_n",))
+    file, xyz, force = table.attrs["source"], places(table), table["force_n"].to_numpy(dtype=float)
+    xyz = xyz if R_frame_world is None else xyz @ R_frame_world.T
+    way, cycle = names(table, "direction"), names(table, "cycle")
+    assert way is not None
+    for bad, words in (
+        (np.flatnonzero(~np.isin(way.astype(str), DIRECTIONS)), f"expected {', '.join(DIRECTIONS)}"),
+        (np.flatnonzero(force < 0), "expected a force that is not negative: the direction has the sign"),
+    ):
+        if len(bad):
+            column = "direction" if words.endswith("z") else "force_n"
+            found = way[bad[0]] if column == "direction" else f"{force[bad[0]]:g}"
+            row = int(table["row"].iloc[bad[0]])
+            raise MeasurementError(f"{words}, found {found}", file=file, row=row, column=column)
+    out = {}
+    for name in in_order(way):
+        slopes, loads, moved = [], [], []
+        for c in [""] if cycle is None else in_order(cycle[way == name]):
+            mine = (way == name) & ((cycle is None) | (cycle == c))
+            f, p = force[mine], xyz[mine]
+            if np.ptp(f) == 0:
+                said = f" of cycle {c}" if c else ""
+                raise MeasurementError(
+                    f"direction {name}{said} has one force only: compliance needs two, 0 for the unloaded place",
+                    file=file,
+                    row=int(table["row"].iloc[int(np.argmax(mine))]),
+                    column="force_n",
+                )
+            off = f - f.mean()
+            slope = off @ p / (off @ off)
+            slopes.append(slope)
+            loads.append(f)
+            moved.append(p - (p.mean(axis=0) - f.mean() * slope))
+        direction = np.eye(3)[AXES.index(name[1])] * (1.0 if name[0] == "+" else -1.0)
+        out[name] = Compliance(np.array(slopes), np.concatenate(loads), np.concatenate(moved), direction)
+    frame = "measuring frame" if R_frame_world is None else "base link"
+    return StaticCompliance(frame, out, is_simulated(table))
