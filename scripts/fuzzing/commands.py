@@ -90,7 +90,20 @@ def _evaluate(random: Random) -> list[str]:
         more = _some(random, ["--json"], ["--refit-tool"], ["--intervals"], ["--same-tool"], ["--payload", "1"])
         return ["evaluate", "@cal-auto", "@auto-v.csv", *more]
     more += _some(random, ["--compare", "@cal-map"])
+    if random.random() < 0.15:
+        more += [
+            "--report",
+            ">c.html",
+            "--tolerance",
+            "0.5",
+            *_some(random, ["--data", ">tables"], ["--info", "robot=a"]),
+        ]
     return ["evaluate", "@cal", "@v.csv", *more]
+
+
+def _compare(random: Random) -> list[str]:
+    more = _some(random, ["--json"], ["--refit-base"], ["--csv", ">c.csv"], ["--latex", ">c.tex"])
+    return ["compare", "@cal", "@cal2", *_some(random, ["@cal-map"]), "--measurements", "@v.csv", *more]
 
 
 def _calibrate(random: Random) -> list[str]:
@@ -206,7 +219,7 @@ def _robots(random: Random) -> list[str]:
 MAKERS: list[tuple[Maker, int]] = [
     (_fk, 10), (_ik, 5), (_filter, 34), (_verify, 10), (_evaluate, 8), (_calibrate, 1), (_view, 3), (_report, 1),
     (_import, 14), (_iso9283, 8), (_tracker, 12), (_ballbar, 3), (_joints, 2), (_simulate, 4), (_plan, 1), (_study, 1),
-    (_robots, 1), (_urdf, 3), (_controller, 3),
+    (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2),
 ]  # fmt: skip
 NAMES = (
     "-",

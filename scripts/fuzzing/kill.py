@@ -152,6 +152,18 @@ WRITERS = (
         _files,
     ),
     Writer(
+        "evaluate",
+        ["evaluate", "cal2", "v.csv", "--report", "out/c.html", "--data", "out/t"],
+        ["evaluate", "cal", "v.csv", "--report", "out/c.html", "--data", "out/t"],
+        _files,
+    ),
+    Writer(
+        "compare",
+        ["compare", "cal", "cal2", "--measurements", "v.csv", "--csv", "out/c.csv", "--latex", "out/c.tex"],
+        ["compare", "cal2", "cal", "--measurements", "v.csv", "--csv", "out/c.csv", "--latex", "out/c.tex"],
+        _files,
+    ),
+    Writer(
         "joints",
         ["joints", "m.csv", "--joint", "1", "--plots", "out"],
         ["joints", "m.csv", "--joint", "1", "--order", "1", "--calibration", "cal", "--plots", "out"],
@@ -188,7 +200,7 @@ WRITERS = (
         for number, name in ((1, "study, a part"), (2, "study, tables"))
     ),
 )
-"""Every command that writes files by itself; ``demo`` calls the others, and what ``evaluate`` finds it prints."""
+"""Every command that writes files by itself; ``demo`` calls the others."""
 
 
 def all_writers(good: Path, folder: Path, moments: int, seed: int) -> int:
@@ -197,7 +209,9 @@ def all_writers(good: Path, folder: Path, moments: int, seed: int) -> int:
     for number, writer in enumerate(WRITERS):
         share = moments // len(WRITERS) + (number < moments % len(WRITERS))
         found, kills, seen = killed(writer, good, folder / writer.name, share, Random(f"{seed}:{writer.name}"))
-        print(f"{writer.name}: {kills} kills and faults, {seen[0]} old, {seen[1]} new, {len(found)} damaged", flush=True)
+        print(
+            f"{writer.name}: {kills} kills and faults, {seen[0]} old, {seen[1]} new, {len(found)} damaged", flush=True
+        )
         for text in found:
             print(f"  {text}")
         bad += len(found)
@@ -205,7 +219,13 @@ def all_writers(good: Path, folder: Path, moments: int, seed: int) -> int:
 
 
 def killed(
-    writer: Writer, good: Path, folder: Path, moments: int, random: Random, calls: range | None = None, faults: bool = True
+    writer: Writer,
+    good: Path,
+    folder: Path,
+    moments: int,
+    random: Random,
+    calls: range | None = None,
+    faults: bool = True,
 ) -> tuple[list[str], int, tuple[int, int]]:
     """Kill a writer; returns what was damaged, how many kills and faults there were, and how often all was old or new.
 
@@ -282,9 +302,7 @@ def _say_into(log: Path, streams: Sequence[int] = (1, 2)) -> None:
 class _Attack:
     """A command that is forked again and again where it writes a set of files, and cut off in each fork."""
 
-    def __init__(
-        self, writer: Writer, folder: Path, moments: int, random: Random, calls: range, faults: bool
-    ) -> None:
+    def __init__(self, writer: Writer, folder: Path, moments: int, random: Random, calls: range, faults: bool) -> None:
         self.writer, self.folder, self.moments, self.random, self.calls = writer, folder, moments, random, calls
         self.faults, self.sets = faults, 0
         self.kept, self.results, self.log = (
