@@ -30,6 +30,8 @@ from .measurement.table import read_measurements as read_measurements
 from .planners.calibrated_model import CalibratedModel as CalibratedModel
 from .planning.measuring_plan import Plan as Plan
 from .planning.measuring_plan import plan as plan
+from .practice.samples import Samples as Samples
+from .practice.samples import samples as samples
 from .reports.certificate import certificate as certificate
 from .studies.runner import study as study
 from .validation.ballbar_check import ballbar as ballbar

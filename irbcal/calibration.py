@@ -480,7 +480,7 @@ def report(
             folders[Path(figures)] |= report_page.figure_files(record, evidence, kind)
         if data is not None:
             folders[Path(data)] |= report_data.data_files(record, evidence)
-        folders[out][REPORT_NAME] = report_page.render(record, evidence).encode("utf-8")
+        folders[out][REPORT_NAME] = report_page.render(record, evidence, report_page.view_beside(out)).encode("utf-8")
         write_set({folder / name: content for folder, files in folders.items() for name, content in files.items()})
     return {folder: tuple(files) for folder, files in folders.items()}
 

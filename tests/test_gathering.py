@@ -177,7 +177,7 @@ def test_what_is_refused(earlier, tmp_path):
         irbcal.calibrate(new, "irb120", with_=folder)
     record = irbcal.load(folder).record
     mine = record.model_copy(update={"robot": record.robot.model_copy(update={"urdf": "mine.urdf"})})
-    with pytest.raises(OptionError, match=r"made from mine\.urdf, which is no robot that is known by name"):
+    with pytest.raises(OptionError, match=r"made from mine\.urdf, which is neither here nor known by name"):
         irbcal.calibrate(new, with_=mine)
     assert irbcal.calibrate(new, "irb1600", with_=mine).record.earlier == record.fingerprint
     with pytest.raises(OptionError, match="circles takes one session"):

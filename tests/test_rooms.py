@@ -21,6 +21,7 @@ FLOORS = (
     ("planning", "planners", "kinematics"),
     ("reports", "viewer", "studies"),
     ("calibrating", "calibration", "gathering", "shipped"),
+    ("practice",),
     ("cli",),
 )
 """Rooms from the ground up; one imports only what is below, or beside it where that does not import it back."""

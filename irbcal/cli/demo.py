@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -37,5 +40,16 @@ def demo(
         verify=robots.demo_file("demo_verification.csv"),
     )
     if not json:
-        show.say("\nNext, with your own file:")
-        show.say("  irbcal calibrate MEASUREMENTS.csv --robot ROBOT.urdf --out my-robot")
+        show.say(
+            f"\nOpen {out / 'report.html'}. Next, SIMULATED examples for every command, with the lines that try them:"
+        )
+        show.say(f"  {_this_command()} samples try-irbcal")
+
+
+def _this_command() -> str:
+    """How the command is to be typed that is running: by its name where the shell finds it, else with its folder."""
+    called = Path(sys.argv[0])
+    known = shutil.which("irbcal")
+    if called.name != "irbcal" or (known is not None and Path(known).samefile(called)):
+        return "irbcal"
+    return shlex.quote(str(called.absolute()))

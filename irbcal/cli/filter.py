@@ -64,6 +64,14 @@ def filter_program(
             show_default=False,
         ),
     ] = None,
+    path_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="Put points into straight and circular moves, so that the tool leaves the wanted path by less than so "
+            "many mm (RAPID).",
+            show_default=False,
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
@@ -87,6 +95,7 @@ def filter_program(
             payload_place=grid.metres(payload_place, "--payload-place"),
             pulses=program_words.pulses(pulses),
             controller_model=controller_model,
+            path_tolerance=None if path_tolerance is None else path_tolerance * 1e-3,
         )
     except NotWritten as refusal:
         found, refused = refusal.found, True
@@ -116,6 +125,7 @@ def _content(found: Filtered) -> dict[str, Any]:
         "expected_error_mm": None if found.expected_error is None else found.expected_error / MM,
         **_last_moves(found),
         "fingerprint": found.fingerprint,
+        **({} if found.paths is None else {"paths": found.to_dict()["paths"]}),
     }
 
 

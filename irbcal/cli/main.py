@@ -26,6 +26,7 @@ from irbcal.cli import (
     plan,
     report,
     robots,
+    samples,
     simulate,
     study,
     tracker,
@@ -77,6 +78,7 @@ app.command("filter", rich_help_panel="Use", cls=Guarded)(filter.filter_program)
 app.command("verify", rich_help_panel="Use", cls=Guarded)(verify.verify)
 app.command("plan", rich_help_panel="Prepare", cls=Guarded)(plan.plan)
 app.command("simulate", rich_help_panel="Prepare", cls=Guarded)(simulate.simulate)
+app.command("samples", rich_help_panel="Prepare", cls=Guarded)(samples.samples)
 app.command("study", rich_help_panel="Prepare", cls=Guarded)(study.study)
 app.command("joints", rich_help_panel="Validate", cls=Guarded)(joints.joints)
 app.command("axes", hidden=True, cls=Guarded)(joints.joints)  # its name before

@@ -14,6 +14,7 @@ from irbcal.arrays import FloatArray
 from irbcal.atomic import write_set
 from irbcal.correction import languages
 from irbcal.correction.configurations import ConfData, seeds_of
+from irbcal.correction.cutting import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.last_moves import with_last_moves
@@ -29,7 +30,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import without_formulas
-from irbcal.options import pulses_per_degree, shown
+from irbcal.options import number, pulses_per_degree, shown
 from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
@@ -59,6 +60,7 @@ def correct(
     payload: float | None = None,
     payload_place: ArrayLike | None = None,
     controller_model: str | Path | None = None,
+    path_tolerance: float | None = None,
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 
@@ -87,6 +89,9 @@ def correct(
         What the controller itself computes with where that is not the nominal robot: a URDF (``irbcal controller``
         writes one), or joint origins in the layout of ``ur_description``'s calibration files. Poses of the program, its
         tools and its work objects are then those of this model.
+    path_tolerance : float, optional
+        Put points into straight and circular moves, so that the tool centre point leaves the wanted path by less than
+        this, metres. For RAPID.
 
     Returns
     -------
@@ -120,13 +125,22 @@ def correct(
     nominal = record.arm(calibrated=False)
     urdf = _urdf(calibration)
     model = None if controller_model is None else controller_kinematics(controller_model, record, urdf)
+    tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
     frames_given = given_frames(tool, "tool"), given_frames(wobj, "wobj")
     counts, own = pulses_per_degree(pulses), None if model is None else model.arm
     given = Given(*frames_given, _controller(urdf, record), counts, own)
     programs = language.read_for(nominal, sources, given)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     robot = robot if model is None else model.seen_by_it(robot)
-    found = together([filter_program(robot, nominal, one, record.fingerprint, given.own_model) for one in programs])
+    if tolerance is not None and not all(isinstance(one, Cuttable) for one in programs):
+        raise OptionError(
+            "path_tolerance: points are put into moves of RAPID only, where a move can name its point in numbers; this "
+            f"is {language.NAME}",
+            parameter="path_tolerance",
+        )
+    found = together(
+        [filter_program(robot, nominal, one, record.fingerprint, given.own_model, tolerance) for one in programs]
+    )
     if robot.certainty is not None and (outside := robot.certainty.outside_in_words(found.q_before, "targets")):
         found = replace(found, cautions=(outside,))
     if model is not None:
@@ -214,7 +228,12 @@ def _not_written(found: Filtered) -> NotWritten:
 
 
 def filter_program(
-    robot: Robot, nominal: Arm, program: Program, fingerprint: str, controller: Arm | None = None
+    robot: Robot,
+    nominal: Arm,
+    program: Program,
+    fingerprint: str,
+    controller: Arm | None = None,
+    path_tolerance: float | None = None,
 ) -> Filtered:
     """Correct the targets of a program as read.
 
@@ -230,6 +249,8 @@ def filter_program(
         Of the calibration; goes into the mark.
     controller : Arm, optional
         What the controller computes with where that is not the nominal arm.
+    path_tolerance : float, optional
+        As for `correct`; the program must be `irbcal.correction.cutting.Cuttable`.
 
     Returns
     -------
@@ -254,6 +275,12 @@ def filter_program(
         names += [goals.names[k] for k in np.flatnonzero(fake.ok)]
         left += [Left(goals.names[k], int(goals.lines[k]), fake.reason[k]) for k in np.flatnonzero(~fake.ok)]
     fakes = [fake for _, fake in found]
+    cuts: list[CutPath] = []
+    if path_tolerance is not None and isinstance(program, Cuttable):
+        known = _ends(found)
+        cuts = [cut_move(move, known, robot, nominal, path_tolerance, controller) for move in program.path_moves()]
+        left += [Left(f"the path of {cut.move.name}", cut.move.line, cut.why) for cut in cuts if cut.why]
+        program = program.with_cuts(cuts)
     none = np.zeros((0, len(nominal.joint_names)))
     last_move_error = None
     if last_moves is not None:
@@ -276,7 +303,17 @@ def filter_program(
         last_move_error=last_move_error,
         last_moves=None if last_moves is None else (last_moves.known, last_moves.stops),
         coupling=nominal.coupling,
+        paths=tuple(cuts) if path_tolerance is not None else None,
     )
+
+
+def _ends(found: Sequence[tuple[Goals, Corrected]]) -> dict[int, Ends]:
+    """The corrected targets by their numbers."""
+    return {
+        int(goals.numbers[k]): Ends(fake.T_wanted[k], fake.q_nominal[k], fake.q[k], fake.T_fake[k])
+        for goals, fake in found
+        for k in np.flatnonzero(fake.ok)
+    }
 
 
 def _of_arm(program: Program, nominal: Arm) -> list[Goals]:

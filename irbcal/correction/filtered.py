@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, NameArray, lock
+from irbcal.correction.cutting import CutPath
 from irbcal.correction.fake_targets import corrected_in_words
 from irbcal.correction.program import Left, Note
 from irbcal.summary import Speaks, Table, Told
@@ -64,6 +65,8 @@ class Filtered(Speaks):
         Stops whose last move the order of the program tells, and all stops at corrected targets.
     coupling : ndarray, shape (joints, joints), optional
         Of the arm: tables and texts hold joints as the controller counts them.
+    paths : tuple of CutPath, or None
+        The straight and circular moves with what was put into them; None where no path tolerance was asked for.
     """
 
     source: str
@@ -85,6 +88,7 @@ class Filtered(Speaks):
     last_move_error: FloatArray | None = None
     last_moves: tuple[int, int] | None = None
     coupling: FloatArray | None = None
+    paths: tuple[CutPath, ...] | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -142,7 +146,12 @@ class Filtered(Speaks):
             "left": [item._asdict() for item in self.left],
             "notes": [note._asdict() for note in self.notes],
             "cautions": list(self.cautions),
+            **({} if self.paths is None else {"paths": self._path_rows()}),
         }
+
+    def _path_rows(self) -> list[dict[str, Any]]:
+        frame = self.paths_to_frame()
+        return [*frame.astype(object).where(frame.notna(), None).to_dict(orient="records")]
 
     def _in_units(self, q: FloatArray) -> FloatArray:
         counted = q if self.coupling is None else q @ np.linalg.inv(self.coupling).T
@@ -158,7 +167,7 @@ class Filtered(Speaks):
         if self.expected_error is not None:
             mean = self.expected_error / MM
             told.append(f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses")
-        told += self._last_moves_in_words()
+        told += [*self._last_moves_in_words(), *self._paths_in_words()]
         told += [f"  left as it was: {item.target} (line {item.line}): {item.reason}" for item in self.left]
         told += [f"Note: {caution}" for caution in self.cautions]
         told += [f"Note: line {note.line}: {note.text}" for note in self.notes]
@@ -180,6 +189,38 @@ class Filtered(Speaks):
                 f"(root mean square){mean}"
             )
         return told
+
+    def paths_to_frame(self) -> pd.DataFrame:
+        """A row for each straight and circular move; empty where no path tolerance was asked for.
+
+        Columns ``move``, ``line``, ``length_mm``, ``pieces``, ``deviation_mm`` (of the true path from the wanted one,
+        as cut), ``uncut_mm``, ``turning_back`` (joints, with how far along the path: ``4 at 120 mm``) and ``reason``
+        (why the tolerance is not kept).
+        """
+        import pandas as pd
+
+        rows = []
+        for cut in self.paths or ():
+            turns = ", ".join(f"{turn.joint} at {turn.s * cut.length / MM:.0f} mm" for turn in cut.turns)
+            numbers = cut.length / MM, cut.pieces, cut.deviation / MM, cut.uncut / MM
+            rows.append((cut.move.name, cut.move.line, *numbers, turns, cut.why))
+        names = ["move", "line", "length_mm", "pieces", "deviation_mm", "uncut_mm", "turning_back", "reason"]
+        return pd.DataFrame(rows, columns=names)
+
+    def _paths_in_words(self) -> list[Told]:
+        if self.paths is None:
+            return []
+        cut = [path for path in self.paths if path.pieces > 1]
+        kept = [path.deviation for path in self.paths if not path.why]
+        most = f", which leave their paths by {max(kept) / MM:.3f} mm at most" if kept else ""
+        head = (
+            f"{len(self.paths)} straight and circular moves: {len(kept)} keep the tolerance{most}; {len(cut)} were cut"
+        )
+        columns = ("move", "line", "length mm", "pieces", "uncut mm", "deviation mm", "joints that turn back")
+        known = self.paths_to_frame().query("deviation_mm == deviation_mm").head(SHOWN)
+        rows = known[["move", "line", "length_mm", "pieces", "uncut_mm", "deviation_mm", "turning_back"]]
+        cells = tuple(tuple(row) for row in rows.itertuples(index=False))
+        return [head, *([Table("Paths", columns, cells, digits=3)] if cells else [])]
 
     def _first_changes(self) -> Table:
         slides = any(name.endswith("_mm") for name in self.joint_columns)
@@ -217,6 +258,7 @@ def together(found: Sequence[Filtered]) -> Filtered:
         residual=joined("residual"),
         last_move_error=None if found[0].last_move_error is None else joined("last_move_error"),
         last_moves=_sum([one.last_moves for one in found]),
+        paths=None if found[0].paths is None else tuple(path for one in found for path in one.paths or ()),
     )
 
 

@@ -13,7 +13,7 @@ from irbcal.correction.path import ToolPath
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.inverse import closed_form, own_model
 
 
 def joint_history(
@@ -53,10 +53,10 @@ def tip_of(T_tip_tcp: FloatArray | None) -> FloatArray:
     return np.eye(4) if T_tip_tcp is None else frames.inverse(T_tip_tcp)
 
 
-def joints_along(T_base_tip: FloatArray, nominal: Arm, seed: ArrayLike) -> FloatArray:
-    """Joints of the nominal robot for a row of tip poses; arguments and errors as `joint_history`."""
+def joints_along(T_base_tip: FloatArray, nominal: Arm, seed: ArrayLike, own: Arm | None = None) -> FloatArray:
+    """Joints of the nominal robot, or of another one that is near it, for a row of tip poses; see `joint_history`."""
     branch = closed_form.configuration(nominal, np.asarray(seed, dtype=float))
-    branches = closed_form.branches(nominal, T_base_tip)
+    branches = own_model.branches(nominal, T_base_tip, own)
     q = branches.joints[:, int(branch)]
     if not np.isfinite(q).all():
         place = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])

@@ -53,7 +53,9 @@ class Earlier:
         return sum(points.poses for _, points, _ in self.sessions)
 
     def robot(self) -> Path:
-        """File of its nominal robot, if that is one that is known by name.
+        """File of its nominal robot: of the same name in the current folder, or one that is known by name.
+
+        It is taken by its content: another file of that name is not.
 
         Raises
         ------
@@ -61,6 +63,9 @@ class Earlier:
             If it is not.
         """
         section = self.record.robot
+        here = Path(section.urdf)
+        if here.is_file() and hashlib.sha256(here.read_bytes()).hexdigest() == section.urdf_sha256:
+            return here
         for known in robots.NAMED:
             if Path(known.file).name != section.urdf:
                 continue
@@ -71,7 +76,7 @@ class Earlier:
             if hashlib.sha256(path.read_bytes()).hexdigest() == section.urdf_sha256:
                 return path
         raise OptionError(
-            f"robot: the earlier calibration was made from {section.urdf}, which is no robot that is known by name: "
+            f"robot: the earlier calibration was made from {section.urdf}, which is neither here nor known by name: "
             "name its file",
             parameter="robot",
         )

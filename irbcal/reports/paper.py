@@ -25,7 +25,7 @@ def template(name: str) -> Template:
         lstrip_blocks=True,
     )
     environment.filters |= {"fixed": fixed, "unit": in_unit, "std": deviation, "count": count, "svg": charts.inline}
-    environment.filters |= {"repr": repr, "short": short}
+    environment.filters |= {"repr": repr, "short": short, "file_name": file_name}
     return environment.get_template(name)
 
 
@@ -45,6 +45,11 @@ def deviation(value: float | None, unit: str) -> str:
 def count(n: int, noun: str) -> str:
     """A number of things in words."""
     return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def file_name(path: str) -> str:
+    """The name of a file without its folders: a page that is handed on must not tell how a disk is laid out."""
+    return path.replace("\\", "/").rstrip("/").rpartition("/")[2] or path
 
 
 def short(text: str, most: int = 28) -> str:

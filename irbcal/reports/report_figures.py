@@ -60,7 +60,7 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Figure]]:
         out["joint-map"].insert(0, carried)
     if calibration.observability.singular_values_mm:
         out["identification"].append(singular_values(calibration.observability))
-    if len(calibration.history.get("iteration", ())) > 1:
+    if tells(calibration.history):
         out["identification"].append(course(calibration.history))
     return out
 
@@ -152,6 +152,16 @@ def singular_values(observability: Observability) -> Figure:
             panel.dots(place[mask], shown[mask], colour, 5.5, shape=mark, titles=texts)
             legend.append((colour, mark, words))
     return Figure("singular_values", caption, [drawing], legend)
+
+
+WORSE = 1.02
+"""Ratio of an error at the end to its smallest from which the course of an identification says something."""
+
+
+def tells(history: Mapping[str, Sequence[float]]) -> bool:
+    """Whether poses that took no part got worse again: else the course says only that the search ended."""
+    unused = [np.array(values) for name, values in history.items() if name.endswith("_mean_mm")]
+    return any(len(values) > 2 and values[-1] > WORSE * values.min() for values in unused)
 
 
 def course(history: Mapping[str, Sequence[float]]) -> Figure:

@@ -7,7 +7,10 @@ no script and loads nothing. The same figures and their data can be had as files
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
 
 from irbcal.figures import charts
 from irbcal.figures.charts import Figure
@@ -15,8 +18,10 @@ from irbcal.files.joint_map_section import JointMapSection, TermMapSection
 from irbcal.files.schema import Exclusion, Parameter, Record, RobotSection
 from irbcal.modeling.terms.gear import in_words
 from irbcal.reports import paper, report_data
+from irbcal.reports.limits import limits
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
+from irbcal.validation.worst import WorstPose, worst_poses
 
 if TYPE_CHECKING:
     from irbcal.joint_behaviour.approach import Approach
@@ -34,7 +39,16 @@ MOST_LISTED = 2000
 """Left-out points that are listed one by one; all are in ``calibration.json``."""
 
 
-def render(calibration: Record, evidence: Evidence | None = None) -> str:
+VIEW_NAME = "view.html"
+"""A page of ``irbcal view --html`` beside the report, which it links into."""
+
+
+def view_beside(folder: Path) -> str | None:
+    """The name of the view page in a calibration folder, where one was made."""
+    return VIEW_NAME if (folder / VIEW_NAME).is_file() else None
+
+
+def render(calibration: Record, evidence: Evidence | None = None, view: str | None = None) -> str:
     """The report as one HTML page.
 
     Parameters
@@ -42,6 +56,8 @@ def render(calibration: Record, evidence: Evidence | None = None) -> str:
     calibration : Record
     evidence : irbcal.reports.evidence.Evidence, optional
         Computed unless given.
+    view : str, optional
+        Name of a view page in the same folder, to link into.
 
     Returns
     -------
@@ -57,6 +73,11 @@ def render(calibration: Record, evidence: Evidence | None = None) -> str:
         trusted=verdict_of(calibration).trusted,
         statistics=STATISTICS,
         error_tables=report_data.error_tables(calibration),
+        limits=limits(calibration, evidence),
+        worst=_worst(calibration, evidence),
+        joint_units=["mm" if kind == "prismatic" else "deg" for kind in robot.joint_types],
+        view=view,
+        view_name=VIEW_NAME,
         sets={poses.name: poses for poses in evidence.sets},
         figures=draw(calibration, evidence),
         approach=evidence.approach,
@@ -75,6 +96,15 @@ def render(calibration: Record, evidence: Evidence | None = None) -> str:
         coverage=evidence.coverage,
         left_out=_left_out(calibration.excluded),
     )
+
+
+def _worst(calibration: Record, evidence: Evidence) -> list[WorstPose]:
+    """The worst poses of the set with the better claim."""
+    first = evidence.sets[0]
+    if first.points is None:
+        return worst_poses(first)
+    slides = np.array([kind == "prismatic" for kind in calibration.robot.joint_types])
+    return worst_poses(first, first.points.q / np.where(slides, MM, DEG))
 
 
 def gather(calibration: Record) -> Evidence:

@@ -743,6 +743,13 @@ if (data.mode === "sliders") {
   move_robot(state.q, effective(state.q));
   tell_pose();
 } else activate();
+function go_to_address() { // view.html#pose=NAME, as the report links to it
+  const wanted = new URLSearchParams(location.hash.slice(1)).get("pose");
+  const at = wanted === null ? -1 : state.active.findIndex((pose) => String(poses.ids[pose]) === wanted);
+  if (at >= 0) step(at);
+}
+addEventListener("hashchange", go_to_address);
+go_to_address();
 look(false);
 viewer.render();
 byId("waiting").remove();

@@ -15,7 +15,7 @@ from typer.main import get_command
 import irbcal
 from irbcal.cli.main import app
 from irbcal.figures import charts, colours
-from irbcal.reports import report_page
+from irbcal.reports import report_figures, report_page
 
 
 def test_backlash_is_found_and_stated_with_its_interval(tmp_path):
@@ -79,3 +79,10 @@ def test_too_few_poses_for_means_are_told_of(tmp_path):
     few = caption(30).residuals_by_joint().figure.caption
     assert re.search(r"\. At joints? [1-6, ]+, 1\d poses are too few for means of both directions$", few)
     assert "too few" not in caption(400).residuals_by_joint().figure.caption
+
+
+def test_the_course_is_shown_where_unused_poses_got_worse():
+    falling = {"iteration": [0, 1, 2], "objective_mm": [1.0, 0.5, 0.4], "check_mean_mm": [1.0, 0.6, 0.5]}
+    assert not report_figures.tells(falling)
+    assert not report_figures.tells({"iteration": [0, 1, 2], "objective_mm": [1.0, 0.5, 0.4]})
+    assert report_figures.tells(falling | {"check_mean_mm": [1.0, 0.5, 0.6]})

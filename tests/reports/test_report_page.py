@@ -145,7 +145,7 @@ def test_any_number_of_points(calibration, poses, targets, groups):
     page = report_page.render(with_points(calibration, poses, targets, groups))
     assert_harmless(page)
     assert len(page.encode()) < 1_500_000
-    assert len(drawings(page)) == 9
+    assert len(drawings(page)) == 8
     assert "saved without the measured places" in text_of(page)
     assert ("Held-out poses by group" in page) == bool(groups)
     assert ("Held-out poses by target" in page) == (targets > 1)
@@ -297,3 +297,33 @@ def test_nothing_is_written_where_a_folder_cannot_be(folder, tmp_path):
         assert not (tmp_path / "figures").exists()
     finally:
         (folder / "report.html").write_bytes(before)
+
+
+def test_worst_poses_are_listed_and_lead_into_the_view(folder, calibration, evidence, page):
+    rows = html.document_fromstring(page).xpath("//section[@id='poses']//table[contains(caption, 'worst')]/tbody/tr")
+    assert len(rows) == 10
+    largest = evidence.sets[0].models["calibrated"].distance.max() * 1e3
+    assert rows[0][2].text_content() == f"{largest:.3f}"
+    assert len(rows[0]) == 7 + 6
+    assert not html.document_fromstring(page).xpath("//a[contains(@href, 'view.html')]")
+    with_view = html.document_fromstring(report_page.render(calibration, evidence, "view.html"))
+    links = with_view.xpath("//section[@id='poses']//a/@href")
+    assert len(links) == 10
+    assert links[0] == f"view.html#pose={rows[0][0].text_content().strip()}"
+    assert report_page.view_beside(folder) is None
+
+
+def test_the_page_tells_no_folders(calibration, evidence):
+    data = [item.model_copy(update={"file": f"/home/someone/secret/{item.file}"}) for item in calibration.data]
+    robot = calibration.robot.model_copy(update={"urdf": "/home/someone/secret/robot.urdf"})
+    page = report_page.render(calibration.model_copy(update={"data": data, "robot": robot}), evidence)
+    assert "secret" not in page
+    assert "robot.urdf" in page
+
+
+def test_fitted_and_held_out_are_marked(page):
+    document = html.document_fromstring(page)
+    for kind, words in (("proof", "never seen by the fit"), ("seen", "fitted: no proof")):
+        badges = document.xpath(f"//span[contains(@class, 'badge {kind}')]")
+        assert len(badges) >= 3
+        assert {badge.text_content() for badge in badges} == {words}

@@ -87,17 +87,18 @@ class Literal:
 
 
 class Arg(NamedTuple):
-    """An argument of a move: a literal (node), a name with an index, or neither: computed."""
+    """An argument of a move: a literal (node), a name with an index, or neither: computed; ``text`` may be cut."""
 
     node: Node | None
     name: str | None
     indices: Index
     start: int
     text: str
+    end: int
 
 
 class Move(NamedTuple):
-    """A move instruction: its points with their roles, tool and work object (None: wobj0)."""
+    """A move instruction: its points with their roles, tool and work object (None: wobj0), and all its arguments."""
 
     name: str
     start: int
@@ -105,6 +106,8 @@ class Move(NamedTuple):
     points: list[tuple[str, Arg]]
     tool: Arg
     work_object: Arg | None
+    args: list[Arg]
+    options: dict[str, Arg | None]
 
 
 class Assignment(NamedTuple):

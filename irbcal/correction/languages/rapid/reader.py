@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.configurations import ConfData, configuration_of
+from irbcal.correction.cutting import CutPath, PathMove
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.languages.rapid.frames import given_frames, shared_frames
 from irbcal.correction.languages.rapid.literals import Literals
@@ -25,6 +26,7 @@ from irbcal.correction.languages.rapid.marking import in_comments, mark
 from irbcal.correction.languages.rapid.needed_frames import needed_frames
 from irbcal.correction.languages.rapid.order import stops
 from irbcal.correction.languages.rapid.parts import ABSENT, Literal
+from irbcal.correction.languages.rapid.paths import PathText, insertions, paths
 from irbcal.correction.languages.rapid.syntax import Reader
 from irbcal.correction.languages.rapid.tokens import decode
 from irbcal.correction.languages.rapid.uses import Uses
@@ -51,17 +53,35 @@ class Module(TextProgram):
     ----------
     order : tuple of Stop
         Its stops in the order of the text.
+    moves : tuple of (PathMove, PathText)
+        Its straight and circular moves in the order of the text.
+    cuts : tuple of CutPath
+        What is put into these; empty: nothing.
     """
 
     order: tuple[Stop, ...] = ()
+    moves: tuple[tuple[PathMove, PathText], ...] = ()
+    cuts: tuple[CutPath, ...] = ()
+
+    def path_moves(self) -> list[PathMove]:
+        """The straight and circular moves, see `irbcal.correction.languages.rapid.paths`."""
+        return [move for move, _ in self.moves]
+
+    def with_cuts(self, cuts: Sequence[CutPath]) -> Module:
+        """The module that writes points into its moves, one cut for each."""
+        return replace(self, cuts=tuple(cuts))
 
     def stops(self) -> tuple[Stop, ...]:
         """The stops in the order of the text, see `irbcal.correction.languages.rapid.order`."""
         return self.order
 
     def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
-        """New text of numbers and configuration data."""
-        return edits(self, new_values, configurations)
+        """New text of numbers and configuration data, and points put into moves."""
+        plain = edits(self, new_values, configurations)
+        if not self.cuts:
+            return plain
+        inserted, replaced = insertions(self.text, self.moves, self.cuts, self.targets, self.work_objects)
+        return [*(edit for edit in plain if not any(a <= edit[0] < b for a, b in replaced)), *inserted]
 
     def new_configuration(self, target: Target, q: FloatArray) -> ConfData | None:
         """Quadrants of the axes; ``cfx`` stays."""
@@ -148,17 +168,19 @@ def parse(
     uses.gather()
     numbers = {id(literal): k for k, literal in enumerate(_in_file_order(literals.found))}
     found = needed_frames(reader, literals.found, given)
+    targets = _targets(reader, literals.found)
     return Module(
         source=source,
         text=text,
         encoding=encoding,
-        targets=_targets(reader, literals.found),
+        targets=targets,
         tools=found["tooldata"],
         work_objects=found["wobjdata"],
         uncorrected=tuple(sorted(literals.uncorrected, key=lambda entry: (entry.line, entry.column))),
         notes=_notes(reader, literals.found),
         fingerprint=in_comments(reader.comments),
         order=stops(reader, uses.goals, numbers),
+        moves=paths(reader, uses.goals, numbers, targets, found["tooldata"]),
     )
 
 

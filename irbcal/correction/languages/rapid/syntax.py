@@ -218,12 +218,13 @@ class Reader(Walker):
         name, pattern = MOVES[self.tokens[i].word]
         start, stops = self.tokens[i].start, (",", "\\", ";")
         args: list[Arg] = []
-        options: dict[str, Arg] = {}
+        options: dict[str, Arg | None] = {}
         i += 1
         while self.tokens[i].word != ";":
             if self.tokens[i].word == "\\":
                 option = self._name(i + 1, "the name of an optional argument").word
                 i += 2
+                options[option] = None
                 if self.tokens[i].word in (":=", "?"):
                     computed = self.tokens[i].word == "?"
                     arg, i = self._arg(i + 1, stops, option in ("wobj", "tool"))
@@ -238,12 +239,12 @@ class Reader(Walker):
                     raise self.error(self.tokens[i].start, f"expected an argument of {name}, found {self._found(i)}")
             elif self.tokens[i].word not in ("\\", ";"):
                 raise self.error(self.tokens[i].start, f"expected ',' or ';', found {self._found(i)}")
-        need = len(pattern) - ("tool" in options)
+        need = len(pattern) - (options.get("tool") is not None)
         if len(args) < need or (name in EXACT and len(args) > need):
             raise self.error(start, f"{name}: expected {need} arguments that are not optional, found {len(args)}")
         points = [(role, arg) for role, arg in zip(pattern, args, strict=False) if role in ("to", "via", "w")]
         tool = options.get("tool") or args[len(pattern) - 1]
-        self.moves.append(Move(name, start, self.scope, points, tool, options.get("wobj")))
+        self.moves.append(Move(name, start, self.scope, points, tool, options.get("wobj"), args, options))
         return i + 1
 
     def _arg(self, i: int, stops: tuple[str, ...], plain: bool) -> tuple[Arg, int]:
@@ -263,4 +264,5 @@ class Reader(Walker):
                 index = self._index(i + 1)[0] if j > i + 1 else ()
             else:
                 j = self._expression(i, stops)
-        return Arg(node, name, index, start, self.quote(start, self.tokens[j - 1].end)), j
+        end = self.tokens[j - 1].end
+        return Arg(node, name, index, start, self.quote(start, end), end), j

@@ -1,0 +1,22 @@
+"""``irbcal samples``: example files for every command."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from irbcal.cli import show
+
+
+def samples(
+    out: Annotated[Path, typer.Argument(metavar="DIR", help="New or empty folder.")] = Path("irbcal-samples"),
+    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+) -> None:
+    """Write small example files for every command, all SIMULATED, with the lines that try them."""
+    from irbcal.practice.samples import samples as write
+
+    written = write(out)
+    if json:
+        show.print_json(written.to_dict())
+        return
+    show.tell([*written.told(), f"Next: cd {out}; irbcal calibrate measured.csv --robot my_robot.urdf --out my-robot"])

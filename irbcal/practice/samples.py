@@ -1,0 +1,81 @@
+"""Write the examples; what ``irbcal samples`` does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from irbcal import atomic
+from irbcal.errors import CalibrationError
+from irbcal.summary import Speaks, Table, Told
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Samples(Speaks):
+    """Example files that were written: SIMULATED.
+
+    Attributes
+    ----------
+    folder : Path
+    about : dict of str to str
+        Files in the folder, and what they are.
+    tried : dict of str to str
+        Files, and the command that reads them.
+    """
+
+    folder: Path
+    about: dict[str, str]
+    tried: dict[str, str]
+
+    def told(self) -> list[Told]:
+        """See `Speaks.told`."""
+        rows = tuple((name, about) for name, about in self.about.items())
+        return [
+            f"{len(self.about)} SIMULATED example files in {self.folder}; README.txt there has a command for each",
+            Table("Examples", ("file", "what it is"), rows),
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The files with their commands, ready for JSON."""
+        files = [{"file": name, "about": about, "command": self.tried[name]} for name, about in self.about.items()]
+        return {"folder": str(self.folder), "simulated": True, "files": files}
+
+
+def samples(folder: str | Path) -> Samples:
+    """Write a small example input for every command and every import preset, all SIMULATED.
+
+    Parameters
+    ----------
+    folder : str or Path
+        New or empty.
+
+    Returns
+    -------
+    Samples
+
+    Raises
+    ------
+    CalibrationError
+        If there is something in the folder, or it cannot be written.
+
+    Examples
+    --------
+    >>> irbcal.samples("try-irbcal")  # doctest: +SKIP
+    """
+    from irbcal.practice import checks, foreign, makers, measured, rail
+
+    folder = Path(folder)
+    if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
+        raise CalibrationError("expected a new or empty folder for the samples", file=folder)
+    found = [sample for part in (measured, foreign, checks, rail, makers) for sample in part.files()]
+    contents = {folder / sample.path: sample.content for sample in found}
+    contents[folder / "README.txt"] = _readme({sample.tried: sample.about for sample in found if sample.tried})
+    atomic.write_set(contents)
+    return Samples(folder, {s.path: s.about for s in found}, {s.path: s.tried for s in found})
+
+
+def _readme(lines: dict[str, str]) -> bytes:
+    head = "Examples for irbcal. All data are SIMULATED: no robot was measured.\n"
+    head += "The lines work in this folder, in this order.\n\n"
+    return (head + "".join(f"# {about}\n{line}\n\n" for line, about in lines.items())).encode()

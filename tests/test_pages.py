@@ -1,0 +1,158 @@
+"""Every line of the README and of docs/ works as it is printed, in a folder that ``irbcal samples`` made.
+
+Shell blocks stand without a language, ``python`` blocks are run in their order with one namespace a page; anything else
+(``text``, ``yaml``, ``cpp``) is not run here.
+"""
+
+import glob
+import os
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+import irbcal
+from irbcal.cli.main import app
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```([^\n]*)\n(.*?)^```[ \t]*$", re.DOTALL | re.MULTILINE)
+
+ELSEWHERE = {
+    "irbcal study --out study": "tests/studies",
+    "irbcal samples try-irbcal": "the folder that the lines are run in",
+}
+"""Lines that take long or are the beginning of all, and where they are run."""
+
+OTHERS = (
+    "pip",
+    "pipx",
+    "source",
+    "cd",
+    "scripts/",
+    "colcon",
+    "ros2",
+    "xacro",
+    "gz",
+    "check_urdf",
+    "git",
+    "sudo",
+    "open",
+    "export",
+    "chromium",
+)
+"""What lines may begin with that are not of irbcal."""
+
+
+def blocks(page, kind):
+    return [text for found, text in BLOCK.findall(page.read_text(encoding="utf-8")) if found == kind]
+
+
+def lines(page):
+    """Commands of a page, without comments; a line that ends with a backslash goes on."""
+    text = "\n".join(blocks(page, "")).replace("\\\n", " ")
+    found = [re.sub(r"\s+#\s.*$", "", line).strip() for line in text.splitlines()]
+    return [line for line in found if line and not line.startswith("#")]
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory):
+    """The samples, with my-robot calibrated as the front page says."""
+    folder = tmp_path_factory.mktemp("pages") / "samples"
+    irbcal.samples(folder)
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        run("irbcal calibrate measured.csv --robot my_robot.urdf --out my-robot", Path())
+    finally:
+        os.chdir(before)
+    return folder
+
+
+MADE = {}
+"""Calibrations by their command: pages begin alike, and what they make is the same."""
+
+
+def run(line, page):
+    words = [word for part in shlex.split(line)[1:] for word in (sorted(glob.glob(part)) if "*" in part else [part])]
+    out = Path(words[words.index("--out") + 1]) if words[0] == "calibrate" else None
+    key = tuple(word for word in words if word != str(out))
+    if key in MADE:
+        shutil.copytree(MADE[key], out)
+        return
+    if words[0] == "view" and "--html" not in words:
+        words += ["--html", "served.html"]
+    done = CliRunner().invoke(app, words)
+    if done.exception and not isinstance(done.exception, SystemExit):
+        raise AssertionError(f"{page.name}: {line}: {done.exception}") from done.exception
+    assert done.exit_code == 0, f"{page.name}: {line}\n{done.output}"
+    if out is not None:
+        MADE[key] = out.absolute()
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if lines(page)], ids=lambda page: page.stem)
+def test_shell_lines(page, samples, tmp_path, monkeypatch):
+    folder = tmp_path / "here"
+    shutil.copytree(samples, folder)
+    shutil.rmtree(
+        folder / "my-robot" if page.name in ("README.md", "index.md") else folder / "nothing", ignore_errors=True
+    )
+    monkeypatch.chdir(folder)
+    for line in lines(page):
+        if line in ELSEWHERE:
+            continue
+        if line.startswith("irbcal "):
+            run(line, page)
+        else:
+            assert line.startswith(OTHERS), f"{page.name}: nobody tries {line!r}"
+            if line.startswith("scripts/"):
+                assert (ROOT / shlex.split(line)[0]).exists(), line
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
+def test_python_blocks(page, samples, tmp_path, monkeypatch):
+    folder = tmp_path / "here"
+    shutil.copytree(samples, folder)
+    monkeypatch.chdir(folder)
+    names = {}
+    for text in blocks(page, "python"):
+        exec(compile(text, str(page), "exec"), names)
+
+
+def test_every_command_is_told_and_every_option_exists():
+    commands = get_command(app).commands
+    known = {option for command in commands.values() for p in command.params for option in (*p.opts, *p.secondary_opts)}
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    text = re.sub(r"`scripts/[^`]*`", "", text)  # these have options of their own
+    text = re.sub(r"^.*(scripts/|chromium ).*$", "", text, flags=re.MULTILINE)
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]+", text))
+    shell = "\n".join(line for page in PAGES for line in lines(page))
+    called = {*re.findall(r"^irbcal ([a-z0-9]+)", shell, re.MULTILINE), *re.findall(r"`irbcal ([a-z0-9]+)", text)}
+    assert named - known - OTHER_OPTIONS == set()
+    assert called - set(commands) == set()
+    assert {name for name, command in commands.items() if not command.hidden} - called == set(), "told nowhere"
+
+
+OTHER_OPTIONS = {"--install-completion", "--version", "--help", "--check"}
+"""Of the program as a whole, and of scripts."""
+
+
+def test_the_readme_is_one_page():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 900
+
+
+def test_links_lead_to_files():
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            if not re.match(r"[a-z]+:", target):
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_files_that_they_name_exist():
+    for page in PAGES:
+        for path in re.findall(r"`((?:scripts|irbcal|tests)/[\w/.]+)`", page.read_text(encoding="utf-8")):
+            assert (ROOT / path).exists(), f"{page.name}: {path}"
