@@ -41,8 +41,9 @@ BLOCK_SHARE = 40
 """Blocks of neighbouring poses that are shuffled together."""
 MOST_POSES = 1000
 """Poses that are compared; of more, evenly chosen ones."""
-SMALLER = 0.85
-"""Ratio to which residuals must fall with a model of its own for each part."""
+SMALLER = 0.8
+"""Ratio to which residuals must fall with a model of its own for each part: those of good runs that were measured axis
+by axis from several home poses fall to 0.84 (scripts/moved_alarms)."""
 ALIKE = 0.6
 """Share of its spread in both parts together that each joint must have in either part for them to be compared."""
 

@@ -137,15 +137,24 @@ def _cost(H: FloatArray, g: FloatArray, yy: FloatArray, part: BoolArray, firm: F
 
 def _together(q: FloatArray, second: BoolArray) -> bool:
     """Whether neighbours in joint space belong to one part more often than chance has it."""
+    expected = second.mean() ** 2 + (1 - second.mean()) ** 2
+    return of_one_part(q, second) > expected + 3.0 * np.sqrt(expected * (1 - expected) / (1.5 * len(q)))
+
+
+def of_one_part(q: FloatArray, second: BoolArray) -> float:
+    """Share of the three nearest poses in joint space that are of the same part as a pose.
+
+    Parameters
+    ----------
+    q : ndarray, shape (n, joints)
+    second : ndarray of bool, shape (n,)
+    """
     from scipy.spatial import cKDTree
 
     spread = q.std(axis=0)
     scaled = q[:, spread > 0] / spread[spread > 0]
     _, near = cKDTree(scaled).query(scaled, k=4)
-    same = (second[near[:, 1:]] == second[:, None]).mean()
-    share = second.mean()
-    expected = share**2 + (1 - share) ** 2
-    return bool(same > expected + 3.0 * np.sqrt(expected * (1 - expected) / (1.5 * len(q))))
+    return float((second[near[:, 1:]] == second[:, None]).mean())
 
 
 def sums(fit: Fit, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -267,6 +267,8 @@ def _refuse(text: str) -> float:
 def _numbers_of(words: list[str], out: str, folder: Path, new: list[str]) -> str | None:
     """Non-finite numbers in what was written or printed as JSON."""
     texts = [out] if "--json" in words and out.strip() and not {"--plan", "--help", "-h"} & set(words) else []
+    if texts and not out.lstrip().startswith(("{", "[")) and words[words.index("--json") - 1].startswith("--"):
+        texts = []  # --json was taken for a file's name
     old = [path for path in folder.rglob("*") if path.is_file() and str(path.relative_to(folder)) not in new]
     given = b"".join(path.read_bytes() for path in old).lower()
     for name in new:
