@@ -13,10 +13,10 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
-from irbcal.files import urdf as urdf_module
-from irbcal.files.calibration_folder import CalibrationLike
-from irbcal.files.earlier import Earlier, calibrated_before, earlier_of
+from irbcal.files.calibration_folder import URDF_NAME, CalibrationLike
+from irbcal.files.earlier import Earlier, calibrated_before, earlier_of, taken_from
 from irbcal.files.frame_terms_section import FrameTermsSection
+from irbcal.files.nominal import calibration_at, read_nominal
 from irbcal.files.outcome import Outcome
 from irbcal.gathering import gathered, of_earlier, without_gross_errors
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
@@ -33,6 +33,7 @@ from irbcal.identification.choices import (
 )
 from irbcal.identification.fit import identify
 from irbcal.identification.level_certainty import certainty_of
+from irbcal.identification.link_geometry import PARALLELS
 from irbcal.identification.methods import identify_by
 from irbcal.identification.residuals import session_names
 from irbcal.identification.result import Fit
@@ -80,6 +81,7 @@ class Options:
     verify: MeasurementsLike | None = None
     base_link: str | None = None
     tip_link: str | None = None
+    coupling: str | None = None
     method: str = "least-squares"
     objective: str = "rms"
     power: float = 8.0
@@ -94,6 +96,7 @@ class Options:
     payload_place: Sequence[float] | None = None
     same_tool: bool = False
     torques: bool = False
+    parallel: str = "hayati"
 
     def __post_init__(self) -> None:
         if isinstance(self.model, int):
@@ -105,6 +108,7 @@ class Options:
             ("method", self.method, (*METHODS, *ALIASES)),
             ("objective", self.objective, OBJECTIVES),
             ("loss", self.loss, LOSSES),
+            ("parallel", self.parallel, PARALLELS),
         ):
             if value not in choices:
                 raise OptionError.unknown(name, value, [choice for choice in choices if choice is not None])
@@ -115,6 +119,14 @@ class Options:
                     "a level, such as 34, for that",
                     parameter=option,
                 )
+        if method_of(self.method) == "circles" and self.model not in (None, "26"):
+            raise OptionError(
+                f"model: method circles takes all link geometry from the axes (model 26): leave out model {self.model}"
+                " or the method",
+                parameter="model",
+            )
+        if self.parallel != PARALLELS[0] and method_of(self.method) != "circles":
+            raise OptionError("parallel: only method circles forces parallel axes", parameter="parallel")
         if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
             level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
             raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
@@ -229,16 +241,21 @@ def run(
     """The main job: read, clean, divide, identify, doubt; parameters and errors as `irbcal.calibrate`."""
     started = time.perf_counter()
     say: Progress = progress or (lambda text: None)
+    saved = calibration_at(robot)
+    if saved is not None and options.with_ is None:
+        options = replace(options, with_=saved.folder)
     earlier = None if options.with_ is None else earlier_of(options.with_)
     robot, options = of_earlier(robot, options, earlier)
-    robot_urdf = urdf_module.read(robot, options.base_link, options.tip_link)
+    saved = calibration_at(robot)
+    robot_urdf = read_nominal(robot, options.base_link, options.tip_link, options.coupling)
     arm = robot_urdf.arm
     if earlier is not None:
         earlier.check(arm)
     known = lists.read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
     ready = _prepared(measurements, arm, options, earlier)
-    ready.notes = [*calibrated_before(robots.robot_file(robot)), *ready.notes]
+    robot_file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
+    ready.notes = [*(calibrated_before(robot_file) if saved is None else taken_from(saved)), *ready.notes]
     source = ready.measurements.source
     sessions = () if ready.fit.session is None else session_names(ready.fit)
     say(f"identifying base and tool from {ready.fit.poses} poses")
@@ -268,7 +285,7 @@ def run(
     doubtful = doubts(nominal, fit, ready.fit, ready.whole)
     return Outcome(
         robot_urdf,
-        robots.robot_file(robot),
+        robot_file,
         fit,
         nominal,
         ready.fit,
@@ -287,6 +304,7 @@ def run(
         (ready.fit_motion.elapsed, ready.heldout_motion.elapsed),
         earlier,
         tuple(doubtful),
+        None if saved is None else (saved.record.robot.urdf, saved.record.robot.urdf_sha256),
     )
 
 
@@ -295,6 +313,8 @@ def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
     if options.model is not None:
         return str(options.model), []
     level, own = default_level(arm), options.of_a_level
+    if method_of(options.method) == "circles":
+        return "26", ["Method circles takes all link geometry from the axes (model 26), and nothing beyond geometry."]
     taken = f"Model {level} was taken, not the default, which averages many error models (auto): "
     if own:
         return level, [f"{taken}{' and '.join(own)} belong{'s' if len(own) == 1 else ''} to a level."]
@@ -329,6 +349,7 @@ def _identified(
         known_targets=known,
         parameters=selected_parameters(model, options.free, options.hold, arm),
         watched=_groups(ready.heldout),
+        parallel=checked("parallel", options.parallel, PARALLELS),
     )
     return replace(fit, robot=fit.robot.replace(certainty=certainty_of(fit)))
 

@@ -22,6 +22,7 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.sessions import COLUMN, joined, sessions_of
 from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import LOAD, Motion
 from irbcal.units import MM
@@ -137,6 +138,9 @@ def of_earlier(robot: str | Path | None, options: Options, earlier: Earlier | No
     changes = {name: value for name, value in changes.items() if getattr(options, name) is None}
     if record.tool_shape_mm:
         changes["as_poses"] = True
+    own = record.robot.coupling
+    if options.coupling is None and own is not None and (np.diag(own) == 1.0).all():
+        changes["coupling"] = coupling.in_words(np.array(own))
     if record.frame_terms is not None and changes.get("model", options.model) == "auto":
         changes["terms"] = "all"
     return earlier.robot() if robot is None else robot, replace(options, **changes)

@@ -226,6 +226,7 @@ def forward_kinematics(
     payload_place: ArrayLike | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
+    coupling: str | None = None,
 ) -> ForwardResult:
     """Where a robot really ends for commanded joints.
 
@@ -253,6 +254,8 @@ def forward_kinematics(
     base_link, tip_link : str, optional
         Links of a URDF; by default ``base_link`` or the root, and ``tool0``, ``flange``, ``ee_link``, ``tcp`` or the
         last link.
+    coupling : str, optional
+        Of a URDF: how its controller counts joints in tables, such as ``3+2``, see `irbcal.modeling.coupling`.
 
     Returns
     -------
@@ -274,7 +277,7 @@ def forward_kinematics(
     >>> forward_kinematics("irb1600", np.radians([[0, -14, 14, 0, 0, 0]])).T_base_tip[0, :3, 3].round(6)
     array([0.645655, 0.      , 1.165707])
     """
-    opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
+    opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
     model = loaded(opened.robot, payload, payload_place)
     q = _joints(q, model.arm)
     if target is not None and not model.targets:
@@ -328,6 +331,7 @@ def inverse_kinematics(
     payload_place: ArrayLike | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
+    coupling: str | None = None,
 ) -> InverseJoints:
     """Joints to command so that a robot's tip reaches poses.
 
@@ -345,7 +349,7 @@ def inverse_kinematics(
         Every branch within the joint limits instead, not with ``near``; for arms with a closed-form inverse.
     nominal : bool
         Nominal behaviour of a calibration.
-    payload, payload_place, base_link, tip_link : optional
+    payload, payload_place, base_link, tip_link, coupling : optional
         See `forward_kinematics`.
 
     Returns
@@ -366,7 +370,7 @@ def inverse_kinematics(
     """
     from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
 
-    opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
+    opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
     model, arm = loaded(opened.robot, payload, payload_place), opened.nominal
     if all_branches and near is not None:
         raise OptionError("near: all branches are asked for, not the nearest: leave one of them out", parameter="near")

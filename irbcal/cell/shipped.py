@@ -21,7 +21,7 @@ from irbcal.cell.masses import Bodies, bodies
 from irbcal.cell.tool import PAYLOAD_KG, thesis_tool
 from irbcal.cell.tracker import Tracker
 from irbcal.cell.weight_effects import Compliance
-from irbcal.files import urdf as urdf_module
+from irbcal.files.nominal import read_nominal
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
@@ -66,16 +66,24 @@ REFERENCES = {
 
 
 def open_cell(
-    robot: str | Path, base: str | None = None, tip: str | None = None, *, seed: int = 0, robot_seed: int = ROBOT_SEED
+    robot: str | Path,
+    base: str | None = None,
+    tip: str | None = None,
+    *,
+    coupling: str | None = None,
+    seed: int = 0,
+    robot_seed: int = ROBOT_SEED,
 ) -> Cell:
     """The shipped virtual cell of a robot.
 
     Parameters
     ----------
     robot : str or Path
-        URDF, or a shipped robot's name.
+        URDF, a robot's name, or a calibration: the robot that it began from.
     base, tip : str, optional
         Names of the base and the tip link.
+    coupling : str, optional
+        How the controller counts joints, see `irbcal.files.coupling_file.declared`.
     seed, robot_seed : int
         As `shipped_cell`.
 
@@ -88,7 +96,7 @@ def open_cell(
     RobotError
         If the robot is refused.
     """
-    found = urdf_module.read(robot, base, tip)
+    found = read_nominal(robot, base, tip, coupling)
     return shipped_cell(found.arm, bodies(found), seed, robot_seed)
 
 

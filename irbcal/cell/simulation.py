@@ -177,8 +177,10 @@ def simulate(
     tool: Mapping[str, ArrayLike] | None = None,
     wobj: Mapping[str, ArrayLike] | None = None,
     pulses: Sequence[float] | None = None,
+    where: tuple[ArrayLike, ArrayLike] | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
+    coupling: str | None = None,
 ) -> Simulated:
     """Measure with a virtual robot, tool and laser tracker: SIMULATED data for trying out plans and calibrations.
 
@@ -210,10 +212,13 @@ def simulate(
     wanted, calibration : optional
         The program before it was filtered (file or DataFrame), and the calibration it was filtered with (folder or
         loaded): tells how far the robot ends from where the program wanted it.
-    tool, wobj, pulses : optional
+    tool, wobj, pulses, where : optional
         What robot programs need and do not say, as for `irbcal.correct`.
     base_link, tip_link : str, optional
         Links of the URDF; by default as `irbcal.read_urdf` chooses them.
+    coupling : str, optional
+        How the controller counts its joints, such as ``3+2``, or ``none``; that of the file beside the URDF unless
+        given, see `irbcal.modeling.coupling`.
 
     Returns
     -------
@@ -232,12 +237,12 @@ def simulate(
         raise OptionError("wanted and calibration go together", parameter="wanted")
     seed, robot_seed, wait = check_seed(seed), check_seed(robot_seed, "robot_seed"), number("wait", wait, 0)
     kind = checked("cell", cell, realistic.NAMES)
-    opened = open_cell(robot, base_link, tip_link, seed=seed, robot_seed=robot_seed)
+    opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
     opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
     opened = _equipped(opened, targets, payload, tracker)
     given = None
-    if any(programs.is_program(one) for one in (plan, wanted)):
-        given = programs.given_for(robot, opened.arm, tool, wobj, pulses)
+    if named := [str(one) for one in (plan, wanted) if programs.is_program(one)]:
+        given = programs.given_for(robot, opened.arm, tool, wobj, pulses, where, named[0])
     poses = _poses(opened, plan, random, seed, wait, given)
     run = _run(opened, poses, payload is not None)
     found = None

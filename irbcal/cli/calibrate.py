@@ -9,7 +9,7 @@ import typer
 
 from irbcal.cli import grid, show
 from irbcal.cli.wrong_calls import path_to_write, wrong_calls
-from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective, Terms
+from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective, Parallel, Terms
 
 if TYPE_CHECKING:
     from irbcal.validation.verdict import Verdict
@@ -47,7 +47,7 @@ def calibrate(
     ] = "joint-map",
     method: Annotated[
         MethodOrAlias,
-        typer.Option(help="How to identify: circles (or axes) needs one-joint moves in groups axis1 … axis6."),
+        typer.Option(help="How to identify: circles (or axes) needs moves of one joint in groups axis1 … axis6."),
     ] = "least-squares",
     objective: Annotated[
         Objective, typer.Option(help="What to minimise: rms, the largest error (max) or between (pnorm).")
@@ -94,6 +94,9 @@ def calibrate(
     torques: Annotated[
         bool, typer.Option("--torques", help="Model auto: use measured torques, columns tau1_nm … (a mass is better).")
     ] = False,
+    parallel: Annotated[
+        Parallel, typer.Option(help="Method circles: keep the tilt of nearly parallel axes, or force one direction.")
+    ] = "hayati",
     holdout: Annotated[
         float | None,
         typer.Option(
@@ -113,6 +116,13 @@ def calibrate(
     tip_link: Annotated[
         str | None,
         typer.Option(help="Tip link of the arm.", show_default="tool0, flange, ee_link, tcp or the last link"),
+    ] = None,
+    coupling: Annotated[
+        str | None,
+        typer.Option(
+            help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
+            show_default="that of the file beside the URDF",
+        ),
     ] = None,
     world_link: Annotated[bool, typer.Option("--world-link", help="Add the measuring frame to the URDF.")] = False,
     target_links: Annotated[bool, typer.Option("--target-links", help="Add the reflectors to the URDF.")] = False,
@@ -143,6 +153,7 @@ def calibrate(
         verify=verify,
         base_link=base_link,
         tip_link=tip_link,
+        coupling=coupling,
         method=method,
         objective=objective,
         power=8.0 if power is None else power,
@@ -157,6 +168,7 @@ def calibrate(
         payload_place=grid.metres(payload_place, "--payload-place"),
         same_tool=same_tool,
         torques=torques,
+        parallel=parallel,
         force=force,
     )
     show.fail(verdict, fail_if_worse)

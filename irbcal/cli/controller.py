@@ -28,6 +28,13 @@ def controller(
         str | None,
         typer.Option(help="Tip link of the arm.", show_default="tool0, flange, ee_link, tcp or the last link"),
     ] = None,
+    coupling: Annotated[
+        str | None,
+        typer.Option(
+            help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
+            show_default="that of the file beside the URDF",
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="URDF that equals the controller.", metavar="FILE", show_default=False)
     ] = None,
@@ -37,7 +44,7 @@ def controller(
     from irbcal.validation.controller_check import controller as check
 
     with wrong_calls():
-        found = check(poses, robot, base_link=base_link, tip_link=tip_link)
+        found = check(poses, robot, base_link=base_link, tip_link=tip_link, coupling=coupling)
     if out is not None:
         found.save(out)
     if json:

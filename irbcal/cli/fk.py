@@ -48,6 +48,13 @@ def fk(
         str | None,
         typer.Option(help="Tip link of a URDF.", show_default="tool0, flange, ee_link, tcp or the last link"),
     ] = None,
+    coupling: Annotated[
+        str | None,
+        typer.Option(
+            help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
+            show_default="that of the file beside the URDF",
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
 ) -> None:
     """Where a robot really ends: poses of the tip in the base link (mm, unit quaternion, scalar first), as CSV."""
@@ -64,6 +71,7 @@ def fk(
         payload_place=grid.metres(payload_place, "--payload-place"),
         base_link=base_link,
         tip_link=tip_link,
+        coupling=coupling,
     )
     if found.caution:
         print(f"irbcal: {found.caution}", file=sys.stderr)

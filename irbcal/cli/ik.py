@@ -38,6 +38,13 @@ def ik(
         str | None,
         typer.Option(help="Tip link of a URDF.", show_default="tool0, flange, ee_link, tcp or the last link"),
     ] = None,
+    coupling: Annotated[
+        str | None,
+        typer.Option(
+            help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
+            show_default="that of the file beside the URDF",
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
 ) -> None:
     """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot."""
@@ -46,7 +53,7 @@ def ik(
     from irbcal.files.opening import open_robot
     from irbcal.kinematics import inverse_kinematics
 
-    opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link)
+    opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
     start = None
     if near is not None:
         columns = opened.nominal.joint_columns

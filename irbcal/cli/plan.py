@@ -37,7 +37,7 @@ class Language(str, Enum):
     """Languages that a plan can be written in, see `irbcal.correction.languages.by_name`."""
 
     rapid, krl, fanuc, urscript = "rapid", "krl", "fanuc", "urscript"
-    val3, inform, csv = "val3", "inform", "csv"
+    val3, inform, kawasaki, csv = "val3", "inform", "kawasaki", "csv"
 
 
 _Out = Annotated[Path, typer.Option(help="Folder for the plan.", show_default=False)]
@@ -119,6 +119,13 @@ _PackageDirs = Annotated[
 ]
 _BaseLink = Annotated[str | None, typer.Option(help="Base link of a URDF.", show_default=False)]
 _TipLink = Annotated[str | None, typer.Option(help="Tip link of a URDF.", show_default=False)]
+_Coupling = Annotated[
+    str | None,
+    typer.Option(
+        help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
+        show_default="that of the file beside the URDF",
+    ),
+]
 _Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
 
 
@@ -152,6 +159,7 @@ def plan(
     package_dirs: _PackageDirs = None,
     base_link: _BaseLink = None,
     tip_link: _TipLink = None,
+    coupling: _Coupling = None,
     json: _Json = False,
 ) -> None:
     """Plan measurements: poses that the robot reaches and the tracker sees, a robot program, and what they promise."""
@@ -192,6 +200,7 @@ def plan(
         package_dirs=package_dirs or (),
         base_link=base_link,
         tip_link=tip_link,
+        coupling=coupling,
     )
 
 

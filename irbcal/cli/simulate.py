@@ -77,8 +77,19 @@ _Pulses = Annotated[
     str | None,
     typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
 ]
+_Where = Annotated[
+    str | None,
+    typer.Option(help="Joints and pose of one place, for poses of Kawasaki programs, as in irbcal filter."),
+]
 _BaseLink = Annotated[str | None, typer.Option(help="Base link; base_link or the root by default.")]
 _TipLink = Annotated[str | None, typer.Option(help="Tip link; tool0, flange, ee_link or the last link by default.")]
+_Coupling = Annotated[
+    str | None,
+    typer.Option(
+        help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
+        show_default="that of the file beside the URDF",
+    ),
+]
 _List = Annotated[bool, typer.Option("--list", help="Name the effects and stop.")]
 _Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
 
@@ -103,8 +114,10 @@ def simulate(
     tool: _Tool = None,
     wobj: _Wobj = None,
     pulses: _Pulses = None,
+    where: _Where = None,
     base_link: _BaseLink = None,
     tip_link: _TipLink = None,
+    coupling: _Coupling = None,
     list_: _List = False,
     json: _Json = False,
 ) -> None:
@@ -147,8 +160,10 @@ def simulate(
             tool=program_words.frames(tool, "--tool", _maker(plan) if tool else None),
             wobj=program_words.frames(wobj, "--wobj", _maker(plan) if wobj else None),
             pulses=program_words.pulses(pulses),
+            where=program_words.where(where, _maker(plan) if where else None),
             base_link=base_link,
             tip_link=tip_link,
+            coupling=coupling,
         )
     except OptionError as error:
         raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None

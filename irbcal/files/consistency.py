@@ -66,7 +66,7 @@ def _lengths(record: Record) -> Iterator[str]:
             yield f"{name} has {len(values)} entries for {joints} joints"
     for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=False):
         if low is not None and high is not None and not low <= high:
-            yield f"the limits of {name} are {low:g} and {high:g}"
+            yield f"robot.lower of {name} is above robot.upper"
 
 
 def _matrices(record: Record) -> list[tuple[str, list[list[float]]]]:

@@ -5,13 +5,44 @@ from __future__ import annotations
 from pathlib import Path
 
 from irbcal.arrays import FloatArray
-from irbcal.errors import RobotError
+from irbcal.errors import OptionError, RobotError
 from irbcal.modeling import coupling
 from irbcal.options import shown
 
 ENDING = ".coupling.yaml"
 LARGEST_FILE = 100_000
 """Bytes; no coupling needs more."""
+
+
+NONE = "none"
+"""Given in place of a coupling: the controller counts as the URDF does, whatever a file says."""
+
+
+def declared(urdf: Path, joints: int, given: str | None) -> FloatArray | None:
+    """The coupling of a robot.
+
+    Parameters
+    ----------
+    urdf : Path
+    joints : int
+        Of the arm.
+    given : str or None
+        As `irbcal.modeling.coupling.matrix` takes it, or ``none``; it goes before the file beside the URDF.
+
+    Returns
+    -------
+    ndarray, shape (joints, joints), or None
+
+    Raises
+    ------
+    RobotError
+        If it, or the file, is not understood.
+    """
+    if given is None:
+        return beside(urdf, joints)
+    if not isinstance(given, str):
+        raise OptionError(f"coupling: expected terms such as 3+2, found {shown(given)}", parameter="coupling")
+    return None if given.strip().lower() == NONE else coupling.matrix(given, joints)
 
 
 def beside(urdf: Path, joints: int) -> FloatArray | None:

@@ -156,12 +156,19 @@ def _limits(values: FloatArray, units: FloatArray) -> list[float | None]:
     return [float(value / unit) if np.isfinite(value) else None for value, unit in zip(values, units, strict=True)]
 
 
+def _source(outcome: Outcome) -> tuple[str, str]:
+    """Name and SHA-256 of the nominal URDF."""
+    file = outcome.robot_file
+    return outcome.robot_source or (file.name, hashlib.sha256(file.read_bytes()).hexdigest())
+
+
 def _robot_section(outcome: Outcome) -> RobotSection:
     arm = outcome.urdf.arm
+    name, sha256 = _source(outcome)
     return RobotSection(
         name=arm.name,
-        urdf=outcome.robot_file.name,
-        urdf_sha256=hashlib.sha256(outcome.robot_file.read_bytes()).hexdigest(),
+        urdf=name,
+        urdf_sha256=sha256,
         base_link=arm.base_link,
         tip_link=arm.tip_link,
         joint_names=list(arm.joint_names),
@@ -443,7 +450,7 @@ def _words(
     names = " and ".join(f"{item.file} (SHA-256 {item.sha256[:12]}...)" for item in data)
     kind = "SIMULATED measurements" if simulated else "measurements"
     return (
-        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {outcome.robot_file.name} were "
+        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {_source(outcome)[0]} were "
         f"corrected, model {outcome.fit.level}, from {kind} {names}. Comments below that call this robot nominal are "
         "those of that file. The joint map is in calibration.json."
         + ("" if frame_terms is None else f" {frame_terms.in_words}")

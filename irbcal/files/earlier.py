@@ -17,7 +17,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, OptionError, RobotError
 from irbcal.files import robots, urdf
-from irbcal.files.calibration_folder import CalibrationLike, folder_of, opened
+from irbcal.files.calibration_folder import CalibrationLike, Saved, folder_of, opened
 from irbcal.files.schema import Record
 from irbcal.measurement.blocks import MARK, block_of
 from irbcal.measurement.motions import payload_of
@@ -39,10 +39,13 @@ class Earlier:
     record : Record
     sessions : tuple of (name, PointSet, Motion)
         All its points, fitted and held out, by session, with the targets' plain names.
+    folder : Path or None
+        Where it lies.
     """
 
     record: Record
     sessions: tuple[tuple[str, PointSet, Motion], ...]
+    folder: Path | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -53,9 +56,9 @@ class Earlier:
         return sum(points.poses for _, points, _ in self.sessions)
 
     def robot(self) -> Path:
-        """File of its nominal robot: of the same name in the current folder, or one that is known by name.
+        """Its nominal robot: a file of the same name here, or known by name; else the folder, which holds it, too.
 
-        It is taken by its content: another file of that name is not.
+        Files are taken by their content: another file of that name is not.
 
         Raises
         ------
@@ -75,6 +78,8 @@ class Earlier:
                 continue
             if hashlib.sha256(path.read_bytes()).hexdigest() == section.urdf_sha256:
                 return path
+        if self.folder is not None:
+            return self.folder
         raise OptionError(
             f"robot: the earlier calibration was made from {section.urdf}, which is neither here nor known by name: "
             "name its file",
@@ -117,6 +122,15 @@ def calibrated_before(file: Path) -> list[str]:
     ]
 
 
+def taken_from(saved: Saved) -> list[str]:
+    """A note on a robot that is that of a calibration."""
+    name = saved.folder.resolve().name
+    return [
+        f"The robot is the one that the calibration {name} began from. Its measurements are fitted together with the "
+        "new ones, so that its joint map is kept as far as they say so; held out are new poses only."
+    ]
+
+
 def earlier_of(calibration: CalibrationLike) -> Earlier:
     """Open an earlier calibration to add measurements to it.
 
@@ -134,9 +148,10 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
         If it cannot be read or does not hold its measured points.
     """
     record = opened(calibration)
-    name = "earlier"
+    name, folder = "earlier", None
     if isinstance(calibration, (str, os.PathLike)):
-        name = folder_of(calibration).resolve().name.replace(MARK, "-") or name
+        folder = folder_of(calibration)
+        name = folder.resolve().name.replace(MARK, "-") or name
     used = [found for heldout in (False, True) if (found := record.used_points(heldout)) is not None]
     if not used:
         raise CalibrationError(
@@ -158,7 +173,7 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
         place = np.argsort(elapsed, kind="stable")
         both = _ordered(replace(both, session=None), place)
         sessions.append((session, both, _motion(both, elapsed[place], record)))
-    return Earlier(record, tuple(sessions))
+    return Earlier(record, tuple(sessions), folder)
 
 
 def _motion(points: PointSet, elapsed: FloatArray, record: Record) -> Motion:

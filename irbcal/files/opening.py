@@ -71,7 +71,12 @@ class Opened:
 
 
 def open_robot(
-    robot: RobotLike, *, nominal: bool = False, base_link: str | None = None, tip_link: str | None = None
+    robot: RobotLike,
+    *,
+    nominal: bool = False,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    coupling: str | None = None,
 ) -> Opened:
     """The robot of a calibration, of a URDF or shipped with the package.
 
@@ -84,6 +89,8 @@ def open_robot(
         The nominal behaviour of a calibration (its base and tool identified with the nominal model).
     base_link, tip_link : str, optional
         Links of a URDF; by default as `irbcal.files.urdf.read` chooses them.
+    coupling : str, optional
+        Of a URDF, see `irbcal.files.coupling_file.declared`.
 
     Returns
     -------
@@ -97,12 +104,12 @@ def open_robot(
         If there is no such file or robot, the URDF cannot be used, or links are chosen for a calibration.
     """
     if isinstance(robot, Opened):
-        if nominal or base_link or tip_link:
+        if nominal or base_link or tip_link or coupling is not None:
             raise RobotError(f"{robot.name}: this robot is open: choose its behaviour and links when it is opened")
         return robot
     path = calibration_folder.folder_of(robot) if isinstance(robot, (str, PathLike)) else None
     if path is not None and not path.is_dir():
-        read = urdf.read(path, base_link, tip_link)
+        read = urdf.read(path, base_link, tip_link, coupling)
         file = robots.robot_file(path)
         return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, file.read_bytes())
     folder: Path | None
@@ -121,6 +128,8 @@ def open_robot(
         text = getattr(robot, "urdf", None)
         if text is None:
             folder, text = _shipped(record)
+    if coupling is not None:
+        raise RobotError(f"{name}: a calibration has its own coupling: give one for a URDF only", parameter="coupling")
     if base_link or tip_link:
         raise RobotError(
             f"{name}: a calibration has its own base and tip link: choose links for a URDF only",

@@ -55,6 +55,8 @@ class Outcome:
         The calibration that was added to.
     doubts : tuple of str
         What speaks against the result, whatever its errors say; these stand among the notes, too.
+    robot_source : (str, str) or None
+        Name and SHA-256 of the nominal URDF, where the robot was taken from an earlier calibration.
     """
 
     urdf: UrdfArm
@@ -77,6 +79,7 @@ class Outcome:
     numbers: tuple[FloatArray | None, FloatArray | None] = (None, None)
     earlier: Earlier | None = None
     doubts: tuple[str, ...] = ()
+    robot_source: tuple[str, str] | None = None
 
     def __post_init__(self) -> None:
         lock(self)

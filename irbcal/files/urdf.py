@@ -4,9 +4,7 @@ Reading takes any serial arm of revolute and prismatic joints between a base and
 constant place of each link frame in its DHM frame. Writing patches the joint origins in the original XML
 tree: with ``F_i`` the link frame in DHM frame i and ``S_i`` the corrected DHM step at zero joints, the
 corrected origin of joint i is ``F_{i-1}^-1 S_i F_i``, so that axes, visuals, collisions and inertials keep
-their place in their links. Everything else in the file stays as it was.
-
-The XML itself is in `irbcal.files.urdf_xml`.
+their place in their links. Everything else stays as it was. The XML itself is in `irbcal.files.urdf_xml`.
 """
 
 from __future__ import annotations
@@ -95,7 +93,7 @@ class _Joint:
     position: int
 
 
-def read(path: str | Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
+def read(path: str | Path, base: str | None = None, tip: str | None = None, coupling: str | None = None) -> UrdfArm:
     """Read a robot from a URDF file.
 
     Parameters
@@ -104,6 +102,8 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None) -> U
         A file, or a robot's name, see `irbcal.files.robots.robots`.
     base, tip : str, optional
         Link names; by default ``base_link`` (or the root) and ``tool0``, ``flange``, ``ee_link`` or the last link.
+    coupling : str, optional
+        As `irbcal.files.coupling_file.declared` takes it.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def read(path: str | Path, base: str | None = None, tip: str | None = None) -> U
         base, tip = base or known.base_link, tip or known.tip_link
     file = robots.robot_file(path)
     found = from_bytes(read_bytes(file, RobotError), str(file), base, tip)
-    return with_coupling(found, coupling_file.beside(file, len(found.arm.joint_names)))
+    return with_coupling(found, coupling_file.declared(file, len(found.arm.joint_names), coupling))
 
 
 read_urdf = read

@@ -183,6 +183,7 @@ def plan(
     package_dirs: Sequence[str | Path] = (),
     base_link: str | None = None,
     tip_link: str | None = None,
+    coupling: str | None = None,
     progress: Step | None = None,
 ) -> Plan:
     """Plan measurements: poses that the robot reaches and the tracker sees, and what they promise.
@@ -203,7 +204,7 @@ def plan(
         What is best, ``position`` or ``D``; where predicted positions count, ``both``, ``cube`` or ``range``.
     level : str, optional
         Error model to plan for; that of a calibration without a wish unless given.
-    targets, tracker, margin, acceptance, min_height, without, package_dirs, base_link, tip_link
+    targets, tracker, margin, acceptance, min_height, without, package_dirs, base_link, tip_link, coupling
         See `irbcal.planning.scene.open_scene`.
     cube_centre, cube_edge : array_like of shape (3,) and float, optional
         ISO cube in the base link; both or none.
@@ -218,8 +219,8 @@ def plan(
     noise, imagined, seed
         See `irbcal.planning.wish.Wish`.
     language : str, optional
-        Of the robot program: ``rapid``, ``krl``, ``fanuc``, ``urscript``, ``val3``, ``inform``, or ``csv`` for none;
-        that of the robot's maker unless given, as far as the robot's name tells it.
+        Of the robot program: ``rapid``, ``krl``, ``fanuc``, ``urscript``, ``val3``, ``inform``, ``kawasaki``, or
+        ``csv`` for none; that of the robot's maker unless given, as far as the robot's name tells it.
     pulses : sequence of float, optional
         Pulses per degree of the six joints, for Yaskawa jobs.
     progress : callable, optional
@@ -276,6 +277,7 @@ def plan(
         package_dirs=package_dirs,
         base_link=base_link,
         tip_link=tip_link,
+        coupling=coupling,
     )
     return make(scene, wish, progress)
 

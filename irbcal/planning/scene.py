@@ -97,6 +97,7 @@ def open_scene(
     package_dirs: Sequence[str | Path] = (),
     base_link: str | None = None,
     tip_link: str | None = None,
+    coupling: str | None = None,
 ) -> Scene:
     """Robot, reflectors, tracker and conditions.
 
@@ -122,6 +123,8 @@ def open_scene(
         Folders in which ``package://`` names of meshes are looked up.
     base_link, tip_link : str, optional
         Link names, for a URDF.
+    coupling : str, optional
+        How the controller of a URDF's robot counts joints, see `irbcal.files.coupling_file.declared`.
 
     Returns
     -------
@@ -135,7 +138,7 @@ def open_scene(
     for item in names("without", without):
         if item not in CONDITIONS:
             raise OptionError.unknown("without", item, tuple(CONDITIONS))
-    opened = open_robot(robot, base_link=base_link, tip_link=tip_link)
+    opened = open_robot(robot, base_link=base_link, tip_link=tip_link, coupling=coupling)
     if opened.urdf is None or opened.urdf_bytes is None:
         raise RobotError(
             f"{opened.name}: a plan needs the URDF, which a loaded calibration does not hold: give its folder",

@@ -20,6 +20,7 @@ from irbcal.atomic import write_together
 from irbcal.errors import MeasurementError
 from irbcal.files import robots
 from irbcal.files import urdf as urdf_module
+from irbcal.files.nominal import read_nominal
 from irbcal.files.urdf import UrdfArm
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
 from irbcal.measurement import columns
@@ -212,7 +213,12 @@ class ControllerCheck(Speaks):
 
 
 def controller(
-    poses: TableLike, robot: str | Path, *, base_link: str | None = None, tip_link: str | None = None
+    poses: TableLike,
+    robot: str | Path,
+    *,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    coupling: str | None = None,
 ) -> ControllerCheck:
     """Which numbers a controller computes with: ``irbcal controller`` as a function.
 
@@ -226,6 +232,9 @@ def controller(
         URDF, or a robot's name.
     base_link, tip_link : str, optional
         Links of the URDF between which the arm is.
+    coupling : str, optional
+        How the controller counts its joints, such as ``3+2``, or ``none``; that of the file beside the URDF unless
+        given, see `irbcal.modeling.coupling`.
 
     Returns
     -------
@@ -237,7 +246,7 @@ def controller(
     IrbcalError
         If an input is refused, or the poses are nowhere near those of the robot.
     """
-    urdf = urdf_module.read(robot, base_link, tip_link)
+    urdf = read_nominal(robot, base_link, tip_link, coupling)
     q, T, labels, source = _read(poses, urdf.arm)
     fit = fit_controller(urdf.arm, q, T, source)
     data, notes = _written(urdf, fit)
@@ -312,7 +321,7 @@ def _read(poses: TableLike, arm: Arm) -> tuple[FloatArray, FloatArray, NameArray
     T[:, :3, :3] = frames.matrix_from_quaternion(quaternion / norm[:, None])
     T[:, :3, 3] = np.column_stack(xyz)
     names = cells["pose"].astype(str) if "pose" in cells.columns else cells.index.astype(str)
-    return arm.check_joints(np.column_stack(q)), T, np.asarray(names, dtype=object), source
+    return arm.check_joints(arm.from_controller(np.column_stack(q))), T, np.asarray(names, dtype=object), source
 
 
 def _either(name: str, unit: float) -> dict[str, float]:

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import lock
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.drawn_figure import DrawnFigure, check_name
-from irbcal.files import calibration_folder, urdf
+from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.nominal import read_nominal
 from irbcal.measurement import table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
@@ -277,5 +278,5 @@ def iso9283_plan(
         center = place("center", center)
     if edge is not None:
         edge = length("edge", edge)
-    arm = robot if isinstance(robot, Arm) else urdf.read(robot).arm
+    arm = robot if isinstance(robot, Arm) else read_nominal(robot).arm
     return five_poses(arm, center, edge, near, plane, inset)

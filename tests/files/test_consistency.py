@@ -27,11 +27,12 @@ def test_another_calibrations_urdf_is_seen(tmp_path):
     ("change", "words"),
     [
         (lambda d: d["robot"]["lower"].pop(), "robot.lower has 5 entries for 6 joints"),
-        (lambda d: d["robot"]["upper"].__setitem__(2, -300.0), "limits of joint_3 are -245 and -300"),
+        (lambda d: d["robot"]["upper"].__setitem__(2, -300.0), "robot.lower of joint_3 is above robot.upper"),
         (lambda d: d["robot"]["base_to_frame0"].pop(), "base_to_frame0: List should have at least 4 items"),
         (lambda d: d["placement"]["base"].update(qw=0.0, qx=0.0, qy=0.0, qz=0.0), "no unit quaternion"),
         (lambda d: d["placement"]["targets"]["smr1"].pop(), "smr1: List should have at least 3 items"),
         (lambda d: d["robot"]["dhm_calibrated"][1].update(a_mm=800.0), "not the geometry of calibrated.urdf"),
+        (lambda d: d["robot"]["lower"].__setitem__(1, 1e3), "robot.lower of .* is above robot.upper"),
         (lambda d: d["covariance"].update(size=3), "covariance"),
     ],
 )

@@ -3,11 +3,13 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import irbcal
 from irbcal.errors import RobotError
 from irbcal.files.robots import robot_file
+from irbcal.kinematics import poses_to_frame
 from irbcal.modeling import coupling
 
 
@@ -52,7 +54,10 @@ def test_joints_there_and_back():
 
 
 def test_the_same_robot_counted_otherwise(tmp_path):
-    """Plan to corrected program of one robot, whose joints are counted in two ways: only joint 3 in files differs."""
+    """Plan to corrected program of one robot, whose joints are counted in two ways: only joint 3 in files differs.
+
+    The coupling is an option where the robot is named, against what the file beside the URDF says.
+    """
     data = robot_file("irb1600").read_bytes()
     done = {}
     for name in ("plain", "coupled"):
@@ -61,10 +66,11 @@ def test_the_same_robot_counted_otherwise(tmp_path):
         robot = folder / "arm.urdf"
         robot.write_bytes(data)
         if name == "coupled":
-            (folder / "arm.coupling.yaml").write_text("coupling: 3+2\n")
-        seen = irbcal.simulate(robot, random=60, seed=5)
+            (folder / "arm.coupling.yaml").write_text("coupling: 2+3\n")
+        option = {"plain": "none", "coupled": "3+2"}[name]
+        seen = irbcal.simulate(robot, random=60, seed=5, coupling=option)
         table = seen.to_frame()
-        found = irbcal.calibrate(table, robot, model="placement")
+        found = irbcal.calibrate(table, robot, model="placement", coupling=option)
         irbcal.save(found, folder / "cal")
         program = table.drop_duplicates("pose")[["pose", *(f"q{i}_deg" for i in range(1, 7))]].head(20)
         program.to_csv(folder / "job.csv", index=False)
@@ -93,3 +99,20 @@ def test_the_same_robot_counted_otherwise(tmp_path):
     written = json.loads((tmp_path / "coupled" / "cal" / "calibration.json").read_text())["robot"]["coupling"]
     np.testing.assert_array_equal(written, coupling.matrix("3+2", 6))
     np.testing.assert_array_equal(coupled[4].arm().coupling, written)
+    # a plan, poses of the nominal robot and the controller's own report count so, too
+    robot = tmp_path / "plain" / "arm.urdf"
+    q = as_counted(program)
+    nominal = irbcal.forward_kinematics(robot, pd.DataFrame(q, columns=columns), coupling="3+2").T_base_tip
+    np.testing.assert_allclose(nominal, irbcal.forward_kinematics(robot, program).T_base_tip, atol=1e-9)
+    joints = irbcal.inverse_kinematics(robot, nominal, coupling="3+2").to_frame()
+    plain = irbcal.inverse_kinematics(robot, nominal).to_frame()
+    np.testing.assert_allclose(joints[columns].to_numpy(dtype=float), as_counted(plain), atol=1e-6)
+    reported = poses_to_frame(nominal).join(pd.DataFrame(q, columns=columns))
+    assert irbcal.controller(reported, robot, coupling="3+2").median_mm() < 1e-6
+    made = [
+        irbcal.plan(robot, axis=0, cube=0, all_range=6, without=["sight"], coupling=c).to_frame()
+        for c in ("3+2", "none")
+    ]
+    np.testing.assert_allclose(made[0][columns].to_numpy(), as_counted(made[1]), atol=1e-5)
+    with pytest.raises(RobotError, match="a calibration has its own coupling"):
+        irbcal.forward_kinematics(tmp_path / "plain" / "cal", program, coupling="3+2")
