@@ -137,8 +137,8 @@ def test_every_command_is_told_and_every_option_exists():
     assert {name for name, command in commands.items() if not command.hidden} - called == set(), "told nowhere"
 
 
-OTHER_OPTIONS = {"--install-completion", "--version", "--help", "--check"}
-"""Of the program as a whole, and of scripts."""
+OTHER_OPTIONS = {"--install-completion", "--version", "--help", "--check", "--ros-args"}
+"""Of the program as a whole, of scripts, and of ROS."""
 
 
 def test_the_readme_is_one_page():

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import xacro
+import yaml
 from support import assert_same_poses, measured, random_robot, write_measurements
 
 import irbcal
@@ -135,7 +136,9 @@ def test_the_launch_file_starts_what_the_package_depends_on(monkeypatch):
     started = {call.kwargs["package"] for call in node.call_args_list}
     assert started == {"robot_state_publisher", "joint_state_publisher_gui", "rviz2"}
     assert started | {"xacro", "launch", "launch_ros"} == needed
-    assert (PACKAGE / "rviz" / "display.rviz").is_file()
+    shown = yaml.safe_load((PACKAGE / "rviz" / "display.rviz").read_text())["Visualization Manager"]
+    assert shown["Displays"][1]["Description Topic"]["Value"] == "/robot_description"
+    assert shown["Global Options"]["Fixed Frame"] == "base_link"
 
 
 def read(robot):

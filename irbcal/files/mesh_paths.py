@@ -27,6 +27,9 @@ TEXTURE_ENDINGS = (".png", ".jpg", ".jpeg")
 ENDINGS = {"mesh": MESH_ENDINGS, "texture": TEXTURE_ENDINGS}
 """Elements of a URDF that name files, and the endings of those."""
 
+MOST_FILES = 10_000
+"""Different files that a URDF may name."""
+
 
 class Problem(Exception):
     """A file that a URDF names and that cannot be used.
@@ -145,19 +148,25 @@ def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: Mes
         return data
     tree = urdf_xml.parse(data, source)
     root, start = tree.getroot(), Path(folder).resolve()
-    problems = []
+    named: dict[tuple[str, str], list[urdf_xml.XmlElement]] = {}
     for element in root.iter(*ENDINGS):
-        name = element.get("filename")
-        scheme, address, _ = (name or "").partition("://")
-        if not name or os.path.isabs(name) or (address and scheme not in ("package", "model", "file")):
-            continue
+        name = element.get("filename", "")
+        scheme, address, _ = name.partition("://")
+        if name and not os.path.isabs(name) and (not address or scheme in ("package", "model", "file")):
+            named.setdefault((name, element.tag), []).append(element)
+    problems = []
+    for (name, kind), elements in list(named.items())[: MOST_FILES + 1]:
         try:
-            path = meshes.find(name, ENDINGS[element.tag])
-            element.set("filename", Path(os.path.relpath(path, start) if how == "relative" else path).as_posix())
+            path = meshes.find(name, ENDINGS[kind])
+            text = Path(os.path.relpath(path, start) if how == "relative" else path).as_posix()
+            for element in elements:
+                element.set("filename", text)
         except Problem as problem:
             problems.append(problem)
         except ValueError:  # bytes that are no text, control characters, another drive
             problems.append(Problem("its path cannot be written in a URDF", name))
+    if len(named) > MOST_FILES:
+        problems = [Problem(f"more than {MOST_FILES} files are too many", "its meshes")]
     if problems:
         first, more = problems[0], f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         hint = "; packages are looked for in ROS_PACKAGE_PATH, too" if "not found" in first.reason else ""

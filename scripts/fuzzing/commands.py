@@ -84,6 +84,7 @@ def _calibrate(random: Random) -> list[str]:
     more = _some(
         random, ["--json"], ["--targets", "@t.csv"], ["--verify", "@v.csv"], ["--as-poses"], ["--world-link"],
         ["--holdout", "0"], ["--frame", "ref1,ref2,ref3"], ["--loss", "huber"], ["--hold", "gain*"], ["--split", "last"],
+        ["--mesh-paths", "absolute"], ["--mesh-paths", "relative"],
     )  # fmt: skip
     robot = random.choice(("@robot.urdf", "@small.urdf", "irb1600"))
     return ["calibrate", "@m.csv", "--robot", robot, "--out", ">new", "--model", random.choice(("16", "26")), *more]

@@ -156,6 +156,14 @@ def test_what_is_not_found_or_lies_outside_is_refused(cell, how, name, why):
     assert len(str(refused.value).splitlines()) == 1
 
 
+def test_too_many_files_are_refused(cell, monkeypatch):
+    monkeypatch.setattr("irbcal.files.mesh_paths.MOST_FILES", 2)
+    names = ["meshes/part.stl", "./meshes/part.stl"]
+    assert len(written_names(cell, "relative", *names, *names)[0]) == 4
+    with pytest.raises(RobotError, match="more than 2 files are too many"):
+        written_names(cell, "relative", *names, "../urdf/meshes/part.stl")
+
+
 def test_a_file_is_found_by_whichever_folder_it_lies_in(cell):
     folders = MeshFolders(cell / "urdf", [cell / "ws"])
     assert folders.find("../ws/my_robot/meshes/part.stl") == cell / "ws" / "my_robot" / "meshes" / "part.stl"
