@@ -29,6 +29,7 @@ FOLDER_FILES = (
     "plan.dtx",
     "start.pgx",
     "PLAN.JBI",
+    "plan.pg",
     "plan.html",
     "study.json",
 )

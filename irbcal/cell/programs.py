@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray
 from irbcal.correction import languages
 from irbcal.correction.commanded import commanded
-from irbcal.correction.filter import given_frames
+from irbcal.correction.filter import given_frames, place_pair
 from irbcal.correction.program import Given
 from irbcal.errors import ProgramError
 from irbcal.files.controller_frames import controller_frames, unknown
@@ -41,8 +41,10 @@ def given_for(
     tool: Mapping[str, ArrayLike] | None = None,
     wobj: Mapping[str, ArrayLike] | None = None,
     pulses: Sequence[float] | None = None,
+    where: tuple[ArrayLike, ArrayLike] | None = None,
+    program: str | Path | None = None,
 ) -> Given:
-    """What comes with the programs of a robot; arguments as for `irbcal.correct`.
+    """What comes with the programs of a robot; arguments as for `irbcal.correct`, ``program`` is one of them.
 
     Raises
     ------
@@ -54,7 +56,8 @@ def given_for(
     at = unknown()
     if opened.urdf_bytes is not None:
         at = controller_frames(opened.urdf_bytes, str(robot), arm.base_link, arm.tip_link)
-    return Given(*frames, at, pulses_per_degree(pulses))
+    pair = None if where is None or program is None else place_pair(where, languages.files_of([program])[0])
+    return Given(*frames, at, pulses_per_degree(pulses), where=pair)
 
 
 def read(program: str | Path, arm: Arm, given: Given) -> tuple[FloatArray, str | None]:

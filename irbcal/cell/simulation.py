@@ -177,6 +177,7 @@ def simulate(
     tool: Mapping[str, ArrayLike] | None = None,
     wobj: Mapping[str, ArrayLike] | None = None,
     pulses: Sequence[float] | None = None,
+    where: tuple[ArrayLike, ArrayLike] | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
@@ -211,7 +212,7 @@ def simulate(
     wanted, calibration : optional
         The program before it was filtered (file or DataFrame), and the calibration it was filtered with (folder or
         loaded): tells how far the robot ends from where the program wanted it.
-    tool, wobj, pulses : optional
+    tool, wobj, pulses, where : optional
         What robot programs need and do not say, as for `irbcal.correct`.
     base_link, tip_link : str, optional
         Links of the URDF; by default as `irbcal.read_urdf` chooses them.
@@ -240,8 +241,8 @@ def simulate(
     opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
     opened = _equipped(opened, targets, payload, tracker)
     given = None
-    if any(programs.is_program(one) for one in (plan, wanted)):
-        given = programs.given_for(robot, opened.arm, tool, wobj, pulses)
+    if named := [str(one) for one in (plan, wanted) if programs.is_program(one)]:
+        given = programs.given_for(robot, opened.arm, tool, wobj, pulses, where, named[0])
     poses = _poses(opened, plan, random, seed, wait, given)
     run = _run(opened, poses, payload is not None)
     found = None

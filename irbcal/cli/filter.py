@@ -64,6 +64,14 @@ def filter_program(
             show_default=False,
         ),
     ] = None,
+    where: Annotated[
+        str | None,
+        typer.Option(
+            help="For poses of Kawasaki programs, what the controller shows at one place with null tool and base: "
+            "J1,J2,J3,J4,J5,J6=X,Y,Z,O,A,T.",
+            show_default=False,
+        ),
+    ] = None,
     path_tolerance: Annotated[
         float | None,
         typer.Option(
@@ -95,6 +103,7 @@ def filter_program(
             payload_place=grid.metres(payload_place, "--payload-place"),
             pulses=program_words.pulses(pulses),
             controller_model=controller_model,
+            where=program_words.where(where, maker),
             path_tolerance=None if path_tolerance is None else path_tolerance * 1e-3,
         )
     except NotWritten as refusal:

@@ -37,7 +37,7 @@ class Language(str, Enum):
     """Languages that a plan can be written in, see `irbcal.correction.languages.by_name`."""
 
     rapid, krl, fanuc, urscript = "rapid", "krl", "fanuc", "urscript"
-    val3, inform, csv = "val3", "inform", "csv"
+    val3, inform, kawasaki, csv = "val3", "inform", "kawasaki", "csv"
 
 
 _Out = Annotated[Path, typer.Option(help="Folder for the plan.", show_default=False)]

@@ -48,3 +48,19 @@ def frames(given: list[str] | None, option: str, maker: Maker | None) -> dict[st
             raise typer.BadParameter(f"expected {expected}, found {text!r}", param_hint=option)
         out[name.lower()] = poses_from_numbers([values])[0]
     return out
+
+
+def where(text: str | None, maker: Maker | None) -> tuple[FloatArray, FloatArray] | None:
+    """Joints in radians and the pose that a controller shows there, ``J1,…,J6=X,Y,Z,O,A,T``."""
+    import numpy as np
+
+    if text is None:
+        return None
+    try:
+        parts = [[float(value) for value in part.split(",")] for part in text.split("=")]
+    except ValueError:
+        parts = []
+    sizes = [len(part) for part in parts]
+    if maker is None or sizes != [6, 6] or not (np.abs(np.array(parts)) < LARGEST_MM).all():
+        raise typer.BadParameter(f"expected six joints=six numbers of the pose, found {text!r}", param_hint="--where")
+    return np.array(parts[0]) * maker.joint, maker.poses(np.array([parts[1]]))[0]

@@ -80,6 +80,10 @@ _Pulses = Annotated[
     str | None,
     typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
 ]
+_Where = Annotated[
+    str | None,
+    typer.Option(help="Joints and pose of one place, for poses of Kawasaki programs, as in irbcal filter."),
+]
 _BaseLink = Annotated[str | None, typer.Option(help="Base link; base_link or the root by default.")]
 _TipLink = Annotated[str | None, typer.Option(help="Tip link; tool0, flange, ee_link or the last link by default.")]
 _Coupling = Annotated[
@@ -113,6 +117,7 @@ def simulate(
     tool: _Tool = None,
     wobj: _Wobj = None,
     pulses: _Pulses = None,
+    where: _Where = None,
     base_link: _BaseLink = None,
     tip_link: _TipLink = None,
     coupling: _Coupling = None,
@@ -158,6 +163,7 @@ def simulate(
             tool=program_words.frames(tool, "--tool", _maker(plan) if tool else None),
             wobj=program_words.frames(wobj, "--wobj", _maker(plan) if wobj else None),
             pulses=program_words.pulses(pulses),
+            where=program_words.where(where, _maker(plan) if where else None),
             base_link=base_link,
             tip_link=tip_link,
             coupling=coupling,

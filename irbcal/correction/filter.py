@@ -60,6 +60,7 @@ def correct(
     payload: float | None = None,
     payload_place: ArrayLike | None = None,
     controller_model: str | Path | None = None,
+    where: tuple[ArrayLike, ArrayLike] | None = None,
     path_tolerance: float | None = None,
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
@@ -89,6 +90,9 @@ def correct(
         What the controller itself computes with where that is not the nominal robot: a URDF (``irbcal controller``
         writes one), or joint origins in the layout of ``ur_description``'s calibration files. Poses of the program, its
         tools and its work objects are then those of this model.
+    where : tuple, optional
+        For poses of Kawasaki programs: joints (6,) as the controller counts them, radians, and the pose (4, 4), metres,
+        that it reports there with null tool and null base.
     path_tolerance : float, optional
         Put points into straight and circular moves, so that the tool centre point leaves the wanted path by less than
         this, metres. For RAPID.
@@ -128,7 +132,7 @@ def correct(
     tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
     frames_given = given_frames(tool, "tool"), given_frames(wobj, "wobj")
     counts, own = pulses_per_degree(pulses), None if model is None else model.arm
-    given = Given(*frames_given, _controller(urdf, record), counts, own)
+    given = Given(*frames_given, _controller(urdf, record), counts, own, place_pair(where, language))
     programs = language.read_for(nominal, sources, given)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     robot = robot if model is None else model.seen_by_it(robot)
@@ -210,6 +214,29 @@ def given_frames(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[
             raise OptionError(f"{parameter}: {name}: expected a rigid transform of shape (4, 4)", parameter=parameter)
         out[name.lower()] = frame
     return out
+
+
+def place_pair(
+    where: tuple[ArrayLike, ArrayLike] | None, language: languages.Language
+) -> tuple[FloatArray, FloatArray] | None:
+    """Joints and the pose that the controller reports there, from the caller.
+
+    Raises
+    ------
+    OptionError
+        If they are none, or the language asks for none.
+    """
+    if where is None:
+        return None
+    if language.MAKER is None or not language.MAKER.asks_where:
+        raise OptionError(f"where: {language.NAME} programs need no pair of joints and pose", parameter="where")
+    try:
+        joints, pose = np.array(where[0], dtype=float), np.array(where[1], dtype=float)
+    except (TypeError, ValueError, IndexError):
+        joints, pose = np.zeros(0), np.zeros(0)
+    if joints.shape != (6,) or pose.shape != (4, 4) or not (np.isfinite(joints).all() and np.isfinite(pose).all()):
+        raise OptionError("where: expected joints of shape (6,) and a pose of shape (4, 4)", parameter="where")
+    return joints, given_frames({"pose": pose}, "where")["pose"]
 
 
 def _not_written(found: Filtered) -> NotWritten:

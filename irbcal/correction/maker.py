@@ -88,6 +88,8 @@ class Maker:
         Whether the controller's world need not be the arm's base link, so that the URDF must name it.
     pulses : bool
         Whether joints are written in pulses, of which each robot has its own number per degree.
+    asks_where : bool
+        Whether the controller's base and flange are told by a pair of joints and pose, because no URDF names them.
     """
 
     name: str
@@ -103,6 +105,7 @@ class Maker:
     world: bool = False
     wrist_axis: int = 5
     pulses: bool = False
+    asks_where: bool = False
 
     def __post_init__(self) -> None:
         lock(self)

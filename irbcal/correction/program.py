@@ -111,6 +111,8 @@ class Given(NamedTuple):
         Pulses per degree of the joints, for programs that are written in pulses; empty where they are not given.
     own_model : Arm or None
         What the controller itself computes with where that is not the nominal arm.
+    where : tuple of ndarray, shapes (6,) and (4, 4), or None
+        Joints as the controller counts them, radians, and the pose that it reports there with no tool and base, metres.
     """
 
     tools: Mapping[str, FloatArray]
@@ -118,6 +120,7 @@ class Given(NamedTuple):
     controller: ControllerFrames
     pulses: tuple[float, ...] = ()
     own_model: Arm | None = None
+    where: tuple[FloatArray, FloatArray] | None = None
 
 
 class Program(Protocol):

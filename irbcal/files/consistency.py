@@ -63,6 +63,9 @@ def _lengths(record: Record) -> Iterator[str]:
     for name, values in lists.items():
         if len(values) != joints:
             yield f"{name} has {len(values)} entries for {joints} joints"
+    for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=False):
+        if low is not None and high is not None and low > high:
+            yield f"robot.lower of {name} is above robot.upper"
 
 
 def _matrices(record: Record) -> list[tuple[str, list[list[float]]]]:

@@ -197,8 +197,8 @@ def plan(
     noise, imagined, seed
         See `irbcal.planning.wish.Wish`.
     language : str, optional
-        Of the robot program: ``rapid``, ``krl``, ``fanuc``, ``urscript``, ``val3``, ``inform``, or ``csv`` for none;
-        that of the robot's maker unless given, as far as the robot's name tells it.
+        Of the robot program: ``rapid``, ``krl``, ``fanuc``, ``urscript``, ``val3``, ``inform``, ``kawasaki``, or
+        ``csv`` for none; that of the robot's maker unless given, as far as the robot's name tells it.
     pulses : sequence of float, optional
         Pulses per degree of the six joints, for Yaskawa jobs.
     progress : callable, optional

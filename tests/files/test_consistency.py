@@ -31,6 +31,7 @@ def test_another_calibrations_urdf_is_seen(tmp_path):
         (lambda d: d["placement"]["base"].update(qw=0.0, qx=0.0, qy=0.0, qz=0.0), "no unit quaternion"),
         (lambda d: d["placement"]["targets"]["smr1"].pop(), "smr1: List should have at least 3 items"),
         (lambda d: d["robot"]["dhm_calibrated"][1].update(a_mm=800.0), "not the geometry of calibrated.urdf"),
+        (lambda d: d["robot"]["lower"].__setitem__(1, 1e3), "robot.lower of .* is above robot.upper"),
         (lambda d: d["covariance"].update(size=3), "covariance"),
     ],
 )

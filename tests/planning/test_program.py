@@ -40,7 +40,14 @@ def test_ways_over_home_stand_in_the_program(made):
 
 @pytest.mark.parametrize(
     ("robot", "language"),
-    [("gp8", "inform"), ("irb2400", "rapid"), ("kr120r2500pro", "krl"), ("m20ia", "fanuc"), ("rx160", "val3")],
+    [
+        ("gp8", "inform"),
+        ("irb2400", "rapid"),
+        ("kr120r2500pro", "krl"),
+        ("m20ia", "fanuc"),
+        ("rx160", "val3"),
+        ("rs007n", "kawasaki"),
+    ],
 )
 def test_the_language_is_the_makers(robot, language):
     arm = robot_of(robot)[0]
@@ -71,7 +78,7 @@ def test_the_run_takes_as_long_as_the_plan_says(made):
     assert all(0.01 <= move.share <= 0.5 for move in run.moves)
 
 
-@pytest.mark.parametrize("robot", ["gp8", "kr120r2500pro", "m20ia", "rx160"])
+@pytest.mark.parametrize("robot", ["gp8", "kr120r2500pro", "m20ia", "rs007n", "rx160"])
 def test_the_virtual_robot_runs_it(robot, tmp_path):
     """The program of a plan commands, through the reader of its language, what the plan's table does."""
     nominal = robot_of(robot)[0]

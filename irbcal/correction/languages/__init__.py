@@ -108,9 +108,9 @@ class Language(Protocol):
 
 def known() -> tuple[Language, ...]:
     """All languages."""
-    from irbcal.correction.languages import fanuc, inform, krl, rapid, table, urscript, val3
+    from irbcal.correction.languages import fanuc, inform, kawasaki, krl, rapid, table, urscript, val3
 
-    return rapid, krl, fanuc, inform, urscript, val3, table
+    return rapid, krl, fanuc, inform, kawasaki, urscript, val3, table
 
 
 def by_name() -> dict[str, Language]:
