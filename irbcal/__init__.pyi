@@ -23,6 +23,7 @@ from .files.urdf import read_urdf as read_urdf
 from .identification.evidence import identify_evidence as identify_evidence
 from .identification.evidence_fit import EvidenceFit as EvidenceFit
 from .joint_behaviour.behaviour import joints as joints
+from .joint_behaviour.by_circles import circles as circles
 from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics
 from .measurement.imports.reader import import_measurements as import_measurements

@@ -33,6 +33,7 @@ from irbcal.identification.choices import (
 )
 from irbcal.identification.fit import identify
 from irbcal.identification.level_certainty import certainty_of
+from irbcal.identification.link_geometry import PARALLELS
 from irbcal.identification.methods import identify_by
 from irbcal.identification.residuals import session_names
 from irbcal.identification.result import Fit
@@ -95,6 +96,7 @@ class Options:
     payload_place: Sequence[float] | None = None
     same_tool: bool = False
     torques: bool = False
+    parallel: str = "hayati"
 
     def __post_init__(self) -> None:
         if isinstance(self.model, int):
@@ -106,6 +108,7 @@ class Options:
             ("method", self.method, (*METHODS, *ALIASES)),
             ("objective", self.objective, OBJECTIVES),
             ("loss", self.loss, LOSSES),
+            ("parallel", self.parallel, PARALLELS),
         ):
             if value not in choices:
                 raise OptionError.unknown(name, value, [choice for choice in choices if choice is not None])
@@ -116,6 +119,14 @@ class Options:
                     "a level, such as 34, for that",
                     parameter=option,
                 )
+        if method_of(self.method) == "circles" and self.model not in (None, "26"):
+            raise OptionError(
+                f"model: method circles takes all link geometry from the axes (model 26): leave out model {self.model}"
+                " or the method",
+                parameter="model",
+            )
+        if self.parallel != PARALLELS[0] and method_of(self.method) != "circles":
+            raise OptionError("parallel: only method circles forces parallel axes", parameter="parallel")
         if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
             level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
             raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
@@ -302,6 +313,8 @@ def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
     if options.model is not None:
         return str(options.model), []
     level, own = default_level(arm), options.of_a_level
+    if method_of(options.method) == "circles":
+        return "26", ["Method circles takes all link geometry from the axes (model 26), and nothing beyond geometry."]
     taken = f"Model {level} was taken, not the default, which averages many error models (auto): "
     if own:
         return level, [f"{taken}{' and '.join(own)} belong{'s' if len(own) == 1 else ''} to a level."]
@@ -336,6 +349,7 @@ def _identified(
         known_targets=known,
         parameters=selected_parameters(model, options.free, options.hold, arm),
         watched=_groups(ready.heldout),
+        parallel=checked("parallel", options.parallel, PARALLELS),
     )
     return replace(fit, robot=fit.robot.replace(certainty=certainty_of(fit)))
 

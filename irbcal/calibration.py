@@ -275,6 +275,7 @@ def calibrate(
     payload_place: Sequence[float] | None = None,
     same_tool: bool = False,
     torques: bool = False,
+    parallel: Literal["hayati", "forced"] = "hayati",
     progress: Progress | None = None,
 ) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -283,7 +284,7 @@ def calibrate(
     ----------
     measurements : str, Path, DataFrame, MeasurementSet or a result that holds one
     robot : str or Path
-        URDF file or a robot's name, see `irbcal.robots`. Left out only with ``with_``.
+        URDF file, a robot's name (`irbcal.robots`), or a calibration, as for ``with_``. Left out only with ``with_``.
     model : str, optional
         ``auto``, the default: the average of many error models by their evidence, docs/calibration-auto.md. A level:
         ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement`` (any
@@ -298,15 +299,14 @@ def calibrate(
     split, seed
         Which poses, see `irbcal.calibrating.split`.
     verify : str, Path, DataFrame or MeasurementSet, optional
-        A file of its own for the held-out poses, measured with the same tool; it is registered to the
-        reference points of the first.
+        A file of its own for the held-out poses, measured with the same tool, registered to the first's references.
     base_link, tip_link : str, optional
         Link names, see `irbcal.read_urdf`.
     coupling : str, optional
         How the controller counts joints, such as ``3+2``; see `irbcal.files.coupling_file.declared`.
-    method, objective, power, loss
+    method, objective, power, loss, parallel
         See `irbcal.identification.methods.identify_by`. With method ``circles`` the fit sees the one-joint moves
-        (groups ``axis1`` ... ``axis6``) only, and all other poses are held out.
+        (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then ``26``.
     free, hold : sequence of str
         Error parameters added to the level and taken from it, by name or pattern.
     targets : str, Path or dict, optional
@@ -316,9 +316,8 @@ def calibrate(
     as_poses : bool
         Turn the points of each pose into one full pose first, see `irbcal.measurement.poses.as_poses`.
     session_by : str, optional
-        Column that names the session of each row: each session has its own base and tool, the robot is shared
-        (docs/sessions.md). By default ``session`` where there is one, and ``group`` where groups differ grossly;
-        ``none`` for one session.
+        Column that names the session of each row, with a base and a tool of its own (docs/sessions.md). By default
+        ``session`` where there is one, and ``group`` where groups differ grossly; ``none`` for one session.
     with_ : str, Path or Calibration, optional
         An earlier calibration: its points are fitted together with the new measurements, as sessions before them. Robot
         and model are its own unless given; held out are new poses only.
@@ -364,6 +363,7 @@ def calibrate(
         payload_place,
         same_tool,
         torques,
+        parallel,
     )
     return Calibration(calibrating.run(measurements, robot, options, progress))
 

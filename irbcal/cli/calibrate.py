@@ -9,7 +9,7 @@ import typer
 
 from irbcal.cli import grid, show
 from irbcal.cli.wrong_calls import path_to_write, wrong_calls
-from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective, Terms
+from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective, Parallel, Terms
 
 if TYPE_CHECKING:
     from irbcal.validation.verdict import Verdict
@@ -26,7 +26,8 @@ def calibrate(
     robot: Annotated[
         str | None,
         typer.Option(
-            help="URDF of the nominal robot, or a name: see irbcal robots. Needed unless --with is given.",
+            help="URDF of the nominal robot, a name (see irbcal robots), or a calibration folder, whose measurements "
+            "are fitted, too. Needed unless --with is given.",
             show_default=False,
         ),
     ] = None,
@@ -47,7 +48,7 @@ def calibrate(
     ] = "joint-map",
     method: Annotated[
         MethodOrAlias,
-        typer.Option(help="How to identify: circles (or axes) needs one-joint moves in groups axis1 … axis6."),
+        typer.Option(help="How to identify: circles (or axes) needs moves of one joint in groups axis1 … axis6."),
     ] = "least-squares",
     objective: Annotated[
         Objective, typer.Option(help="What to minimise: rms, the largest error (max) or between (pnorm).")
@@ -94,6 +95,9 @@ def calibrate(
     torques: Annotated[
         bool, typer.Option("--torques", help="Model auto: use measured torques, columns tau1_nm … (a mass is better).")
     ] = False,
+    parallel: Annotated[
+        Parallel, typer.Option(help="Method circles: keep the tilt of nearly parallel axes, or force one direction.")
+    ] = "hayati",
     holdout: Annotated[
         float | None,
         typer.Option(
@@ -165,6 +169,7 @@ def calibrate(
         payload_place=grid.metres(payload_place, "--payload-place"),
         same_tool=same_tool,
         torques=torques,
+        parallel=parallel,
         force=force,
     )
     show.fail(verdict, fail_if_worse)

@@ -13,6 +13,7 @@ import typer
 from irbcal.cli import (
     ballbar,
     calibrate,
+    circles,
     compare,
     controller,
     demo,
@@ -81,6 +82,7 @@ app.command("simulate", rich_help_panel="Prepare", cls=Guarded)(simulate.simulat
 app.command("samples", rich_help_panel="Prepare", cls=Guarded)(samples.samples)
 app.command("study", rich_help_panel="Prepare", cls=Guarded)(study.study)
 app.command("joints", rich_help_panel="Validate", cls=Guarded)(joints.joints)
+app.command("circles", rich_help_panel="Validate", cls=Guarded)(circles.circles)
 app.command("axes", hidden=True, cls=Guarded)(joints.joints)  # its name before
 app.command("controller", rich_help_panel="Validate", cls=Guarded)(controller.controller)
 app.command("iso9283", rich_help_panel="Validate", cls=Guarded)(iso9283.iso9283)

@@ -23,6 +23,7 @@ from irbcal.identification.choices import (
     Method,
     MethodOrAlias,
     Objective,
+    Parallel,
     method_of,
 )
 from irbcal.identification.fit import first_state, fit_of, make_problem
@@ -45,6 +46,7 @@ def identify_by(
     known_targets: Mapping[str, ArrayLike] | None = None,
     parameters: Sequence[Parameter] | None = None,
     watched: Mapping[str, PointSet] | None = None,
+    parallel: Parallel = "hayati",
 ) -> Fit:
     """Identify a robot by a chosen method (Nubiola 2011, section 7.3).
 
@@ -71,6 +73,9 @@ def identify_by(
         Error parameters in place of the level's own.
     watched : dict of str to PointSet, optional
         Points that take no part in the fit; their errors go into the history.
+    parallel : str
+        With method ``circles``: ``hayati`` keeps the tilt of nearly parallel axes, ``forced`` gives them one direction
+        (section 3.1.3).
 
     Returns
     -------
@@ -91,7 +96,7 @@ def identify_by(
                 "method circles takes all link geometry from the axes: nothing can be freed or held",
                 parameter="parameters",
             )
-        return _by_circles(arm, points, known_targets)
+        return _by_circles(arm, points, known_targets, parallel)
     problem, guess = make_problem(arm, points, level, known_targets, parameters)
     followed = {
         name: Problem(arm, seen, problem.parameters, problem.joint_map.phases, problem.known, sessions=problem.sessions)
@@ -169,12 +174,14 @@ def _by_nelder_mead(
     return _moved(base, found.state, course, method="nelder-mead", objective="max", value=found.value)
 
 
-def _by_circles(arm: Arm, points: PointSet, known_targets: Mapping[str, ArrayLike] | None) -> Fit:
+def _by_circles(
+    arm: Arm, points: PointSet, known_targets: Mapping[str, ArrayLike] | None, parallel: Parallel = "hayati"
+) -> Fit:
     """The calibration from the axes (Nubiola 2011, sections 3.1 and 5.4.4) as a fit.
 
     Its errors are the parameters; its certainty is that of the same poses.
     """
-    found = calibrate_by_axes(arm, points, known_targets=known_targets)
+    found = calibrate_by_axes(arm, points, parallel, known_targets=known_targets)
     table, nominal = found.robot.table, arm.table
     chosen, errors = [], []
     for i in range(1, 6):

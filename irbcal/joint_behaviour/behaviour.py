@@ -28,6 +28,7 @@ from irbcal.errors import IdentificationError, MeasurementError, OptionError, Ro
 from irbcal.identification import outliers
 from irbcal.joint_behaviour import numbers, verdict
 from irbcal.joint_behaviour.moves import JointMoves, analyse_moves, has_moves
+from irbcal.joint_behaviour.payloads import PayloadEffect, payload_effects, payload_table
 from irbcal.joint_behaviour.residuals import ResidualAnalysis, analyse_residuals
 from irbcal.measurement import table
 from irbcal.measurement.cleaning import Exclusion, left_out
@@ -96,11 +97,18 @@ class JointBehaviour(Speaks):
         """Which non-geometric terms this robot needs, in sentences; the last one sums up."""
         return verdict.verdict(self)
 
+    def payloads(self) -> tuple[PayloadEffect, ...]:
+        """What payloads add, where the same joint was moved from the same pose with two (Nubiola 2011, Table 4.3)."""
+        return payload_effects([series for joint in self.moves for series in joint.series])
+
     def told(self) -> Sequence[Told]:
         """Errors and terms as tables, the verdict in sentences, what was left out, notes, files written."""
+        effects = self.payloads()
+        mark = "SIMULATED data: " if self.simulated else ""
         hidden = self.residuals is not None and any(term.beside_needed for term in self.residuals.terms)
         out: list[Told] = [
             *numbers.tables(self),
+            *([payload_table(effects, mark)] if effects else []),
             *(
                 ["*: beside the other terms that this robot needs, which hide it when they are left out."]
                 if hidden

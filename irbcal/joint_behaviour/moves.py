@@ -143,7 +143,7 @@ def analyse_moves(
         series = [
             one_series(seen.select(part), step[part, number - 1], number, name)
             for name in found[number]
-            for part in home_poses(seen.q, np.array(names) == name, number, name)
+            for part in home_poses(seen.q, np.array(names) == name, number, name, seen.payload_kg)
         ]
         out.append(_joint_moves(number, series, order, frequency))
     return _judged_moves(out)

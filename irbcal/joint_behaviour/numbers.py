@@ -37,8 +37,8 @@ def as_dict(found: JointBehaviour) -> dict[str, Any]:
     -------
     dict
         ``source``, ``simulated``, ``moves`` (by joint: series with errors, terms), ``residuals`` (terms, halves,
-        approach, needed; None without a robot), ``verdict`` (sentences), ``excluded``, ``notes``, ``plots`` (files);
-        where there are programmed joints, ``reading_lag``.
+        approach, needed; None without a robot), ``payloads`` (Table 4.3), ``verdict`` (sentences), ``excluded``,
+        ``notes``, ``plots`` (files); where there are programmed joints, ``reading_lag``.
     """
     from irbcal.joint_behaviour.verdict import verdict
 
@@ -48,6 +48,7 @@ def as_dict(found: JointBehaviour) -> dict[str, Any]:
         "simulated": found.simulated,
         "moves": [_moves_dict(joint) for joint in found.moves],
         "residuals": None if residuals is None else _residuals_dict(residuals),
+        "payloads": [effect.to_dict() for effect in found.payloads()],
         "verdict": verdict(found),
         "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in found.excluded],
         "notes": list(found.notes),
@@ -79,6 +80,7 @@ def _series_dict(s: Series) -> dict[str, Any]:
     return {
         "group": s.name,
         "poses": len(s.q),
+        "payload_kg": None if np.isnan(s.payload_kg) else s.payload_kg,
         "from_both_sides": s.from_both_sides,
         "home_deg": [None if k == s.joint - 1 else float(v / DEG) for k, v in enumerate(s.q[0])],
         "range_deg": [float(s.turn.min() / DEG), float(s.turn.max() / DEG)],

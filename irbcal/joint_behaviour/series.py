@@ -49,6 +49,8 @@ class Series(Speaks):
         Change of ``angle`` with the axis' tilts and shifts, in the order of ``fit.covariance``.
     excluded : tuple of tuple
         (pose, target, distance in metres) of points far from their circles.
+    payload_kg : float
+        Mass carried; NaN where it is not told.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Series(Speaks):
     zero: float
     follow: FloatArray
     excluded: tuple[tuple[str, str, float], ...]
+    payload_kg: float = float("nan")
 
     def __post_init__(self) -> None:
         lock(self)
@@ -157,6 +160,7 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
         float(zero),
         follow,
         excluded,
+        float("nan") if points.payload_kg is None else float(points.payload_kg[0]),
     )
 
 
@@ -195,8 +199,12 @@ def _common_angle(
     return angle, error - offset[slot]
 
 
-def home_poses(q: FloatArray, mine: BoolArray | NameArray, joint: int, name: str) -> list[BoolArray]:
+def home_poses(
+    q: FloatArray, mine: BoolArray | NameArray, joint: int, name: str, payload_kg: FloatArray | None = None
+) -> list[BoolArray]:
     """Masks of the poses of a group that share the other joints, such as the tests of Nubiola 2011, Table 4.2.
+
+    Poses with different payloads are apart, such as those of Table 4.3.
 
     Parameters
     ----------
@@ -208,6 +216,8 @@ def home_poses(q: FloatArray, mine: BoolArray | NameArray, joint: int, name: str
         The one that moves, counted from 1.
     name : str
         Of the group.
+    payload_kg : ndarray, shape (n,), optional
+        Mass carried at each pose; NaN where it is not told.
 
     Returns
     -------
@@ -239,10 +249,12 @@ def home_poses(q: FloatArray, mine: BoolArray | NameArray, joint: int, name: str
                 "move there (each other home pose needs three poses or more)"
             )
     masks = []
+    load = np.zeros(len(rows)) if payload_kg is None else np.nan_to_num(payload_kg[rows], nan=-1.0)
     for k in range(len(homes)):
-        mask = np.zeros(len(q), dtype=bool)
-        mask[rows[which == k]] = True
-        masks.append(mask)
+        for kg in dict.fromkeys(load[which == k]):
+            mask = np.zeros(len(q), dtype=bool)
+            mask[rows[(which == k) & (load == kg)]] = True
+            masks.append(mask)
     return masks
 
 

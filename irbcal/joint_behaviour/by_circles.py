@@ -1,0 +1,268 @@
+"""Base, tool and links from moves of one joint at a time, as far as they were moved (Nubiola 2011, chapter 3).
+
+Axes 1 and 2 give the base (section 3.2), the last two the tool (section 3.4.2), all six every link (section 3.1), with
+parallel axes forced into one direction where that is wanted (section 3.1.3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.files import urdf
+from irbcal.identification.axis_calibration import AxisCalibration, calibrate_by_axes
+from irbcal.identification.choices import Parallel
+from irbcal.identification.ends import BaseOfAxes, ToolOfAxes, base_of_axes, known, tool_of_axes
+from irbcal.identification.link_geometry import PARALLEL, PARALLELS
+from irbcal.measurement import cleaning, lists, table
+from irbcal.measurement.cleaning import Exclusion, left_out
+from irbcal.measurement.points import PointSet
+from irbcal.measurement.table import MeasurementsLike
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.options import checked, number
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Part: TypeAlias = Literal["base", "tool", "links"]
+PARTS: tuple[Part, ...] = get_args(Part)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ByCircles(Speaks):
+    """What the circles of one-joint moves tell of a robot; None for parts that were not asked for or not moved.
+
+    Attributes
+    ----------
+    robot : str
+    base : BaseOfAxes or None
+    tool : ToolOfAxes or None
+    links : AxisCalibration or None
+    drawn : dict of str to ndarray, shape (3,), or None
+        Places of targets as drawn, in the tip link, metres.
+    excluded : tuple of Exclusion
+    notes : tuple of str
+    simulated : bool
+    """
+
+    robot: str
+    base: BaseOfAxes | None
+    tool: ToolOfAxes | None
+    links: AxisCalibration | None
+    drawn: Mapping[str, FloatArray] | None
+    excluded: tuple[Exclusion, ...]
+    notes: tuple[str, ...]
+    simulated: bool
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def compared(self) -> pd.DataFrame | None:
+        """The tool as drawn and as measured (Nubiola 2011, Table 3.1); None without both.
+
+        Returns
+        -------
+        DataFrame or None
+            ``target``, ``drawn_x_mm`` …, ``measured_x_mm`` …, ``error_mm`` and, of three targets or more,
+            ``error_moved_mm``: what is left when the whole tool may be moved, as play on the flange would move it.
+        """
+        import pandas as pd
+
+        if self.tool is None or self.drawn is None:
+            return None
+        names = [name for name in self.tool.targets if name in self.drawn]
+        drawn, seen = (np.array([places[name] for name in names]) for places in (self.drawn, self.tool.targets))
+        columns: dict[str, Any] = {"target": names}
+        for kind, places in (("drawn", drawn), ("measured", seen)):
+            columns |= {f"{kind}_{axis}_mm": places[:, k] / MM for k, axis in enumerate("xyz")}
+        columns["error_mm"] = np.linalg.norm(seen - drawn, axis=1) / MM
+        if len(names) >= 3:
+            moved = frames.apply(frames.rigid_fit(drawn, seen), drawn)
+            columns["error_moved_mm"] = np.linalg.norm(seen - moved, axis=1) / MM
+        return pd.DataFrame(columns)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints as JSON, mm and degrees.
+
+        ``robot``, ``simulated``, ``base`` (``x_mm`` …, ``qw`` …, ``std_mm``, ``std_deg``), ``tool`` (``targets`` with
+        ``x_mm`` … and ``std_mm``), ``links`` (rows of name, value, std, unit; rms), ``compared`` (as `compared`),
+        ``excluded``, ``notes``.
+        """
+        base: dict[str, Any] | None = None
+        tool: dict[str, Any] | None = None
+        links: dict[str, Any] | None = None
+        if self.base is not None:
+            T = self.base.T_world_base
+            base = dict(zip(("x_mm", "y_mm", "z_mm"), map(float, T[:3, 3] / MM), strict=True))
+            base |= dict(zip(("qw", "qx", "qy", "qz"), frames.quaternion_from_matrix(T[:3, :3]).tolist(), strict=True))
+            base |= {"std_mm": _known(self.base.std[:3] / MM), "std_deg": _known(self.base.std[3:] / DEG)}
+            base |= {"axis_2_angle_deg": self.base.angle / DEG, "axis_2_distance_mm": self.base.distance / MM}
+        if self.tool is not None:
+            tool = {
+                "targets": {
+                    name: dict(zip(("x_mm", "y_mm", "z_mm"), (place / MM).tolist(), strict=True))
+                    | {"std_mm": _known(self.tool.std[name] / MM)}
+                    for name, place in self.tool.targets.items()
+                },
+                "last_axis_angle_deg": self.tool.angle / DEG,
+                "last_axis_distance_mm": self.tool.distance / MM,
+            }
+        if self.links is not None:
+            rows = self.links.to_frame().to_dict("records")
+            rows = [{**row, "std": None if np.isnan(row["std"]) else row["std"]} for row in rows]
+            links = {"parallel": self.links.parallel, "rms_mm": self.links.rms / MM, "corrections": rows}
+        compared = self.compared()
+        return {
+            "robot": self.robot,
+            "simulated": self.simulated,
+            "base": base,
+            "tool": tool,
+            "links": links,
+            "compared": None if compared is None else compared.to_dict("records"),
+            "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in self.excluded],
+            "notes": list(self.notes),
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each number: ``part``, ``name``, ``value``, ``std`` and ``unit``; of the tool also by target."""
+        import pandas as pd
+
+        rows: list[tuple[str, str, float, float, str]] = []
+        if self.base is not None:
+            values = frames.to_xyz_angles(self.base.T_world_base)
+            for k, name in enumerate(("x", "y", "z", "alpha", "beta", "gamma")):
+                unit, size = ("mm", MM) if k < 3 else ("deg", DEG)
+                rows.append(("base", name, float(values[k] / size), float(self.base.std[k] / size), unit))
+        if self.tool is not None:
+            for target, place in self.tool.targets.items():
+                for k, axis in enumerate("xyz"):
+                    std = float(self.tool.std[target][k] / MM)
+                    rows.append(("tool", f"{target} {axis}", float(place[k] / MM), std, "mm"))
+        if self.links is not None:
+            rows += [("links", r.name, r.value, r.std, r.unit) for r in self.links.to_frame().itertuples(index=False)]
+        return pd.DataFrame(rows, columns=["part", "name", "value", "std", "unit"])
+
+    def told(self) -> Sequence[Told]:
+        """Base, tool and links, the tool against its drawing, and what was left out."""
+        start = "SIMULATED data: " if self.simulated else ""
+        parts = [name for name in PARTS if getattr(self, name) is not None]
+        out: list[Told] = [f"{start}{self.robot} by the circles of one-joint moves: {', '.join(parts)}"]
+        for part in (self.base, self.tool, self.links):
+            out += [] if part is None else part.told()
+        compared = self.compared()
+        if compared is not None:
+            names = ("target", *(f"{kind} {a}" for kind in ("drawn", "measured") for a in "xyz"), "error", "moved")
+            rows = tuple(tuple(row) for row in compared.itertuples(index=False, name=None))
+            out.append(Table(f"{start}The tool as drawn and as measured, mm", names[: compared.shape[1]], rows))
+            if "error_moved_mm" in compared:
+                out.append(
+                    "moved: what is left of the error when the whole tool may be moved, as on a flange with play."
+                )
+        return [
+            *out,
+            *([f"Left out: {len(self.excluded)} points"] if self.excluded else []),
+            *left_out(self.excluded),
+            *(f"Note: {note}" for note in self.notes),
+        ]
+
+
+def _known(values: FloatArray) -> list[float | None]:
+    return [known(float(value)) for value in values]
+
+
+def circles(
+    measurements: MeasurementsLike,
+    robot: str | Path | Arm,
+    *,
+    part: Part | None = None,
+    parallel: Parallel = "hayati",
+    tolerance: float = PARALLEL,
+    drawn: str | Path | Mapping[str, ArrayLike] | None = None,
+) -> ByCircles:
+    """Base from axes 1 and 2, tool from the last two, links from all six: from the circles of one-joint moves alone.
+
+    Parameters
+    ----------
+    measurements : str, Path, DataFrame or MeasurementSet
+        With groups ``axis1``, ``axis2`` … in which only that joint moves.
+    robot : str, Path or Arm
+        URDF, name of a robot, or nominal arm.
+    part : str, optional
+        ``base`` (section 3.2), ``tool`` (section 3.4) or ``links`` (section 3.1) alone; by default all that the groups
+        allow.
+    parallel : str
+        Of the links: ``hayati`` keeps the tilt between nearly parallel axes, ``forced`` gives them one direction
+        (section 3.1.3).
+    tolerance : float
+        Axes closer than this are parallel for ``forced``, radians.
+    drawn : str, Path or dict, optional
+        Places of the targets as drawn, ``target,x_mm,y_mm,z_mm`` in the tip link (a dict: metres), to be compared with
+        the tool (Nubiola 2011, Table 3.1).
+
+    Returns
+    -------
+    ByCircles
+        Lengths in metres, angles in radians (`ByCircles.to_dict` and ``to_frame``: mm and degrees).
+
+    Raises
+    ------
+    OptionError
+        If an option has no such value or belongs to a part that is not wanted.
+    MeasurementError
+        If the file cannot be read or no drawn target was measured.
+    IdentificationError
+        If the moves do not give a part that is asked for, or any.
+    """
+    if part is not None:
+        checked("part", part, PARTS)
+    checked("parallel", parallel, PARALLELS)
+    tolerance = number("tolerance", tolerance, 0.0, np.pi / 2)
+    if drawn is not None and part not in (None, "tool"):
+        raise OptionError(f"drawn: places as drawn are compared with the tool, not with the {part}", parameter="drawn")
+    if parallel == "forced" and part not in (None, "links"):
+        raise OptionError(f"parallel: it is for the links, the {part} needs none", parameter="parallel")
+    arm = robot if isinstance(robot, Arm) else urdf.read(robot).arm
+    seen = table.read(measurements).of_arm(arm)
+    cleaned = cleaning.clean(seen)
+    points = cleaned.points
+    places = lists.read_targets(drawn) if isinstance(drawn, (str, Path)) else drawn
+    try:
+        wanted = PARTS if part is None else (part,)
+        able = [name for name in wanted if part is not None or _possible(name, arm, points)]
+        if not able:
+            raise IdentificationError(
+                "there are no groups axis1 and axis2 for the base, nor of the last two joints for the tool"
+            )
+        base = base_of_axes(arm, points) if "base" in able else None
+        tool = tool_of_axes(arm, points) if "tool" in able else None
+        links = calibrate_by_axes(arm, points, parallel, tolerance) if "links" in able else None
+    except IdentificationError as error:
+        raise IdentificationError(str(error), file=seen.source) from None
+    if parallel == "forced" and links is None:
+        raise OptionError("parallel: it is for the links, which need moves of all six joints", parameter="parallel")
+    given = None if places is None else {name: np.asarray(place, dtype=float) for name, place in places.items()}
+    if given is not None:
+        if tool is None:
+            raise OptionError("drawn: there are no moves of the last two joints to measure the tool", parameter="drawn")
+        if not set(given) & set(tool.targets):
+            raise MeasurementError(
+                f"no drawn target was measured; targets are {', '.join(tool.targets)}", file=seen.source
+            )
+    return ByCircles(arm.name, base, tool, links, given, cleaned.excluded, tuple(cleaned.notes), seen.simulated)
+
+
+def _possible(part: Part, arm: Arm, points: PointSet) -> bool:
+    """Whether the groups of a part are there."""
+    n, there = len(arm.joint_names), {str(group) for group in points.groups}
+    needed = {"base": (1, 2), "tool": (n - 1, n), "links": range(1, n + 1)}[part]
+    return {f"axis{k}" for k in needed} <= there and (part != "links" or arm.six_revolute)
