@@ -48,7 +48,13 @@ ALIKE = 0.6
 """Share of its spread in both parts together that each joint must have in either part for them to be compared."""
 
 
-def doubts(nominal: Fit, fit: Fit | AveragedFit, fitted: PointSet, measured: Sequence[PointSet]) -> list[str]:
+def doubts(
+    nominal: Fit,
+    fit: Fit | AveragedFit,
+    fitted: PointSet,
+    measured: Sequence[PointSet],
+    times: Sequence[FloatArray | None] | None = None,
+) -> list[str]:
     """What speaks against a calibration, in sentences: nothing of it may be trusted before that is cleared up.
 
     Parameters
@@ -59,6 +65,8 @@ def doubts(nominal: Fit, fit: Fit | AveragedFit, fitted: PointSet, measured: Seq
         The fitted points.
     measured : sequence of PointSet
         All points of each file in the order in which they were measured, in the measuring frame.
+    times : sequence of ndarray, shape (n,), or None, optional
+        When their poses were measured, as the fit's motion counts; None where nothing is known of it.
 
     Returns
     -------
@@ -69,9 +77,10 @@ def doubts(nominal: Fit, fit: Fit | AveragedFit, fitted: PointSet, measured: Seq
         out += _too_far(nominal.rms) if nominal.rms > LARGE_NOMINAL else []
         return [*out, *_slip(nominal, fitted)]
     out = []
-    for points in measured:
+    for points, elapsed in zip(measured, times or [None] * len(measured), strict=True):
+        warmth = fit.warmth(points, elapsed) if isinstance(fit, AveragedFit) and elapsed is not None else None
         out += (
-            moved_notes(points, fit.robot)
+            moved_notes(points, fit.robot, warmth)
             or contradicting_parts(nominal.problem.arm, points)
             or mixed_poses(nominal.problem.arm, points)
         )
