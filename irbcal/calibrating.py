@@ -40,7 +40,7 @@ from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
 from irbcal.measurement import cleaning, fitted, lists, table, tools
 from irbcal.measurement.cleaning import Exclusion
-from irbcal.measurement.motions import motion_of
+from irbcal.measurement.motions import motion_of, times_of
 from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import notes as repeat_notes
 from irbcal.measurement.places import places
@@ -282,7 +282,9 @@ def run(
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
     ready.heldout, moves = with_last_moves(fit.robot, ready.heldout)
     ready.notes += moves
-    doubtful = doubts(nominal, fit, ready.fit, ready.whole, _times(ready))
+    timed = [(ready.fit, ready.fit_motion), (ready.heldout, ready.heldout_motion)]
+    times = times_of(ready.whole, timed if ready.verification is None else timed[:1])
+    doubtful = doubts(nominal, fit, ready.fit, ready.whole, times)
     return Outcome(
         robot_urdf,
         robot_file,
@@ -306,30 +308,6 @@ def run(
         tuple(doubtful),
         None if saved is None else (saved.record.robot.urdf, saved.record.robot.urdf_sha256),
     )
-
-
-def _times(ready: _Prepared) -> list[FloatArray | None]:
-    """When the poses of each file were measured, as the fit counts; those left out lie between their neighbours."""
-    parts = [(ready.fit, ready.fit_motion)]
-    parts += [(ready.heldout, ready.heldout_motion)] if ready.verification is None else []
-    known = {
-        key: float(time)
-        for points, motion in parts
-        if motion.elapsed is not None
-        for key, time in zip(_names(points), motion.elapsed, strict=True)
-    }
-    out: list[FloatArray | None] = []
-    for points in ready.whole:
-        times = np.array([known.get(key, np.nan) for key in _names(points)])
-        told = np.flatnonzero(np.isfinite(times))
-        out.append(np.interp(np.arange(len(times)), told, times[told]) if len(told) else None)
-    return out
-
-
-def _names(points: PointSet) -> list[tuple[str, str, bytes]]:
-    """What tells poses from one another: session, name and joints."""
-    sessions = [""] * points.poses if points.session is None else points.session
-    return [(str(s), str(p), q.tobytes()) for s, p, q in zip(sessions, points.pose_ids, points.q, strict=True)]
 
 
 def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
