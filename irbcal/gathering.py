@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.errors import IrbcalError, OptionError
+from irbcal.errors import IrbcalError, MeasurementError, OptionError
 from irbcal.files.earlier import Earlier
 from irbcal.identification import lost_rows, outliers
 from irbcal.identification.axes import GROUPS
