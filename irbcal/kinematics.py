@@ -303,8 +303,7 @@ def forward_kinematics(
         target=target,
         points=points,
         note="" if model.certainty is None else model.certainty.outside_in_words(q),
-        given=given,
-        **_certain(opened, model, q, target, uncertainty, intervals, nominal),
+        **({"given": given} | _certain(opened, model, q, target, uncertainty, intervals, nominal)),
     )
 
 

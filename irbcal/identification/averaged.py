@@ -207,8 +207,8 @@ class AveragedFit(Speaks):
         told += f", and with it {len(kept) - 1} more" if len(kept) > 1 else ""
         plain = rows[0]
         gain = first.log_evidence - plain.log_evidence
-        left = f" Terms count the warm-up's, which the warm arm's {self.parameter_count} parameters do without."
-        left = left if len(self._used) < len(self.evidence.terms) else ""
+        warm = len(self._used) < len(self.evidence.terms)
+        left = " The parameters leave out the warm-up's terms." if warm else ""
         better = "" if plain is first else f", here by {gain:.0f} nats better than {plain.name} alone"
         return (
             f"{told}. Their evidence says how well each foretells these measurements without knowing them{better}; all "

@@ -285,7 +285,7 @@ def _report(fit: Fit) -> list[ParameterReport]:
         value = fit.solution.state.errors[j]
         reason = "; ".join(text for members, text in sentences if j in members)
         if held[j] > HELD:
-            rows.add(parameter.name, value, parameter.unit, None, "held", THROUGH)
+            rows.add(parameter.name, value, parameter.unit, None, "held", reason)
         elif held[j] > TIED:
             rows.add(parameter.name, value, parameter.unit, None, "tied", reason)
         else:
@@ -350,7 +350,7 @@ def _add_physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray, 
     if found is None:
         reason = "no physical stiffness gives these A and B: the joint map uses A and B themselves"
         for name, unit in (("delta_L", "m"), ("L_G2", "m"), ("L_G1", "m"), ("m", "1")):
-            rows.add(f"stiffness_{name}", getattr(guess, name), unit, None, "held", THROUGH)
+            rows.add(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason)
         return
     C = covariance[np.ix_(pair, pair)]
     steps = ((DIFFERENCE, 0.0), (-DIFFERENCE, 0.0), (0.0, DIFFERENCE), (0.0, -DIFFERENCE))
