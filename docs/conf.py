@@ -35,5 +35,7 @@ napoleon_use_rtype = False
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
 default_role = "code"
+highlight_language = "bash"
+smartquotes = False
 copybutton_prompt_text = r"\$ |>>> "
 copybutton_prompt_is_regexp = True

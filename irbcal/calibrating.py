@@ -40,7 +40,7 @@ from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
 from irbcal.measurement import cleaning, fitted, lists, table, tools
 from irbcal.measurement.cleaning import Exclusion
-from irbcal.measurement.motions import motion_of
+from irbcal.measurement.motions import motion_of, times_of
 from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import notes as repeat_notes
 from irbcal.measurement.places import places
@@ -282,7 +282,9 @@ def run(
         raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
     ready.heldout, moves = with_last_moves(fit.robot, ready.heldout)
     ready.notes += moves
-    doubtful = doubts(nominal, fit, ready.fit, ready.whole)
+    timed = [(ready.fit, ready.fit_motion), (ready.heldout, ready.heldout_motion)]
+    times = times_of(ready.whole, timed if ready.verification is None else timed[:1])
+    doubtful = doubts(nominal, fit, ready.fit, ready.whole, times)
     return Outcome(
         robot_urdf,
         robot_file,

@@ -284,7 +284,7 @@ def calibrate(
     ----------
     measurements : str, Path, DataFrame, MeasurementSet or a result that holds one
     robot : str or Path
-        URDF file or a robot's name, see `irbcal.robots`. Left out only with ``with_``.
+        URDF file, a robot's name (`irbcal.robots`), or a calibration, as for ``with_``. Left out only with ``with_``.
     model : str, optional
         ``auto``, the default: the average of many error models by their evidence, docs/calibration-auto.md. A level:
         ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement`` (any

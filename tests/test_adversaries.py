@@ -292,7 +292,7 @@ ADVERSARIES = {
     "base moved by 1 mm": (moved([0.0, 0.0, 1.0], 0.7), ELSEWHERE),
     "3 mm of drift": (drift([0.0, 0.0, 3.0]), "Everything drifts"),
     "robots mixed, one after the other": (mixed_robots(True), "contradict one another"),
-    "robots mixed, by turns": (mixed_robots(False), ""),
+    "robots mixed, by turns": (mixed_robots(False), "poses .* contradict the others: as two robots"),
     "another tool from the middle on": (other_tool, "contradict one another"),
     "time reversed": (reversed_time, ""),
     "corner of the workspace": (corner, ""),

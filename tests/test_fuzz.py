@@ -4,12 +4,15 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections import Counter
 from pathlib import Path
 from random import Random
 
 import pytest
+
+from irbcal import atomic
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
@@ -18,7 +21,7 @@ from fuzzing import commands, corpus, kill, run  # noqa: E402
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux")
 
-CASES = 200
+CASES = 120
 WITHOUT = {"calibrate", "plan", "joints", "report", "simulate"}
 """Commands that compute for long: the script has them."""
 
@@ -80,14 +83,45 @@ def test_the_judge_sees_what_must_not_be(tmp_path, monkeypatch):
         assert judged(tmp_path, monkeypatch, work).split(":")[0].startswith(expected), expected
 
 
-@pytest.mark.parametrize("name", ["import", "filter"])
-def test_a_killed_command_leaves_the_old_result_or_the_new_one(name, good, tmp_path):
+@pytest.fixture
+def quick_disk():
+    """A folder in memory, where there is one: what is synced there takes no time."""
+    memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    with tempfile.TemporaryDirectory(dir=memory) as folder:
+        yield Path(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "calls"), [("import", range(1, 100, 2)), ("filter", range(1, 100, 5)), ("reseal", range(2, 100, 4))]
+)
+def test_a_command_that_is_cut_off_leaves_the_old_result_or_the_new_one(name, calls, good, quick_disk):
+    """Killed, or failed by its disk, at calls that change files; the script does it for every writer and every call."""
     writer = next(writer for writer in kill.WRITERS if writer.name == name)
-    damaged, kills, (old, new) = kill.killed(writer, good, tmp_path / name, 3, Random(0))
+    damaged, events, (old, new) = kill.killed(writer, good, quick_disk / name, 3, Random(0), calls)
     assert damaged == []
-    assert kills > 8
+    assert events > 8
     assert old > 0
     assert new > 0
+
+
+def test_a_half_written_set_is_seen(good, quick_disk, monkeypatch):
+    """The same with a writer that writes one file after the other."""
+
+    def careless(targets, folders):
+        for path, content in targets.items():
+            with atomic_open(path, "wb") as stream:
+                stream.write(content)
+            os.chmod(path, 0o600)
+
+    monkeypatch.setattr(atomic, "_write", careless)
+    writer = next(writer for writer in kill.WRITERS if writer.name == "filter")
+    damaged, _, _ = kill.killed(writer, good, quick_disk / "filter", 0, Random(0), range(1, 9))
+    assert any("mixed" in line or "said to be done" in line for line in damaged)
+
+
+def atomic_open(path, mode):
+    """The function by which irbcal opens what it writes, which fails when the disk does."""
+    return vars(atomic).get("open", open)(path, mode)
 
 
 BEGIN = """

@@ -73,8 +73,8 @@ def api() -> str:
         ("Classes", classes, "autoclass", ":members:\n"),
     ):
         parts += [f"## {title}", ""]
-        for module, name, _ in sorted(rows, key=lambda row: row[1]):
-            parts += ["```{eval-rst}", f".. {kind}:: {module}.{name}", *([f"   {more}"] if more else []), "```", ""]
+        for name in sorted(row[2] for row in rows):
+            parts += ["```{eval-rst}", f".. {kind}:: irbcal.{name}", *([f"   {more}"] if more else []), "```", ""]
     return "\n".join(parts)
 
 

@@ -187,7 +187,7 @@ def simulate(
     Parameters
     ----------
     robot : str or Path
-        URDF of the nominal robot, or a shipped one: ``irb1600`` (tuned on the thesis), ``irb120``.
+        URDF of the nominal robot, a name, such as ``irb1600`` (tuned on the thesis), or a calibration folder.
     plan : str, Path, DataFrame, Plan or array_like of shape (n, joints), optional
         Joints or poses to command, or a robot program (docs/programs.md) of which the stops are measured; see
         `irbcal.cell.pose_list.taken`.

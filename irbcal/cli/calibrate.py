@@ -26,7 +26,8 @@ def calibrate(
     robot: Annotated[
         str | None,
         typer.Option(
-            help="URDF of the nominal robot, or a name: see irbcal robots. Needed unless --with is given.",
+            help="URDF of the nominal robot, a name (see irbcal robots), or a calibration folder, whose measurements "
+            "are fitted, too. Needed unless --with is given.",
             show_default=False,
         ),
     ] = None,

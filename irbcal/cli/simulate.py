@@ -22,7 +22,10 @@ _Plan = Annotated[
 ]
 _Robot = Annotated[
     str | None,
-    typer.Option(help="URDF of the nominal robot, or a shipped one: irb1600 (tuned), irb120.", show_default=False),
+    typer.Option(
+        help="URDF of the nominal robot, a name, such as irb1600 (tuned) or irb120, or a calibration folder.",
+        show_default=False,
+    ),
 ]
 _Out = Annotated[
     Path | None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -38,6 +39,8 @@ def urdf(
     made = urdf_from_dh(dh, convention, name=name)
     made.save(out)
     if json:
-        show.print_json({"out": str(out), "joints": made.to_frame().to_dict("records")})
+        rows = made.to_frame().to_dict("records")
+        finite = [{k: None if v in (inf, -inf) else v for k, v in row.items()} for row in rows]  # no limit: null
+        show.print_json({"out": str(out), "joints": finite})
         return
     show.tell([*made.told(), f"Written to {out}"])

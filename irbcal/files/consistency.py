@@ -43,6 +43,7 @@ def contradictions(record: Record, urdf_bytes: bytes | None = None) -> list[str]
     found += _frames(record)
     found += _joint_map(record)
     found += _use(record) if not found else []
+    found += _frame_terms(record) if not found else []
     if not found and urdf_bytes is not None:
         found += _geometry(record, urdf_bytes)
     return found
@@ -64,7 +65,7 @@ def _lengths(record: Record) -> Iterator[str]:
         if len(values) != joints:
             yield f"{name} has {len(values)} entries for {joints} joints"
     for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=False):
-        if low is not None and high is not None and low > high:
+        if low is not None and high is not None and not low <= high:
             yield f"robot.lower of {name} is above robot.upper"
 
 
@@ -109,7 +110,7 @@ def _joint_map(record: Record) -> Iterator[str]:
             found = q if motion is None else section.joint_map(nominal).terms.effective(motion)
         effective = np.array([vector.effective for vector in section.test_vectors], dtype=float)
         miss = float(np.abs(found - effective).max()) if len(q) else 0.0
-    except (IrbcalError, ValueError, IndexError) as error:
+    except (IrbcalError, ValueError, IndexError, KeyError, TypeError, ArithmeticError) as error:
         yield f"joint_map cannot be used: {error}"
         return
     if not miss <= VECTORS:
@@ -129,6 +130,18 @@ def _use(record: Record) -> Iterator[str]:
             record.covariance_matrix()
     except (IrbcalError, ValueError, IndexError, KeyError, TypeError, ArithmeticError) as error:
         yield f"its parts do not fit together: {' '.join(str(error).split())}"
+
+
+def _frame_terms(record: Record) -> Iterator[str]:
+    if record.frame_terms is None:
+        return
+    robot = record.robot_calibrated()
+    for vector in record.frame_terms.test_vectors:
+        q, before, told = (np.array(value, dtype=float) for value in (vector.q, vector.previous_q, vector.T_base_tip))
+        miss = float(np.abs(robot.forward(q[None], before[None])[0] - told).max()) if told.shape == (4, 4) else np.inf
+        if not miss <= VECTORS:
+            yield f"frame_terms miss their own test vectors by {miss:.3g}"
+            return
 
 
 def _geometry(record: Record, data: bytes) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -81,6 +81,30 @@ class AveragedFit(Speaks):
             found.certainty,
             frame_terms if frame_terms.terms else None,
         )
+
+    def warmth(self, points: PointSet, elapsed: FloatArray) -> FloatArray | None:
+        """By how much points lie elsewhere while the arm warms up.
+
+        Parameters
+        ----------
+        points : PointSet
+        elapsed : ndarray, shape (n,)
+            When its poses were measured, as the fit's motion counts.
+
+        Returns
+        -------
+        ndarray, shape (m, 3), or None
+            Metres, in the measuring frame; None where there are no terms of warm-up.
+        """
+        found = self.evidence
+        if all(term.family != "warm_up" for term in found.terms):
+            return None
+        at_use = found.motion(points.q, points.previous, **points.load())
+        T = found.term_map(warm=False).forward(found.arm, replace(at_use, elapsed=elapsed))
+        away = found.T_world_base @ (T - found.term_map().forward(found.arm, at_use))
+        targets = np.array([found.targets[name] for name in points.target_names])[points.target]
+        away = away[points.pose]
+        return np.asarray(np.einsum("mij,mj->mi", away[:, :3, :3], targets) + away[:, :3, 3])
 
     @property
     def _flat(self) -> int:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 LABELS = {"worth it": "worth it", "small": "real, but hardly worth it", "not seen": "not worth it"}
 LEFT_OUT = "left-out rms"
+MOSTLY = 0.8
+"""Share of the squares that a Fourier series explains from which on gravity, which explains so much, has its place."""
 BESIDE = "the other terms that this robot needs"
 
 
@@ -55,6 +57,7 @@ def of_moves(moves: Sequence[JointMoves], alone: bool = True) -> list[str]:
     out += _beyond([joint.backlash for joint in moves])
     out += _not_tested([term for joint in moves for term in joint.terms], "one-joint moves")
     if moves and alone:
+        out += _period_of_weight(moves)
         out.append(_needed_by_moves(moves))
     return out
 
@@ -176,7 +179,28 @@ def _best(joint: JointMoves) -> list[Term]:
     """Backlash, and of gain, series and gravity, which explain much of the same, the one that leaves least."""
     worth = [term for term in joint.terms if term.verdict == "worth it"]
     runs = sorted((term for term in worth if term.kind != "backlash"), key=lambda term: term.rms_with)
+    weight = [term for term in runs if term.kind == "gravity"]
+    if weight and runs[0].kind == "fourier":  # the series has gravity's one period a turn, too: whose is it?
+        rest = runs[0].rms_without ** 2 - runs[0].rms_with ** 2
+        if runs[0].rms_without ** 2 - weight[0].rms_with ** 2 > MOSTLY * rest:
+            runs = weight
     return [term for term in worth if term.kind == "backlash"] + runs[:1]
+
+
+def _period_of_weight(moves: Sequence[JointMoves]) -> list[str]:
+    """Joints whose needed gain or series may be weight, which has one period a turn: one home pose cannot tell."""
+    joints = [
+        joint.joint
+        for joint in moves
+        for term in _best(joint)
+        if len(joint.series) == 1 and (term.kind == "gain" or (term.kind == "fourier" and term.frequency == (1.0,)))
+    ]
+    if not joints:
+        return []
+    return [
+        f"what gain error or Fourier series{_joints(joints)} explain may be bending under weight, which has one period "
+        "a turn: moves from one home pose cannot tell these apart; poses all over the workspace can (--robot)"
+    ]
 
 
 def _needed_by_moves(moves: Sequence[JointMoves]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from irbcal.arrays import FloatArray
@@ -47,6 +49,41 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     )
     load, place = payload_of(points, measurements.source)
     return Motion(points.q, points.moves(), elapsed, load, not measurements.programmed, place, points.torques)
+
+
+def times_of(whole: Sequence[PointSet], known: Sequence[tuple[PointSet, Motion]]) -> list[FloatArray | None]:
+    """When poses were measured, from those of which it is known.
+
+    Parameters
+    ----------
+    whole : sequence of PointSet
+        In the order of measuring.
+    known : sequence of (PointSet, Motion)
+        Poses with their times.
+
+    Returns
+    -------
+    list of ndarray, shape (n,), or None
+        One for each of ``whole``: poses that are not known lie between their neighbours; None where none is known.
+    """
+    times = {
+        key: float(time)
+        for points, motion in known
+        if motion.elapsed is not None
+        for key, time in zip(_identities(points), motion.elapsed, strict=True)
+    }
+    out: list[FloatArray | None] = []
+    for points in whole:
+        found = np.array([times.get(key, np.nan) for key in _identities(points)])
+        told = np.flatnonzero(np.isfinite(found))
+        out.append(np.interp(np.arange(len(found)), told, found[told]) if len(told) else None)
+    return out
+
+
+def _identities(points: PointSet) -> list[tuple[str, str, bytes]]:
+    """What tells poses from one another: session, name and joints."""
+    sessions = [""] * points.poses if points.session is None else points.session
+    return [(str(s), str(p), q.tobytes()) for s, p, q in zip(sessions, points.pose_ids, points.q, strict=True)]
 
 
 def usual_load(loads: FloatArray | None) -> float | None:

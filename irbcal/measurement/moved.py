@@ -125,13 +125,24 @@ def moved(points: PointSet, residuals: FloatArray, R_world_base: FloatArray, see
     return Moved("jump", str(points.pose_ids[k]), change[:3], R_world_base.T @ change[:3], turn, *sizes)
 
 
-def moved_notes(points: PointSet, robot: Robot) -> list[str]:
-    """What `moved` says of each session of measured points under a robot that was fitted to them, in sentences."""
+def moved_notes(points: PointSet, robot: Robot, warmth: FloatArray | None = None) -> list[str]:
+    """What `moved` says of each session of measured points under a robot that was fitted to them, in sentences.
+
+    Parameters
+    ----------
+    points : PointSet
+    robot : Robot
+        Warm.
+    warmth : ndarray, shape (m, 3), optional
+        By how much points lay elsewhere because the arm was not yet warm, as far as that is known, metres.
+    """
     out = []
+    residuals = points.xyz - points.predicted(robot)
+    residuals = residuals if warmth is None else residuals - warmth
     sessions = np.zeros(points.poses) if points.session is None else np.asarray(points.session)
     for session in dict.fromkeys(sessions.tolist()):
-        part = points.select(sessions == session)
-        found = moved(part, part.xyz - part.predicted(robot), robot.T_world_base[:3, :3])
+        mine = sessions == session
+        found = moved(points.select(mine), residuals[mine[points.pose]], robot.T_world_base[:3, :3])
         out += [] if found is None else [str(sentence) for sentence in found.told()]
     return out
 

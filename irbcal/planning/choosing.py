@@ -11,7 +11,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.cell.tracker import turned_away
 from irbcal.planning.conditions import Setting
-from irbcal.planning.exchange import Comparison, compare, exchange
+from irbcal.planning.exchange import Chosen, Comparison, compare, exchange
 from irbcal.planning.information import Model
 from irbcal.planning.scene import Scene
 from irbcal.planning.sources import Poses, Region, Tally, first_seen, in_cube, joined, random_poses
@@ -93,9 +93,31 @@ def optimal(
     found = exchange(rated, wish.optimal, aim)
     step("random plans to compare with")
     comparison = compare(rated, found, aim, seeds[0])
+    if imagined:
+        comparison = replace(
+            comparison, scatter=_by_scatter(model, pool, asked, given, (cared_for, most), found, seeds)
+        )
     chosen = pool.take(found.rows)
     groups = np.array([f"optimal_{group}" for group in chosen.groups], dtype=object)
     return Poses(chosen.q, chosen.seen, groups, Tally()), comparison, tallies
+
+
+def _by_scatter(
+    model: Model,
+    pool: Poses,
+    asked: BoolArray,
+    given: Sequence[Poses],
+    where: tuple[FloatArray, int],
+    found: Chosen,
+    seeds: Sequence[int],
+) -> Comparison:
+    """The comparison of chosen with random poses as if the model described all but the scatter of the points."""
+    aim = model.aim("position", *where)
+    for part in given:
+        aim = aim.with_given(model.candidates(part.q, first_seen(part.seen, MOST_REFLECTORS)))
+    rated = model.candidates(pool.q, asked)
+    value = aim.value(rated.rows[found.rows], rated.errors[found.rows])
+    return compare(rated, replace(found, value=value), aim, seeds[0])
 
 
 def in_order(

@@ -114,11 +114,14 @@ class Comparison:
         Number of random poses -> mean over `DRAWS` draws.
     as_good_as : int or None
         How many random poses are as good as the chosen ones; None where more than were looked at.
+    scatter : Comparison or None
+        The same from the points' scatter alone, where the criterion counts imagined errors, too.
     """
 
     optimal: float
     random: dict[int, float]
     as_good_as: int | None
+    scatter: Comparison | None = None
 
     def __post_init__(self) -> None:
         lock(self)

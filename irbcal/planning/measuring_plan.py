@@ -68,11 +68,7 @@ class Plan(Made, Speaks):
             "  These are standard deviations from scatter alone; what the model does not describe is not in them."
         )
         if compared:
-            same, most = compared["as_good_as_random_poses"], compared["random"][-1]["poses"]
-            told.append(
-                f"By the criterion {compared['criterion']}, the {compared['optimal']['poses']} chosen poses are as "
-                f"good as {f'about {same}' if same else f'more than {most}'} random ones of the same candidates."
-            )
+            told += _beside_random(compared)
         return told + [f"Note: {note}" for note in self.notes]
 
     def _counts(self) -> Table:
@@ -122,6 +118,32 @@ class Plan(Made, Speaks):
         contents = plan_files.files(self, page)
         atomic.write_together(folder, contents)
         return tuple(Path(folder) / name for name in contents)
+
+
+def _beside_random(compared: dict[str, Any]) -> list[str]:
+    """What the choice promises beside as many random poses: with errors that no model describes, and without."""
+    scatter = compared["scatter_alone"]
+    both = {"errors imagined in the joints and scatter": compared, "scatter alone": scatter}
+    if compared["criterion"] != "position":
+        both = {"the information that scatter leaves (log det, less is better)": compared}
+    elif scatter is None:
+        both = {"scatter alone": compared}
+    out = []
+    for what, found in both.items():
+        chosen, random = found["optimal"], {item["poses"]: item for item in found["random"]}[found["optimal"]["poses"]]
+        if "error_mm" in chosen:
+            figures = (
+                f"{chosen['error_mm']:.3f} mm with the {chosen['poses']} chosen poses, {random['error_mm']:.3f} mm with"
+            )
+        else:
+            figures = f"{chosen['value']:.1f} with the {chosen['poses']} chosen poses, {random['value']:.1f} with"
+        same, most = found["as_good_as_random_poses"], found["random"][-1]["poses"]
+        of = "Predicted error of positions (rms)" if "error_mm" in chosen else "By"
+        out.append(
+            f"{of}{' from' if 'error_mm' in chosen else ''} {what}: {figures} as many random ones of the same "
+            f"candidates (by this, {'about' if same else 'more than'} {same or most} would do as well)."
+        )
+    return out
 
 
 def _words(source: str) -> str:

@@ -14,8 +14,9 @@ from irbcal.modeling.home import DECIMALS
 from irbcal.names import without_formulas
 from irbcal.planning import program
 from irbcal.planning.conditions import CONDITIONS
+from irbcal.planning.exchange import Comparison
 from irbcal.planning.made import Made
-from irbcal.planning.wish import READINGS_S
+from irbcal.planning.wish import READINGS_S, Wish
 from irbcal.thesis_setup import FRONT
 from irbcal.units import DEG, MM
 
@@ -140,16 +141,24 @@ def facts(made: Made) -> dict[str, Any]:
                 for item in made.prediction.parameters
             ],
         },
-        "compared_with_random": None
-        if made.comparison is None
-        else {
-            "criterion": wish.criterion,
-            "optimal": {"poses": wish.optimal, "value": made.comparison.optimal},
-            "random": [{"poses": n, "value": value} for n, value in made.comparison.random.items()],
-            "as_good_as_random_poses": made.comparison.as_good_as,
-        },
+        "compared_with_random": None if made.comparison is None else _compared(made.comparison, wish),
         "settings": _settings(made),
         "notes": list(made.notes),
+    }
+
+
+def _compared(found: Comparison, wish: Wish) -> dict[str, Any]:
+    """Chosen poses beside random ones; of the criterion ``position`` also as predicted errors, rms in mm."""
+
+    def values(value: float) -> dict[str, float]:
+        return {"value": value} | ({"error_mm": float(np.sqrt(value) / MM)} if wish.criterion == "position" else {})
+
+    return {
+        "criterion": wish.criterion,
+        "optimal": {"poses": wish.optimal, **values(found.optimal)},
+        "random": [{"poses": n, **values(value)} for n, value in found.random.items()],
+        "as_good_as_random_poses": found.as_good_as,
+        "scatter_alone": None if found.scatter is None else _compared(found.scatter, wish),
     }
 
 

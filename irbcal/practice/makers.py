@@ -19,6 +19,7 @@ from irbcal.cell.pose_list import drawn
 from irbcal.cell.shipped import shipped_cell
 from irbcal.correction.languages.fanuc.writing import FANUC
 from irbcal.correction.languages.inform.writing import YASKAWA
+from irbcal.correction.languages.kawasaki.writing import KAWASAKI
 from irbcal.correction.languages.krl.writing import KUKA
 from irbcal.correction.languages.urscript.writing import UNIVERSAL_ROBOTS
 from irbcal.correction.languages.val3.writing import STAUBLI
@@ -57,7 +58,8 @@ class Arm:
     tool, frame : tuple of float
         Six numbers of the tool and of the frame that the program's poses are given in, as its controller writes them.
     tried : dict of str to str
-        Program to command; other files go with them.
+        Program to what its command needs; other files go with them. ``{where}``: joints of the first stop and its pose
+        with no tool.
     named : str
         A robot's name, for arms without joints.
     """
@@ -149,6 +151,24 @@ STAUBLI_ARM = Arm(
     (0, 0, 0, 0, 0, 0),
     {"application": "--out staubli-job"},
 )
+KAWASAKI_ARM = Arm(
+    "kawasaki",
+    KAWASAKI,
+    (
+        ((0, 0, 0.36), "0 0 -1"),
+        ((0, 0, 0), "-1 0 0"),
+        ((0, 0, 0.36), "1 0 0"),
+        ((0, 0, 0.09), "0 0 1"),
+        ((0, 0, 0.28), "1 0 0"),
+        ((0, 0, 0.08), "0 0 1"),
+    ),
+    (0, 0, 0, 0, 0, 0),
+    0.36,
+    ((20, 30, -80, 15, 60, 10), (10, 20, -70, 15, 50, -30), (-15, 35, -60, -20, 45, 20)),
+    (0, 0, 150, 0, 0, 0),
+    (0, 0, 0, 0, 0, 0),
+    {"job.as": "--out kawasaki-job.as --where {where}"},
+)
 UR_ARM = Arm(
     "universal",
     UNIVERSAL_ROBOTS,
@@ -173,7 +193,7 @@ ABB_ARM = Arm(
     {"job.mod": "--out job_calibrated.mod", "backup": "--out abb-job"},
     ROBOT,
 )
-ARMS = (ABB_ARM, KUKA_ARM, FANUC_ARM, YASKAWA_ARM, STAUBLI_ARM, UR_ARM)
+ARMS = (ABB_ARM, KUKA_ARM, FANUC_ARM, YASKAWA_ARM, STAUBLI_ARM, KAWASAKI_ARM, UR_ARM)
 
 
 def urdf_of(arm: Arm) -> bytes:
@@ -237,7 +257,10 @@ def _programs(arm: Arm, data: bytes, found: urdf.UrdfArm, calibration: str) -> I
         undefined=jinja2.StrictUndefined,
     )
     context = stops(arm, data, found)
-    lines = {name: f"irbcal filter {calibration} {arm.folder}/{name} {rest}" for name, rest in arm.tried.items()}
+    lines = {
+        name: f"irbcal filter {calibration} {arm.folder}/{name} {rest.format(**context)}"
+        for name, rest in arm.tried.items()
+    }
     for name in sorted(environment.list_templates(extensions=("j2",)), reverse=True):
         file = name.removesuffix(".j2")
         text = environment.get_template(name).render(context)
@@ -251,14 +274,20 @@ def stops(arm: Arm, data: bytes, found: urdf.UrdfArm) -> dict[str, Any]:
     program = np.array(arm.stops, dtype=float) * DEG
     q = program if arm.maker is None else arm.maker.joints(program)
     tool, frame = (_frame(arm.maker, numbers) for numbers in (arm.tool, arm.frame))
-    T = frames.inverse(at.T_base_world @ frame) @ found.arm.forward(q) @ at.T_tip_flange @ tool
-    poses = numbers_from_poses(T) if arm.maker is None else arm.maker.numbers(T, np.zeros((len(T), 6)))
+    T_world_flange = frames.inverse(at.T_base_world) @ found.arm.forward(q) @ at.T_tip_flange
+    shown = _numbers(arm.maker, T_world_flange[:1])[0]
     return {
         "joints": np.degrees(program),
         "radians": program,
-        "poses": poses,
+        "poses": _numbers(arm.maker, frames.inverse(frame) @ T_world_flange @ tool),
         "pulses": np.rint(np.degrees(program) * PULSES),
+        "where": "=".join(",".join(f"{value:.6g}" for value in row) for row in (arm.stops[0], shown)),
     }
+
+
+def _numbers(maker: Maker | None, T: FloatArray) -> FloatArray:
+    """Poses as they are written."""
+    return numbers_from_poses(T) if maker is None else maker.numbers(T, np.zeros((len(T), 6)))
 
 
 def _frame(maker: Maker | None, numbers: tuple[float, ...]) -> FloatArray:

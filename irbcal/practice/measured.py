@@ -92,6 +92,10 @@ def _main(cell: Cell, table: pd.DataFrame) -> Iterator[Sample]:
     yield Sample("verification.csv", csv(proof), "other poses", "irbcal evaluate my-robot verification.csv")
     moves = measurements(practice_cell(3), one_joint_moves(len(cell.arm.joint_names)))
     yield Sample("moves.csv", csv(moves), "moves of one joint, there and back", "irbcal joints moves.csv")
+    drawn_places = pd.DataFrame(cell.tool.cad / MM, columns=list(POSITION))
+    drawn_places.insert(0, "target", cell.tool.names)
+    line = "irbcal circles moves.csv --robot irb1600 --drawn cad.csv"
+    yield Sample("cad.csv", csv(drawn_places), "the tool as it was drawn", line)
 
 
 def _other_days(table: pd.DataFrame) -> Iterator[Sample]:

@@ -229,7 +229,7 @@ def controller(
         controller reports for them: ``x_mm``, ``y_mm``, ``z_mm`` (or ``x_m`` …) and ``qw``, ``qx``, ``qy``, ``qz``; all
         of these may begin with ``controller_``. Optional ``pose``.
     robot : str or Path
-        URDF, or a robot's name.
+        URDF, a robot's name, or a calibration folder: the robot that it began from.
     base_link, tip_link : str, optional
         Links of the URDF between which the arm is.
     coupling : str, optional

@@ -31,17 +31,23 @@ def _some(random: Random, *options: list[str]) -> list[str]:
 
 
 def _robot(random: Random) -> str:
-    return random.choice(("@cal", "@robot.urdf", "@small.urdf", "@cal", "irb120"))
+    return random.choice(("@cal", "@robot.urdf", "@small.urdf", "@cal-map", "@cal-auto", "irb120"))
+
+
+def _load(random: Random) -> list[str]:
+    return ["--payload", random.choice(("0", "2", "1e308", "nan")), *_some(random, ["--payload-place", "0,0,60"])]
 
 
 def _fk(random: Random) -> list[str]:
     more = _some(random, ["--json"], ["--target", "smr1"], ["--uncertainty"], ["--intervals"], ["--nominal"])
+    more += _some(random, _load(random)) if random.random() < 0.3 else []
     return ["fk", _robot(random), "--joints", "@j.csv", *more]
 
 
 def _ik(random: Random) -> list[str]:
     more = _some(random, ["--json"], ["--all-branches"], ["--nominal"], ["--near", "0,0,0,0,0,0"])
-    return ["ik", random.choice(("@cal", "@robot.urdf")), "--poses", "@p.csv", *more]
+    more += _some(random, _load(random)) if random.random() < 0.3 else []
+    return ["ik", random.choice(("@cal", "@robot.urdf", "@cal-map", "@cal-auto")), "--poses", "@p.csv", *more]
 
 
 def _filter(random: Random) -> list[str]:
@@ -49,8 +55,9 @@ def _filter(random: Random) -> list[str]:
     name = random.choice(sorted(endings))
     files = corpus.programs()[name]
     suffixes = [path.suffix for path in files] or [random.choice(endings[name])]
-    out = ">out" if len(suffixes) > 1 else f">out{suffixes[0]}"
-    calibration = f"@cal-{name}" if corpus.axes_of(name) else "@cal"
+    several = len(files) == 1 and random.random() < 0.15
+    out = ">out" if several or len(suffixes) > 1 else f">out{suffixes[0]}"
+    calibration = f"@cal-{name}" if corpus.axes_of(name) else random.choice(("@cal", "@cal", "@cal-map", "@cal-auto"))
     more = _some(
         random,
         ["--json"],
@@ -64,12 +71,14 @@ def _filter(random: Random) -> list[str]:
     )
     if random.random() < 0.6:
         more.append("--allow-partial")
-    return ["filter", calibration, *(f"@{name}{suffix}" for suffix in suffixes), "--out", out, *more]
+    given = [f"@jobs-{name}"] if several else [f"@{name}{suffix}" for suffix in suffixes]
+    return ["filter", calibration, *given, "--out", out, *more]
 
 
 def _verify(random: Random) -> list[str]:
     more = _some(random, ["--json"], random.choice((["--urdf", "@robot.urdf"], ["--program", "@rapid.mod"])))
-    return ["verify", "@cal", *(["--reseal", "why"] if random.random() < 0.1 and not more else more)]
+    calibration = random.choice(("@cal", "@cal-map", "@cal-auto"))
+    return ["verify", calibration, *(["--reseal", "why"] if random.random() < 0.1 and not more else more)]
 
 
 def _evaluate(random: Random) -> list[str]:
@@ -77,7 +86,24 @@ def _evaluate(random: Random) -> list[str]:
         random, ["--json"], ["--flange"], ["--refit-base"], ["--relative", "virtual"], ["--sphere", "900,0,700,800"],
         ["--relative", "three-points"], ["--verified", "@v.csv"],
     )  # fmt: skip
+    if random.random() < 0.3:
+        more = _some(random, ["--json"], ["--refit-tool"], ["--intervals"], ["--same-tool"], ["--payload", "1"])
+        return ["evaluate", "@cal-auto", "@auto-v.csv", *more]
+    more += _some(random, ["--compare", "@cal-map"])
+    if random.random() < 0.15:
+        more += [
+            "--report",
+            ">c.html",
+            "--tolerance",
+            "0.5",
+            *_some(random, ["--data", ">tables"], ["--info", "robot=a"]),
+        ]
     return ["evaluate", "@cal", "@v.csv", *more]
+
+
+def _compare(random: Random) -> list[str]:
+    more = _some(random, ["--json"], ["--refit-base"], ["--csv", ">c.csv"], ["--latex", ">c.tex"])
+    return ["compare", "@cal", "@cal2", *_some(random, ["@cal-map"]), "--measurements", "@v.csv", *more]
 
 
 def _calibrate(random: Random) -> list[str]:
@@ -86,17 +112,24 @@ def _calibrate(random: Random) -> list[str]:
         ["--holdout", "0"], ["--frame", "ref1,ref2,ref3"], ["--loss", "huber"], ["--hold", "gain*"], ["--split", "last"],
         ["--mesh-paths", "absolute"], ["--mesh-paths", "relative"],
     )  # fmt: skip
+    kind = random.random()
+    if kind < 0.15:
+        return ["calibrate", "@v.csv", "--with", "@cal-map", "--out", ">new", *_some(random, ["--json"])]
+    if kind < 0.3:
+        more = _some(random, ["--json"], ["--same-tool"], ["--payload-place", "0,0,60"], ["--terms", "all"])
+        return ["calibrate", "@auto-m.csv", "--robot", "irb120", "--out", ">new", *more]
     robot = random.choice(("@robot.urdf", "@small.urdf", "irb1600"))
     return ["calibrate", "@m.csv", "--robot", robot, "--out", ">new", "--model", random.choice(("16", "26")), *more]
 
 
 def _view(random: Random) -> list[str]:
-    what = random.choice((["@cal", "@v.csv"], ["@cal"], ["@robot.urdf"], ["@small.urdf"], ["@robot.urdf", "@j.csv"]))
+    what = random.choice((["@cal", "@v.csv"], ["@cal"], ["@robot.urdf"], ["@small.urdf"], ["@robot.urdf", "@j.csv"],
+                          ["@cal-auto", "@auto-v.csv"]))  # fmt: skip
     return ["view", *what, "--html", ">view.html", *_some(random, ["--magnify", "100"], ["--refit-base"])]
 
 
 def _report(random: Random) -> list[str]:
-    return ["report", "@cal", "--data", ">tables", *_some(random, ["--json"])]
+    return ["report", random.choice(("@cal", "@cal-map", "@cal-auto")), "--data", ">tables", *_some(random, ["--json"])]
 
 
 def _import(random: Random) -> list[str]:
@@ -170,6 +203,16 @@ def _study(random: Random) -> list[str]:
     ]
 
 
+def _urdf(random: Random) -> list[str]:
+    convention = random.choice(("modified", "standard"))
+    return ["urdf", "--dh", "@dh.csv", "--convention", convention, "--out", ">arm.urdf", *_some(random, ["--json"], ["--name", "a b"])]  # fmt: skip
+
+
+def _controller(random: Random) -> list[str]:
+    robot = random.choice(("irb120", "@robot.urdf"))
+    return ["controller", "@c.csv", "--robot", robot, *_some(random, ["--json"], ["--out", ">arm.urdf"])]
+
+
 def _robots(random: Random) -> list[str]:
     return ["robots", *_some(random, ["--json"], ["--nothing"])]
 
@@ -177,7 +220,7 @@ def _robots(random: Random) -> list[str]:
 MAKERS: list[tuple[Maker, int]] = [
     (_fk, 10), (_ik, 5), (_filter, 34), (_verify, 10), (_evaluate, 8), (_calibrate, 1), (_view, 3), (_report, 1),
     (_import, 14), (_iso9283, 8), (_tracker, 12), (_ballbar, 3), (_joints, 2), (_simulate, 4), (_plan, 1), (_study, 1),
-    (_robots, 1),
+    (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2),
 ]  # fmt: skip
 NAMES = (
     "-",
@@ -235,9 +278,13 @@ def _copy(good: Path, folder: Path, name: str) -> None:
 
 def _damage(folder: Path, name: str, random: Random) -> None:
     path = folder / name
-    if path.is_dir():
+    if name.startswith("jobs-"):
+        path = random.choice(sorted(path.iterdir()))
+        name = f"{name[5:]}{path.suffix}"
+    elif path.is_dir():
         path = path / random.choice(("calibration.json",) * 6 + ("calibrated.urdf",))
-    language = path.stem if path.stem in corpus.endings() else None
+    stem = name.partition(".")[0]
+    language = stem if stem in corpus.endings() else None
     words = corpus.words(language) if language else []
     data = path.read_bytes()
     if language and (not data or random.random() < 0.05):
@@ -260,7 +307,9 @@ def _elsewhere(folder: Path, name: str, random: Random) -> str:
         return new
     if kind == 5:
         return random.choice(("/dev/null", "/dev/zero", "/dev/tty", "/proc/self/mem", "/proc/self/environ"))
-    if path.is_dir():
+    if name.startswith("jobs-"):
+        path = random.choice(sorted(path.iterdir()))
+    elif path.is_dir():
         path = path / random.choice(("calibration.json", "calibrated.urdf"))
     path.unlink(missing_ok=True)
     if kind == 0:

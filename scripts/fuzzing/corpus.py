@@ -10,10 +10,13 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 import irbcal
+from irbcal.arrays import FloatArray
 from irbcal.correction.languages import known
 from irbcal.files import robots
+from irbcal.modeling import frames
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = Path(__file__).parent / "programs"
@@ -37,6 +40,7 @@ def write(folder: Path) -> None:
     _validation(folder)
     _imports(folder)
     _programs(folder)
+    _auto(folder)
 
 
 @cache
@@ -89,6 +93,11 @@ def _programs(folder: Path) -> None:
         name = language.__name__.rsplit(".", 1)[1]  # type: ignore[attr-defined]
         for path in programs()[name]:
             (folder / f"{name}{path.suffix}").write_bytes(path.read_bytes())
+        if len(programs()[name]) == 1:  # a folder of two programs
+            (folder / f"jobs-{name}").mkdir(exist_ok=True)
+            for path in programs()[name]:
+                for number in (1, 2):
+                    (folder / f"jobs-{name}" / f"job{number}{path.suffix}").write_bytes(path.read_bytes())
         axes = axes_of(name)
         if axes and axes not in made:
             made[axes] = _calibration(folder, name, axes)
@@ -125,6 +134,29 @@ def arm_of(axes: tuple[str, ...]) -> str:
     return '<?xml version="1.0"?>\n<robot name="made">\n' + "\n".join(parts) + "\n</robot>\n"
 
 
+def _auto(folder: Path) -> None:
+    """Calibrations of model auto: ``cal-map`` (joint map alone) and ``cal-auto`` (loads, last moves, frame terms).
+
+    ``auto-m.csv`` and ``auto-v.csv`` are what the second one is measured with.
+    """
+    irbcal.save(irbcal.calibrate(folder / "m.csv", "irb1600", "auto"), folder / "cal-map")
+    parts = []
+    for number, load in enumerate((0.5, 5.0)):
+        run = irbcal.simulate(
+            "irb120", random=32, seed=number + 1, robot_seed=1, cell="realistic", payload=load
+        ).measurements()
+        rows = run.table.drop(columns=["pose_index", "row"], errors="ignore")
+        reference = rows["target"].str.startswith("ref")
+        rows["target"] = rows["target"].where(reference, rows["target"] + f"_{number}")
+        rows["pose"] = (rows["pose"].astype(int) + 1000 * number).astype(str)
+        parts.append(rows)
+    rows = pd.concat(parts, ignore_index=True)
+    late = rows["pose"].astype(int) % 1000 > 25
+    rows[~late].to_csv(folder / "auto-m.csv", index=False, float_format="%.5f")
+    rows[late].to_csv(folder / "auto-v.csv", index=False, float_format="%.5f")
+    irbcal.save(irbcal.calibrate(folder / "auto-m.csv", "irb120", "auto", terms="all"), folder / "cal-auto")
+
+
 def _lines(path: Path, lines: list[str]) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
@@ -139,11 +171,29 @@ def _joints(folder: Path) -> None:
     q = np.round(np.array([[10, -10, 20, 15, 40, -30], [0, -14, 14, 0, 0, 0], [40, 5, 0, -20, 60, 10]], float), 3)
     _table(folder / "j.csv", f"name,{names}", ["a", "b", "=c"], *q.T)
     poses = irbcal.load(folder / "cal").robot_calibrated().poses(np.radians(q))
-    from irbcal.modeling import frames
-
     turns = np.array([frames.quaternion_from_matrix(T[:3, :3]) for T in poses])
     _table(folder / "p.csv", "x_mm,y_mm,z_mm,qw,qx,qy,qz", *(1e3 * poses[:, :3, 3]).T, *turns.T)
+    _table(folder / "dh.csv", "joint,alpha_deg,a_mm,theta_deg,d_mm,lower_deg,upper_deg", *DH.T)
+    _table(folder / "c.csv", f"{names},x_mm,y_mm,z_mm,qw,qx,qy,qz", *_controller().T)
     _table(folder / "t.csv", "target,x_mm,y_mm,z_mm", ["smr1", "smr2", "smr3"], [-87, 84, 86], [87, 84, -86], [110] * 3)
+
+
+DH = np.array(
+    [
+        ["j1", 0, 0, 0, 290, -165, 165], ["j2", -90, 0, -90, 0, -110, 110], ["j3", 0, 270, 0, 0, -110, 70],
+        ["j4", -90, 70, 0, 302, -160, 160], ["j5", 90, 0, 0, 0, -120, 120], ["j6", -90, 0, 180, 72, -400, 400],
+    ],
+    dtype=object,
+)  # fmt: skip
+
+
+def _controller() -> FloatArray:
+    """Joints (degrees) and poses (millimetres, quaternions) that a controller would report for an IRB 120."""
+    arm = irbcal.read_urdf("irb120").arm
+    q = 0.8 * arm.random_joints(12, 1)
+    poses = arm.forward(q)
+    turns = np.array([frames.quaternion_from_matrix(T[:3, :3]) for T in poses])
+    return np.round(np.column_stack([np.degrees(q), 1e3 * poses[:, :3, 3], turns]), 6)
 
 
 def _tracker(folder: Path) -> None:

@@ -234,7 +234,8 @@ def _json(data: bytes, random: Random) -> bytes:
     for _ in range(random.choice((1, 1, 2))):
         holder, key = random.choice(places)
         holder[key] = _value(holder[key], random)
-    if isinstance(document, dict) and random.random() < 0.7:
+    mark = document.get("seal") if isinstance(document, dict) else None
+    if isinstance(mark, dict) and isinstance(mark.get("changes"), list) and random.random() < 0.7:
         document = seal.sealed(document)
     return json.dumps(document).encode("utf-8", "replace")
 

@@ -236,7 +236,9 @@ def _judged(words: list[str], code: int, out: str, err: str, before: dict[str, s
         return "traceback"
     after = _hashes(folder)
     resealed = words[:1] == ["verify"] and "--reseal" in words
-    if any(after.get(name) != content for name, content in before.items()) and not resealed:
+    own = ("report.html",) if words[:1] == ["report"] else ()  # written anew into the folder it reads
+    changed = [name for name, content in before.items() if after.get(name) != content and Path(name).name not in own]
+    if changed and not resealed:
         return "changed a file"
     new = [name for name in after if name not in before]
     if any(Path(name).name.startswith(".irbcal-") for name in new):
@@ -265,6 +267,8 @@ def _refuse(text: str) -> float:
 def _numbers_of(words: list[str], out: str, folder: Path, new: list[str]) -> str | None:
     """Non-finite numbers in what was written or printed as JSON."""
     texts = [out] if "--json" in words and out.strip() and not {"--plan", "--help", "-h"} & set(words) else []
+    if texts and not out.lstrip().startswith(("{", "[")) and words[words.index("--json") - 1].startswith("--"):
+        texts = []  # --json was taken for a file's name
     old = [path for path in folder.rglob("*") if path.is_file() and str(path.relative_to(folder)) not in new]
     given = b"".join(path.read_bytes() for path in old).lower()
     for name in new:

@@ -78,6 +78,9 @@ def test_the_folder_holds_all_files_and_json_says_the_same(made):
     compared = saved["compared_with_random"]
     assert compared["optimal"]["value"] < compared["random"][0]["value"]
     assert compared["random"][0]["poses"] == 12
+    alone = compared["scatter_alone"]  # errors that no model describes come on top
+    assert alone["optimal"]["error_mm"] < compared["optimal"]["error_mm"]
+    assert compared["optimal"]["error_mm"] == pytest.approx(1e3 * compared["optimal"]["value"] ** 0.5)
     assert (plan["payload_kg"] == 3).all()
     assert plan["time_s"].is_monotonic_increasing
     assert saved["duration_s"] > plan["time_s"].iloc[-1]

@@ -1,9 +1,14 @@
 """What must not happen on the command line: names that act, inputs overwritten, files half-written, blocked trackers."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 from support import arm, example_robot
+from typer.testing import CliRunner
 
+from irbcal.cli import main
 from irbcal.errors import CalibrationError, MeasurementError
 from irbcal.files import robots, urdf_check
 from irbcal.planning.collisions import CollisionModel
@@ -79,3 +84,79 @@ def test_no_plan_runs_into_the_tracker(program, tmp_path):
     """The middle of the cube: what is left keeps its distance; inside the base it is refused."""
     with pytest.raises(MeasurementError, match="--tracker: expected a place at least 300 mm from the base link"):
         program("plan", "--robot", "irb1600", "--out", tmp_path / "p", "--tracker", "0,0,200")
+
+
+# --- what made tracebacks once, as a user meets it ---------------------------------------------------------------
+
+JOB = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n10,-10,20,15,40,-30\n"
+BALLBAR = ("--bar", "150", "--tool", "0,65,149", "--joints", "10,0,0,0,90,0")
+REPEATS = "position,x_mm,y_mm,z_mm\n" + "".join(f"P1,{900 + k / 100},0,0\n" for k in range(8))
+POSES = "x_mm,y_mm,z_mm,qw,qx,qy,qz\n{},0,700,0,1,0,0\n"
+
+HOSTILE = {
+    "a tool that is nan": (["filter", "CAL", "job.csv", "--out", "o.csv", "--tool", "X=nan,0,0,1,0,0,0"], "X=nan", 2),
+    "a tool that is only nan": (["filter", "CAL", "job.csv", "--out", "o.csv", "--tool", "X=nan"], "X=nan", 2),
+    "an empty ballbar file": (["ballbar", "CAL", "empty.csv", *BALLBAR], "empty.csv", 1),
+    "a ballbar file of a heading": (["ballbar", "CAL", "heading.csv", *BALLBAR], "no readings|no rows|empty", 1),
+    "an input with a long name": (["fk", "CAL", "--joints", "x" * 300], "the name is too long", 1),
+    "an output with a long name": (["filter", "CAL", "job.csv", "--out", "x" * 300 + ".csv"], "too long", 1),
+    "a calibration with a long name": (["verify", "x" * 300], "the name is too long", 1),
+    "a pose of a program at 1e308": (["filter", "CAL", "far.csv", "--out", "o.csv"], "1e\\+?308", 1),
+    "a huge value in a plot": (["tracker", "huge.csv", "--check", "repeat", "--plot", "t.svg"], "huge.csv", 1),
+    "a drift to infinity": (["tracker", "drift.csv", "--check", "drift", "--plot", "t.png"], "drift.csv", 1),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_call_ends_in_one_sentence(name, demo_calibration, tmp_path, monkeypatch, capsys):
+    """Exit code 1 or 2, one sentence, and no file."""
+    words, says, code = HOSTILE[name]
+    for file, text in {
+        "job.csv": JOB,
+        "empty.csv": "",
+        "heading.csv": "angle_deg,radius_mm\n",
+        "far.csv": POSES.format("1e308"),
+        "huge.csv": REPEATS.replace("900.03", "1e308"),
+        "drift.csv": "time_s,x_mm,y_mm,z_mm\n" + "".join(f"{k},1e{k}00,0,0\n" for k in range(1, 4)),
+    }.items():
+        (tmp_path / file).write_text(text)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["irbcal", *(str(demo_calibration) if word == "CAL" else word for word in words)])
+    with pytest.raises(SystemExit) as end:
+        main.main()
+    err = capsys.readouterr().err
+    assert (end.value.code, "Traceback" in err) == (code, False), err
+    flat = " ".join(err.replace("\u2502", " ").split())
+    assert re.search(says, flat), flat
+    assert code == 2 or len(err.splitlines()) == 1
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_pose_at_1e308_is_out_of_reach(demo_calibration, tmp_path):
+    (tmp_path / "far.csv").write_text(POSES.format("1e308"))
+    done = CliRunner().invoke(main.app, ["ik", str(demo_calibration), "--poses", str(tmp_path / "far.csv")])
+    assert "out of the robot's reach" in done.stdout
+    assert "nan" not in done.stdout
+
+
+def test_a_joint_without_limits_is_null_in_json(tmp_path, monkeypatch, capsys):
+    (tmp_path / "dh.csv").write_text("alpha_deg,a_mm,theta_deg,d_mm\n0,0,0,290\n-90,0,-90,0\n0,270,0,0\n")
+    monkeypatch.setattr(
+        "sys.argv",
+        [
+            "irbcal",
+            "urdf",
+            "--dh",
+            str(tmp_path / "dh.csv"),
+            "--convention",
+            "modified",
+            "--out",
+            str(tmp_path / "a.urdf"),
+            "--json",
+        ],
+    )
+    with pytest.raises(SystemExit):
+        main.main()
+    rows = json.loads(capsys.readouterr().out)["joints"]
+    assert [row["lower"] for row in rows] == [None] * 3

@@ -6,7 +6,8 @@ from support import arm, measured, random_robot
 from irbcal.identification.fit import identify
 from irbcal.modeling import frames
 
-REPETITIONS = 300
+REPETITIONS = 1500
+"""A true share of 0.95 gives 0.933 to 0.967 by chance (three standard deviations)."""
 
 
 def test_intervals_of_each_parameter_hold_as_often_as_they_say():
@@ -28,5 +29,5 @@ def test_intervals_of_each_parameter_hold_as_often_as_they_say():
             unit = {"mm": 1e-3, "deg": np.pi / 180}[row.unit]
             inside[row.name] += abs(row.value * unit - true[row.name]) < 1.96 * row.std * unit
     share = {name: count / REPETITIONS for name, count in inside.items()}
-    assert min(share.values()) >= 0.92, share
-    assert max(share.values()) <= 0.985, share
+    assert min(share.values()) >= 0.93, share
+    assert max(share.values()) <= 0.97, share

@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from moving import moves, random_commands, simulated, there_and_back
 
+import irbcal
 from irbcal.joint_behaviour.behaviour import JointBehaviour
 from irbcal.joint_behaviour.moves import analyse_moves
 from irbcal.joint_behaviour.needed import Step
@@ -72,3 +74,32 @@ def test_without_any_test_nothing_is_known(by_moves):
     words = said((replace(joint, fourier=replace(joint.fourier, verdict="not tested", note="few"), **untested),), None)
     assert words[-1].startswith("What this robot needs is not known")
     assert "backlash of joint 6 not tested by one-joint moves: too few" in words
+
+
+def one_by_one(home=(0.0, -10.0, 10.0, 0.0, 20.0, 0.0)):
+    """A plan of there-and-back moves of each joint, degrees."""
+    rows = []
+    for joint, (low, high) in enumerate([(-140, 140), (-50, 88), (-140, 40), (-120, 120), (-80, 80), (-120, 120)]):
+        up = np.linspace(low, high, 15)
+        for value in (*up, *up[::-1]):
+            q = list(home)
+            q[joint] = value
+            rows.append((str(len(rows) + 1), f"axis{joint + 1}", *q))
+    return pd.DataFrame(rows, columns=["pose", "group", *(f"q{k}_deg" for k in range(1, 7))])
+
+
+@pytest.mark.parametrize("seed", [0, 3, 9])
+def test_weight_is_not_called_a_series_of_joint_3(seed):
+    """SIMULATED: nothing but joints that give way under weight; moves alone cannot know more than a period a turn."""
+    run = irbcal.simulate(
+        "irb1600", one_by_one(), seed=seed, robot_seed=seed, only=["compliance", "repeatability", "noise"]
+    )
+    words = irbcal.joints(run.measurements()).to_dict()["verdict"]
+    assert "bending under gravity of joint 2" in words[-1]
+    assert "bending under gravity of joint 3" in words[-1]
+    assert not any(f"Fourier series of order 2 of joint {k}" in words[-1] for k in (1, 2, 3))
+    assert "may be bending under weight" in words[-2]
+    for joint in range(1, 7):
+        assert not (
+            any(f"joint {joint}: no backlash" in w for w in words) and f"backlash of joint {joint}" in words[-1]
+        )

@@ -6,7 +6,7 @@ import pytest
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import cleaning, table
-from irbcal.measurement.motions import motion_of, usual_load
+from irbcal.measurement.motions import motion_of, times_of, usual_load
 
 
 def rows(q, groups=None, names=None):
@@ -86,3 +86,14 @@ def test_loads_of_the_poses_without_gaps():
 def test_the_usual_load():
     assert usual_load(None) is usual_load(np.array([np.nan])) is None
     assert usual_load(np.array([1.0, 2.0, np.nan, 2.0, 1.0, 3.0])) == 1.0  # of equals the last measured
+
+
+def test_times_of_poses_between_known_ones():
+    q = np.random.default_rng(2).uniform(-1.0, 1.0, (6, 6))
+    seen = table.read(rows(q))
+    points = cleaning.clean(seen).points
+    keep = np.array([True, False, True, True, False, False])
+    part = points.select(keep)
+    (found,) = times_of([points], [(part, motion_of(seen, part))])
+    assert found.tolist() == [0.0, 1.0, 2.0, 3.0, 3.0, 3.0]
+    assert times_of([points.select(~keep)], [(part, motion_of(seen, part))]) == [None]

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from irbcal.practice import makers
 
-EULER = {"kuka": "ZYX", "fanuc": "xyz", "yaskawa": "xyz", "staubli": "XYZ"}
+EULER = {"kuka": "ZYX", "fanuc": "xyz", "yaskawa": "xyz", "staubli": "XYZ", "kawasaki": "ZYZ"}
 
 
 def pinocchio_pose(data, q):
@@ -52,8 +52,8 @@ def test_poses_are_where_the_joints_are(arm):
 
 
 def test_programs_are_marked_and_have_all_stops(written):
-    programs = [name for name in written.about if re.search(r"\.(mod|src|ls|JBI|pgx|script)$", name)]
-    assert len(programs) == 8
+    programs = [name for name in written.about if re.search(r"\.(mod|src|ls|JBI|pgx|script|as)$", name)]
+    assert len(programs) == 9
     for name in programs:
         if "CalibData" not in name:
             assert "SIMULATED" in (written.folder / name).read_text(), name

@@ -75,3 +75,28 @@ def test_a_lost_zero_that_the_model_explains_is_no_doubt_but_said():
     assert doubts.doubts(nominal, fit, off, [off]) == []
     (words,) = doubts.cautions(nominal, fit)
     assert "was a joint's zero lost" in words
+
+
+def test_an_arm_that_warms_up_is_not_a_tracker_that_moves():
+    """The demonstration (SIMULATED) begins with a cold arm; a tracker that moves besides is still seen."""
+    import pandas as pd
+
+    import irbcal
+    from irbcal.files import robots
+
+    table = pd.read_csv(robots.demo_file("demo_identification.csv"))
+    found = irbcal.calibrate(table, "irb1600", holdout=0)
+    assert found.record.doubts == []
+    fit = found.outcome.fit
+    elapsed = np.asarray(fit.motion.elapsed)
+    away = np.linalg.norm(fit.warmth(fit.points, elapsed), axis=1)
+    warm = fit.warmth(fit.points, np.full_like(elapsed, elapsed.max()))
+    assert np.abs(warm).max() < 1e-12, "it counts from the end of the measurement"
+    left = fit.points.xyz - fit.points.predicted(fit.robot)
+    cold = fit.points.pose < 12
+    assert away[cold].mean() > 5e-5
+    better = np.linalg.norm(left - fit.warmth(fit.points, elapsed), axis=1)[cold].mean()
+    assert better < 0.5 * np.linalg.norm(left[cold], axis=1).mean()
+    rows = (table["pose"] > 60) & ~table["target"].str.startswith("ref")
+    table.loc[rows, "x_mm"] += 1.0
+    assert any("From pose 6" in doubt for doubt in irbcal.calibrate(table, "irb1600", holdout=0).record.doubts)

@@ -114,7 +114,7 @@ def nearest(arm: Arm, branches: Branches, near: ArrayLike, limits: bool = True) 
     near : array_like, shape (n, 6) or (6,)
         Radians.
     limits : bool
-        Regard only branches within the joint limits.
+        Regard only branches within the joint limits, in turns within them; else the nearest turn, wherever it is.
 
     Returns
     -------
@@ -136,8 +136,11 @@ def nearest(arm: Arm, branches: Branches, near: ArrayLike, limits: bool = True) 
         rows[:, 3] += turn
         rows[:, 5] -= along * turn
         joints[singular] = rows
-    joints, inside = into_limits(arm, joints, around)
-    usable = branches.valid & inside if limits else branches.valid
+    if limits:
+        joints, inside = into_limits(arm, joints, around)
+        usable = branches.valid & inside
+    else:
+        joints, usable = joints + TAU * np.rint((around - joints) / TAU), branches.valid
     distance = np.where(usable, ((joints - around) ** 2).sum(axis=-1), np.inf)
     best = np.argmin(distance, axis=1)
     found = np.isfinite(distance[np.arange(len(best)), best])

@@ -116,12 +116,11 @@ class Term:
             else:
                 raise KeyError("coefficient")
             unit = str(rest.pop("unit", unit))
-            std = float(rest.pop("std", np.nan))
-        except (KeyError, TypeError, ValueError) as error:
+            std, size = float(rest.pop("std", np.nan)), float(rest.pop("size", 1.0))
+            also = tuple(int(j) - 1 for j in rest.pop("also", ()))
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise RobotError(f"this is not a term of a joint map ({error}): {dict(entry)}") from None
-        also = tuple(int(j) - 1 for j in rest.pop("also", ()))
         family, group = str(rest.pop("family", basis)), str(rest.pop("group", basis))
-        size = float(rest.pop("size", 1.0))
         parameters = {key: tuple(value) if isinstance(value, list) else value for key, value in rest.items()}
         return Term(joint, axis, basis, size, group, family, unit, parameters, also), coefficient, std
 

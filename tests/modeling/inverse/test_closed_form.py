@@ -55,6 +55,19 @@ def test_wrist_singularity(name, q5):
         assert_same_poses(nominal.forward(joints), T, 1e-11, 1e-9)
 
 
+@pytest.mark.parametrize("name", ROBOTS)
+def test_without_limits_the_nearest_turn_is_wherever_it_is(name):
+    nominal = arm(name)
+    q = nominal.random_joints(300, 4)
+    beyond = q + 2 * np.pi * np.array([1, 0, 0, -1, 0, 2])
+    branches = closed_form.branches(nominal, nominal.forward(q))
+    joints, _ = closed_form.nearest(nominal, branches, beyond, limits=False)
+    assert np.abs(joints - beyond).max() < 1e-9
+    inside, _ = closed_form.nearest(nominal, branches, beyond)
+    assert (inside >= nominal.lower - 1e-9).all()
+    assert (inside <= nominal.upper + 1e-9).all()
+
+
 def test_unreachable_and_bad_poses_do_not_harm_their_neighbours():
     nominal = arm()
     q = nominal.random_joints(20_000, 7)

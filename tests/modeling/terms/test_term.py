@@ -31,6 +31,15 @@ TERMS = st.builds(
 )
 
 
+@pytest.mark.parametrize(
+    "wrong", [{"size": {}}, {"also": 3}, {"also": ["x"]}, {"joint": None}, {"std": []}, {"size": 10**400}]
+)
+def test_what_is_no_term_is_refused(wrong):
+    entry = {"joint": 1, "axis": "rz", "basis": "cos", "cycles_per_turn": 2, "coefficient_rad": 1e-4} | wrong
+    with pytest.raises(RobotError, match="not a term of a joint map"):
+        Term.from_json(entry)
+
+
 @given(TERMS, FINITE, st.floats(0.0, 1.0))
 def test_terms_are_written_and_read(term, coefficient, std):
     again, value, deviation = Term.from_json(json.loads(json.dumps(term.to_json(coefficient, std))))
