@@ -376,7 +376,7 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options, earlie
     check = _read(options.verify, arm)
     check = check if options.same_tool else tools.with_tool_per_load(check, usual)
     other = cleaning.clean(check, references or None, found.target_names)
-    heldout, left_out, swaps = without_gross_errors(arm, other, check.source)
+    heldout, left_out, swaps = without_gross_errors(arm, other, check)
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
     heldout, seen_note = _never_seen(heldout, points, check.source)

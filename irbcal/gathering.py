@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.errors import IrbcalError, OptionError
+from irbcal.errors import IrbcalError, MeasurementError, OptionError
 from irbcal.files.earlier import Earlier
-from irbcal.identification import outliers
+from irbcal.identification import lost_rows, outliers
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import method_of
 from irbcal.measurement import cleaning, swapped
@@ -222,7 +222,7 @@ def differ(seen: MeasurementSet, arm: Arm) -> tuple[str, float, float] | None:
 def _one(part: MeasurementSet, arm: Arm, options: Options) -> Gathered:
     """Points of one session."""
     cleaned = cleaning.clean(part)
-    points, excluded, swaps = without_gross_errors(arm, cleaned, part.source)
+    points, excluded, swaps = without_gross_errors(arm, cleaned, part)
     references: Mapping[str, FloatArray] = cleaned.registration.references if cleaned.registration else {}
     if options.frame is not None:
         points, references = in_frame_of(points, references, options.frame, part.source)
@@ -234,10 +234,12 @@ def _one(part: MeasurementSet, arm: Arm, options: Options) -> Gathered:
     return Gathered(points, motion_of(part, points), references, shape, names, excluded, [*swaps, *cleaned.notes])
 
 
-def without_gross_errors(arm: Arm, cleaned: Cleaned, source: str) -> tuple[PointSet, list[Exclusion], list[str]]:
-    """Points that a robot of this kind can have reached, all that were left out so far, and names that are swapped."""
+def without_gross_errors(
+    arm: Arm, cleaned: Cleaned, measurements: MeasurementSet
+) -> tuple[PointSet, list[Exclusion], list[str]]:
+    """Points that a robot of this kind can have reached, all that were left out so far, and names or rows mixed up."""
     points = cleaned.points
-    found = outliers.find_gross_errors(arm, points, source)
+    found = outliers.find_gross_errors(arm, points, measurements.source, measurements)
     wrong = np.zeros(points.poses, dtype=bool)
     wrong[points.pose[~found.keep]] = True
     swaps = [(p, order) for p, order in swapped.by_robot(found.robot, points) if wrong[p]]
@@ -252,6 +254,11 @@ def without_gross_errors(arm: Arm, cleaned: Cleaned, source: str) -> tuple[Point
             reason = f"swapped: this is {other}, from where the robot expects both"
         excluded.append(cleaning.Exclusion(str(points.pose_ids[points.pose[k]]), target, reason))
     words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
+    if np.count_nonzero(wrong) >= lost_rows.FEWEST and not words:
+        lost = lost_rows.find(arm, points)
+        if lost is not None and wrong.mean() > 1.0 - outliers.CORE:
+            raise MeasurementError(lost.in_words(measurements), file=measurements.source)
+        words = [] if lost is None else [lost.sentence(measurements)]
     return points.take(found.keep).without_empty_poses(), [*cleaned.excluded, *excluded], words
 
 

@@ -8,10 +8,11 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import IdentificationError, MeasurementError
-from irbcal.identification import slips
+from irbcal.identification import lost_rows, slips
 from irbcal.identification.choices import Level
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, level_parameters
 from irbcal.modeling.robot import Robot
@@ -74,7 +75,9 @@ class GrossErrors:
         lock(self)
 
 
-def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurements") -> GrossErrors:
+def find_gross_errors(
+    arm: Arm, points: PointSet, source: str = "the measurements", measurements: MeasurementSet | None = None
+) -> GrossErrors:
     """Points that no robot of this kind could have reached.
 
     The nominal robot (base and tool identified) is fitted to the 60 % of the points that it fits best, which up to
@@ -89,6 +92,8 @@ def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurement
     points : PointSet
     source : str
         File name for messages.
+    measurements : MeasurementSet, optional
+        The file, for the number of a row in messages.
 
     Returns
     -------
@@ -97,19 +102,20 @@ def find_gross_errors(arm: Arm, points: PointSet, source: str = "the measurement
     Raises
     ------
     MeasurementError
-        If the file looks like one slip of the pen or two, see `irbcal.identification.slips`.
+        If the file looks like one slip of the pen or two, see `irbcal.identification.slips`, or a row is lost, see
+        `irbcal.identification.lost_rows`.
     IdentificationError
         If the robot does not fit the points at all.
     """
     try:
         robot = trimmed(arm, points)
     except IdentificationError as error:
-        _refuse_slip(arm, points, np.inf, source)
+        _refuse_slip(arm, points, np.inf, source, measurements)
         raise IdentificationError(str(error), file=source) from None
     distance = distances(robot, points)
     median = np.median(distance)
     if median > TOO_FAR * spread(points):
-        _refuse_slip(arm, points, median, source)
+        _refuse_slip(arm, points, median, source, measurements)
         raise IdentificationError(
             f"{arm.name} misses the measured points by {median / MM:.3g} mm (median) even with the best base and tool: "
             "wrong robot file, joint order or joint signs, rows that belong to other poses, a left-handed measuring "
@@ -193,8 +199,11 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
     return robot
 
 
-def _refuse_slip(arm: Arm, points: PointSet, median: float, source: str) -> None:
-    """Name the slip of the pen that explains why a file does not fit."""
+def _refuse_slip(arm: Arm, points: PointSet, median: float, source: str, measurements: MeasurementSet | None) -> None:
+    """Name the lost row or the slip of the pen that explains why a file does not fit."""
+    lost = lost_rows.find(arm, points)
+    if lost is not None:
+        raise MeasurementError(lost.in_words(measurements), file=source)
     slip = slips.find(arm, points, median)
     if slip is not None:
         raise MeasurementError(slip.in_words(source), file=source)

@@ -21,7 +21,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import least_squares, start
-from irbcal.identification.residuals import Problem
+from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.summary import Speaks, Told
@@ -371,9 +371,27 @@ def _with_base(hypothesis: Hypothesis, W: FloatArray) -> Hypothesis:
 
 def _judged(arm: Arm, points: PointSet) -> float:
     """Median distance from the nominal robot, fitted rigidly to the best part of the points, metres."""
-    points = points.without_empty_poses().with_seen_targets()
+    found = fitted(arm, points.without_empty_poses().with_seen_targets())
+    return np.inf if found is None else float(np.median(found[1]))
+
+
+def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
+    """Base and targets of the nominal robot, fitted to the best part of the points, and the distance of all.
+
+    Parameters
+    ----------
+    arm : Arm
+    points : PointSet
+        Without empty poses and targets that were not seen.
+
+    Returns
+    -------
+    state : State
+    distance : ndarray, shape (m,)
+        Metres. None in place of both where base and tool cannot be found at all.
+    """
     core = np.ones(len(points), dtype=bool)
-    distance = np.full(len(points), np.inf)
+    best: tuple[State, FloatArray] | None = None
     for k in range(ROUNDS):
         some = points.take(core).without_empty_poses()
         if len(np.unique(some.target)) < len(points.target_names):
@@ -381,18 +399,24 @@ def _judged(arm: Arm, points: PointSet) -> float:
         try:
             problem = Problem(arm, some, ())
             state, _ = start.closed_form(problem)
-            if k == ROUNDS - 1 and np.median(distance) < FAR:
+            if k == ROUNDS - 1 and best is not None and np.median(best[1]) < FAR:
                 state = least_squares.solve(problem, state).state
         except (IdentificationError, np.linalg.LinAlgError):
             break
-        W = np.linalg.inv(state.T_world_base)
-        T = arm.forward(points.q)[points.pose]
-        reached = np.einsum("mij,mj->mi", T[:, :3, :3], state.targets[points.target]) + T[:, :3, 3]
-        distance = np.linalg.norm(points.xyz @ W[:3, :3].T + W[:3, 3] - reached, axis=1)
+        distance = misses(arm, state, points)
+        best = state, distance
         if k == ROUNDS // 2 and np.median(distance) > FAR:
             break
         core = distance <= np.quantile(distance, CORE)
-    return float(np.median(distance))
+    return best
+
+
+def misses(arm: Arm, state: State, points: PointSet) -> FloatArray:
+    """Distances (m,) of points from where the nominal arm with this base and these targets expects them, metres."""
+    W = np.linalg.inv(state.T_world_base)
+    T = arm.forward(points.q)[points.pose]
+    reached = np.einsum("mij,mj->mi", T[:, :3, :3], state.targets[points.target]) + T[:, :3, 3]
+    return np.linalg.norm(points.xyz @ W[:3, :3].T + W[:3, 3] - reached, axis=1)
 
 
 def _options(hypothesis: Hypothesis, columns: Sequence[str]) -> list[str] | None:

@@ -33,7 +33,7 @@ from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
 from irbcal.validation.origin import checked_info, origin
 from irbcal.validation.prepared import Prepared, prepare
 from irbcal.validation.refit import Refit
-from irbcal.validation.suspicion import doubts_of, refuse_far_points
+from irbcal.validation.suspicion import doubts_of, lost_row, refuse_far_points
 from irbcal.validation.unseen import without_fitted
 from irbcal.validation.verdict import counted
 from irbcal.validation.verdict import verdict as judged
@@ -246,8 +246,9 @@ def in_frame_of_calibration(
     if not judged[chosen].any():
         ready = replace(ready, notes=(*ready.notes, _placed_in_words(refit, placing.poses, points.poses)))
     error = distances(robots["calibrated"], ready.points)
-    refuse_far_points(robots["calibrated"], ready.points, error, seen.source, bool(refit))
-    return ready, robots
+    refuse_far_points(robots["calibrated"], ready.points, error, seen, bool(refit))
+    lost = lost_row(robots["calibrated"], ready.points, error, seen)
+    return replace(ready, notes=(*ready.notes, *lost)), robots
 
 
 def _placed_in_words(refit: Refit, placing: int, judged: int) -> str:
@@ -455,5 +456,5 @@ def _verified(
     seen = table.read(verified)
     seen = seen.of_arm(calibration.arm())
     other = prepare(seen, calibration).points
-    refuse_far_points(robot, other, distances(robot, other), seen.source, False)
+    refuse_far_points(robot, other, distances(robot, other), seen, False)
     return comparison.expected_and_verified(robot, calibration.arm(calibrated=False), points, other)

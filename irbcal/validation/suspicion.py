@@ -7,15 +7,19 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.files.schema import Record
-from irbcal.identification import outliers, slips
+from irbcal.identification import lost_rows, outliers, slips
 from irbcal.measurement import swapped
 from irbcal.measurement.moved import moved_notes
 from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 
 CHANGED, CHANGED_BY = 2.5, 0.1
 """Factor, and mm, by which errors must exceed those of a calibration's own proof to be spoken of."""
+
+FAR = 5 * MM
+"""Error of a calibrated robot from which on a point may belong to other joints, metres."""
 
 
 def doubts_of(points: PointSet, robot: Robot, record: Record) -> list[str]:
@@ -34,9 +38,17 @@ def doubts_of(points: PointSet, robot: Robot, record: Record) -> list[str]:
     return [*out, *([corner] if corner else [])]
 
 
-def refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source: str, refitted: bool) -> None:
-    """Points that are nowhere near their predictions: another unit, another place, another robot."""
-    spread = outliers.spread(points)
+def lost_row(robot: Robot, points: PointSet, error: FloatArray, seen: MeasurementSet) -> list[str]:
+    """The row from which on positions stand beside their neighbour's joints, in a sentence, or nothing."""
+    if np.count_nonzero(error > FAR) < lost_rows.FEWEST:
+        return []
+    found = lost_rows.with_robot(robot, points)
+    return [] if found is None else [found.sentence(seen)]
+
+
+def refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, seen: MeasurementSet, refitted: bool) -> None:
+    """Points that are nowhere near their predictions: another unit, another place, another robot, a row lost."""
+    spread, source = outliers.spread(points), seen.source
     median = np.median(error)
     if points.poses < 3 or median <= outliers.TOO_FAR * max(spread, 0.1):
         return
@@ -44,6 +56,9 @@ def refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, source:
     if 2 * len(swaps) > points.poses:
         words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
         raise MeasurementError(" ".join(words), file=source)
+    lost = lost_rows.with_robot(robot, points) or lost_rows.find(robot.arm, points)
+    if lost is not None:
+        raise MeasurementError(lost.in_words(seen), file=source)
     slip = slips.find(robot.arm, points, float(median))
     if slip is not None:
         raise MeasurementError(slip.in_words(source), file=source)
