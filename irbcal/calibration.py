@@ -19,14 +19,13 @@ from irbcal.files.mesh_paths import MeshPaths
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import Errors, Parameter, Record
 from irbcal.identification.averaged import groups_table, models_table
-from irbcal.measurement.cleaning import left_out
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import renamed
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.validation.evaluation import orientation_line
-from irbcal.validation.proof import error_table, reached
+from irbcal.validation.proof import error_table, held_lines, left_out_lines, reached
 from irbcal.validation.verdict import Verdict, verdict_of
 
 if TYPE_CHECKING:
@@ -166,7 +165,7 @@ class Calibration(Speaks):
         """Better than the nominal robot, no better or worse, and whether that may be trusted."""
         return verdict_of(self.record)
 
-    def proof(self) -> list[Told]:
+    def proof(self, verbose: bool = True) -> list[Told]:
         """The verdict, errors before and after, what was identified, what was held or left out, and what to doubt."""
         r = self.record
         proven = r.heldout is not None
@@ -189,11 +188,7 @@ class Calibration(Speaks):
                 for row in r.choice.table
             ]
             told.append(models_table(rows))
-        told += [f"  held: {sentence}" for sentence in r.held]
-        if r.excluded:
-            whole = f" ({r.poses_excluded} poses left out whole)" if r.poses_excluded else ""
-            told.append(f"Left out: {len(r.excluded)} points{whole}")
-            told += left_out(r.excluded)
+        told += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
         told += [f"Note: {note}" for note in r.notes if note not in r.doubts]
         check = r.pinocchio_check
         second = f" and yourdfpy ({check.yourdfpy_poses})" if check.yourdfpy_poses else ""

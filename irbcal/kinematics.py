@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
@@ -60,6 +60,8 @@ class ForwardResult(Speaks):
         Whether a joint is outside the ranges of the calibration's fit; None unless intervals were asked for.
     note : str
         How many poses are outside, in which joints and by how much; empty where none is, or nothing is known.
+    given : DataFrame or None
+        The table that the joints came from, texts; None where they came as numbers.
     """
 
     T_base_tip: FloatArray
@@ -73,6 +75,7 @@ class ForwardResult(Speaks):
     interval: FloatArray | None = None
     outside: BoolArray | None = None
     note: str = ""
+    given: pd.DataFrame | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -80,8 +83,8 @@ class ForwardResult(Speaks):
     def __len__(self) -> int:
         return len(self.T_base_tip)
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row for each row of joints, as the command fk prints it.
+    def to_frame(self, as_written: bool = False) -> pd.DataFrame:
+        """A row for each row of joints, as the command fk prints it, beside what was read with them (``given``).
 
         Returns
         -------
@@ -91,6 +94,8 @@ class ForwardResult(Speaks):
             so on and ``outside`` with intervals.
         """
         import pandas as pd
+
+        from irbcal.measurement.beside import beside
 
         if self.points is None:
             table = poses_to_frame(self.T_base_tip)
@@ -103,11 +108,12 @@ class ForwardResult(Speaks):
             for name, values in zip("xyz", self.interval.T, strict=True):
                 table[f"{name}_u95_mm"] = values / MM
             table["outside"] = np.array(self.outside)
-        return table
+        return beside(self.given, table, as_written)
 
     def to_dict(self) -> dict[str, Any]:
         """Names of the links and of the target, and the rows as the command fk prints them, ready for JSON."""
-        rows = self.to_frame().to_dict(orient="records")
+        frame = self.to_frame()
+        rows = frame.astype(object).where(frame.notna(), None).to_dict(orient="records")
         return {"tip": self.tip, "base": self.base, "target": self.target, "rows": rows}
 
     @property
@@ -150,6 +156,8 @@ class InverseJoints(Speaks):
         SI value of one unit of each column.
     coupling : ndarray, shape (joints, joints), optional
         Of the arm, see `irbcal.modeling.coupling`: tables hold joints as the controller counts them.
+    given : DataFrame or None
+        The table that the poses came from, texts; None where they came as numbers.
     """
 
     joints: FloatArray
@@ -159,6 +167,7 @@ class InverseJoints(Speaks):
     columns: tuple[str, ...]
     units: FloatArray
     coupling: FloatArray | None = None
+    given: pd.DataFrame | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -171,8 +180,8 @@ class InverseJoints(Speaks):
         """Which rows have joints, shape (m,)."""
         return np.logical_and.reduce(np.isfinite(self.joints), axis=1)
 
-    def to_frame(self) -> pd.DataFrame:
-        """The rows as the command ik prints them.
+    def to_frame(self, as_written: bool = False) -> pd.DataFrame:
+        """The rows as the command ik prints them, beside what was read with the poses (``given``).
 
         Returns
         -------
@@ -182,13 +191,15 @@ class InverseJoints(Speaks):
         """
         import pandas as pd
 
+        from irbcal.measurement.beside import beside
+
         q = self.joints if self.coupling is None else self.joints @ np.linalg.inv(self.coupling).T
         table = pd.DataFrame(q / self.units, columns=list(self.columns))
         if self.branch is not None:
             table.insert(0, "branch", self.branch)
             table.insert(0, "row", self.row + 1)
         table["note"] = self.note
-        return table
+        return beside(self.given, table, as_written, self.row)
 
     def to_dict(self) -> dict[str, Any]:
         """The rows as the command ik prints them, ready for JSON: None where there is no solution."""
@@ -237,7 +248,7 @@ def forward_kinematics(
         one of these opened before (`irbcal.files.opening.open_robot`).
     q : array_like, shape (n, joints), path, DataFrame, MeasurementSet or InverseJoints
         Commanded joints, radians (metres for prismatic joints); or a file or table with the columns ``q1_deg`` and so
-        on (``q1_mm`` of a prismatic joint); or the joints of measured poses.
+        on (``q1_mm`` of a prismatic joint), ``-`` being standard input; or the joints of measured poses.
     target : str, optional
         Predict the places of this reflector in the measuring frame, too.
     uncertainty : bool
@@ -279,7 +290,7 @@ def forward_kinematics(
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
     model = loaded(opened.robot, payload, payload_place)
-    q = _joints(q, model.arm)
+    q, given = _joints(q, model.arm)
     if target is not None and not model.targets:
         raise RobotError(
             "a URDF has no reflectors: name a calibration folder to predict a target's position", parameter="target"
@@ -292,7 +303,7 @@ def forward_kinematics(
         target=target,
         points=points,
         note="" if model.certainty is None else model.certainty.outside_in_words(q),
-        **_certain(opened, model, q, target, uncertainty, intervals, nominal),
+        **({"given": given} | _certain(opened, model, q, target, uncertainty, intervals, nominal)),
     )
 
 
@@ -374,10 +385,10 @@ def inverse_kinematics(
     model, arm = loaded(opened.robot, payload, payload_place), opened.nominal
     if all_branches and near is not None:
         raise OptionError("near: all branches are asked for, not the nearest: leave one of them out", parameter="near")
-    T = _poses(T_base_tip)
+    T, given = _poses(T_base_tip)
     start = _start(arm, near)
     if all_branches:
-        return _all_branches(model, arm, T, start)
+        return replace(_all_branches(model, arm, T, start), given=given)
     if closed_form.has_closed_form(arm):
         seed, branch = closed_form.nearest(arm, closed_form.branches(arm, T), start)
         found = calibrated_arm.solve(model, arm, T, seed=np.where(branch[:, None] >= 0, seed, start))
@@ -386,7 +397,9 @@ def inverse_kinematics(
         tolerance = 1e-8 if len(start) < 6 else 1e-10
         found = any_arm.solve(model, arm, T, start, tolerance, tolerance)
     return InverseJoints(
-        found.joints, np.arange(len(T)), None, found.notes(), tuple(arm.joint_columns), arm.joint_units, arm.coupling
+        *(found.joints, np.arange(len(T)), None, found.notes(), tuple(arm.joint_columns), arm.joint_units),
+        coupling=arm.coupling,
+        given=given,
     )
 
 
@@ -432,30 +445,33 @@ def pose_table(robot: Robot, q: ArrayLike) -> pd.DataFrame:
     return poses_to_frame(robot.poses(q))
 
 
-def _joints(q: JointsLike, arm: Arm) -> FloatArray:
+def _joints(q: JointsLike, arm: Arm) -> tuple[FloatArray, pd.DataFrame | None]:
+    """Joints, and the table that they stand in."""
     import pandas as pd
 
     from irbcal.measurement import lists
     from irbcal.measurement.table import MeasurementSet
 
     if isinstance(q, (str, PathLike, pd.DataFrame)):
-        return arm.from_controller(lists.read_joints(q, arm.joint_columns))
+        values, given = lists.joints_with_cells(q, arm.joint_columns)
+        return arm.from_controller(values), given
     if isinstance(q, MeasurementSet):
-        return q.of_arm(arm).joints()
+        return q.of_arm(arm).joints(), None
     found = arm.check_joints(q.joints if isinstance(q, InverseJoints) else q)
     if not np.isfinite(found).all():
         row, joint = np.argwhere(~np.isfinite(found))[0]
         raise RobotError(f"joints: row {row + 1} has no number for {arm.joint_names[joint]}", parameter="q")
-    return found
+    return found, None
 
 
-def _poses(T_base_tip: PosesLike) -> FloatArray:
+def _poses(T_base_tip: PosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
+    """Poses, and the table that they stand in."""
     import pandas as pd
 
     from irbcal.measurement import lists
 
     if isinstance(T_base_tip, (str, PathLike, pd.DataFrame)):
-        return lists.read_poses(T_base_tip)
+        return lists.poses_with_cells(T_base_tip)
     try:
         T = np.asarray(T_base_tip.T_base_tip if isinstance(T_base_tip, ForwardResult) else T_base_tip, dtype=float)
     except (TypeError, ValueError):
@@ -465,7 +481,7 @@ def _poses(T_base_tip: PosesLike) -> FloatArray:
             f"poses need shape (n, 4, 4), found {T.shape if T.size else shown(T_base_tip)}",
             parameter="T_base_tip",
         )
-    return T[None] if T.ndim == 2 else T
+    return (T[None] if T.ndim == 2 else T), None
 
 
 def _start(arm: Arm, near: ArrayLike | None) -> FloatArray:

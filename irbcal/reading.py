@@ -8,9 +8,12 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import sys
 
 from irbcal.errors import IrbcalError
 
+STDIN = "-"
+"""The file name that stands for standard input where a command takes it."""
 LARGEST_FILE = 1_000_000_000
 """Bytes; what is larger was not written by a tracker, a robot or irbcal."""
 
@@ -59,6 +62,23 @@ def read_bytes(
     if len(data) > most:
         limit = f"{most // 10**6} MB" if most >= 10**6 else f"{most // 1024} KiB"
         raise error(f"expected a file of at most {limit}, found more", file=source)
+    return data
+
+
+def stdin_bytes(error: type[IrbcalError], most: int = LARGEST_FILE) -> bytes:
+    """What stands on standard input, to its end.
+
+    Raises
+    ------
+    IrbcalError
+        Of the kind ``error``, if there is no standard input or more than ``most`` bytes.
+    """
+    stream = getattr(sys.stdin, "buffer", None)
+    if stream is None:
+        raise error("there is no standard input", file=STDIN)
+    data: bytes = stream.read(most + 1)
+    if len(data) > most:
+        raise error(f"expected at most {most // 10**6} MB, found more", file=STDIN)
     return data
 
 

@@ -58,6 +58,7 @@ OF_THE_SHELL = {
     "list",
     "fail_if_worse",
     "force",
+    "verbose",
 }
 """Options that say where the output goes: a function returns it."""
 

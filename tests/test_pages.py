@@ -78,20 +78,28 @@ MADE = {}
 
 
 def run(line, page):
+    """Run a line; what a command before a ``|`` prints is what the next one reads."""
+    printed = None
+    for command in line.split(" | "):
+        printed = run_one(command, page, printed)
+
+
+def run_one(line, page, given):
     words = [word for part in shlex.split(line)[1:] for word in (sorted(glob.glob(part)) if "*" in part else [part])]
     out = Path(words[words.index("--out") + 1]) if words[0] == "calibrate" else None
     key = tuple(word for word in words if word != str(out))
     if key in MADE:
         shutil.copytree(MADE[key], out)
-        return
+        return ""
     if words[0] == "view" and "--html" not in words:
         words += ["--html", "served.html"]
-    done = CliRunner().invoke(app, words)
+    done = CliRunner().invoke(app, words, input=given, prog_name="irbcal")
     if done.exception and not isinstance(done.exception, SystemExit):
         raise AssertionError(f"{page.name}: {line}: {done.exception}") from done.exception
     assert done.exit_code == 0, f"{page.name}: {line}\n{done.output}"
     if out is not None:
         MADE[key] = out.absolute()
+    return done.stdout
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if lines(page)], ids=lambda page: page.stem)

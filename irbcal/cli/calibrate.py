@@ -133,6 +133,7 @@ def calibrate(
         typer.Option(help="Mesh files in the URDF: as they were, or as paths, which MuJoCo, urchin and yourdfpy open."),
     ] = "package",
     fail_if_worse: Annotated[bool, typer.Option("--fail-if-worse", help=show.FAIL_IF_WORSE)] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help=show.VERBOSE)] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report."""
@@ -171,6 +172,7 @@ def calibrate(
         torques=torques,
         parallel=parallel,
         force=force,
+        verbose=verbose,
     )
     show.fail(verdict, fail_if_worse)
 
@@ -182,6 +184,7 @@ def run(
     json: bool,
     links: dict[str, Any],
     force: bool = False,
+    verbose: bool = False,
     **options: Any,
 ) -> Verdict:
     """The main job with its output; also what the demo runs. The verdict comes back."""
@@ -199,6 +202,6 @@ def run(
     if json:
         show.print_json(calibration.to_dict(out))
         return calibration.verdict
-    show.tell(calibration.proof())
+    show.tell(calibration.proof(verbose))
     show.say(f"Written to {out}: {', '.join(NAMES)}")
     return calibration.verdict

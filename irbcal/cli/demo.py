@@ -11,31 +11,38 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import calibrate, show
+from irbcal.errors import IrbcalError
 from irbcal.files import robots
 from irbcal.identification.choices import Model
 
 OWN = Path("irbcal-demo")
-"""Where nothing but the demonstration writes."""
+"""Where the demonstration writes unless told otherwise, and replaces its own work."""
+MEASURED = "demo_identification.csv"
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = OWN,
     model: Annotated[Model, typer.Option(help="Level of the error model (thesis, section 5.4).")] = "34",
     force: Annotated[
-        bool, typer.Option("--force", help=f"Replace a calibration that is in --out already ({OWN} always is).")
+        bool,
+        typer.Option(
+            "--force", help=f"Replace a calibration that is in --out already (a demonstration in {OWN} always is)."
+        ),
     ] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help=show.VERBOSE)] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses."""
     if not json:
         show.say("Demonstration on SIMULATED measurements of an IRB 1600 that errs like the one of the thesis.")
     calibrate.run(
-        robots.demo_file("demo_identification.csv"),
+        robots.demo_file(MEASURED),
         "irb1600",
         out,
         json,
         {},
-        force=force or out == OWN,
+        force=force or (out == OWN and _from_a_demonstration(out)),
+        verbose=verbose,
         model=model,
         verify=robots.demo_file("demo_verification.csv"),
     )
@@ -43,7 +50,20 @@ def demo(
         show.say(
             f"\nOpen {out / 'report.html'}. Next, SIMULATED examples for every command, with the lines that try them:"
         )
-        show.say(f"  {_this_command()} samples try-irbcal")
+        show.say(f"  {_this_command()} samples try-irbcal", whole=True)
+
+
+def _from_a_demonstration(folder: Path) -> bool:
+    """Whether the calibration in a folder, if there is one, is of the demonstration's measurements."""
+    from irbcal.files.calibration_folder import read
+
+    if not (folder / "calibration.json").exists():
+        return True
+    try:
+        record = read(folder).record
+    except IrbcalError:
+        return False
+    return record.simulated and bool(record.data) and Path(record.data[0].file).name == MEASURED
 
 
 def _this_command() -> str:

@@ -101,6 +101,7 @@ def evaluate(
     ] = None,
     data: Annotated[Path | None, typer.Option(help="Folder for its data (CSV, JSON).", show_default=False)] = None,
     fail_if_worse: Annotated[bool, typer.Option("--fail-if-worse", help=show.FAIL_IF_WORSE)] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help=show.VERBOSE)] = False,
     json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
 ) -> None:
     """Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the calibrated robot."""
@@ -138,7 +139,7 @@ def evaluate(
             result.to_dict() | {"written": [str(path / name) for path in written for name in written[path]]}
         )
     else:
-        show.tell(result.told())
+        show.tell(result.told(verbose))
         for folder, files in written.items():
             show.say(f"Written to {folder}: {', '.join(files)}")
     if result.conformity is not None and not result.conformity:

@@ -16,7 +16,8 @@ def fk(
     joints: Annotated[
         Path,
         typer.Option(
-            help="CSV with the columns q1_deg … q6_deg (q1_mm of a rail): commanded joints.", show_default=False
+            help="CSV with the columns q1_deg … q6_deg (q1_mm of a rail): commanded joints; - for standard input.",
+            show_default=False,
         ),
     ],
     target: Annotated[
@@ -57,7 +58,10 @@ def fk(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
 ) -> None:
-    """Where a robot really ends: poses of the tip in the base link (mm, unit quaternion, scalar first), as CSV."""
+    """Where a robot really ends: poses of the tip in the base link (mm, unit quaternion, scalar first), as CSV.
+
+    Columns of the input are kept, as given_NAME where the result has their name.
+    """
     from irbcal.kinematics import forward_kinematics
 
     found = forward_kinematics(
@@ -75,4 +79,4 @@ def fk(
     )
     if found.caution:
         print(f"irbcal: {found.caution}", file=sys.stderr)
-    grid.write(found.to_frame(), json)
+    grid.write(found.to_frame(as_written=not json), json)

@@ -1,4 +1,4 @@
-"""Commands that never write over what they read."""
+"""Commands that never write over what they read, and whose help breaks no word."""
 
 from __future__ import annotations
 
@@ -14,6 +14,20 @@ OUTPUTS = ("out", "changes", "html", "plot", "plots", "figures", "data", "report
 
 class Guarded(TyperCommand):
     """A command that compares its outputs with its inputs before it does anything."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Help whose lists of choices have places to break a line at."""
+        listed = []
+        for param in self.params:
+            kind = getattr(param, "type_descriptor", None)
+            if kind is not None and kind.is_choice and param.metavar is None:
+                param.metavar = f"<{' | '.join(str(getattr(choice, 'value', choice)) for choice in kind.choices)}>"
+                listed.append(param)
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            for param in listed:
+                param.metavar = None
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command, unless an output is an input or another output."""

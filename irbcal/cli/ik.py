@@ -16,7 +16,10 @@ def ik(
     ],
     poses: Annotated[
         Path,
-        typer.Option(help="CSV with x_mm,y_mm,z_mm,qw,qx,qy,qz: the tip in the base link.", show_default=False),
+        typer.Option(
+            help="CSV with x_mm,y_mm,z_mm,qw,qx,qy,qz: the tip in the base link; - for standard input.",
+            show_default=False,
+        ),
     ],
     near: Annotated[
         str | None,
@@ -47,7 +50,10 @@ def ik(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
 ) -> None:
-    """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot."""
+    """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot.
+
+    Columns of the input are kept, as given_NAME where the result has their name.
+    """
     import numpy as np
 
     from irbcal.files.opening import open_robot
@@ -68,7 +74,7 @@ def ik(
             payload=payload,
             payload_place=grid.metres(payload_place, "--payload-place"),
         )
-    grid.write(found.to_frame(), json)
+    grid.write(found.to_frame(as_written=not json), json)
     missing = len(found) - int(found.found.sum())
     if missing:
         print(f"irbcal: {missing} of {len(found)} poses have no joints, see the column note", file=sys.stderr)

@@ -36,10 +36,12 @@ from irbcal.cli import (
     view,
 )
 from irbcal.cli.guarded import Guarded
+from irbcal.cli.root import NAME, Root
 from irbcal.errors import IrbcalError
 
 app = typer.Typer(
-    name="irbcal",
+    name=NAME,
+    cls=Root,
     help="Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -96,13 +98,10 @@ def main() -> None:
         with warnings.catch_warnings():
             # numbers that overflow are refused in a sentence of ours, or end in a result that is checked
             warnings.simplefilter("ignore", RuntimeWarning)
-            app()
+            app(prog_name=NAME)
     except IrbcalError as error:
         print(f"irbcal: {error}", file=sys.stderr)
         sys.exit(1)
-    except BrokenPipeError:  # the reader of our output, such as `head`, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
     except OSError as error:
         if error.filename is not None:  # a name too long, a circle of links, a disk that fails
             print(f"irbcal: {IrbcalError(str(error.strerror), file=error.filename)}", file=sys.stderr)

@@ -19,4 +19,5 @@ def samples(
     if json:
         show.print_json(written.to_dict())
         return
-    show.tell([*written.told(), f"Next: cd {out}; irbcal calibrate measured.csv --robot my_robot.urdf --out my-robot"])
+    show.tell(written.told())
+    show.say(f"Next: cd {out}; irbcal calibrate measured.csv --robot my_robot.urdf --out my-robot", whole=True)

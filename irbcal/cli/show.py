@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 
 FAIL_IF_WORSE = "End with exit code 3 unless the verdict is better than the nominal robot, and trusted."
+VERBOSE = "List every combination that is held and every point that is left out."
 NOT_TRUSTED = 3
 """Exit code on request."""
 
@@ -59,28 +61,60 @@ def tell(told: Sequence[Told]) -> None:
     console = Console(markup=False, highlight=False, emoji=False)
     for item in told:
         if isinstance(item, Table):
-            print_table(console, item)
+            print_table(console, replace(item, title=_lines(console, item.title)))
         elif item.startswith(("Verdict: ", "Doubt: ", "Tolerance: ", "Against a pass: ")):
             _verdict(console, item)
         elif item.startswith("Note: "):
             note(item.removeprefix("Note: "))
         else:
-            console.print(item, soft_wrap=True)
+            console.print(_lines(console, item), soft_wrap=True)
 
 
 def _verdict(console: Console, text: str) -> None:
-    """A verdict or a doubt: bold, and red where it is not to be trusted."""
+    """A verdict or a doubt: green where it is good, red where it is not to be trusted, both bold."""
     from rich.text import Text
 
     good = text.startswith(("Verdict: Better", "Verdict: On these", "Tolerance: PASS"))
-    console.print(Text(text, style="bold" if good else "bold red"), soft_wrap=True)
+    console.print(Text(_lines(console, text), style="bold green" if good else "bold red"), soft_wrap=True)
 
 
-def say(text: str = "") -> None:
-    """A line for people on stdout."""
+def _lines(console: Console, text: str, first: int = 0) -> str:
+    """A text in lines that break between words, in a terminal; elsewhere as it is, so that lines can be searched for.
+
+    Parameters
+    ----------
+    console : Console
+    text : str
+        Its lines go on with their own indent and two columns more.
+    first : int
+        Columns that are taken before the text.
+    """
+    from textwrap import wrap
+
+    if not console.is_terminal:
+        return text
+    lines = []
+    for line in text.split("\n"):
+        indent = " " * (len(line) - len(line.lstrip()))
+        broken = wrap(
+            " " * first + line,
+            console.width,
+            subsequent_indent=f"{indent}  " if indent else "",
+            break_long_words=False,
+            break_on_hyphens=False,
+            drop_whitespace=True,
+        )
+        lines.append("\n".join(broken)[first:])
+        first = 0
+    return "\n".join(lines)
+
+
+def say(text: str = "", whole: bool = False) -> None:
+    """A line for people on stdout; ``whole``: one to copy, which no terminal's width breaks."""
     from rich.console import Console
 
-    Console().print(text, highlight=False, markup=False, soft_wrap=True)
+    console = Console()
+    console.print(text if whole else _lines(console, text), highlight=False, markup=False, soft_wrap=True)
 
 
 def note(text: str) -> None:
@@ -88,4 +122,5 @@ def note(text: str) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    Console().print(Text.assemble(("Note: ", "bold yellow"), text), soft_wrap=True)
+    console = Console()
+    console.print(Text.assemble(("Note: ", "bold yellow"), _lines(console, text, len("Note: "))), soft_wrap=True)

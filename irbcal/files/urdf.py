@@ -20,6 +20,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.files import coupling_file, robots, urdf_xml
+from irbcal.files.tip_link import choose_tip
 from irbcal.files.urdf_xml import XmlElement, XmlTree
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -34,7 +35,6 @@ MOST_JOINTS = 20
 NO_LIMIT = 1e6
 """A limit beyond is none: some programs write 1e16."""
 FINGERPRINT_TAG = "irbcal_calibration"
-TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,9 @@ def from_bytes(data: bytes, source: str, base: str | None = None, tip: str | Non
     by_child = {joint.child: joint for joint in joints}
     if base is None:
         base = "base_link" if "base_link" in links else root_link
-    tip = _choose_tip(tip, links, by_child, source)
+    if tip is None:
+        above = {link: joint.parent for link, joint in by_child.items()}
+        tip = choose_tip(links, above, {link for link, joint in by_child.items() if joint.kind != "fixed"}, source)
     for name in (base, tip):
         if name not in links:
             raise RobotError(f"there is no link {name!r}; links are {', '.join(links)}", file=source)
@@ -221,34 +223,6 @@ def _check_structure(links: Sequence[str], joints: Sequence[_Joint], source: str
                 raise RobotError(f"the joints form a cycle through link {link!r}", file=source)
             seen.add(link)
     return roots[0]
-
-
-def _choose_tip(tip: str | None, links: Sequence[str], by_child: Mapping[str, _Joint], source: str) -> str:
-    if tip is not None:
-        return tip
-    for name in TIP_NAMES:
-        if name in links:
-            return name
-    parents = {joint.parent for joint in by_child.values()}
-    leaves = [link for link in links if link not in parents]
-
-    def depth(link: str) -> int:
-        count = 0
-        while link in by_child:
-            count += by_child[link].kind != "fixed"
-            link = by_child[link].parent
-        return count
-
-    deepest = max(map(depth, leaves), default=0)
-    best = [link for link in leaves if depth(link) == deepest]
-    if len(best) != 1:
-        raise RobotError(
-            f"which link is the tip? candidates are {', '.join(best)}: name one of these, or a link before "
-            "them, with --tip-link",
-            file=source,
-            parameter="tip_link",
-        )
-    return best[0]
 
 
 def _path(base: str, tip: str, by_child: Mapping[str, _Joint], source: str) -> list[_Joint]:

@@ -207,10 +207,12 @@ class AveragedFit(Speaks):
         told += f", and with it {len(kept) - 1} more" if len(kept) > 1 else ""
         plain = rows[0]
         gain = first.log_evidence - plain.log_evidence
+        warm = len(self._used) < len(self.evidence.terms)
+        left = " The parameters leave out the warm-up's terms." if warm else ""
         better = "" if plain is first else f", here by {gain:.0f} nats better than {plain.name} alone"
         return (
             f"{told}. Their evidence says how well each foretells these measurements without knowing them{better}; all "
-            "with weight are averaged, because the best one alone is often best by accident."
+            f"with weight are averaged, because the best one alone is often best by accident.{left}"
         )
 
     def sentences(self) -> list[str]:

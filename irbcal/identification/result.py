@@ -35,6 +35,10 @@ DIFFERENCE = 1e-7
 """Of the derivatives of the physical stiffness by A and B, radians."""
 
 
+THROUGH = "acts only through stiffness_A and stiffness_B: held at the physical guess"
+"""Why two of the four physical parameters of the stiffness are held (Nubiola 2011, section 5.4)."""
+
+
 @dataclass(frozen=True)
 class ParameterReport:
     """One parameter as it is reported.
@@ -173,8 +177,13 @@ class Fit(Speaks):
         return _report(self)
 
     def held(self) -> list[str]:
-        """The held combinations in sentences, one for each direction the data do not show."""
-        return [sentence for _, sentence in _held_sentences(self)]
+        """What is held, in sentences: directions that the data do not show, and what acts through others only.
+
+        As many as `parameter_count` exceeds `rank`.
+        """
+        stiff = any(p.kind == "stiffness" for p in self.problem.parameters)
+        through = [f"stiffness_{name} {THROUGH}" for name in ("L_G1", "m") if stiff]
+        return [*(sentence for _, sentence in _held_sentences(self)), *through]
 
     def told(self) -> Sequence[Told]:
         """Model, poses and what was reached; every parameter with its standard deviation; what is held and why."""
@@ -186,7 +195,8 @@ class Fit(Speaks):
         rows = tuple((row.name, row.value, row.std, row.unit, row.state) for row in reports)
         table = Table("Parameters with standard deviations", ("parameter", "value", "±", "unit", "state"), rows, 5)
         held = [f"  held: {sentence}" for sentence in self.held()]
-        held += [f"  {row.name}: {row.reason}" for row in reports if row.name.startswith("stiffness_") and row.reason]
+        other = [row for row in reports if row.name.startswith("stiffness_") and row.reason and row.reason != THROUGH]
+        held += [f"  {row.name}: {row.reason}" for row in other]
         return (headline, table, *held)
 
     def _reached(self) -> str:
@@ -357,6 +367,5 @@ def _add_physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray, 
             rows.add(f"stiffness_{name}", value, "m", None, "tied", reason)
             continue
         rows.add(f"stiffness_{name}", value, "m", float(np.sqrt(gradient @ C @ gradient)), "identified", reason)
-    reason = "acts only through stiffness_A and stiffness_B: held at the physical guess"
     for name, unit in (("L_G1", "m"), ("m", "1")):
-        rows.add(f"stiffness_{name}", getattr(found, name), unit, None, "held", reason)
+        rows.add(f"stiffness_{name}", getattr(found, name), unit, None, "held", THROUGH)

@@ -69,14 +69,14 @@ class LeftOut(Protocol):
         ...
 
 
-def left_out(excluded: Sequence[LeftOut], most: int = 8) -> list[str]:
+def left_out(excluded: Sequence[LeftOut], most: int | None = 8) -> list[str]:
     """Lines that count the points left out by reason and name the first of each.
 
     Parameters
     ----------
     excluded : sequence of Exclusion
-    most : int
-        Points that are named for each reason.
+    most : int or None
+        Points that are named for each reason; None for all.
 
     Returns
     -------
@@ -87,8 +87,9 @@ def left_out(excluded: Sequence[LeftOut], most: int = 8) -> list[str]:
         by_reason.setdefault(item.reason.split(":")[0], []).append(f"{item.pose}/{item.target}")
     lines = []
     for reason, places in by_reason.items():
-        more = f" … and {len(places) - most} more" if len(places) > most else ""
-        lines.append(f"  {len(places)} × {reason} (pose/target {', '.join(places[:most])}{more})")
+        named = places[:most]
+        more = f" … and {len(places) - len(named)} more" if len(places) > len(named) else ""
+        lines.append(f"  {len(places)} × {reason} (pose/target {', '.join(named)}{more})")
     return lines
 
 

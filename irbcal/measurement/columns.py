@@ -27,7 +27,7 @@ from irbcal.errors import MeasurementError
 from irbcal.modeling import frames
 from irbcal.names import fault_of, from_cell
 from irbcal.options import shown
-from irbcal.reading import read_bytes
+from irbcal.reading import STDIN, read_bytes, stdin_bytes
 from irbcal.units import DEG, MM
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
@@ -68,7 +68,7 @@ class Cells(NamedTuple):
     sha256: str
 
 
-def read(table: TableLike, required: Sequence[str]) -> Cells:
+def read(table: TableLike, required: Sequence[str], stdin: bool = False) -> Cells:
     """Read a table as text.
 
     Parameters
@@ -77,6 +77,8 @@ def read(table: TableLike, required: Sequence[str]) -> Cells:
         CSV, or Parquet where pyarrow is installed, or a DataFrame with the same columns; its index does not matter.
     required : sequence of str
         Columns that must be there; `ALL_JOINTS` stands for those of the joints, however many.
+    stdin : bool
+        Take the file ``-`` as standard input, as CSV.
 
     Returns
     -------
@@ -94,7 +96,7 @@ def read(table: TableLike, required: Sequence[str]) -> Cells:
         return Cells(_with_rows(cells, FRAME), FRAME, _digest(_canonical(cells)))
     path = Path(table)
     source = str(path)
-    data = _bytes(path, source)
+    data = _bytes(path, source, stdin)
     if path.suffix != ".parquet":
         return parse(data, source, required)
     return Cells(_with_rows(_parse_parquet(data, source, required), source), source, _digest(data))
@@ -440,8 +442,8 @@ def rotations(table: pd.DataFrame) -> FloatArray | None:
 # --- where the cells come from ------------------------------------------------------------------------------
 
 
-def _bytes(path: Path, source: str) -> bytes:
-    data = read_bytes(path, MeasurementError)
+def _bytes(path: Path, source: str, stdin: bool) -> bytes:
+    data = stdin_bytes(MeasurementError) if stdin and source == STDIN else read_bytes(path, MeasurementError)
     if not data.strip():
         raise MeasurementError("the file is empty, expected a header and rows", file=source)
     return data

@@ -19,6 +19,7 @@ def read_joints(table: TableLike, joints: Sequence[str] = JOINTS, *, once: bool 
     Parameters
     ----------
     table : str, Path or DataFrame
+        ``-`` is standard input.
     joints : sequence of str
         The columns, ``arm.joint_columns``; ``q1_deg`` to ``q6_deg`` unless given. Where the table has programmed joints
         beside them (``c1_deg`` …), these are taken.
@@ -35,7 +36,14 @@ def read_joints(table: TableLike, joints: Sequence[str] = JOINTS, *, once: bool 
     MeasurementError
         If the table cannot be read or does not keep the format.
     """
-    cells, source, _ = columns.read(table, joints)
+    return joints_with_cells(table, joints, once=once)[0]
+
+
+def joints_with_cells(
+    table: TableLike, joints: Sequence[str] = JOINTS, *, once: bool = False
+) -> tuple[FloatArray, pd.DataFrame]:
+    """As `read_joints`, and the rows that they stand in: texts, with all columns of the table."""
+    cells, source, _ = columns.read(table, joints, stdin=True)
     joints = columns.commanded(cells.columns, joints, source)
     if once and {"pose", "target"} <= set(cells.columns):
         cells = cells[first_rows(cells, joints, source)]
@@ -43,7 +51,7 @@ def read_joints(table: TableLike, joints: Sequence[str] = JOINTS, *, once: bool 
     for name in joints:
         values[name] = columns.numbers(cells, name, source, columns.expected_joint(name))
     columns.check_joint_sizes(values, joints, source)
-    return values[list(joints)].to_numpy() * columns.joint_units(joints)
+    return values[list(joints)].to_numpy() * columns.joint_units(joints), cells
 
 
 def first_rows(cells: pd.DataFrame, joints: Sequence[str], source: str) -> BoolArray:
@@ -88,6 +96,7 @@ def read_poses(table: TableLike) -> FloatArray:
     Parameters
     ----------
     table : str, Path or DataFrame
+        ``-`` is standard input.
 
     Returns
     -------
@@ -99,7 +108,12 @@ def read_poses(table: TableLike) -> FloatArray:
     MeasurementError
         If the table cannot be read or does not keep the format.
     """
-    cells, source, _ = columns.read(table, [*POSITION, *QUATERNION])
+    return poses_with_cells(table)[0]
+
+
+def poses_with_cells(table: TableLike) -> tuple[FloatArray, pd.DataFrame]:
+    """As `read_poses`, and the rows that they stand in: texts, with all columns of the table."""
+    cells, source, _ = columns.read(table, [*POSITION, *QUATERNION], stdin=True)
     values = pd.DataFrame({"row": cells.index})
     for name in POSITION:
         values[name] = columns.numbers(cells, name, source, "a position in mm")
@@ -110,7 +124,7 @@ def read_poses(table: TableLike) -> FloatArray:
     T[:, 3, 3] = 1.0
     T[:, :3, :3] = columns.rotations(values)
     T[:, :3, 3] = values[POSITION].to_numpy() * MM
-    return T
+    return T, cells
 
 
 def read_targets(table: TableLike) -> dict[str, FloatArray]:

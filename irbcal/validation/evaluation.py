@@ -144,15 +144,16 @@ class Evaluation(Speaks):
             f"model {self.model} {self.calibrated['mean_mm']:.3f} mm (largest {self.calibrated['max_mm']:.3f} mm)"
         )
 
-    def told(self) -> Sequence[Told]:
-        """What ``irbcal evaluate`` prints."""
+    def told(self, verbose: bool = False) -> Sequence[Told]:
+        """What ``irbcal evaluate`` prints; ``verbose``: every point that was left out."""
         shown = {"nominal": "nominal", "calibrated": f"model {self.model}"}
         kept = () if self.conformity is None else self.conformity.told()
         told: list[Told] = [*kept, *self.verdict.told(), self._error_table(shown)]
         if self.refit_base and not self.refit_tool and not any("was placed anew on" in note for note in self.notes):
             told.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:
-            told += [f"Left out: {len(self.excluded)} points", *left_out(self.excluded)]
+            many = f"{len(self.excluded)} point{'' if len(self.excluded) == 1 else 's'}"
+            told += [f"Left out: {many}", *left_out(self.excluded, None if verbose else 8)]
         for name, words in shown.items() if self.orientation else ():
             assert self.orientation is not None
             told.append(orientation_line(words, self.orientation[name]))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from irbcal.files.schema import Errors, Record
+from irbcal.measurement.cleaning import left_out
 from irbcal.summary import Table
 from irbcal.validation.evaluation import statistics_table
 
@@ -40,6 +41,25 @@ def reached(r: Record) -> str:
     if r.objective.lower_bound_mm is not None:
         text += f", certified: not below {r.objective.lower_bound_mm:.3f} mm with this model{_held(r)}"
     return text if r.method == "least-squares" else f"method {r.method}, {text}"
+
+
+def held_lines(r: Record, verbose: bool) -> list[str]:
+    """What is held, each in a line, or how many in one."""
+    if verbose or not r.held:
+        return [f"  held: {sentence}" for sentence in r.held]
+    many = f"{len(r.held)} combinations" if len(r.held) > 1 else "1 combination"
+    return [f"  held: {many} of these parameters, which these poses do not show: --verbose lists them"]
+
+
+def left_out_lines(r: Record, verbose: bool) -> list[str]:
+    """How many points were left out, and which ones: the first of each reason, or all."""
+    if not r.excluded:
+        return []
+    whole = f" ({r.poses_excluded} poses left out whole)" if r.poses_excluded else ""
+    return [
+        f"Left out: {len(r.excluded)} point{'' if len(r.excluded) == 1 else 's'}{whole}",
+        *left_out(r.excluded, None if verbose else 8),
+    ]
 
 
 def _held(r: Record) -> str:

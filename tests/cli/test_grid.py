@@ -19,12 +19,6 @@ def test_rows_as_csv_and_as_json(capsys):
     assert [json.loads(line) for line in lines] == [{"x_mm": 1.0, "note": ""}, {"x_mm": None, "note": "far"}]
 
 
-def test_cells_and_intervals():
-    assert [grid.cell(value) for value in (None, "a", 3, 1.23456, (1.23456, 1))] == ["–", "a", "3", "1.235", "1.2"]
-    assert grid.interval(None) == "–"
-    assert grid.interval((1.0, 2.0), 1) == "1.0 … 2.0"
-
-
 def test_numbers():
     assert grid.numbers("1,-2.5, 3e1", [3], "--near") == [1.0, -2.5, 30.0]
     for text in ("1,2", "1,2,x", "1,2,inf", ""):

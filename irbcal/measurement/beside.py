@@ -1,0 +1,60 @@
+"""Tables that keep what they were made from: columns of an input beside what was computed for its rows."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from irbcal.arrays import IntArray
+
+GIVEN = "given_"
+"""Put before the name of a column of the input that was computed, too."""
+NAMES = ("pose", "target", "group", "session", "cycle")
+"""Columns that are names even where they look like numbers."""
+
+
+def beside(
+    given: pd.DataFrame | None, found: pd.DataFrame, as_written: bool = False, row: IntArray | None = None
+) -> pd.DataFrame:
+    """Columns of an input, then those computed for its rows.
+
+    Parameters
+    ----------
+    given : DataFrame or None
+        The input's cells, texts as they stand in a file; None: there are none.
+    found : DataFrame
+        What was computed.
+    as_written : bool
+        Leave the texts as they are; else columns in which nothing but numbers stands are numbers.
+    row : ndarray of int, shape (rows of found,), optional
+        The input's row, from 0, of each computed row; the same number unless given.
+
+    Returns
+    -------
+    DataFrame
+        Columns of the input whose names are taken are called ``given_NAME``.
+    """
+    if given is None:
+        return found
+    kept = (given if as_written else _as_numbers(given)).reset_index(drop=True)
+    if row is not None:
+        kept = kept.iloc[row].reset_index(drop=True)
+    taken = {*map(str, given.columns), *map(str, found.columns)}
+    names: dict[str, str] = {}
+    for name in map(str, kept.columns):
+        new = name
+        while (new != name and new in taken) or new in found.columns:
+            new = GIVEN + new
+        taken.add(new)
+        names[name] = new
+    return pd.concat([kept.rename(columns=names), found.reset_index(drop=True)], axis=1)
+
+
+def _as_numbers(cells: pd.DataFrame) -> pd.DataFrame:
+    """Texts of a file with the columns as numbers in which nothing but numbers (or nothing) stands; not names."""
+    out = {}
+    for name in cells.columns:
+        text = cells[name].str.strip()
+        values = pd.to_numeric(text.where(text != ""), errors="coerce")
+        number = name not in NAMES and values.notna().any() and (values.notna() | (text == "")).all()
+        out[name] = values.astype(float) if number else cells[name]
+    return pd.DataFrame(out, index=cells.index)

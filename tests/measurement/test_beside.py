@@ -1,0 +1,34 @@
+"""Columns of an input beside what was computed for its rows."""
+
+import numpy as np
+import pandas as pd
+
+from irbcal.measurement.beside import beside
+
+GIVEN = pd.DataFrame(
+    {"pose": ["007", "8"], "x_mm": ["+1.50", ""], "given_x_mm": ["a", "b"], "note": ["x", "1"]},
+    index=[2, 5],
+    dtype=object,
+)
+FOUND = pd.DataFrame({"x_mm": [3.0, 4.0]})
+
+
+def test_nothing_is_lost_and_names_stay_apart():
+    table = beside(GIVEN, FOUND, as_written=True)
+    assert list(table.columns) == ["pose", "given_given_x_mm", "given_x_mm", "note", "x_mm"]
+    assert table["given_given_x_mm"].tolist() == ["+1.50", ""]
+    assert table["x_mm"].tolist() == [3.0, 4.0]
+    assert beside(None, FOUND) is FOUND
+
+
+def test_numbers_are_numbers_and_names_are_names():
+    table = beside(GIVEN, FOUND)
+    np.testing.assert_array_equal(table["given_given_x_mm"], [1.5, np.nan])
+    assert table["pose"].tolist() == ["007", "8"]
+    assert table["note"].tolist() == ["x", "1"]
+
+
+def test_rows_of_the_input_repeat():
+    table = beside(GIVEN, pd.DataFrame({"q": [1.0, 2.0, 3.0]}), row=np.array([1, 1, 0]))
+    assert table["pose"].tolist() == ["8", "8", "007"]
+    assert table["q"].tolist() == [1.0, 2.0, 3.0]
