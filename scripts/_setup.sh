@@ -68,8 +68,9 @@ up_to_date() {
     local stamp
     [[ -f $venv/.irbcal-stamp && ! -e $venv/.irbcal-unfinished && -x $venv/bin/python ]] || return 1
     stamp=$(<"$venv/.irbcal-stamp")
-    # What the tests need includes what the demo needs.
-    [[ $stamp == "$(fingerprint test)" || ( $1 != test && $stamp == "$(fingerprint '')" ) ]] || return 1
+    # What the tests need includes what the pages need, and that includes what the demo needs.
+    [[ $stamp == "$(fingerprint test)" || $stamp == "$(fingerprint "$1")" ||
+        ( -z $1 && $stamp == "$(fingerprint docs)" ) ]] || return 1
     [[ -z ${PYTHON:-} || $(version_of "$PYTHON") == "$(version_of "$venv/bin/python")" ]]
 }
 

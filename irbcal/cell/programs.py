@@ -14,7 +14,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import languages
 from irbcal.correction.commanded import commanded
 from irbcal.correction.filter import given_frames, place_pair
-from irbcal.correction.program import Given
+from irbcal.correction.program import Given, read_bytes
 from irbcal.errors import ProgramError
 from irbcal.files.controller_frames import controller_frames, unknown
 from irbcal.files.opening import open_robot
@@ -23,7 +23,13 @@ from irbcal.options import pulses_per_degree
 
 
 def is_program(poses: object) -> bool:
-    """Whether poses are a file, or a folder, of a robot program in another language than CSV."""
+    """Whether poses are a file, or a folder, of a robot program in another language than CSV.
+
+    Raises
+    ------
+    ProgramError
+        If a file cannot be read.
+    """
     if not isinstance(poses, (str, PathLike)):
         return False
     path = Path(poses)
@@ -32,7 +38,8 @@ def is_program(poses: object) -> bool:
     found = {ending: one.NAME for one in languages.known() for ending in one.ENDINGS}.get(path.suffix.lower())
     if found is not None or path.suffix.lower() in (".txt", ".parquet") or not path.is_file():
         return found not in (None, "CSV")
-    return any(one.looks_like(path.read_bytes()) for one in languages.known() if one.NAME != "CSV")
+    data = read_bytes(path)
+    return any(one.looks_like(data) for one in languages.known() if one.NAME != "CSV")
 
 
 def given_for(
@@ -91,5 +98,5 @@ def read(program: str | Path, arm: Arm, given: Given) -> tuple[FloatArray, str |
     if len(moving) > 1:
         names = ", ".join(Path(source).name for source, _ in moving)
         raise ProgramError(f"expected one program, found several ({names}): name one of them", file=program)
-    digest = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+    digest = hashlib.sha256(b"".join(read_bytes(file) for file in files)).hexdigest()
     return np.asarray(moving[0][1]), digest

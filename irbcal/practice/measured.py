@@ -27,12 +27,14 @@ MOVES = np.arange(-60.0, 61.0, 10.0)
 MOVED = frames.transform(frames.rotation_from_vector(np.array([0.0, 0.0, 0.4])), np.array([0.3, -0.2, 0.05]))
 """Where the tracker stood later, seen from where it stood before."""
 PROGRAM = (
-    (10, -10, 20, 15, 40, -30),
-    (-20, 15, 5, -30, 35, 60),
-    (35, 25, -30, 10, 50, -80),
-    (-45, 10, 10, 20, -40, 15),
+    (4, 8, -39, 9, -17, -62),
+    (34, 24, -16, 67, -29, -34),
+    (20, 16, -10, -1, -40, -29),
+    (17, 10, 17, 30, -69, -20),
+    (-18, 33, -30, -48, -22, 50),
+    (-18, 6, 47, 60, 66, -44),
 )
-"""Joints of a small program, degrees."""
+"""Joints of a small program, degrees; the tracker sees the tool at all of its stops."""
 
 
 def practice_cell(seed: int = 0) -> Cell:

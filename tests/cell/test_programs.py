@@ -98,3 +98,8 @@ def test_folders_and_what_is_no_program(tmp_path):
     q, digest = programs.read(tmp_path / "job.abc", nominal, given)
     assert np.degrees(q).tolist() == [[0, -90, 90, 0, 0, 0]]
     assert len(digest) == 64
+
+
+def test_what_is_no_regular_file_is_refused_before_it_is_read():
+    with pytest.raises(ProgramError, match="/proc/self/mem"):
+        programs.is_program("/proc/self/mem")

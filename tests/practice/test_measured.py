@@ -46,3 +46,10 @@ def test_the_lists_are_one_program(written):
     assert np.abs(np.abs(np.sum(wxyz * poses[:, 3:], axis=1)) - 1).max() < 1e-9
     assert len(measurements(practice_cell(), one_joint_moves(6)))
     assert callable(inverse_kinematics)
+
+
+def test_the_tracker_sees_the_program():
+    from irbcal.practice.measured import PROGRAM
+
+    run = practice_cell().without("lost").measure(np.radians(np.array(PROGRAM, dtype=float)))
+    assert np.isfinite(run.xyz).all()
