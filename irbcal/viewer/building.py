@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import CalibrationError, MeasurementError, OptionError, RobotError
 from irbcal.files import robots
 from irbcal.files.opening import Opened, RobotLike, open_robot
@@ -27,7 +27,7 @@ from irbcal.viewer import robot as looks
 from irbcal.viewer.links import Link, links, reach
 from irbcal.viewer.points import PlanLike
 from irbcal.viewer.scales import default_magnification, scale_top
-from irbcal.viewer.scene import Drawn, Mode, Points, Scene
+from irbcal.viewer.scene import Drawn, Mode, Model, Points, Scene
 
 NEAR_TRACKER = 0.2
 """No tracker stands closer than this to what it measures, metres: the frame's origin is then something else."""
@@ -73,8 +73,9 @@ def build(
     meshes, problems = looks.meshes(urdf, tree, opened.folder, robots.package_dirs(*folders))
     places = {} if opened.record is None else opened.record.reference_places()
     references = {name: frames.apply(T_scene_world, place[None])[0] for name, place in places.items()}
-    both = [] if points is None else [points.distance("nominal"), points.distance("calibrated")]
-    errors = [error for error in both if error is not None] or None
+    models: tuple[Model, ...] = ("nominal", "calibrated")
+    each = {} if points is None else {name: e for name in models if (e := points.distance(name)) is not None}
+    errors = list(each.values()) or None
     size = reach(tree)
     return Scene(
         title=urdf.arm.name if opened.record is None else f"{urdf.arm.name}, model {opened.record.model}",
@@ -99,6 +100,11 @@ def build(
         magnification=float(magnify or default_magnification(errors, size)),
         scale_top=scale_top(errors),
         notes=(*shown.notes, *_not_drawn(shown.robot), *problems),
+        own_scales={
+            name: (float(magnify or default_magnification([error], size)), scale_top([error]))
+            for name, error in each.items()
+        },
+        fitted=shown.fitted,
     )
 
 
@@ -155,6 +161,7 @@ class _Shown:
     path: FloatArray | None = None
     notes: list[str] = field(default_factory=list)
     effective: FloatArray | None = None
+    fitted: BoolArray | None = None
 
 
 def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike | None, refit_base: bool) -> _Shown:
@@ -163,7 +170,8 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
     ghost = None if opened.record is None else opened.record.robot_nominal()
     simulated = opened.record is not None and opened.record.simulated
     if measurements is not None and opened.record is not None:
-        seen, found, model, ghost, notes = point_sets.registered(opened.record, measurements, refit_base)
+        there = point_sets.registered(opened.record, measurements, refit_base)
+        found, model, ghost = there.points, there.calibrated, there.nominal
         points = point_sets.measured_points(model, ghost, found, frames.inverse(model.T_world_base))
         return _Shown(
             mode="measured",
@@ -171,11 +179,12 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
             ghost=ghost,
             targets=model.targets,
             q=found.q,
-            simulated=simulated or seen.simulated,
+            simulated=simulated or there.seen.simulated,
             ids=found.pose_ids.astype(str),
             groups=found.groups.astype(str),
             points=points,
-            notes=notes,
+            notes=list(there.notes),
+            fitted=there.fitted,
             effective=model.joint_map.effective(found.q, found.previous, **found.load()),
         )
     targets = model.targets or {model.arm.tip_link: np.zeros(3)}

@@ -25,6 +25,22 @@ from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.units import DEG, MM
 from irbcal.viewer.scene import Drawn, Model, Points, Scene
 
+SCRIPTS = (
+    "begin",
+    "robots",
+    "errors",
+    "layers",
+    "pose",
+    "list",
+    "playing",
+    "camera",
+    "labels",
+    "pick",
+    "panel",
+    "keys",
+)
+"""Parts of the page's own script, in the order in which they run."""
+
 
 def render(scene: Scene) -> str:
     """The page of a scene.
@@ -43,7 +59,8 @@ def render(scene: Scene) -> str:
 
     data = content(scene)
     data["commands"] = drawing.record(scene).as_text()
-    scripts = {"viewer": _viewer("main.min.js"), "overlay": _own("overlay.js")}
+    own = "".join(_own(f"script/{name}.js") for name in SCRIPTS)
+    scripts = {"viewer": _viewer("main.min.js"), "overlay": f'"use strict";\n(function () {{\n{own}}})();\n'}
     for name, text in scripts.items():
         if "</script" in text.lower() or "<!--" in text:
             raise AssertionError(f"the script {name} cannot stand inside a page")
@@ -106,6 +123,7 @@ def content(scene: Scene) -> dict[str, Any]:
             "group": group.reshape(-1).tolist(),
             "q": _floats(scene.q),
             "effective": _floats(scene.effective),
+            "fitted": None if scene.fitted is None else scene.fitted.tolist(),
         },
         "targets": [{"name": name, "place": place.tolist()} for name, place in scene.targets.items()],
         "points": None if points is None else _points(points),
@@ -114,9 +132,16 @@ def content(scene: Scene) -> dict[str, Any]:
         "references": [{"name": name, "place": place.tolist()} for name, place in scene.references.items()],
         "cube": None if scene.cube is None else {"centre": scene.cube[0].tolist(), "edge": scene.cube[1]},
         "path": scene.path is not None,
-        "magnification": scene.magnification,
-        "scale": {"top_mm": scene.scale_top / MM, "colours": ERRORS},
+        "scale": {
+            "colours": ERRORS,
+            "common": _scale(scene.magnification, scene.scale_top),
+            **{model: _scale(*own) for model, own in scene.own_scales.items()},
+        },
     }
+
+
+def _scale(magnification: float, top: float) -> dict[str, float]:
+    return {"magnification": magnification, "top_mm": top / MM}
 
 
 def _joint_map(joint_map: AnyJointMap) -> dict[str, Any]:
@@ -158,6 +183,8 @@ def _points(points: Points) -> dict[str, Any]:
         "nominal": _floats_if(points.nominal),
         **{f"turn_{model}": _floats_if(turn) for model, turn in turns.items()},
         "u95": _floats_if(points.u95),
+        "attitudes": {model: _floats(values) for model, values in points.attitudes.items()},
+        "without": {family: _floats(shift) for family, shift in points.without.items()},
     }
     models: tuple[Model, ...] = ("calibrated", "nominal")
     return out | {f"error_{model}": _floats_if(points.error(model)) for model in models}

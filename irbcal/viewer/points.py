@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
-from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.files.schema import Record
-from irbcal.measurement import columns, lists
+from irbcal.measurement import columns, fitted, lists
 from irbcal.measurement.points import PointSet, rotation_distances
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import frames
@@ -23,7 +25,8 @@ from irbcal.validation.coverage import predictions
 from irbcal.validation.evaluate import in_frame_of_calibration
 from irbcal.validation.refit import Refit
 from irbcal.validation.unseen import without_fitted
-from irbcal.viewer.scene import Points
+from irbcal.viewer.scene import Model, Points
+from irbcal.viewer.without import shifts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,9 +38,32 @@ PlanLike: TypeAlias = "str | Path | pd.DataFrame | ArrayLike"
 """Joints to walk through: a table in degrees (and mm), or an array in radians (and metres)."""
 
 
-def registered(
-    calibration: Record, measurements: MeasurementsLike, refit_base: bool = False
-) -> tuple[MeasurementSet, PointSet, Robot, Robot, list[str]]:
+@dataclass(frozen=True, eq=False, repr=False)
+class Registered:
+    """Measurements in a calibration's frame.
+
+    Attributes
+    ----------
+    seen : MeasurementSet
+    points : PointSet
+    calibrated, nominal : Robot
+    fitted : ndarray of bool, shape (n,), or None
+        Which poses the calibration was fitted to; None where it did not keep them.
+    notes : list of str
+    """
+
+    seen: MeasurementSet
+    points: PointSet
+    calibrated: Robot
+    nominal: Robot
+    fitted: BoolArray | None
+    notes: list[str]
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+def registered(calibration: Record, measurements: MeasurementsLike, refit_base: bool = False) -> Registered:
     """Measurements in the calibration's frame, cleaned as `irbcal.evaluate` does.
 
     Parameters
@@ -49,10 +75,7 @@ def registered(
 
     Returns
     -------
-    seen : MeasurementSet
-    points : PointSet
-    calibrated, nominal : Robot
-    notes : list of str
+    Registered
     """
     ready, robots = in_frame_of_calibration(calibration, measurements, Refit(refit_base))
     seen, notes = ready.measurements, list(ready.notes)
@@ -60,7 +83,9 @@ def registered(
         count = len(ready.excluded)
         notes.insert(0, f"{count} points are left out (lost, or wrong); irbcal evaluate lists them.")
     notes += without_fitted(ready, calibration, include=True).notes[len(ready.notes) :]
-    return seen, ready.points, robots["calibrated"], robots["nominal"], notes
+    used = calibration.used_points(heldout=False)
+    fit = None if used is None else fitted.rows_of(ready.points, used[0])
+    return Registered(seen, ready.points, robots["calibrated"], robots["nominal"], fit, notes)
 
 
 def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_world: FloatArray) -> Points:
@@ -77,7 +102,24 @@ def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_worl
         turn_calibrated=turns[0],
         turn_nominal=turns[1],
         u95=None if known is None else known[1].max(axis=1),
+        attitudes=_attitudes({"calibrated": model, "nominal": nominal}, points, T_scene_world),
+        without=shifts(model, points, T_scene_world) if len(points) <= MOST_KNOWN else {},
     )
+
+
+def _attitudes(robots: Mapping[Model, Robot], points: PointSet, T_scene_world: FloatArray) -> dict[str, FloatArray]:
+    """Modelled target frames and how the measured ones are turned from them, see `Points`; empty without any."""
+    if points.rotation is None or not points.oriented().any():
+        return {}
+    out: dict[str, FloatArray] = {}
+    for name, robot in robots.items():
+        modelled = T_scene_world[:3, :3] @ points.predicted_rotations(robot)
+        turned = T_scene_world[:3, :3] @ points.rotation @ np.swapaxes(modelled, 1, 2)
+        rows = np.isfinite(turned).all(axis=(1, 2)) & np.isfinite(modelled).all(axis=(1, 2))
+        out[name] = np.full((len(points), 6), np.nan)
+        out[name][rows, :3] = Rotation.from_matrix(modelled[rows]).as_rotvec()
+        out[name][rows, 3:] = Rotation.from_matrix(turned[rows]).as_rotvec()
+    return out
 
 
 def _target_index(model: Robot, points: PointSet) -> IntArray:

@@ -7,7 +7,7 @@ measuring frame stands where the calibration found it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -56,6 +56,11 @@ class Points:
     u95 : ndarray, shape (m,), or None
         Half-width that holds 95 % of a coordinate's errors of the calibrated robot, the largest of the three, metres;
         None where nothing is known of it.
+    attitudes : dict of str to ndarray, shape (m, 6)
+        For each model, rotation vectors in the scene, radians: of the modelled target frame, and from it to the
+        measured one. NaN for points without orientation; empty where none has one.
+    without : dict of str to ndarray, shape (m, 3)
+        How far the calibrated points move without a family of terms, see `irbcal.viewer.without`.
     """
 
     pose: IntArray
@@ -66,6 +71,8 @@ class Points:
     turn_calibrated: FloatArray | None = None
     turn_nominal: FloatArray | None = None
     u95: FloatArray | None = None
+    attitudes: Mapping[str, FloatArray] = field(default_factory=dict)
+    without: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         lock(self)
@@ -117,6 +124,10 @@ class Scene:
     magnification : float
     scale_top : float
         Error at the upper end of the colours, metres.
+    own_scales : dict of str to tuple
+        Magnification and end of the colours for the errors of each model alone.
+    fitted : ndarray of bool, shape (n,), or None
+        Which poses the calibration was fitted to: their errors prove nothing. None where that is not known.
     notes : tuple of str
     """
 
@@ -142,6 +153,8 @@ class Scene:
     magnification: float
     scale_top: float
     notes: tuple[str, ...] = ()
+    own_scales: Mapping[Model, tuple[float, float]] = field(default_factory=dict)
+    fitted: BoolArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)

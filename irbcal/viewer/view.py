@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from irbcal.files.opening import RobotLike
     from irbcal.measurement.table import MeasurementsLike
     from irbcal.viewer.points import PlanLike
-    from irbcal.viewer.scene import Model, Points, Scene
+    from irbcal.viewer.scene import Model, Scene
 
 __all__ = ["View", "view"]
 
@@ -143,15 +143,15 @@ class View(Speaks):
             what += f"{len(scene.q)} {kind}, {len(scene.points.pose)} points of {', '.join(scene.targets)}"
         told: list[Told] = [what]
         if scene.points is not None:
-            told += _errors(scene.points, scene.magnification)
+            told += _errors(scene)
         return told + [f"Note: {note}" for note in scene.notes]
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each point, metres and radians, in the base link; no rows for a robot without poses.
 
-        Columns ``pose``, ``group``, ``target``; ``calibrated_x_m`` … (where the robot predicts it), and where they are
-        known ``measured_x_m`` …, ``nominal_x_m`` …, ``error_calibrated_m``, ``error_nominal_m``,
-        ``turn_calibrated_rad``, ``turn_nominal_rad``.
+        Columns ``pose``, ``group``, ``target`` and, where known, ``fitted``; ``calibrated_x_m`` … (where the robot
+        predicts it), and where they are known ``measured_x_m`` …, ``nominal_x_m`` …, ``error_calibrated_m``,
+        ``error_nominal_m``, ``turn_calibrated_rad``, ``turn_nominal_rad``.
         """
         import numpy as np
         import pandas as pd
@@ -164,6 +164,8 @@ class View(Speaks):
             "group": scene.groups[points.pose],
             "target": np.array(list(scene.targets), dtype=object)[points.target],
         }
+        if scene.fitted is not None:
+            columns["fitted"] = scene.fitted[points.pose]
         places = {"measured": points.measured, "calibrated": points.calibrated, "nominal": points.nominal}
         for name, xyz in places.items():
             if xyz is not None:
@@ -245,12 +247,24 @@ class View(Speaks):
                 say("")
 
 
-def _errors(points: Points, magnification: float) -> list[Told]:
+def _errors(scene: Scene) -> list[Told]:
+    """Errors of both models, of held-out and of fitted poses apart where these are known."""
+    points = scene.points
     models: tuple[Model, ...] = ("nominal", "calibrated")
-    found = {model: points.distance(model) for model in models}
-    words = [
-        f"{model} {error.mean() / MM:.3f} mm on average and at most {error.max() / MM:.3f} mm"
-        for model, error in found.items()
-        if error is not None
-    ]
-    return [f"Errors, drawn {magnification:g} times as large: {'; '.join(words)}"] if words else []
+    assert points is not None
+    found = {model: error for model in models if (error := points.distance(model)) is not None}
+    if not found:
+        return []
+    kinds: dict[str, Any] = {"": slice(None)}
+    if scene.fitted is not None and scene.fitted.any():
+        fitted = scene.fitted[points.pose]
+        kinds = {" of held-out poses": ~fitted, " of fitted poses": fitted}
+    told: list[Told] = []
+    for kind, rows in kinds.items():
+        words = [
+            f"{model} {error[rows].mean() / MM:.3f} mm on average and at most {error[rows].max() / MM:.3f} mm"
+            for model, error in found.items()
+            if len(error[rows])
+        ]
+        told += [f"Errors{kind}: {'; '.join(words)}"] if words else []
+    return told

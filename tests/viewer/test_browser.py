@@ -1,87 +1,17 @@
 """The page in a real browser (headless chromium), opened from a file without any server."""
 
-import shutil
-import time
-
 import numpy as np
 import pandas as pd
 import pytest
 from support import arm, random_robot, write_measurements
 from support import measured as simulated
+from viewer_page import Opened, link, visible
 
 import irbcal
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-ARGUMENTS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 HOSTILE = "</script><script>window.hacked=1</script><img src=x onerror=window.hacked=2>"
-"""Most that a page of 1,000 poses with 3 targets may work before it shows."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this computer")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as started:
-        found = started.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield found
-        found.close()
-
-
-class Opened:
-    """A page with everything that it asked for and complained about."""
-
-    def __init__(self, browser, path, **size):
-        self.page = browser.new_page(viewport={"width": size.get("width", 800), "height": size.get("height", 600)})
-        self.requests, self.complaints = [], []
-        self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.on("console", lambda message: self.complaints.append(message.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.goto(path.as_uri())
-        self.wait_for("window.irbcalView !== undefined", 30)
-        self.own = path.as_uri()
-
-    def __call__(self, script):
-        return self.page.evaluate(script)
-
-    def wait_for(self, condition, seconds):
-        """Look from outside: the page's own policy forbids evaluation in it."""
-        until = time.monotonic() + seconds
-        while not self(condition):
-            assert time.monotonic() < until, f"{condition} is not true after {seconds} s: {self.complaints}"
-            self.page.wait_for_timeout(50)
-
-    def press(self, *keys):
-        for key in keys:
-            self.page.keyboard.press(key)
-
-    def text(self, selector):
-        return self.page.inner_text(selector)
-
-    def matrix(self, script):
-        return np.array(self(f"({script}).elements")).reshape(4, 4).T
-
-    def check_silence(self):
-        assert self.complaints == []
-        assert [url for url in self.requests if not url.startswith(("data:", "blob:"))] == [self.own]
-        self.page.close()
-
-
-LINK = (
-    "(name, k) => {irbcalView.viewer.scene.updateMatrixWorld(true);"
-    "const scene = irbcalView.viewer.scene.matrixWorld.clone().invert();"
-    "return scene.multiply(irbcalView.viewer.scene_tree.find(['irbcal', name, String(k)]).object.matrixWorld)}"
-)
-
-
-def link(page, name, k):
-    return page.matrix(f"({LINK})({name!r}, {k})")
-
-
-def visible(page, *path):
-    return page(f"irbcalView.viewer.scene_tree.find({list(path)!r}).object.visible")
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +28,7 @@ def test_page_of_measurements(measured, cell):
     page, scene = measured
     last = max(scene.meshes)  # a link far out on the arm
     # links: the browser's kinematics against the robots' own
-    place = {robot: page.matrix(f"({LINK})('{robot}', {last})") for robot in ("robot", "ghost")}
+    place = {robot: link(page, robot, last) for robot in ("robot", "ghost")}
     q = scene.q[:1]
     tree = scene.drawn.links
     after = np.eye(4)  # from that link to the tip: fixed joints only
@@ -115,10 +45,12 @@ def test_page_of_measurements(measured, cell):
     # the ghost's magnified shift: its origin goes that many times further from the calibrated one
     page.page.select_option("#ghost", "magnified")
     origin = {"robot": place["robot"][:3, 3], "ghost": (expected @ np.linalg.inv(after))[:3, 3]}
-    shifted = origin["robot"] + scene.magnification * (origin["ghost"] - origin["robot"])
+    shifted = origin["robot"] + scene.own_scales["nominal"][0] * (origin["ghost"] - origin["robot"])
     assert np.abs(link(page, "ghost", last)[:3, 3] - shifted).max() < 1e-4
 
-    # vectors: from the modelled point, magnified error long
+    # at first the worst tenth and the current pose; vectors: from the modelled point, magnified error long
+    assert page("irbcalView.body.shaft.count") == 3 * 5
+    page.press("a")
     assert page("irbcalView.body.shaft.count") == len(scene.points.pose) == 120
     for model, press in (("calibrated", ""), ("nominal", "b")):
         if press:
@@ -126,19 +58,23 @@ def test_page_of_measurements(measured, cell):
         heads = np.array(page("Array.from(irbcalView.body.head.instanceMatrix.array)")).reshape(-1, 4, 4)
         modelled = getattr(scene.points, model)
         ends = (np.array([0, 1, 0, 1]) @ heads)[:, :3]
-        assert np.abs(ends - (modelled + scene.magnification * scene.points.error(model))).max() < 1e-5
+        assert np.abs(ends - (modelled + scene.own_scales[model][0] * scene.points.error(model))).max() < 1e-5
     page.press("b")
 
     # legend, statistics and the pose's own text
     ticks = [float(text) for text in page.text("#ticks").split()]
     assert ticks == sorted(ticks)
-    assert ticks[-1] == pytest.approx(scene.scale_top * 1e3)
+    assert ticks[-1] == pytest.approx(scene.own_scales["calibrated"][1] * 1e3)
+    assert page.page.input_value("#magnification") == f"{scene.own_scales['calibrated'][0]:g}"
+    page.press("o")  # one scale for both
+    assert float(page.text("#ticks").split()[-1]) == pytest.approx(scene.scale_top * 1e3)
     assert page.page.input_value("#magnification") == f"{scene.magnification:g}"
+    page.press("o")
     size = {name: np.linalg.norm(scene.points.error(name), axis=1) * 1e3 for name in ("nominal", "calibrated")}
-    means = f"mean {size['nominal'].mean():.3f} → {size['calibrated'].mean():.3f} mm"
-    assert means in page.text("#statistics")
+    assert "120 points, held out" in page.text("#statistics")
+    assert [f"{size[model].mean():.3f}" for model in size] == page.text("#statistics tr:nth-child(3)").split()[1:]
     assert page.text("#pose .name") == "Pose 0"
-    assert "1 of 40 · group a" in page.text("#pose .where")
+    assert "1 of 40 · held out · group a" in page.text("#pose .where")
     assert f"{size['nominal'][0]:.3f}" in page.text("#pose table")
     assert f"{size['calibrated'][0]:.3f}" in page.text("#pose table")
     assert f"± {1e3 * scene.points.u95[0]:.3f}" in page.text("#pose table")
@@ -164,9 +100,10 @@ def test_page_of_measurements(measured, cell):
     assert page("irbcalView.body.measured.count") == 75
     assert page("irbcalView.state.pose") == 15  # stepping goes through the groups that are on
     assert page("irbcalView.state.active.length") == 25
-    page.page.check("#only")
+    page.page.check("#which-pose")
     assert page("irbcalView.body.shaft.count") == 3
     for name in ("measured", "modelled", "vectors", "ghost", "tracker", "cube", "sight", "robot"):
+        page.page.check(f"#layer-{name}")
         assert visible(page, "irbcal", name)
         page.page.uncheck(f"#layer-{name}")
         assert not visible(page, "irbcal", name)
@@ -257,6 +194,8 @@ def test_thousand_poses_with_three_targets(browser, cell, tmp_path):
     view = irbcal.view.show(cell / "cal", cell / "many.csv")
     path = view.save(tmp_path / "view.html")
     page = Opened(browser, path, width=640, height=400)
+    assert page("irbcalView.body.measured.count") == 3 * 101
+    page.press("a")
     assert page("irbcalView.body.measured.count") == 3000
     meshes = page("(() => {let n = 0; irbcalView.viewer.scene.traverse((o) => {if (o.isMesh) n++}); return n})()")
     assert meshes < 50  # whole layers, not points

@@ -35,8 +35,8 @@ def test_numbers_on_the_page_are_those_of_the_scene(view):
     assert np.abs(floats(data["points"]["error_calibrated"], 3) - points.error()).max() < 1e-9
     assert np.abs(floats(data["points"]["measured"], 3) - points.measured).max() < 1e-6
     assert np.abs(floats(data["poses"]["effective"], 6) - view.scene.effective).max() < 1e-6
-    assert data["magnification"] == view.scene.magnification
-    assert data["scale"]["top_mm"] * 1e-3 == pytest.approx(view.scene.scale_top)
+    assert data["scale"]["common"]["magnification"] == view.scene.magnification
+    assert data["scale"]["common"]["top_mm"] * 1e-3 == pytest.approx(view.scene.scale_top)
 
 
 def test_nothing_on_the_page_is_fetched(view):

@@ -94,7 +94,7 @@ def test_command_writes_a_page(cell, tmp_path):
     done = called(cell / "cal", cell / "poses.csv", "--html", tmp_path / "view.html", "--magnify", 25)
     assert done.exit_code == 0, done.output
     assert "Written to" in done.output
-    assert data_of((tmp_path / "view.html").read_text(encoding="utf-8"))["magnification"] == 25
+    assert data_of((tmp_path / "view.html").read_text(encoding="utf-8"))["scale"]["common"]["magnification"] == 25
 
 
 def test_command_refuses_in_one_sentence(cell, tmp_path):

@@ -1,0 +1,81 @@
+"""What the points would be without a family of the error model's terms: the rest of the model stays as it was fitted.
+
+The whole model predicts them, last moves, loads and frame terms included, so that nothing is left to the page but to
+show the difference. Base, tool and geometry are those of the fit with all terms: these are not the errors of a model
+that was fitted without them, which would be smaller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.measurement.points import PointSet
+from irbcal.modeling import frames
+from irbcal.modeling.joint_map import AnyJointMap, JointMap
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.modeling.terms.term_map import TermMap
+
+THESIS = {"gain": "gain", "stiffness": "gravity", "fourier": "harmonics"}
+"""Parts of the thesis's joint map and the families that they are of."""
+SMALLEST = 1e-9
+"""Metres: a family that moves no point by more is not told."""
+
+
+def shifts(model: Robot, points: PointSet, T_scene_world: FloatArray) -> dict[str, FloatArray]:
+    """How far each point moves when the terms of one family are zero.
+
+    Parameters
+    ----------
+    model : Robot
+        Calibrated.
+    points : PointSet
+    T_scene_world : ndarray, shape (4, 4)
+
+    Returns
+    -------
+    dict of str to ndarray, shape (m, 3)
+        Family's name in words; metres in the scene.
+    """
+    whole = points.predicted(model)
+    turn = frames.transform(T_scene_world[:3, :3])
+    out = {}
+    for family in families(model):
+        shift = frames.apply(turn, points.predicted(without(model, family)) - whole)
+        if np.abs(shift).max(initial=0.0) > SMALLEST:
+            out[family.replace("_", " ")] = shift
+    return out
+
+
+def families(model: Robot) -> list[str]:
+    """Families with terms in a robot's joint map or among its frame terms, in their order."""
+    joint_map = model.joint_map
+    if isinstance(joint_map, TermJointMap):
+        found = [term.family for term in joint_map.terms.terms]
+    else:
+        assert isinstance(joint_map, JointMap)
+        found = [family for part, family in THESIS.items() if getattr(joint_map, part).any()]
+    if model.frame_terms is not None:
+        found += [term.family for term in model.frame_terms.terms]
+    return list(dict.fromkeys(found))
+
+
+def without(model: Robot, family: str) -> Robot:
+    """A robot whose terms of a family are zero."""
+    joint_map: AnyJointMap = model.joint_map
+    if isinstance(joint_map, TermJointMap):
+        joint_map = replace(joint_map, terms=_silenced(joint_map.terms, family))
+    else:
+        assert isinstance(joint_map, JointMap)
+        parts = [part for part, own in THESIS.items() if own == family]
+        joint_map = replace(joint_map, **{part: np.zeros_like(getattr(joint_map, part)) for part in parts})
+    frame_terms = None if model.frame_terms is None else _silenced(model.frame_terms, family)
+    return model.replace(joint_map=joint_map, frame_terms=frame_terms)
+
+
+def _silenced(terms: TermMap, family: str) -> TermMap:
+    keep = np.array([term.family != family for term in terms.terms], dtype=float)
+    return replace(terms, coefficients=terms.coefficients * keep)
