@@ -5,7 +5,9 @@ import subprocess
 import sys
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 from support import (
     assert_same_poses,
     central_differences,
@@ -14,17 +16,18 @@ from support import (
     on_a_rail,
     outcome_of,
     random_robot,
+    random_rotation,
     write_measurements,
 )
 
 import irbcal
 from irbcal.correction.fake_targets import correct_joints
-from irbcal.errors import IdentificationError, MeasurementError, RobotError
+from irbcal.errors import IdentificationError, IrbcalError, MeasurementError, RobotError
 from irbcal.files import urdf, urdf_check
 from irbcal.identification.fit import identify
 from irbcal.identification.residuals import Problem, State
 from irbcal.measurement.points import distances
-from irbcal.modeling import parameters
+from irbcal.modeling import frames, parameters
 from irbcal.modeling.robot import Robot
 
 ROBOTS = {  # file, base, tip, revolute and prismatic joints
@@ -298,3 +301,50 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
     (tmp_path / "gap.csv").write_text(text)
     with pytest.raises(MeasurementError, match="missing column q3_deg"):
         irbcal.read_measurements(tmp_path / "gap.csv")
+
+
+def full_poses(path, robot, q, rng):
+    """A file of full poses of a probe, with noise of 0.03 mm and 0.02 mrad."""
+    T_tip_probe = frames.transform(random_rotation(rng), np.array([0.05, 0.03, 0.12]))
+    T = robot.T_world_base @ robot.poses(q) @ T_tip_probe
+    xyz = T[:, :3, 3] * 1e3 + 0.03 * rng.standard_normal((len(q), 3))
+    turned = Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_rotvec(2e-5 * rng.standard_normal((len(q), 3)))
+    columns = robot.arm.joint_columns
+    rows = np.column_stack([np.arange(len(q)), np.degrees(q), xyz, turned.as_quat(scalar_first=True)])
+    table = pd.DataFrame(rows, columns=["pose", *columns, "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"])
+    table.insert(1, "target", "probe")
+    table["pose"] = table["pose"].astype(int)
+    table.to_csv(path, index=False)
+    return path
+
+
+def test_full_poses_on_a_grid_over_two_of_seven_joints_are_enough(tmp_path):
+    """The default, end to end; what the other joints do nobody knows, and it is said."""
+    arm = urdf.read(example_robot(ROBOTS["panda"][0]), None, "panda_link8").arm
+    rng = np.random.default_rng(3)
+    robot = random_robot(arm, "placement", rng, size=0.2)
+    grid = np.array(np.meshgrid(*[np.linspace(-0.6, 0.6, 9)] * 2)).reshape(2, -1).T
+    q = np.tile((arm.lower + arm.upper) / 2 + 0.1, (len(grid), 1))
+    q[:, :2] += grid
+    data = full_poses(tmp_path / "m.csv", robot, q, rng)
+    made = irbcal.calibrate(data, example_robot(ROBOTS["panda"][0]), tip_link="panda_link8")
+    assert made.record.heldout.all.mean_mm < 0.1  # noise of 0.03 mm an axis
+    assert any("Calibrated only where measured" in note for note in made.outcome.notes)
+
+
+@pytest.mark.parametrize(("name", "moving"), [("rs007n", (0, 1)), ("gp8", (1, 2)), ("rx160", (5,))])
+def test_points_with_few_joints_moving_end_in_a_result_or_a_sentence(name, moving, shared_data, tmp_path):
+    """Of which base and tool are not told no slip is named, as nearly any would fit."""
+    file = shared_data / "other_arms" / f"{name}.urdf"
+    arm = urdf.read(file).arm
+    rng = np.random.default_rng(4)
+    robot = random_robot(arm, "placement", rng, size=0.2)
+    q = np.tile((arm.lower + arm.upper) / 2 + 0.2, (40, 1))
+    q[:, moving] += rng.uniform(-0.8, 0.8, (40, len(moving)))
+    points = write_measurements(tmp_path / "points.csv", measured(robot, q, 3e-5, rng))
+    for data in (points, full_poses(tmp_path / "full.csv", robot, q, rng)):
+        try:
+            assert irbcal.calibrate(data, file).record.heldout.all.mean_mm < 0.3
+        except IrbcalError as error:
+            assert "look like" not in str(error)
+            assert "base and tool" in str(error)

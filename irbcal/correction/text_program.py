@@ -47,6 +47,8 @@ class Use:
         ``to``, or ``via`` for the point on the circle.
     tool, work_object : str or None
         Names in lower case; None where the program computes them.
+    file : str
+        Of the move where that is another than the target's.
     """
 
     line: int
@@ -55,6 +57,12 @@ class Use:
     role: Role
     tool: str | None
     work_object: str | None
+    file: str = ""
+
+    @property
+    def place(self) -> str:
+        """Where it stands, in words."""
+        return f"line {self.line} of {self.file}" if self.file else f"line {self.line}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -51,6 +51,11 @@ AS_GOOD = 1.5
 SAME = 0.01 * MM
 """Distances that differ by no more are the same, metres."""
 
+SPREAD = 1e-3
+"""Ratio of singular values of the closed form below which points as read do not tell base and tool: with one or two
+joints moving it is some 1e-4, as the real arm is not the nominal one, with joints that all turn by 5 % of their range
+1e-2."""
+
 CORE, ROUNDS = 0.6, 6
 """Share of the points that the robot is fitted to, and how often these are chosen anew."""
 
@@ -295,7 +300,9 @@ def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], before: float
     fits: list[tuple[float, Hypothesis]] = []
     for hypothesis in _screened(arm, points, tried):
         if hypothesis.cost:
-            after = _judged(arm, hypothesis.of(points))
+            after = _judged(arm, read := hypothesis.of(points))
+            if after <= NEAR and not _determined(arm, read):
+                continue
             if after <= min(hypothesis.scale * min(before / factor, NEAR_SHARE * spread), NEAR):
                 fits.append((after, hypothesis))
     if not fits:
@@ -409,6 +416,14 @@ def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
             break
         core = distance <= np.quantile(distance, CORE)
     return best
+
+
+def _determined(arm: Arm, points: PointSet) -> bool:
+    """Whether points read so tell base and tool; where they do not, too many hypotheses fit."""
+    try:
+        return start.closed_form(Problem(arm, points.without_empty_poses().with_seen_targets(), ()))[1] > SPREAD
+    except (IdentificationError, np.linalg.LinAlgError):
+        return False
 
 
 def misses(arm: Arm, state: State, points: PointSet) -> FloatArray:

@@ -343,3 +343,35 @@ def test_several_files_go_into_a_folder_and_never_over_themselves(calibration, t
 def test_pulses_are_six_numbers(calibration, job, pulses):
     with pytest.raises(OptionError, match="pulses: expected six numbers"):
         correct(calibration, job, pulses=pulses)
+
+
+def test_a_target_is_corrected_in_the_module_where_it_stands(calibration, tmp_path):
+    """The target in one module, its move in another: as if both stood in one, and no other byte changes."""
+    alone = two_modules(tmp_path / "alone")
+    folder = tmp_path / "apart"
+    folder.mkdir()
+    job = (alone / "Job.mod").read_text().splitlines()
+    (folder / "CalibData.mod").write_text((alone / "CalibData.mod").read_text())
+    (folder / "Points.mod").write_bytes(f"MODULE Points\r\n  ! Größe\r\n\t{job[1]}\r\nENDMODULE\r\n".encode("latin-1"))
+    (folder / "Job.mod").write_text("\n".join([job[0], *job[2:]]) + "\n")
+    found = correct(calibration, folder, out=tmp_path / "new")
+    assert found.targets.tolist() == ["p in Points.mod"]
+    assert found.left == ()
+    one = correct(calibration, alone)
+    np.testing.assert_array_equal(found.q, one.q)
+    new = (tmp_path / "new" / "Points.mod").read_bytes().decode("latin-1").split("\r\n")
+    old = (folder / "Points.mod").read_bytes().decode("latin-1").split("\r\n")
+    assert "irbcal: fake targets" in new.pop(1)
+    assert [k for k, (a, b) in enumerate(zip(new, old, strict=True)) if a != b] == [2]
+    assert new[2].strip() in {Path(name).name: data for name, data in one.files.items()}["Job.mod"].decode()
+    for name in ("Job.mod", "CalibData.mod"):
+        assert (tmp_path / "new" / name).read_bytes() == (folder / name).read_bytes()
+    # by itself: the fake target, taken by the nominal controller, brings the calibrated robot to the wanted pose
+    record = irbcal.load(calibration)
+    again = rapid.parse((tmp_path / "new" / "Points.mod").read_bytes(), "Points.mod")
+    xyz = again.targets[0].value
+    wanted = rapid.parse((folder / "Points.mod").read_bytes(), "Points.mod").targets[0].value
+    nominal = record.arm(calibrated=False)
+    (q,) = found.q
+    assert_same_poses(nominal.forward(q[None])[0] @ TOOL, xyz, 1e-7, 2e-7)
+    assert_same_poses(record.robot_calibrated().poses(q[None])[0] @ TOOL, wanted, 1e-7, 2e-7)

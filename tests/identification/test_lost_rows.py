@@ -83,6 +83,20 @@ def test_nothing_is_named_where_there_is_nothing(seed):
     assert lost_rows.find(nominal, dataclasses.replace(seen, xyz=noise)) is None
 
 
+def test_small_steps_between_poses():
+    """Neighbours are then nearly as near as the row's own partner."""
+    nominal = arm()
+    rng = np.random.default_rng(3)
+    ends = 0.5 * nominal.random_joints(2, 3)
+    q = ends[0] + np.linspace(0, 1, 80)[:, None] * 0.1 * (ends[1] - ends[0])
+    q += 0.05 * np.sin(np.arange(80)[:, None] * np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29]))
+    robot = random_robot(nominal, "placement", rng)
+    seen = measured(robot, q, 3e-5, rng)
+    assert lost_rows.find(nominal, seen) is None
+    found = lost_rows.find(nominal, damaged(seen, "position lost", 40)[0])
+    assert found is None or found.pose == "41"
+
+
 def test_too_few_poses_name_nothing():
     nominal = arm()
     assert lost_rows.find(nominal, damaged(points(nominal, poses=20)[1], "position lost", 10)[0]) is None

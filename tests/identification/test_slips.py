@@ -5,9 +5,10 @@ import shlex
 
 import numpy as np
 import pytest
-from support import arm, measured, random_robot, write_measurements
+from support import arm, example_robot, measured, random_robot, write_measurements
 
 import irbcal
+from irbcal.files import urdf
 from irbcal.identification import outliers, slips
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances
@@ -179,3 +180,16 @@ def test_calibrate_names_the_slip(tmp_path):
         irbcal.calibrate(tmp_path / "m.csv", "irb1600")
     assert "irbcal import" in str(caught.value)
     assert "'joints.signs=[1, 1, -1, 1, 1, 1]'" in str(caught.value)
+
+
+@pytest.mark.parametrize("seed", [7, 10])
+def test_none_is_named_where_points_do_not_tell_base_and_tool(seed):
+    """A grid over joints 1 and 2 alone: nearly any hypothesis fits."""
+    nominal = urdf.read(example_robot("panda_description/urdf/panda.urdf"), None, "panda_link8").arm
+    rng = np.random.default_rng(seed)
+    robot = random_robot(nominal, "placement", rng, size=0.2)
+    middle = (nominal.lower + nominal.upper) / 2
+    grid = np.array(np.meshgrid(*[np.linspace(-0.8, 0.8, 10)] * 2)).reshape(2, -1).T
+    q = np.tile(middle + 0.3 * rng.uniform(-1, 1, 7), (100, 1))
+    q[:, :2] = middle[:2] + 1.5 * grid
+    assert slips.find(nominal, measured(robot, q, 3e-5, rng)) is None

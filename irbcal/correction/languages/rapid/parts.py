@@ -20,6 +20,11 @@ Scope: TypeAlias = "dict[str, Data]"
 """Data of a routine by their names in lower case."""
 
 
+def may_be(index: Index, other: Index) -> bool:
+    """Whether two indices may name the same element; None, or no index at all, stands for any."""
+    return all(a is None or b is None or a == b for a, b in zip(index, other, strict=False))
+
+
 class Node(NamedTuple):
     """A value: a list of values, a plain number, or (both None) any other expression."""
 
@@ -131,8 +136,9 @@ class Data:
         sizes: Index = (),
         node: Node | None = None,
         computed: int | None = None,
+        local: bool = False,
     ) -> None:
         self.spelling, self.type, self.start = spelling, type_name, start
-        self.sizes, self.node, self.computed = sizes, node, computed
+        self.sizes, self.node, self.computed, self.local = sizes, node, computed, local
         self.entries: list[tuple[Index, Literal]] = []  # filled by `literals`
         self.changes: list[tuple[Index, int]] = []  # and the positions of computed values, too

@@ -3,8 +3,8 @@ r"""ABB RAPID modules: which targets stand in them as numbers, and which moves u
 Literals of ``robtarget`` and ``jointtarget`` in declarations, in assignments and inside moves are read; a move whose
 target the program computes (``Offs``, ``RelTool``, arithmetic, a function) is reported and left. A target is not
 corrected where its literal does more than the direct moves that use it: where it is also an argument of something
-else, where its variable is also computed, where moves use it with different tools or work objects. Only this one
-module is seen: other modules may use its data too.
+else, where its variable is also computed, where moves use it with different tools or work objects. Uses in
+other modules of the same call count, see ``abroad``; what is not in the call is not seen.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction.configurations import ConfData, configuration_of
 from irbcal.correction.cutting import CutPath, PathMove
 from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.languages.rapid.abroad import Abroad
 from irbcal.correction.languages.rapid.frames import given_frames, shared_frames
 from irbcal.correction.languages.rapid.literals import Literals
 from irbcal.correction.languages.rapid.marking import in_comments, mark
@@ -110,7 +111,7 @@ def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[Module]:
         raise ProgramError(f"RAPID targets are of six revolute joints, {arm.name} has others", file=files[0])
     contents = [(read_bytes(path), str(path)) for path in files]
     shared = shared_frames(contents) if len(files) > 1 else {}
-    modules = []
+    parsed = []
     for data, source in contents:
         others = [frames for name, frames in shared.items() if name != source]
         tools = {name: T for found in others for name, T in found["tooldata"].items()}
@@ -118,8 +119,15 @@ def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[Module]:
         own = shared.get(source, {"tooldata": {}, "wobjdata": {}})
         tools = {name: T for name, T in tools.items() if name not in own["tooldata"]} | {**given.tools}
         work_objects = {name: T for name, T in work_objects.items() if name not in own["wobjdata"]}
-        modules.append(parse(data, source, tools, work_objects | {**given.work_objects}))
-    return modules
+        parsed.append(_Parsed(data, source, tools, work_objects | {**given.work_objects}))
+    everywhere = {
+        "tooldata": given_frames("tool0", given.tools),
+        "wobjdata": given_frames("wobj0", given.work_objects),
+    }
+    for one in parsed:
+        seen = [other.literals for other in parsed if other is not one]
+        one.gather(Abroad(one.literals, seen, shared, everywhere))
+    return [one.module() for one in parsed]
 
 
 def read(
@@ -158,30 +166,50 @@ def parse(
     ProgramError
         If this is not a whole RAPID module, or a needed tool or work object is not known or not supported.
     """
-    text, encoding = decode(data, source)
-    reader = Reader(text, source)
-    reader.read()
-    given = {"tooldata": given_frames("tool0", tools or {}), "wobjdata": given_frames("wobj0", work_objects or {})}
-    literals = Literals(reader)
-    literals.collect()
-    uses = Uses(literals, given)
-    uses.gather()
-    numbers = {id(literal): k for k, literal in enumerate(_in_file_order(literals.found))}
-    found = needed_frames(reader, literals.found, given)
-    targets = _targets(reader, literals.found)
-    return Module(
-        source=source,
-        text=text,
-        encoding=encoding,
-        targets=targets,
-        tools=found["tooldata"],
-        work_objects=found["wobjdata"],
-        uncorrected=tuple(sorted(literals.uncorrected, key=lambda entry: (entry.line, entry.column))),
-        notes=_notes(reader, literals.found),
-        fingerprint=in_comments(reader.comments),
-        order=stops(reader, uses.goals, numbers),
-        moves=paths(reader, uses.goals, numbers, targets, found["tooldata"]),
-    )
+    parsed = _Parsed(data, source, tools or {}, work_objects or {})
+    parsed.gather(Abroad(parsed.literals))
+    return parsed.module()
+
+
+class _Parsed:
+    """A module on its way: its targets first, their uses when those of all modules are known."""
+
+    def __init__(
+        self, data: bytes, source: str, tools: Mapping[str, FloatArray], work_objects: Mapping[str, FloatArray]
+    ) -> None:
+        self.text, self.encoding = decode(data, source)
+        self.reader = Reader(self.text, source)
+        self.reader.read()
+        self.given = {"tooldata": given_frames("tool0", tools), "wobjdata": given_frames("wobj0", work_objects)}
+        self.literals = Literals(self.reader)
+        self.literals.collect()
+        self.uses = Uses(self.literals, self.given)
+
+    def gather(self, abroad: Abroad) -> None:
+        """Gather the uses that this module makes of its targets and of others'."""
+        self.uses = Uses(self.literals, self.given, abroad)
+        self.uses.gather()
+
+    def module(self) -> Module:
+        """The module, once the uses of all are gathered."""
+        reader, literals = self.reader, self.literals
+        self.uses.conclude()
+        numbers = {id(literal): k for k, literal in enumerate(_in_file_order(literals.found))}
+        found = needed_frames(reader, literals.found, self.given)
+        targets = _targets(reader, literals.found)
+        return Module(
+            source=reader.source,
+            text=self.text,
+            encoding=self.encoding,
+            targets=targets,
+            tools=found["tooldata"],
+            work_objects=found["wobjdata"],
+            uncorrected=tuple(sorted(literals.uncorrected, key=lambda entry: (entry.line, entry.column))),
+            notes=_notes(reader, literals.found),
+            fingerprint=in_comments(reader.comments),
+            order=stops(reader, self.uses.goals, numbers),
+            moves=paths(reader, self.uses.goals, numbers, targets, found["tooldata"]),
+        )
 
 
 def _in_file_order(found: list[Literal]) -> list[Literal]:

@@ -123,7 +123,7 @@ class Reader(Walker):
             raise self.error(tokens[i + 1].start, f"expected the end of the file after ENDMODULE, found {found}")
 
     def _declaration(self, i: int) -> int:
-        type_token = self._name(i + 1, "a data type")
+        type_token, local = self._name(i + 1, "a data type"), self.tokens[i - 1].word == "local"
         name = self._name(i + 2, "a name")
         sizes: Index = ()
         node, computed = None, None
@@ -137,7 +137,8 @@ class Reader(Walker):
                 computed = self.tokens[i + 1].start
                 i = self._expression(i + 1, (";",))
         i = self._expect(i, ";")
-        data = Data(self.text[name.start : name.end], type_token.word, name.start, sizes, node, computed)
+        spelling = self.text[name.start : name.end]
+        data = Data(spelling, type_token.word, name.start, sizes, node, computed, local)
         self._declare(self.data if self.scope is None else self.scope, data, name.word)
         return i
 

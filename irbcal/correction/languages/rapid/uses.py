@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from irbcal.arrays import FloatArray
+from irbcal.correction.languages.rapid.abroad import Abroad
 from irbcal.correction.languages.rapid.literals import KIND_OF, TYPE_OF, Literals
-from irbcal.correction.languages.rapid.parts import Arg, Index, Literal, Move
+from irbcal.correction.languages.rapid.parts import Arg, Data, Literal, Move, may_be
 from irbcal.correction.program import Kind
 from irbcal.correction.text_program import Role, Use
 
@@ -23,6 +25,8 @@ class Uses:
         As collected; gathers the uses.
     given : dict of str to dict of str to ndarray
         Frames from the caller, by ``tooldata`` and ``wobjdata`` and by name.
+    abroad : Abroad, optional
+        The targets of other modules.
 
     Attributes
     ----------
@@ -30,21 +34,34 @@ class Uses:
         For each move and each of its points the literals that it may stand for, and whether it may be another place.
     """
 
-    def __init__(self, literals: Literals, given: Mapping[str, Mapping[str, FloatArray]]) -> None:
+    def __init__(
+        self, literals: Literals, given: Mapping[str, Mapping[str, FloatArray]], abroad: Abroad | None = None
+    ) -> None:
+        self.abroad = abroad or Abroad(literals)
         self.literals, self.reader, self.given = literals, literals.reader, given
         self.goals: list[tuple[Move, list[tuple[list[Literal], bool]]]] = []
 
     def gather(self) -> None:
-        """Give every literal its uses and what speaks against changing it.
+        """Give every literal its uses, those of other modules, too.
 
         Raises
         ------
         ProgramError
             If a move uses what cannot be its target, its tool or its work object.
         """
+        self.abroad.gather()
         for move in self.reader.moves:
             self._move(move)
         self._mentions()
+
+    def conclude(self) -> None:
+        """Put together what speaks against changing each literal, once the uses of all modules are gathered.
+
+        Raises
+        ------
+        ProgramError
+            If the numbers of one that is used are none.
+        """
         for literal in self.literals.found:
             self._conclude(literal)
 
@@ -63,6 +80,9 @@ class Uses:
             if role == "w":
                 continue
             as_role: Role = "via" if role == "via" else "to"
+            if self._goes_abroad(move, arg, kind, replace(use, role=as_role), unknown):
+                points.append(([], True))
+                continue
             found, reason = self._goals(move, arg, kind, line)
             points.append((found, bool(reason)))
             if reason or unknown:
@@ -70,6 +90,27 @@ class Uses:
             for literal in found:
                 literal.uses.append(replace(use, role=as_role))
                 literal.reasons.extend(text for text in (reason, unknown) if text)
+
+    def _goes_abroad(self, move: Move, arg: Arg, kind: Kind, use: Use, unknown: str) -> bool:
+        """Give a target of another module this use; false where it is none, or none that can be corrected."""
+        data: Data | None = None
+        if arg.name is not None and self.reader.lookup(move.scope, arg.name) is None:
+            data = self.abroad.data.get(arg.name)
+        if arg.name is None or data is None or KIND_OF[data.type] != kind or len(arg.indices) != len(data.sizes):
+            return False
+        file = Path(self.reader.source).name
+        found = self.abroad.literals(arg.name, arg.indices)
+        frames = (("tooldata", use.tool), ("wobjdata", use.work_object)) if kind == "pose" else ()
+        against = [f"{unknown} of {file}"] if unknown else []
+        against += [why for of, name in frames if name and (why := self.abroad.frame_problem(of, name))]
+        changes = [start for index, start in data.changes if may_be(index, arg.indices)]
+        against += ["it is computed or changed in its own module"] if changes else []
+        for literal in found:
+            literal.uses.append(replace(use, file=file))
+            literal.reasons.extend(against)
+        if against or not found:
+            self.literals.report(move.start, move.name, arg.text, "; ".join(against) or "it has no value in numbers")
+        return True
 
     def _goals(self, move: Move, arg: Arg, kind: Kind, line: int) -> tuple[list[Literal], str]:
         """Literals that an argument stands for, and why these are not all, or not to be changed."""
@@ -94,8 +135,8 @@ class Uses:
         if len(arg.indices) != len(data.sizes):
             message = f"{data.spelling} has {len(data.sizes)} indices, but {arg.text} has {len(arg.indices)}"
             raise reader.error(arg.start, message)
-        found = [literal for index, literal in data.entries if _may_be(index, arg.indices)]
-        changes = sorted(position for index, position in data.changes if _may_be(index, arg.indices))
+        found = [literal for index, literal in data.entries if may_be(index, arg.indices)]
+        changes = sorted(position for index, position in data.changes if may_be(index, arg.indices))
         if changes:
             return found, f"{arg.text} is computed or changed in line {reader.line(changes[0])}"
         return found, "" if found else f"{arg.text} has no value in this module"
@@ -123,7 +164,7 @@ class Uses:
         for scope, name, index, start in self.reader.mentions:
             data = self.reader.lookup(scope, name)
             for at, literal in data.entries if data is not None else ():
-                if _may_be(at, index):
+                if may_be(at, index):
                     literal.mentioned.append(start)
 
     def _conclude(self, literal: Literal) -> None:
@@ -135,11 +176,11 @@ class Uses:
             literal.reasons.append(literal.problem)
         if literal.kind == "pose":
             uses = literal.uses[::-1]
-            tools = {use.tool: use.line for use in uses}
-            work_objects = {use.work_object: use.line for use in uses}
+            tools = {use.tool: use.place for use in uses}
+            work_objects = {use.work_object: use.place for use in uses}
             for what, names in (("tools", tools), ("work objects", work_objects)):
                 if len(names) > 1:
-                    seen = ", ".join(f"{name or 'a computed one'} (line {line})" for name, line in names.items())
+                    seen = ", ".join(f"{name or 'a computed one'} ({line})" for name, line in names.items())
                     literal.reasons.append(f"used with different {what}: {seen}")
         lines = sorted({reader.line(start) for start in literal.mentioned})
         for line in lines[:_QUOTED]:
@@ -147,8 +188,3 @@ class Uses:
         if len(lines) > _QUOTED:
             literal.reasons.append(f"so do {len(lines) - _QUOTED} more lines")
         literal.reasons = list(dict.fromkeys(literal.reasons))
-
-
-def _may_be(index: Index, other: Index) -> bool:
-    """Whether two indices may name the same element; None, or no index at all, stands for any."""
-    return all(a is None or b is None or a == b for a, b in zip(index, other, strict=False))
