@@ -178,7 +178,12 @@ def test_same_commands_for_other_arms(name, rail, tmp_path):
     # and back: other joints perhaps, the same poses
     lines = run("ik", tmp_path / "cal", "--poses", tmp_path / "poses.csv").splitlines()
     assert lines[0].endswith(",".join(["", *columns, "note"]))
-    found = np.array([line.split(",")[-1 - len(arm.joint_units) : -1] for line in lines[1:] if line.endswith(",")], dtype=float) * arm.joint_units
+    found = (
+        np.array(
+            [line.split(",")[-1 - len(arm.joint_units) : -1] for line in lines[1:] if line.endswith(",")], dtype=float
+        )
+        * arm.joint_units
+    )
     rows = [k for k, line in enumerate(lines[1:]) if line.endswith(",")]
     assert len(rows) >= 18
     assert_same_poses(saved.robot_calibrated().poses(found), saved.robot_calibrated().poses(q[rows]), 1e-8, 1e-8)
@@ -289,7 +294,10 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
         outcome_of(data, rail, "34", base_link="rail_base")
     with pytest.raises(IdentificationError, match="no error parameter is called 'stiffness_A'"):
         outcome_of(data, rail, base_link="rail_base", free=["stiffness_A"])
-    with pytest.raises(IdentificationError, match="the method circles is for arms with six revolute joints"):
+    with pytest.raises(
+        IdentificationError,
+        match="model 26 is for arms with six revolute joints, irb120_3_058 has 6 revolute and 1 prismatic",
+    ):
         outcome_of(data, rail, base_link="rail_base", method="circles")
     with pytest.raises(RobotError, match="the arm-stiffness model is for six revolute joints"):
         arm.stiffness_geometry()

@@ -24,13 +24,13 @@ def test_its_examples_run_and_its_commands(tmp_path, monkeypatch, capsys, progra
     np.testing.assert_array_equal(names["C"], irbcal.load("my-robot").record.covariance_matrix())
 
     q = pd.DataFrame(np.degrees(names["q"]), columns=[f"q{k}_deg" for k in range(1, 7)])
-    q.to_csv("poses.csv", index=False)
+    q.to_csv("joints.csv", index=False)
     irbcal.simulate("irb1600", random=20, seed=4).to_frame().to_csv("verification.csv", index=False)
     for line in re.findall(r"^irbcal (.*?)  +#", TEXT, re.MULTILINE):
         told = program(*line.split())
         assert "u95_mm" in told or "intervals" in told
     assert "x_mm,y_mm,z_mm,x_u95_mm,y_u95_mm,z_u95_mm,outside" in program(
-        "fk", "my-robot", "--joints", "poses.csv", "--target", "smr1", "--intervals"
+        "fk", "my-robot", "--joints", "joints.csv", "--target", "smr1", "--intervals"
     )
 
 

@@ -56,6 +56,9 @@ SPREAD = 1e-3
 joints moving it is some 1e-4, as the real arm is not the nominal one, with joints that all turn by 5 % of their range
 1e-2."""
 
+STILL, FEWEST_MOVING = 1e-3, 3
+"""A joint that moves less (radians, metres) stands still; with two that move, a shift by a row is a turn of the base."""
+
 CORE, ROUNDS = 0.6, 6
 """Share of the points that the robot is fitted to, and how often these are chosen anew."""
 
@@ -420,6 +423,8 @@ def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
 
 def _determined(arm: Arm, points: PointSet) -> bool:
     """Whether points read so tell base and tool; where they do not, too many hypotheses fit."""
+    if np.count_nonzero(np.ptp(points.q, axis=0) > STILL) < FEWEST_MOVING:
+        return False
     try:
         return start.closed_form(Problem(arm, points.without_empty_poses().with_seen_targets(), ()))[1] > SPREAD
     except (IdentificationError, np.linalg.LinAlgError):

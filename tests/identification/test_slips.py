@@ -182,7 +182,7 @@ def test_calibrate_names_the_slip(tmp_path):
     assert "'joints.signs=[1, 1, -1, 1, 1, 1]'" in str(caught.value)
 
 
-@pytest.mark.parametrize("seed", [7, 10])
+@pytest.mark.parametrize("seed", [1, 7, 9])
 def test_none_is_named_where_points_do_not_tell_base_and_tool(seed):
     """A grid over joints 1 and 2 alone: nearly any hypothesis fits."""
     nominal = urdf.read(example_robot("panda_description/urdf/panda.urdf"), None, "panda_link8").arm
