@@ -57,7 +57,7 @@ joints moving it is some 1e-4, as the real arm is not the nominal one, with join
 1e-2."""
 
 STILL, FEWEST_MOVING = 1e-3, 3
-"""A joint that moves less (radians, metres) stands still; with two that move, a shift by a row is a turn of the base."""
+"""A joint that moves less (radians, metres) stands still; of two that move, a shift by a row is a turn of the base."""
 
 CORE, ROUNDS = 0.6, 6
 """Share of the points that the robot is fitted to, and how often these are chosen anew."""
