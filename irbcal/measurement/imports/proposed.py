@@ -84,7 +84,11 @@ def proposed(data: bytes, source: str, header: Sequence[str] | None = None) -> s
     position = _position(found, {name.text for name in joints or ()})
     if not joints or position is None:
         return None
-    cells = pd.read_csv(StringIO("\n".join(lines)), sep=mark or r"\s+", dtype=str, engine="python", on_bad_lines="skip")
+    try:
+        rows = StringIO("\n".join(lines))
+        cells = pd.read_csv(rows, sep=mark or r"\s+", dtype=str, engine="python", on_bad_lines="skip")
+    except (pd.errors.ParserError, pd.errors.EmptyDataError):
+        return None
     cells.columns = cells.columns.str.strip()
     options = [f"columns.joints=[{', '.join(map(_quoted, (name.text for name in joints)))}]", _option_of(position)]
     taken = {name.text for name in joints} | {name.text for three in position.values() for name in three}

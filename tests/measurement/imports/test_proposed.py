@@ -59,6 +59,8 @@ def test_nothing_is_proposed_for_what_is_no_such_table():
     assert proposed(b"J1,J2,J3,J4,J5,J6\n1,2,3,4,5,6\n", "t.csv") is None
     assert proposed(b"", "t.csv") is None
     assert proposed(b"\x00\xff\n\xfe", "t.csv") is None
+    header = b'J1,J2,J3,J4,J5,J6,",X,Y,Z'  # a quotation mark that is never closed
+    assert proposed(header + b"\n1,2,3,4,5,6,a,700,8,9\n", "t.csv") is None
 
 
 def test_a_quaternion_is_proposed_with_its_order():
