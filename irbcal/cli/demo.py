@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import shutil
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -50,7 +47,7 @@ def demo(
         show.say(
             f"\nOpen {out / 'report.html'}. Next, SIMULATED examples for every command, with the lines that try them:"
         )
-        show.say(f"  {_this_command()} samples try-irbcal", whole=True)
+        show.say(f"  {show.this_command()} samples try-irbcal", whole=True)
 
 
 def _from_a_demonstration(folder: Path) -> bool:
@@ -64,12 +61,3 @@ def _from_a_demonstration(folder: Path) -> bool:
     except IrbcalError:
         return False
     return record.simulated and bool(record.data) and Path(record.data[0].file).name == MEASURED
-
-
-def _this_command() -> str:
-    """How the command is to be typed that is running: by its name where the shell finds it, else with its folder."""
-    called = Path(sys.argv[0])
-    known = shutil.which("irbcal")
-    if called.name != "irbcal" or (known is not None and Path(known).samefile(called)):
-        return "irbcal"
-    return shlex.quote(str(called.absolute()))

@@ -1,5 +1,6 @@
 """``irbcal samples``: example files for every command."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -20,4 +21,6 @@ def samples(
         show.print_json(written.to_dict())
         return
     show.tell(written.told())
-    show.say(f"Next: cd {out}; irbcal calibrate measured.csv --robot my_robot.urdf --out my-robot", whole=True)
+    show.say("Next:")
+    show.say(f"  cd {shlex.quote(str(out))}", whole=True)
+    show.say(f"  {show.this_command()} calibrate measured.csv --robot my_robot.urdf --out my-robot", whole=True)

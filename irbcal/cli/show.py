@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import shlex
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -124,3 +127,12 @@ def note(text: str) -> None:
 
     console = Console()
     console.print(Text.assemble(("Note: ", "bold yellow"), _lines(console, text, len("Note: "))), soft_wrap=True)
+
+
+def this_command() -> str:
+    """How the command is to be typed that is running: by its name where the shell finds it, else with its folder."""
+    called = Path(sys.argv[0])
+    known = shutil.which("irbcal")
+    if called.name != "irbcal" or (known is not None and Path(known).samefile(called)):
+        return "irbcal"
+    return shlex.quote(str(called.absolute()))
