@@ -17,15 +17,16 @@ from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, Calib
 from irbcal.files.choice_section import EvidenceChoice
 from irbcal.files.mesh_paths import MeshPaths
 from irbcal.files.outcome import Outcome
-from irbcal.files.schema import Errors, Parameter, Record
+from irbcal.files.schema import Errors, Record
 from irbcal.identification.averaged import groups_table, models_table
+from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import renamed
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.validation.evaluation import orientation_line
-from irbcal.validation.proof import error_table, held_lines, left_out_lines, reached
+from irbcal.validation.proof import error_table, feature_tables, held_lines, left_out_lines, parameter_row, reached
 from irbcal.validation.verdict import Verdict, verdict_of
 
 if TYPE_CHECKING:
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
 
 FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")
 """Of a report's figures as files."""
-
-DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,10 +146,11 @@ class Calibration(Speaks):
         """What it is worth, in one line."""
         r = self.record
         kind = "SIMULATED, " if r.simulated else ""
+        at = " distance from features" if r.features else ""
         if r.heldout is None or r.heldout_nominal is None:
             return f"{r.robot.name}, {kind}model {r.model}: nothing was held out, so its accuracy is unknown"
         return (
-            f"{r.robot.name}, {kind}model {r.model}: held-out mean {r.heldout_nominal.all.mean_mm:.3f} -> "
+            f"{r.robot.name}, {kind}model {r.model}: held-out mean{at} {r.heldout_nominal.all.mean_mm:.3f} -> "
             f"{r.heldout.all.mean_mm:.3f} mm (largest {r.heldout.all.max_mm:.3f} mm) on {r.poses_heldout} poses"
         )
 
@@ -173,6 +173,7 @@ class Calibration(Speaks):
         assert nominal is not None
         assert calibrated is not None
         told: list[Told] = [*self.verdict.told(), error_table(r, nominal, calibrated, proven)]
+        told += feature_tables(r, verbose)
         if calibrated.orientation and nominal.orientation:
             told.append(orientation_line("nominal", nominal.orientation.model_dump()))
             told.append(orientation_line(f"model {r.model}", calibrated.orientation.model_dump()))
@@ -201,7 +202,7 @@ class Calibration(Speaks):
 
     def parameter_table(self) -> Table:
         """Parameters with their standard deviation, unit and state."""
-        rows: list[tuple[Cell, ...]] = [_parameter_row(item) for item in self.record.parameters]
+        rows: list[tuple[Cell, ...]] = [parameter_row(item) for item in self.record.parameters]
         return Table("Parameters", ("name", "value", "±", "unit", "state"), tuple(rows))
 
     def to_dict(self, out: str | Path | None = None) -> dict[str, Any]:
@@ -236,12 +237,6 @@ class Calibration(Speaks):
         }
 
 
-def _parameter_row(item: Parameter) -> tuple[Cell, ...]:
-    digits = DIGITS.get(item.unit, 6)
-    std = "–" if item.std is None else f"{item.std:.{digits}f}"
-    return item.name, f"{item.value:+.{digits}f}", std, item.unit, item.state
-
-
 @renamed(order="split", known_targets="targets", poses="as_poses", base="base_link", tip="tip_link")
 def calibrate(
     measurements: MeasurementsLike,
@@ -271,6 +266,8 @@ def calibrate(
     same_tool: bool = False,
     torques: bool = False,
     parallel: Literal["hayati", "forced"] = "hayati",
+    features: TableLike | None = None,
+    leave_out: str | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -322,6 +319,10 @@ def calibrate(
         The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
     torques : bool
         Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
+    features : str, Path or DataFrame, optional
+        What is known of features that were touched, see `irbcal.measurement.features`: no tracker is needed.
+    leave_out : str, optional
+        Column of the places that are left out in turn, see `irbcal.validation.feature_proof.prove`.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -359,6 +360,8 @@ def calibrate(
         same_tool,
         torques,
         parallel,
+        features,
+        leave_out,
     )
     return Calibration(calibrating.run(measurements, robot, options, progress))
 
