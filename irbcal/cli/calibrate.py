@@ -197,7 +197,7 @@ def run(
     with made_folders(out, names=NAMES), show.progress(STEPS, quiet=json) as step:
         with wrong_calls():
             calibration = identify(measurements, robot, progress=step, **options)
-        step("checking with Pinocchio and yourdfpy, writing")
+        step("checking with Pinocchio, writing")
         calibration.save(out, **links)
     if json:
         show.print_json(calibration.to_dict(out))

@@ -159,7 +159,7 @@ class Linearised:
         Found or None
             None where no coefficient can be seen.
         """
-        from scipy.stats import f as fisher
+        from scipy.special import fdtrc
 
         Q = self.basis(without) if Q is None else Q
         y = self.explained(without)
@@ -175,7 +175,7 @@ class Linearised:
         after = self.left_out(left, np.hstack([Q, U]))
         change = np.stack([np.bincount(self.flat_pose, row * after, minlength=self.poses) for row in P])
         C = (self.poses - 1) / self.poses * change @ change.T
-        p = float(fisher.sf(beta @ np.linalg.pinv(C) @ beta / len(kept), len(kept), self.poses - 1))
+        p = float(fdtrc(len(kept), self.poses - 1, beta @ np.linalg.pinv(C) @ beta / len(kept)))
         return Found(kept, beta, C, p, left, self._before(y, Q), self.size(after), self.size(own @ beta))
 
     def _before(self, y: FloatArray, Q: FloatArray) -> float:

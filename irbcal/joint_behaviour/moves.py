@@ -290,7 +290,7 @@ class _Levels:
 
     def fit(self, X: FloatArray, extra: int = 0) -> _Fit:
         """Weighted least squares of terms beside the series' zeros; ``extra`` unknowns are spent elsewhere."""
-        from scipy.stats import f as fisher
+        from scipy.special import fdtrc
 
         w = self.root[:, None]
         N, X, y = np.linalg.qr(w * self.beside)[0], w * X, self.root * self.y
@@ -302,7 +302,7 @@ class _Levels:
         sigma2 = max(left @ left / freedom, 1e-24)
         S = P * self.root
         C = sigma2 * P @ P.T + S @ self.covariance @ S.T
-        p = float(fisher.sf(beta @ np.linalg.solve(C, beta) / len(beta), len(beta), freedom))
+        p = float(fdtrc(len(beta), freedom, beta @ np.linalg.solve(C, beta) / len(beta)))
         H_0 = np.sum(N**2, axis=1)
         H_1 = H_0 + np.einsum("rk,kr->r", rest_X, P)
         return _Fit(beta, C, freedom, p, self._left_out(rest, H_0), self._left_out(left, H_1), sigma2)

@@ -139,9 +139,9 @@ def fourier_columns(q: ArrayLike, order: int, frequency: float) -> FloatArray:
 
 def quantile(freedom: float) -> float:
     """Half-width of the interval in standard deviations (Student)."""
-    from scipy.stats import t as student
+    from scipy.special import stdtrit
 
-    return float(student.ppf(0.5 + CONFIDENCE / 2, freedom))
+    return float(stdtrit(freedom, 0.5 + CONFIDENCE / 2))
 
 
 def frequencies(extent: float, highest: float) -> FloatArray:
