@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
-    ("errors", "units", "arrays"),
+    ("errors", "units", "arrays", "chance"),
     ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "reading", "templates"),
     ("figures", "modeling"),
     ("measurement",),
