@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import Json
 
 Method = Enum(
     "Method",
@@ -52,7 +53,7 @@ def study(
         list[str] | None,
         typer.Option(help="Do and print only this table: 7.1 … 7.16, procedures, targets, curve (repeat for more)."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Calibrate and verify a virtual robot again and again: tables and figures of the thesis's chapter 7, SIMULATED."""
     if out is None:
