@@ -23,6 +23,7 @@ from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import renamed
+from irbcal.parallel import on_workers, one_thread
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.validation.evaluation import orientation_line
 from irbcal.validation.proof import error_table, held_lines, left_out_lines, reached
@@ -63,6 +64,7 @@ class Calibration(Speaks):
             return self.saved.record, self.saved.urdf
         return self._document()
 
+    @one_thread()
     def _document(self, **options: bool) -> tuple[Record, bytes]:
         from irbcal.files import document
 
@@ -243,6 +245,7 @@ def _parameter_row(item: Parameter) -> tuple[Cell, ...]:
 
 
 @renamed(order="split", known_targets="targets", poses="as_poses", base="base_link", tip="tip_link")
+@on_workers
 def calibrate(
     measurements: MeasurementsLike,
     robot: str | Path | None = None,
@@ -271,6 +274,7 @@ def calibrate(
     same_tool: bool = False,
     torques: bool = False,
     parallel: Literal["hayati", "forced"] = "hayati",
+    jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -322,6 +326,8 @@ def calibrate(
         The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
     torques : bool
         Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
+    jobs : int, optional
+        Threads for large problems, see `irbcal.parallel.using`.
     progress : callable, optional
         Called with a short text at each step.
 

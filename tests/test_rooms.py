@@ -11,7 +11,7 @@ PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
     ("errors", "units", "arrays"),
-    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "reading"),
+    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "parallel", "reading"),
     ("figures", "modeling"),
     ("measurement",),
     ("identification",),
