@@ -86,8 +86,7 @@ class Calibration(Speaks):
         """Where it was loaded from."""
         return None if self.saved is None else self.saved.folder
 
-    def __getattr__(self, name: str) -> Any:
-        # pickle and copy ask for names before there is anything to ask
+    def __getattr__(self, name: str) -> Any:  # pickle and copy ask for names before there is anything to ask
         if name not in Record.model_fields and name not in ("used_points", "tool_shape", "reference_places"):
             raise AttributeError(f"a calibration has no attribute {name!r}")
         return getattr(self.record, name)
