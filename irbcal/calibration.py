@@ -14,19 +14,27 @@ from irbcal.calibrating import Options, Progress
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, CalibrationLike, Saved
-from irbcal.files.choice_section import EvidenceChoice
 from irbcal.files.mesh_paths import MeshPaths
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import Errors, Record
-from irbcal.identification.averaged import groups_table, models_table
+from irbcal.identification.averaged import groups_table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import renamed
+from irbcal.parallel import on_workers, one_thread
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.validation.evaluation import orientation_line
-from irbcal.validation.proof import error_table, feature_tables, held_lines, left_out_lines, parameter_row, reached
+from irbcal.validation.proof import (
+    error_table,
+    feature_tables,
+    held_lines,
+    left_out_lines,
+    model_tables,
+    parameter_row,
+    reached,
+)
 from irbcal.validation.verdict import Verdict, verdict_of
 
 if TYPE_CHECKING:
@@ -62,6 +70,7 @@ class Calibration(Speaks):
             return self.saved.record, self.saved.urdf
         return self._document()
 
+    @one_thread()
     def _document(self, **options: bool) -> tuple[Record, bytes]:
         from irbcal.files import document
 
@@ -70,7 +79,7 @@ class Calibration(Speaks):
 
     @property
     def record(self) -> Record:
-        """Content of ``calibration.json``; checked against Pinocchio and yourdfpy when it is first asked for."""
+        """Content of ``calibration.json``; checked against Pinocchio when it is first asked for."""
         return self._built[0]
 
     @property
@@ -83,8 +92,7 @@ class Calibration(Speaks):
         """Where it was loaded from."""
         return None if self.saved is None else self.saved.folder
 
-    def __getattr__(self, name: str) -> Any:
-        # pickle and copy ask for names before there is anything to ask
+    def __getattr__(self, name: str) -> Any:  # pickle and copy ask for names before there is anything to ask
         if name not in Record.model_fields and name not in ("used_points", "tool_shape", "reference_places"):
             raise AttributeError(f"a calibration has no attribute {name!r}")
         return getattr(self.record, name)
@@ -181,15 +189,7 @@ class Calibration(Speaks):
             f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
             f"identified from {r.poses_fit} poses ({reached(r)})"
         )
-        if r.choice:
-            told.append(r.choice.explanation)
-        if isinstance(r.choice, EvidenceChoice):
-            rows = [
-                (row.name, row.terms, row.log_evidence, row.weight, row.sigma_mm, row.leave_one_out_mm)
-                for row in r.choice.table
-            ]
-            told.append(models_table(rows))
-        told += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
+        told += [*model_tables(r), *held_lines(r, verbose), *left_out_lines(r, verbose)]
         told += [f"Note: {note}" for note in r.notes if note not in r.doubts]
         check = r.pinocchio_check
         second = f" and yourdfpy ({check.yourdfpy_poses})" if check.yourdfpy_poses else ""
@@ -238,6 +238,7 @@ class Calibration(Speaks):
 
 
 @renamed(order="split", known_targets="targets", poses="as_poses", base="base_link", tip="tip_link")
+@on_workers
 def calibrate(
     measurements: MeasurementsLike,
     robot: str | Path | None = None,
@@ -268,6 +269,7 @@ def calibrate(
     parallel: Literal["hayati", "forced"] = "hayati",
     features: TableLike | None = None,
     leave_out: str | None = None,
+    jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -323,6 +325,8 @@ def calibrate(
         What is known of features that were touched, see `irbcal.measurement.features`: no tracker is needed.
     leave_out : str, optional
         Column of the places that are left out in turn, see `irbcal.validation.feature_proof.prove`.
+    jobs : int, optional
+        Threads for large problems, see `irbcal.parallel.using`.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -405,7 +409,7 @@ def save(
     Raises
     ------
     CalibrationError
-        If the folder cannot be written, or Pinocchio or yourdfpy disagrees with the URDF.
+        If the folder cannot be written, or Pinocchio disagrees with the URDF.
     RobotError
         If a mesh file whose path is asked for is not found.
     """

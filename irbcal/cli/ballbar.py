@@ -7,13 +7,14 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import grid, show
+from irbcal.cli.shared_options import Calibration, Json
 from irbcal.cli.wrong_calls import wrong_calls
 
 Run = Enum("Run", {"nominal": "nominal", "fake": "fake"}, type=str)
 
 
 def ballbar(
-    calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
+    calibration: Calibration,
     file: Annotated[
         Path | None,
         typer.Argument(help="Measured: angle_deg,radius_mm (or error_mm)[,run].", show_default=False),
@@ -38,7 +39,7 @@ def ballbar(
     magnify: Annotated[
         float | None, typer.Option(min=1e-3, help="Magnification of the errors.", show_default="a round number")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Radial errors of a circle as a ballbar shows them: nominal targets, fake targets, measured; joint reversals."""
     import numpy as np

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from irbcal.cli import grid, show
+from irbcal.cli.shared_options import BaseLink, Coupling, FailIfWorse, Jobs, Json, Measurements, TipLink, Verbose
 from irbcal.cli.wrong_calls import path_to_write, wrong_calls
 from irbcal.identification.choices import Loss, MethodOrAlias, Model, Objective, Parallel, Terms
 
@@ -18,7 +19,7 @@ STEPS = 6
 
 
 def calibrate(
-    measurements: Annotated[Path, typer.Argument(help="Measurement file (CSV or Parquet).", show_default=False)],
+    measurements: Measurements,
     out: Annotated[
         Path,
         typer.Option(parser=path_to_write, metavar="PATH", help="Folder for the calibration.", show_default=False),
@@ -114,6 +115,7 @@ def calibrate(
             show_default="place, or features that lengths tie together",
         ),
     ] = None,
+    jobs: Jobs = None,
     holdout: Annotated[
         float | None,
         typer.Option(
@@ -127,20 +129,9 @@ def calibrate(
     verify: Annotated[
         Path | None, typer.Option(help="Measurements to prove it with, in place of --holdout.", show_default=False)
     ] = None,
-    base_link: Annotated[
-        str | None, typer.Option(help="Base link of the arm.", show_default="base_link or the root")
-    ] = None,
-    tip_link: Annotated[
-        str | None,
-        typer.Option(help="Tip link of the arm.", show_default="tool0, flange, ee_link, tcp or the last link"),
-    ] = None,
-    coupling: Annotated[
-        str | None,
-        typer.Option(
-            help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
-            show_default="that of the file beside the URDF",
-        ),
-    ] = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    coupling: Coupling = None,
     world_link: Annotated[bool, typer.Option("--world-link", help="Add the measuring frame to the URDF.")] = False,
     target_links: Annotated[bool, typer.Option("--target-links", help="Add the reflectors to the URDF.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a calibration that is in --out already.")] = False,
@@ -148,9 +139,9 @@ def calibrate(
         Literal["package", "relative", "absolute"],
         typer.Option(help="Mesh files in the URDF: as they were, or as paths, which MuJoCo, urchin and yourdfpy open."),
     ] = "package",
-    fail_if_worse: Annotated[bool, typer.Option("--fail-if-worse", help=show.FAIL_IF_WORSE)] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", help=show.VERBOSE)] = False,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    fail_if_worse: FailIfWorse = False,
+    verbose: Verbose = False,
+    json: Json = False,
 ) -> None:
     """Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report."""
     if robot is None and with_ is None:
@@ -189,6 +180,7 @@ def calibrate(
         parallel=parallel,
         features=features,
         leave_out=leave_out,
+        jobs=jobs,
         force=force,
         verbose=verbose,
     )
@@ -215,7 +207,7 @@ def run(
     with made_folders(out, names=NAMES), show.progress(STEPS, quiet=json) as step:
         with wrong_calls():
             calibration = identify(measurements, robot, progress=step, **options)
-        step("checking with Pinocchio and yourdfpy, writing")
+        step("checking with Pinocchio, writing")
         calibration.save(out, **links)
     if json:
         show.print_json(calibration.to_dict(out))

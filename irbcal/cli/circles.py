@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import Json
 from irbcal.cli.wrong_calls import wrong_calls
 from irbcal.identification.choices import Parallel
 
@@ -32,7 +33,7 @@ def circles(
         Path | None,
         typer.Option(help="Targets as drawn (CAD), compared with the tool: target,x_mm,y_mm,z_mm.", show_default=False),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Base, tool and links of a robot by the circles of one-joint moves alone.
 

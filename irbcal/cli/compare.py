@@ -8,39 +8,28 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import BootstrapSeed, IncludeFitted, Json, PayloadOfFiles, RefitBase, RefitTool, SameTool
 
 
 def compare(
     calibrations: Annotated[list[Path], typer.Argument(help="Two or more calibration folders.", show_default=False)],
     measurements: Annotated[Path, typer.Option(help="Measurement file (CSV or Parquet).", show_default=False)],
-    include_fitted: Annotated[
-        bool, typer.Option("--include-fitted", help="Keep poses that one of them was fitted to.")
-    ] = False,
-    refit_base: Annotated[
-        bool, typer.Option("--refit-base", help="Place the base anew: the tracker or the robot was moved.")
-    ] = False,
-    refit_tool: Annotated[
-        bool, typer.Option("--refit-tool", help="Place the targets anew: the reflectors were mounted anew.")
-    ] = False,
+    include_fitted: IncludeFitted = False,
+    refit_base: RefitBase = False,
+    refit_tool: RefitTool = False,
     refit_from: Annotated[
         int | None,
         typer.Option(
             min=3, help="Poses that place base and tool anew and are not judged.", show_default="as irbcal evaluate"
         ),
     ] = None,
-    payload: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Mass carried, kg, for files without a column payload_kg.", show_default=False),
-    ] = None,
-    same_tool: Annotated[
-        bool,
-        typer.Option("--same-tool", help="With loads unknown to a calibration reflectors stayed in place."),
-    ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
+    payload: PayloadOfFiles = None,
+    same_tool: SameTool = False,
+    seed: BootstrapSeed = 0,
     csv: Annotated[Path | None, typer.Option(help="Write the errors pose by pose (CSV).", show_default=False)] = None,
     latex: Annotated[Path | None, typer.Option(help="Write the table for LaTeX.", show_default=False)] = None,
     plots: Annotated[Path | None, typer.Option(help="Folder for figures (PNG).", show_default=False)] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Compare calibrations of one robot pose by pose: which is better, and whether that is beyond chance."""
     from irbcal.atomic import made_folders, write_set

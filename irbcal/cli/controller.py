@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import BaseLink, Coupling, Json, TipLink
 from irbcal.cli.wrong_calls import wrong_calls
 
 
@@ -21,24 +22,13 @@ def controller(
         ),
     ],
     robot: Annotated[str, typer.Option(help="URDF, or a name: see irbcal robots.", show_default=False)],
-    base_link: Annotated[
-        str | None, typer.Option(help="Base link of the arm.", show_default="base_link or the root")
-    ] = None,
-    tip_link: Annotated[
-        str | None,
-        typer.Option(help="Tip link of the arm.", show_default="tool0, flange, ee_link, tcp or the last link"),
-    ] = None,
-    coupling: Annotated[
-        str | None,
-        typer.Option(
-            help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
-            show_default="that of the file beside the URDF",
-        ),
-    ] = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    coupling: Coupling = None,
     out: Annotated[
         Path | None, typer.Option(help="URDF that equals the controller.", metavar="FILE", show_default=False)
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Compare a URDF with the poses that the controller itself reports: which lengths and zeros it computes with."""
     from irbcal.validation.controller_check import controller as check

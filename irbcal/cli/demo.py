@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import calibrate, show
+from irbcal.cli.shared_options import Json, Verbose
 from irbcal.errors import IrbcalError
 from irbcal.files import robots
 from irbcal.identification.choices import Model
@@ -26,8 +27,8 @@ def demo(
             "--force", help=f"Replace a calibration that is in --out already (a demonstration in {OWN} always is)."
         ),
     ] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", help=show.VERBOSE)] = False,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    verbose: Verbose = False,
+    json: Json = False,
 ) -> None:
     """Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses."""
     if not json:

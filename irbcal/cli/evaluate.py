@@ -8,6 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import typer
 
 from irbcal.cli import grid, show
+from irbcal.cli.shared_options import (
+    BootstrapSeed,
+    Calibration,
+    FailIfWorse,
+    IncludeFitted,
+    Jobs,
+    Json,
+    Measurements,
+    PayloadOfFiles,
+    RefitBase,
+    RefitTool,
+    SameTool,
+    Verbose,
+)
 
 if TYPE_CHECKING:
     from irbcal.validation.evaluation import Evaluation
@@ -17,14 +31,10 @@ Rule: TypeAlias = Literal["mean3sigma", "max", "percentile"]
 
 
 def evaluate(
-    calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
-    measurements: Annotated[Path, typer.Argument(help="Measurement file (CSV or Parquet).", show_default=False)],
-    refit_base: Annotated[
-        bool, typer.Option("--refit-base", help="Place the base anew: the tracker or the robot was moved.")
-    ] = False,
-    refit_tool: Annotated[
-        bool, typer.Option("--refit-tool", help="Place the targets anew: the reflectors were mounted anew.")
-    ] = False,
+    calibration: Calibration,
+    measurements: Measurements,
+    refit_base: RefitBase = False,
+    refit_tool: RefitTool = False,
     refit_from: Annotated[
         int | None,
         typer.Option(
@@ -40,9 +50,7 @@ def evaluate(
             help="Percentiles, 95 % bootstrap intervals (poses drawn again), coverage of predicted intervals.",
         ),
     ] = False,
-    include_fitted: Annotated[
-        bool, typer.Option("--include-fitted", help="Keep poses that the calibration was fitted to.")
-    ] = False,
+    include_fitted: IncludeFitted = False,
     flange: Annotated[
         bool, typer.Option("--flange", help="Position and orientation of the flange, from three targets of a pose.")
     ] = False,
@@ -64,15 +72,9 @@ def evaluate(
         Path | None,
         typer.Option(help="The same poses (by name) measured with fake targets: expected against verified error."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
-    payload: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Mass carried, kg, for files without a column payload_kg.", show_default=False),
-    ] = None,
-    same_tool: Annotated[
-        bool,
-        typer.Option("--same-tool", help="With loads unknown to the calibration reflectors stayed in place."),
-    ] = False,
+    seed: BootstrapSeed = 0,
+    payload: PayloadOfFiles = None,
+    same_tool: SameTool = False,
     tolerance: Annotated[
         float | None,
         typer.Option(help="Largest position error allowed, mm: pass or fail; exit code 3 unless it is a pass."),
@@ -100,9 +102,10 @@ def evaluate(
         Path | None, typer.Option(help="Folder for the certificate's figures (PNG).", show_default=False)
     ] = None,
     data: Annotated[Path | None, typer.Option(help="Folder for its data (CSV, JSON).", show_default=False)] = None,
-    fail_if_worse: Annotated[bool, typer.Option("--fail-if-worse", help=show.FAIL_IF_WORSE)] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", help=show.VERBOSE)] = False,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    jobs: Jobs = None,
+    fail_if_worse: FailIfWorse = False,
+    verbose: Verbose = False,
+    json: Json = False,
 ) -> None:
     """Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the calibrated robot."""
     from irbcal.units import MM
@@ -132,6 +135,7 @@ def evaluate(
         tolerance=None if tolerance is None else tolerance * MM,
         rule=rule,
         info=_told(info),
+        jobs=jobs,
     )
     written = {} if report is None else _certificate(result, report, figures, data)
     if json:

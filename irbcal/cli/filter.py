@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from irbcal.cli import grid, program_words, show
+from irbcal.cli.shared_options import Calibration, Json, Payload, PayloadPlace
 
 if TYPE_CHECKING:
     from irbcal.correction.filtered import Filtered
 
 
 def filter_program(
-    calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
+    calibration: Calibration,
     program: Annotated[
         list[Path],
         typer.Argument(
@@ -44,13 +45,8 @@ def filter_program(
     wobj: Annotated[
         list[str] | None, typer.Option("--wobj", "--frame", help="a work object (base, user frame) in the base frame.")
     ] = None,
-    payload: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Mass carried, kg.", show_default="what most poses were measured with"),
-    ] = None,
-    payload_place: Annotated[
-        str | None, typer.Option(help="Its centre in the tip link: x,y,z in mm.", show_default="the calibration's")
-    ] = None,
+    payload: Payload = None,
+    payload_place: PayloadPlace = None,
     pulses: Annotated[
         str | None,
         typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
@@ -80,7 +76,7 @@ def filter_program(
             show_default=False,
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
     from irbcal.correction.filter import NotWritten, correct

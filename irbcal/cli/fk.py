@@ -7,12 +7,11 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import grid
+from irbcal.cli.shared_options import BaseLink, Coupling, JsonLines, Payload, PayloadPlace, RobotOrCalibration, TipLink
 
 
 def fk(
-    robot: Annotated[
-        str, typer.Argument(help="Calibration folder, URDF or a robot's name (see irbcal robots).", show_default=False)
-    ],
+    robot: RobotOrCalibration,
     joints: Annotated[
         Path,
         typer.Option(
@@ -35,28 +34,12 @@ def fk(
         ),
     ] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
-    payload: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Mass carried, kg.", show_default="what most poses were measured with"),
-    ] = None,
-    payload_place: Annotated[
-        str | None, typer.Option(help="Its centre in the tip link: x,y,z in mm.", show_default="the calibration's")
-    ] = None,
-    base_link: Annotated[
-        str | None, typer.Option(help="Base link of a URDF.", show_default="base_link or the root")
-    ] = None,
-    tip_link: Annotated[
-        str | None,
-        typer.Option(help="Tip link of a URDF.", show_default="tool0, flange, ee_link, tcp or the last link"),
-    ] = None,
-    coupling: Annotated[
-        str | None,
-        typer.Option(
-            help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
-            show_default="that of the file beside the URDF",
-        ),
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
+    payload: Payload = None,
+    payload_place: PayloadPlace = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    coupling: Coupling = None,
+    json: JsonLines = False,
 ) -> None:
     """Where a robot really ends: poses of the tip in the base link (mm, unit quaternion, scalar first), as CSV.
 

@@ -7,13 +7,21 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import grid
+from irbcal.cli.shared_options import (
+    BaseLink,
+    Coupling,
+    Jobs,
+    JsonLines,
+    Payload,
+    PayloadPlace,
+    RobotOrCalibration,
+    TipLink,
+)
 from irbcal.cli.wrong_calls import wrong_calls
 
 
 def ik(
-    robot: Annotated[
-        str, typer.Argument(help="Calibration folder, URDF or a robot's name (see irbcal robots).", show_default=False)
-    ],
+    robot: RobotOrCalibration,
     poses: Annotated[
         Path,
         typer.Option(
@@ -27,28 +35,13 @@ def ik(
     ] = None,
     all_branches: Annotated[bool, typer.Option("--all-branches", help="Every branch within the joint limits.")] = False,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
-    payload: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Mass carried, kg.", show_default="what most poses were measured with"),
-    ] = None,
-    payload_place: Annotated[
-        str | None, typer.Option(help="Its centre in the tip link: x,y,z in mm.", show_default="the calibration's")
-    ] = None,
-    base_link: Annotated[
-        str | None, typer.Option(help="Base link of a URDF.", show_default="base_link or the root")
-    ] = None,
-    tip_link: Annotated[
-        str | None,
-        typer.Option(help="Tip link of a URDF.", show_default="tool0, flange, ee_link, tcp or the last link"),
-    ] = None,
-    coupling: Annotated[
-        str | None,
-        typer.Option(
-            help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
-            show_default="that of the file beside the URDF",
-        ),
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")] = False,
+    payload: Payload = None,
+    payload_place: PayloadPlace = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    coupling: Coupling = None,
+    jobs: Jobs = None,
+    json: JsonLines = False,
 ) -> None:
     """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot.
 
@@ -73,6 +66,7 @@ def ik(
             all_branches=all_branches,
             payload=payload,
             payload_place=grid.metres(payload_place, "--payload-place"),
+            jobs=jobs,
         )
     grid.write(found.to_frame(as_written=not json), json)
     missing = len(found) - int(found.found.sum())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import Json
 
 if TYPE_CHECKING:
     from irbcal.measurement.imports.imported import Imported
@@ -57,7 +58,7 @@ def import_files(
             help="Print a preset, to copy and change it, and stop.",
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Turn files of other programs into a measurement file.
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from irbcal.cli import grid, show
+from irbcal.cli.shared_options import Json
 from irbcal.cli.wrong_calls import wrong_calls
 
 Plane = Enum("Plane", {"x=z": "x=z", "x=-z": "x=-z", "y=z": "y=z", "y=-z": "y=-z"}, type=str)
@@ -80,7 +81,7 @@ def iso9283(
         str | None, typer.Option(help="With --plan: joints in degrees that set the orientation.", show_default="zero")
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Figure to write (.png, .svg, .pdf).", show_default=False)] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Accuracy, repeatability, drift, settling, velocity, corners, posing time, compliance, after ISO 9283:1998."""
     from irbcal.figures.drawn_figure import check_name

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import Json, Measurements
 
 
 def _frequency(text: str) -> float | Literal["free"]:
@@ -22,7 +23,7 @@ def _frequency(text: str) -> float | Literal["free"]:
 
 
 def joints(
-    measurements: Annotated[Path, typer.Argument(help="Measurement file (CSV or Parquet).", show_default=False)],
+    measurements: Measurements,
     calibration: Annotated[
         Path | None, typer.Option(help="Calibration folder: its residuals are analysed, too.", show_default=False)
     ] = None,
@@ -34,7 +35,7 @@ def joints(
     order: Annotated[int, typer.Option(min=1, max=12, help="Order of the Fourier series.")] = 2,
     frequency: Annotated[str, typer.Option(help="Of the Fourier series, periods per turn; or: free.")] = "1",
     plots: Annotated[Path | None, typer.Option(help="Folder for figures (PNG).", show_default=False)] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Backlash, Fourier series, gains and stiffness joint by joint, and which of them this robot needs.
 

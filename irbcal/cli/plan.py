@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from irbcal.cli import program_words, show
+from irbcal.cli.shared_options import Json
 
 
 class Axis(str, Enum):
@@ -126,7 +127,6 @@ _Coupling = Annotated[
         show_default="that of the file beside the URDF",
     ),
 ]
-_Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
 
 
 def plan(
@@ -160,7 +160,7 @@ def plan(
     base_link: _BaseLink = None,
     tip_link: _TipLink = None,
     coupling: _Coupling = None,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Plan measurements: poses that the robot reaches and the tracker sees, a robot program, and what they promise."""
     place = _tracker(tracker)

@@ -8,11 +8,12 @@ from typing import Annotated, Literal
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import Calibration, Json
 from irbcal.cli.wrong_calls import wrong_calls
 
 
 def report(
-    calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
+    calibration: Calibration,
     figures: Annotated[
         Path | None, typer.Option(help="Folder for the figures as files of their own.", show_default=False)
     ] = None,
@@ -20,7 +21,7 @@ def report(
     data: Annotated[
         Path | None, typer.Option(help="Folder for the data behind figures and tables (CSV).", show_default=False)
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Write report.html again from calibration.json; its figures (PNG, SVG) and data (CSV) on request."""
     from irbcal.calibration import load

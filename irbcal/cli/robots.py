@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from irbcal.cli import show
+from irbcal.cli.shared_options import Json
 
 
 def robots(
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """List the robots that --robot takes by name."""
     from irbcal.files.robots import robots as known

@@ -7,11 +7,12 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import Json
 
 
 def samples(
     out: Annotated[Path, typer.Argument(metavar="DIR", help="New or empty folder.")] = Path("irbcal-samples"),
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Write small example files for every command, all SIMULATED, with the lines that try them."""
     from irbcal.practice.samples import samples as write

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from irbcal.correction.maker import Maker
 
 from irbcal.cli import program_words, show
+from irbcal.cli.shared_options import Json
 
 _Plan = Annotated[
     Path | None,
@@ -94,7 +95,6 @@ _Coupling = Annotated[
     ),
 ]
 _List = Annotated[bool, typer.Option("--list", help="Name the effects and stop.")]
-_Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
 
 
 def simulate(
@@ -122,7 +122,7 @@ def simulate(
     tip_link: _TipLink = None,
     coupling: _Coupling = None,
     list_: _List = False,
-    json: _Json = False,
+    json: Json = False,
 ) -> None:
     """Measure with a virtual robot, tool and laser tracker: SIMULATED data for trying out plans and calibrations."""
     if list_:

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import Json
 from irbcal.cli.wrong_calls import wrong_calls
 
 Check = Enum("Check", {name: name for name in ("bar", "repeat", "drift", "settle")}, type=str)  # type: ignore[misc]  # names for typer
@@ -21,7 +22,7 @@ def tracker(
     band: Annotated[float, typer.Option(min=1e-6, help="settle: limit band, mm.")] = 0.02,
     rest: Annotated[float, typer.Option(min=0.0, help="settle: seconds after which the robot is at rest.")] = 10.0,
     plot: Annotated[Path | None, typer.Option(help="Figure to write (.png, .svg, .pdf).", show_default=False)] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Scale-bar distances, repeatability, long-term drift with the air, stabilisation time.
 

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import Json
 from irbcal.cli.wrong_calls import path_to_write
 
 
@@ -29,7 +30,7 @@ def urdf(
         Path, typer.Option(parser=path_to_write, metavar="PATH", help="URDF file to write.", show_default=False)
     ],
     name: Annotated[str, typer.Option(help="Name of the robot.")] = "robot",
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Write a URDF from a Denavit-Hartenberg table, for robots that have none."""
     from irbcal.files.dh_table import urdf_from_dh

@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.shared_options import Calibration, Json
 from irbcal.cli.wrong_calls import wrong_calls
 
 
 def verify(
-    calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
+    calibration: Calibration,
     urdf: Annotated[Path | None, typer.Option(help="URDF to compare with it.", show_default=False)] = None,
     program: Annotated[
         Path | None, typer.Option(help="Program with fake targets to compare with it.", show_default=False)
@@ -29,7 +30,7 @@ def verify(
             metavar="WHY", help="Accept a deliberate change of calibration.json, for a reason.", show_default=False
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Tell whether a calibration is as it was written, or a URDF or program its own; exit code 1 if it is not."""
     from irbcal.validation.verification import verify as compare

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from irbcal.cli.shared_options import BaseLink, RefitBase, TipLink
+
 
 def view(
     source: Annotated[
@@ -32,15 +34,9 @@ def view(
         list[Path] | None,
         typer.Option(help="Folder in which package:// names of meshes are looked up; repeatable.", show_default=False),
     ] = None,
-    refit_base: Annotated[
-        bool, typer.Option("--refit-base", help="Place the base anew: the tracker or the robot was moved.")
-    ] = False,
-    base_link: Annotated[
-        str | None, typer.Option(help="Base link of a URDF.", show_default="base_link or the root")
-    ] = None,
-    tip_link: Annotated[
-        str | None, typer.Option(help="Tip link of a URDF.", show_default="tool0, flange … or the last")
-    ] = None,
+    refit_base: RefitBase = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
     port: Annotated[
         int | None, typer.Option(min=0, max=65535, help="Port on 127.0.0.1.", show_default="8160 or a free one")
     ] = None,

@@ -7,19 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
-from irbcal.errors import IdentificationError
 from irbcal.identification import slips
 from irbcal.identification.averaged import AveragedFit
-from irbcal.identification.fit import identify
 from irbcal.identification.outliers import spread
 from irbcal.identification.result import Fit
 from irbcal.measurement.moved import SHORTEST, moved_notes
 from irbcal.measurement.points import PointSet
-from irbcal.modeling.arm import Arm
 from irbcal.modeling.elsewhere import elsewhere
-from irbcal.modeling.parameters import default_level
 from irbcal.units import MM
-from irbcal.validation.mixed import mixed_poses, sums
+from irbcal.validation.mixed import mixed_poses
+from irbcal.validation.pose_equations import PoseEquations
 
 FEW_EQUATIONS = 3
 """Equations for each identified combination below which the user is warned."""
@@ -79,11 +76,8 @@ def doubts(
     out = []
     for points, elapsed in zip(measured, times or [None] * len(measured), strict=True):
         warmth = fit.warmth(points, elapsed) if isinstance(fit, AveragedFit) and elapsed is not None else None
-        out += (
-            moved_notes(points, fit.robot, warmth)
-            or contradicting_parts(nominal.problem.arm, points)
-            or mixed_poses(nominal.problem.arm, points)
-        )
+        equations = PoseEquations(nominal.problem.arm, points)
+        out += moved_notes(points, fit.robot, warmth) or contradicting_parts(equations) or mixed_poses(equations)
     left = max(LEFT[0], LEFT[1] * spread(fitted))
     if fit.rms > left:
         out.append(
@@ -147,7 +141,7 @@ def cautions(nominal: Fit, fit: Fit | AveragedFit) -> list[str]:
     return out
 
 
-def contradicting_parts(arm: Arm, points: PointSet, seed: int = 0) -> list[str]:
+def contradicting_parts(equations: PoseEquations, seed: int = 0) -> list[str]:
     """Whether poses measured early and late are of two robots or two tools, in a sentence.
 
     Robot, base and targets are identified from all poses; then each part may change all of them a little. What counts
@@ -155,9 +149,7 @@ def contradicting_parts(arm: Arm, points: PointSet, seed: int = 0) -> list[str]:
 
     Parameters
     ----------
-    arm : Arm
-    points : PointSet
-        In the order of measuring.
+    equations : PoseEquations
     seed : int
         Of the random orders.
 
@@ -166,23 +158,16 @@ def contradicting_parts(arm: Arm, points: PointSet, seed: int = 0) -> list[str]:
     list of str
         Empty where nothing beyond chance is found, or poses of one part are elsewhere than those of the other.
     """
-    n = points.poses
-    if n > MOST_POSES:
-        points = points.select(np.isin(np.arange(n), np.linspace(0, n - 1, MOST_POSES).astype(int)))
-        n = MOST_POSES
+    equations = equations.of_most(MOST_POSES)
+    points, n = equations.points, equations.points.poses
     if points.session is not None or n < 4 * SHORTEST:
         return []
     cuts = np.unique(np.linspace(0, n, CUTS + 2)[1:-1].astype(int))
     cuts = cuts[[_alike(points.q, int(k)) for k in cuts]]
-    if not len(cuts):
+    if not len(cuts) or equations.sums is None:
         return []
-    try:
-        fit = identify(arm, points.with_seen_targets(), default_level(arm))
-    except IdentificationError:
-        return []
-    H, g, yy = sums(fit, n)
-    unknowns = H.shape[1]
-    if 3 * len(points) < 4 * unknowns:
+    H, g, yy = equations.sums
+    if 3 * len(points) < 4 * equations.sums.unknowns:
         return []
     whole = yy.sum() - _explained(H.sum(axis=0), g.sum(axis=0))
 

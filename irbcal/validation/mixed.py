@@ -13,13 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
-from irbcal.errors import IdentificationError
-from irbcal.identification.fit import identify
-from irbcal.identification.result import Fit
-from irbcal.measurement.points import PointSet
-from irbcal.modeling.arm import Arm
-from irbcal.modeling.parameters import default_level
 from irbcal.units import MM
+from irbcal.validation.pose_equations import PoseEquations
 
 FEWEST = 32
 """Poses below which nothing can be told."""
@@ -47,13 +42,12 @@ class Halves(NamedTuple):
     sure: float
 
 
-def mixed_poses(arm: Arm, points: PointSet, seed: int = 0) -> list[str]:
+def mixed_poses(equations: PoseEquations, seed: int = 0) -> list[str]:
     """Whether poses are of two robots, in a sentence.
 
     Parameters
     ----------
-    arm : Arm
-    points : PointSet
+    equations : PoseEquations
     seed : int
         Of random starts.
 
@@ -62,18 +56,12 @@ def mixed_poses(arm: Arm, points: PointSet, seed: int = 0) -> list[str]:
     list of str
         Empty where they are not, or nothing can be told.
     """
-    n = points.poses
-    if n > MOST_POSES:
-        points = points.select(np.isin(np.arange(n), np.linspace(0, n - 1, MOST_POSES).astype(int)))
-        n = MOST_POSES
-    if n < FEWEST or points.session is not None:
+    equations = equations.of_most(MOST_POSES)
+    points, n = equations.points, equations.points.poses
+    if n < FEWEST or points.session is not None or equations.sums is None:
         return []
-    try:
-        fit = identify(arm, points.with_seen_targets(), default_level(arm))
-    except IdentificationError:
-        return []
-    H, g, yy = sums(fit, n)
-    if 3 * len(points) < SPARE * 2 * H.shape[1]:
+    H, g, yy = equations.sums
+    if 3 * len(points) < SPARE * 2 * equations.sums.unknowns:
         return []
     found = told_apart(H, g, yy, seed)
     if found is None or found.two > SMALLER**2 * found.one or found.sure < SURE or _together(points.q, found.second):
@@ -93,7 +81,7 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
     Parameters
     ----------
     H, g, yy : ndarray, shapes (n, p, p), (n, p), (n,)
-        Of `sums`.
+        Of `irbcal.validation.pose_equations.Sums`.
     seed : int
     """
     n, p = g.shape
@@ -131,7 +119,7 @@ def _starts(H: FloatArray, g: FloatArray, seed: int) -> list[BoolArray]:
 def _cost(H: FloatArray, g: FloatArray, yy: FloatArray, part: BoolArray, firm: FloatArray) -> FloatArray:
     """Squares left of each pose with the change that fits a part of them best."""
     change = np.linalg.solve(H[part].sum(axis=0) + firm, g[part].sum(axis=0))
-    left = yy - 2 * g @ change + np.einsum("a,nab,b->n", change, H, change, optimize=True)
+    left = yy - 2 * g @ change + (H @ change) @ change
     return np.maximum(left, 0.0)
 
 
@@ -155,17 +143,3 @@ def of_one_part(q: FloatArray, second: BoolArray) -> float:
     scaled = q[:, spread > 0] / spread[spread > 0]
     _, near = cKDTree(scaled).query(scaled, k=4)
     return float((second[near[:, 1:]] == second[:, None]).mean())
-
-
-def sums(fit: Fit, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Normal equations of all unknowns, each scaled by its own size, for each of n poses."""
-    problem, state = fit.problem, fit.solution.state
-    m = len(problem.points)
-    J = problem.jacobian(state).reshape(-1, 3, problem.unknowns)[:m]
-    r = problem.residuals(state)[:m]
-    J = J / np.maximum(np.sqrt((J**2).sum(axis=(0, 1))), 1e-300)
-    H, g, yy = np.zeros((n, problem.unknowns, problem.unknowns)), np.zeros((n, problem.unknowns)), np.zeros(n)
-    np.add.at(H, problem.points.pose, np.einsum("mca,mcb->mab", J, J))
-    np.add.at(g, problem.points.pose, np.einsum("mca,mc->ma", J, r))
-    np.add.at(yy, problem.points.pose, (r**2).sum(axis=1))
-    return H, g, yy

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from irbcal.files.choice_section import EvidenceChoice
 from irbcal.files.schema import Errors, Parameter, Record
+from irbcal.identification.averaged import models_table
 from irbcal.measurement.cleaning import left_out
 from irbcal.summary import Cell, Table, Told
 from irbcal.validation.evaluation import statistics_table
@@ -99,6 +101,18 @@ def feature_tables(r: Record, verbose: bool) -> list[Told]:
     if verbose:
         own = tuple((row.name, row.kind, row.rows, row.nominal_rms_mm, row.rms_mm) for row in section.features)
         told.append(Table("Features in the fit, rms in mm", ("feature", "kind", "rows", "nominal", "calibrated"), own))
+    return told
+
+
+def model_tables(r: Record) -> list[Told]:
+    """Why this model, and the error models that were compared."""
+    told: list[Told] = [r.choice.explanation] if r.choice else []
+    if isinstance(r.choice, EvidenceChoice):
+        rows = [
+            (row.name, row.terms, row.log_evidence, row.weight, row.sigma_mm, row.leave_one_out_mm)
+            for row in r.choice.table
+        ]
+        told.append(models_table(rows))
     return told
 
 

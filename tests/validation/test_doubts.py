@@ -8,6 +8,7 @@ from support import TARGETS, arm, measured, random_robot
 
 from irbcal.identification.fit import identify
 from irbcal.validation import doubts
+from irbcal.validation.pose_equations import PoseEquations
 
 
 def simulated(seed, poses=80, **options):
@@ -25,7 +26,7 @@ def said(points, level="34"):
 def test_good_runs_are_not_doubted(seed):
     _, points = simulated(seed)
     assert said(points) == []
-    assert doubts.contradicting_parts(arm(), points) == []
+    assert doubts.contradicting_parts(PoseEquations(arm(), points)) == []
 
 
 def test_a_tool_that_was_changed():
@@ -51,7 +52,7 @@ def test_parts_of_other_joints_are_not_compared():
     for k in range(6):
         q[15 * k : 15 * k + 15, k] = np.linspace(-0.8, 0.8, 15)
     points = measured(robot, q + 0.1, 5e-5, np.random.default_rng(3))
-    assert doubts.contradicting_parts(arm(), points) == []
+    assert doubts.contradicting_parts(PoseEquations(arm(), points)) == []
 
 
 def test_a_wrong_scale_is_no_link_length():

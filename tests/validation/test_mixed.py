@@ -5,6 +5,7 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.validation.mixed import mixed_poses, told_apart
+from irbcal.validation.pose_equations import PoseEquations
 
 
 def points(second, poses=60, noise=1e-4, seed=0, difference=1.0):
@@ -24,7 +25,7 @@ def points(second, poses=60, noise=1e-4, seed=0, difference=1.0):
 def test_two_robots_are_told_apart(share):
     second = np.random.default_rng(3).permutation(60) < 60 * share
     seen = points(second)
-    (words,) = mixed_poses(arm("irb1600"), seen)
+    (words,) = mixed_poses(PoseEquations(arm("irb1600"), seen))
     assert words.startswith(f"{int(second.sum())} of 60 poses (")
     names = words.partition("(")[2].partition(" …")[0].split(", ")
     assert names == [str(seen.pose_ids[k]) for k in np.flatnonzero(second)[:8]] or share == 0.5
@@ -32,12 +33,12 @@ def test_two_robots_are_told_apart(share):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_one_robot_is_one(seed):
-    assert mixed_poses(arm("irb1600"), points(np.zeros(60, dtype=bool), seed=seed)) == []
+    assert mixed_poses(PoseEquations(arm("irb1600"), points(np.zeros(60, dtype=bool), seed=seed))) == []
 
 
 def test_few_strange_poses_are_gross_errors_and_too_few_poses_tell_nothing():
-    assert mixed_poses(arm("irb1600"), points(np.arange(60) < 2)) == []
-    assert mixed_poses(arm("irb1600"), points(np.arange(30) % 2 == 1, poses=30)) == []
+    assert mixed_poses(PoseEquations(arm("irb1600"), points(np.arange(60) < 2))) == []
+    assert mixed_poses(PoseEquations(arm("irb1600"), points(np.arange(30) % 2 == 1, poses=30))) == []
 
 
 def test_neighbours_of_one_kind_are_a_model_that_is_too_small():
@@ -46,7 +47,7 @@ def test_neighbours_of_one_kind_are_a_model_that_is_too_small():
     seen = points(np.zeros(80, dtype=bool), poses=80)
     seen.xyz.setflags(write=True)
     seen.xyz[:, 2] += np.where(seen.q[seen.pose, 0] > 0, 1e-3, -1e-3)
-    assert mixed_poses(nominal, seen) == []
+    assert mixed_poses(PoseEquations(nominal, seen)) == []
 
 
 def test_two_lines_are_told_apart():
