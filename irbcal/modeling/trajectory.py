@@ -203,7 +203,7 @@ class Trajectory(Speaks):
         return Trajectory(self.times, self.q[:, k], dq, ddq, tuple(names), self.slides[k], lean)
 
     def to_frame(self) -> pd.DataFrame:
-        """A row for each point: ``time_s``, joints ``q1_deg`` (``q1_mm``), speeds ``v1_deg_s``, accelerations likewise."""
+        """A row for each point: ``time_s``, joints ``q1_deg`` (``q1_mm``), speeds ``v1_deg_s``, and so on."""
         import pandas as pd
 
         out = {"time_s": self.times}
