@@ -18,7 +18,7 @@ FLOORS = (
     ("files",),
     ("correction",),
     ("validation", "joint_behaviour", "cell"),
-    ("planning", "planners", "kinematics"),
+    ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer", "studies"),
     ("calibrating", "calibration", "gathering", "shipped"),
     ("practice",),

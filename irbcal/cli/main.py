@@ -18,6 +18,7 @@ from irbcal.cli import (
     controller,
     demo,
     evaluate,
+    export,
     filter,
     fk,
     ik,
@@ -78,6 +79,7 @@ app.command("urdf", rich_help_panel="Prepare", cls=Guarded)(urdf.urdf)
 app.command("fk", rich_help_panel="Use", cls=Guarded)(fk.fk)
 app.command("ik", rich_help_panel="Use", cls=Guarded)(ik.ik)
 app.command("filter", rich_help_panel="Use", cls=Guarded)(filter.filter_program)
+app.command("export", rich_help_panel="Use", cls=Guarded)(export.export)
 app.command("verify", rich_help_panel="Use", cls=Guarded)(verify.verify)
 app.command("plan", rich_help_panel="Prepare", cls=Guarded)(plan.plan)
 app.command("simulate", rich_help_panel="Prepare", cls=Guarded)(simulate.simulate)
