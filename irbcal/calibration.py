@@ -23,6 +23,7 @@ from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import renamed
+from irbcal.parallel import on_workers, one_thread
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.validation.evaluation import orientation_line
 from irbcal.validation.proof import error_table, held_lines, left_out_lines, reached
@@ -63,6 +64,7 @@ class Calibration(Speaks):
             return self.saved.record, self.saved.urdf
         return self._document()
 
+    @one_thread()
     def _document(self, **options: bool) -> tuple[Record, bytes]:
         from irbcal.files import document
 
@@ -71,7 +73,7 @@ class Calibration(Speaks):
 
     @property
     def record(self) -> Record:
-        """Content of ``calibration.json``; checked against Pinocchio and yourdfpy when it is first asked for."""
+        """Content of ``calibration.json``; checked against Pinocchio when it is first asked for."""
         return self._built[0]
 
     @property
@@ -84,8 +86,7 @@ class Calibration(Speaks):
         """Where it was loaded from."""
         return None if self.saved is None else self.saved.folder
 
-    def __getattr__(self, name: str) -> Any:
-        # pickle and copy ask for names before there is anything to ask
+    def __getattr__(self, name: str) -> Any:  # pickle and copy ask for names before there is anything to ask
         if name not in Record.model_fields and name not in ("used_points", "tool_shape", "reference_places"):
             raise AttributeError(f"a calibration has no attribute {name!r}")
         return getattr(self.record, name)
@@ -243,6 +244,7 @@ def _parameter_row(item: Parameter) -> tuple[Cell, ...]:
 
 
 @renamed(order="split", known_targets="targets", poses="as_poses", base="base_link", tip="tip_link")
+@on_workers
 def calibrate(
     measurements: MeasurementsLike,
     robot: str | Path | None = None,
@@ -271,6 +273,7 @@ def calibrate(
     same_tool: bool = False,
     torques: bool = False,
     parallel: Literal["hayati", "forced"] = "hayati",
+    jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Identify a robot from measurements and keep poses aside to prove it.
@@ -322,6 +325,8 @@ def calibrate(
         The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
     torques : bool
         Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
+    jobs : int, optional
+        Threads for large problems, see `irbcal.parallel.using`.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -402,7 +407,7 @@ def save(
     Raises
     ------
     CalibrationError
-        If the folder cannot be written, or Pinocchio or yourdfpy disagrees with the URDF.
+        If the folder cannot be written, or Pinocchio disagrees with the URDF.
     RobotError
         If a mesh file whose path is asked for is not found.
     """

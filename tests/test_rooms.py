@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
-    ("errors", "units", "arrays"),
-    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "reading"),
+    ("errors", "units", "arrays", "chance"),
+    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "parallel", "reading", "templates"),
     ("figures", "modeling"),
     ("measurement",),
     ("identification",),

@@ -213,7 +213,7 @@ class DataFile(Section):
 
 
 class Check(Section):
-    """Largest disagreement with Pinocchio and yourdfpy on the written URDF."""
+    """Largest disagreement with Pinocchio on the written URDF; earlier versions asked yourdfpy, too."""
 
     position_m: float
     rotation_rad: float

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
@@ -204,7 +203,9 @@ class _Work:
             found = mackay.fit(sums, linear.flat, middle.group, middle.caps, t)
             sizes.append(np.sqrt(found.s2))
             spare.append(max(t * sums.equations - linear.flat - float(found.gammas.sum()), 1.0))
-        chance = np.sqrt(f_distribution.ppf(GATE_CERTAINTY, *spare))
+        from scipy.special import fdtri
+
+        chance = np.sqrt(fdtri(*spare, GATE_CERTAINTY))
         self.project = bool(sizes[0] > READINGS_GATE * chance * sizes[1])
         return float(sizes[0] / sizes[1])
 
