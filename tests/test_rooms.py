@@ -20,7 +20,7 @@ FLOORS = (
     ("validation", "joint_behaviour", "cell"),
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer", "studies"),
-    ("calibrating", "calibration", "gathering", "shipped"),
+    ("calibrating", "calibration", "feature_calibration", "gathering", "shipped"),
     ("practice",),
     ("cli",),
 )
