@@ -16,6 +16,7 @@ from irbcal.files.opening import Opened, RobotLike, open_robot
 from irbcal.modeling import frames
 from irbcal.modeling.robot import loaded
 from irbcal.options import shown
+from irbcal.parallel import on_workers
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
@@ -331,6 +332,7 @@ def _certain(
     return found
 
 
+@on_workers
 def inverse_kinematics(
     robot: RobotLike,
     T_base_tip: PosesLike,
@@ -343,6 +345,7 @@ def inverse_kinematics(
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
+    jobs: int | None = None,
 ) -> InverseJoints:
     """Joints to command so that a robot's tip reaches poses.
 
@@ -362,6 +365,8 @@ def inverse_kinematics(
         Nominal behaviour of a calibration.
     payload, payload_place, base_link, tip_link, coupling : optional
         See `forward_kinematics`.
+    jobs : int, optional
+        Threads for large problems; as many as there are cores unless given. The result does not depend on it.
 
     Returns
     -------

@@ -10,17 +10,17 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
-    ("errors", "units", "arrays"),
-    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "reading"),
+    ("errors", "units", "arrays", "chance"),
+    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "parallel", "reading", "templates"),
     ("figures", "modeling"),
     ("measurement",),
     ("identification",),
     ("files",),
     ("correction",),
     ("validation", "joint_behaviour", "cell"),
-    ("planning", "planners", "kinematics"),
+    ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer", "studies"),
-    ("calibrating", "calibration", "gathering", "shipped"),
+    ("calibrating", "calibration", "feature_calibration", "gathering", "shipped"),
     ("practice",),
     ("cli",),
 )

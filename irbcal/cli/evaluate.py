@@ -13,6 +13,7 @@ from irbcal.cli.shared_options import (
     Calibration,
     FailIfWorse,
     IncludeFitted,
+    Jobs,
     Json,
     Measurements,
     PayloadOfFiles,
@@ -101,6 +102,7 @@ def evaluate(
         Path | None, typer.Option(help="Folder for the certificate's figures (PNG).", show_default=False)
     ] = None,
     data: Annotated[Path | None, typer.Option(help="Folder for its data (CSV, JSON).", show_default=False)] = None,
+    jobs: Jobs = None,
     fail_if_worse: FailIfWorse = False,
     verbose: Verbose = False,
     json: Json = False,
@@ -133,6 +135,7 @@ def evaluate(
         tolerance=None if tolerance is None else tolerance * MM,
         rule=rule,
         info=_told(info),
+        jobs=jobs,
     )
     written = {} if report is None else _certificate(result, report, figures, data)
     if json:

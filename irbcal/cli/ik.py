@@ -7,7 +7,16 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import grid
-from irbcal.cli.shared_options import BaseLink, Coupling, JsonLines, Payload, PayloadPlace, RobotOrCalibration, TipLink
+from irbcal.cli.shared_options import (
+    BaseLink,
+    Coupling,
+    Jobs,
+    JsonLines,
+    Payload,
+    PayloadPlace,
+    RobotOrCalibration,
+    TipLink,
+)
 from irbcal.cli.wrong_calls import wrong_calls
 
 
@@ -31,6 +40,7 @@ def ik(
     base_link: BaseLink = None,
     tip_link: TipLink = None,
     coupling: Coupling = None,
+    jobs: Jobs = None,
     json: JsonLines = False,
 ) -> None:
     """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot.
@@ -56,6 +66,7 @@ def ik(
             all_branches=all_branches,
             payload=payload,
             payload_place=grid.metres(payload_place, "--payload-place"),
+            jobs=jobs,
         )
     grid.write(found.to_frame(as_written=not json), json)
     missing = len(found) - int(found.found.sum())

@@ -53,6 +53,17 @@ RefitTool = Annotated[
 IncludeFitted = Annotated[bool, typer.Option("--include-fitted", help="Keep poses that the calibration was fitted to.")]
 BootstrapSeed = Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")]
 
+Jobs = Annotated[
+    int | None,
+    typer.Option(min=1, help="Workers at a time; the result does not depend on it.", show_default="one for each core"),
+]
+Engine = Annotated[
+    str | None,
+    typer.Option(
+        metavar="dask://HOST:PORT", help="The workers of a Dask cluster in place of this machine's.", show_default=False
+    ),
+]
+
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
 JsonLines = Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")]
 Verbose = Annotated[bool, typer.Option("--verbose", help=show.VERBOSE)]

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.shared_options import Json
+from irbcal.cli.shared_options import Engine, Jobs, Json
+from irbcal.cli.wrong_calls import wrong_calls
 
 Method = Enum(
     "Method",
@@ -46,9 +47,8 @@ def study(
     poses_curve: Annotated[
         str, typer.Option(help="Numbers of measurements for the curve of the error; none: no curve.")
     ] = "20,30,40,60,80,120,200,400,1000",
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Processes; the results do not depend on it. [default: one for each core]")
-    ] = None,
+    jobs: Jobs = None,
+    engine: Engine = None,
     only: Annotated[
         list[str] | None,
         typer.Option(help="Do and print only this table: 7.1 … 7.16, procedures, targets, curve (repeat for more)."),
@@ -64,7 +64,7 @@ def study(
     from irbcal.studies.settings import Settings
 
     steps = runner.missing(Settings(sizes, each, curve, model.value, method.value, points, seed), out, only)
-    with show.progress(steps + 1, quiet=json) as step:
+    with show.progress(steps + 1, quiet=json) as step, wrong_calls():
         try:
             found = runner.study(
                 out=out,
@@ -76,6 +76,7 @@ def study(
                 points=points,
                 poses_curve=curve,
                 jobs=jobs,
+                engine=engine,
                 only=only,
                 progress=step,
             )

@@ -134,10 +134,16 @@ def first_node(root: XmlElement) -> XmlElement:
 
 
 def begin_with(root: XmlElement, words: str) -> None:
-    """Say what the file is in its first comment, in place of what an earlier calibration said there."""
+    """Say what the file is in its first comment, in place of what an earlier calibration said there.
+
+    File names among the words may hold what no XML comment may: control characters are written as ``?``, and hyphens
+    do not meet.
+    """
     from lxml import etree
+
+    plain = "".join(char if char.isprintable() else "?" for char in words)
 
     for comment in list(root.itersiblings(preceding=True)):
         if (comment.text or "").strip().startswith(WORDS_MARK):
             etree.Element("taken_out").append(comment)  # lxml's way to take out what stands before the root
-    first_node(root).addprevious(etree.Comment(f" {words.replace('--', '- -')} "))
+    first_node(root).addprevious(etree.Comment(f" {re.sub('-(?=-)', '- ', plain)} "))

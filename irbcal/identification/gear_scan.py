@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from irbcal import parallel
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.identification import mackay
 from irbcal.identification.dictionaries import Dictionary
@@ -18,6 +19,8 @@ from irbcal.modeling.terms.term import revolute
 
 MOST = 12
 """Largest number of frequencies that are taken."""
+NUMBER_S = 1e-9
+"""Seconds that one product of a wave and a column at a pose takes."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +98,9 @@ class _Reduced:
         a = found.temper / found.s2
         W = np.linalg.cholesky(found.covariance)
         taken = [self._wave(*pair) for pair in pairs]
-        out = np.empty((len(self.joints), len(cycles)))
-        for k, joint in enumerate(self.joints):
+
+        def of_joint(k: int) -> FloatArray:
+            joint = self.joints[k]
             waves = np.exp(1j * self.q[:, joint : joint + 1] * cycles)
             KJ = np.column_stack([self.KJ[k], *(self.KK[k, i][:, None] * wave for i, wave in taken)])
             b = a * ((self.Ky[k] - KJ @ found.c) @ waves)
@@ -108,8 +112,10 @@ class _Reduced:
             det = cc * ss - cs * cs
             seen = det > 1e-4 * power * power  # else the fit's own terms cover it
             value = ss * b.real**2 - 2.0 * cs * b.real * b.imag + cc * b.imag**2
-            out[k] = np.where(seen, value / np.where(seen, det, 1.0), 0.0)
-        return out
+            return np.where(seen, value / np.where(seen, det, 1.0), 0.0)
+
+        products = self.KJ.size * len(cycles)
+        return np.array(list(parallel.threads(of_joint, range(len(self.joints)), NUMBER_S * products)))
 
     def _wave(self, place: int, cycles: int) -> tuple[int, FloatArray]:
         """Cosine and sine of a frequency of the joint at a place, shape (n, 2)."""

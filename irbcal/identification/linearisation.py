@@ -8,11 +8,13 @@ the coefficients of the geometry are counted from the nominal arm, as its prior 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
+from irbcal import parallel
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import mackay
@@ -29,8 +31,12 @@ from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap, basis_values, term_columns
 from irbcal.units import MM
 
+T = TypeVar("T")
+
 BLOCK = 500
-"""Poses whose Jacobian is in memory at a time."""
+"""Poses whose Jacobian is in memory at a time, in each thread."""
+NUMBER_S = 3e-8
+"""Seconds that one number of the Jacobian takes."""
 TURN_UNIT = 10.0
 """Radians: the unit of the base's and target frames' turns, and with it the density of their flat prior. It shifts all
 log evidences of a data set alike; this one gives those of the calculation that the method was developed with."""
@@ -99,6 +105,10 @@ class Linearisation:
         columns : ndarray of int, optional
             Numbers of the columns wanted, flat ones first; all unless given.
         """
+        return self._of_blocks(lambda block: block, columns)
+
+    def _of_blocks(self, taken: Callable[[Rows], T], columns: IntArray | None) -> Iterator[T]:
+        """What is taken from each block, in their order; large problems in threads."""
         columns = np.arange(self.flat + len(self.terms)) if columns is None else columns
         arm, _ = self.problem.model(self.state)
         residuals = self.problem.residuals(self.state)
@@ -109,14 +119,17 @@ class Linearisation:
         edges = np.searchsorted(points.pose, starts)
         oriented = points.oriented()
         number = np.cumsum(oriented) - 1 + len(points)  # row of a point's orientation in the problem
-        for k in range(len(starts) - 1):
+
+        def block(k: int) -> T:
             some = np.arange(edges[k], edges[k + 1])
             turned = some[oriented[some]]
             motion = self.motion.select(slice(starts[k], starts[k + 1]))
             rows = np.concatenate([some, number[turned]])
             J = self._columns(arm, points, some, turned, motion, starts[k], columns)
             pose = np.concatenate([points.pose[some], points.pose[turned]])
-            yield self._finished(J, residuals[rows].T, rows, pose, columns, points.poses)
+            return taken(self._finished(J, residuals[rows].T, rows, pose, columns, points.poses))
+
+        return parallel.threads(block, range(len(starts) - 1), NUMBER_S * 3 * self.problem.rows * len(columns))
 
     def _columns(
         self,
@@ -199,12 +212,17 @@ class Linearisation:
         """Sums over all poses of some columns, all unless given."""
         k = self.flat + len(self.terms) if columns is None else len(columns)
         H, g, yy, equations = np.zeros((k, k)), np.zeros(k), 0.0, 0
-        for block in self.blocks(columns):
-            H += block.J @ block.J.T
-            g += block.J @ block.y
-            yy += float(block.y @ block.y)
-            equations += len(block.y) - (len(np.unique(block.pose)) if self.project else 0)
+        for part in self._of_blocks(self._sums, columns):
+            H += part.H
+            g += part.g
+            yy += part.yy
+            equations += part.equations
         return Sums(H, g, yy, equations)
+
+    def _sums(self, block: Rows) -> Sums:
+        """Of a block of poses."""
+        free = len(np.unique(block.pose)) if self.project else 0
+        return Sums(block.J @ block.J.T, block.J @ block.y, float(block.y @ block.y), len(block.y) - free)
 
     def straighten(self, coefficients: FloatArray) -> None:
         """Make the linear model exact at some coefficients: what it misses there is taken from the measurements.

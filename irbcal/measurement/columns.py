@@ -38,6 +38,10 @@ POSITION = ["x_mm", "y_mm", "z_mm"]
 QUATERNION = ["qw", "qx", "qy", "qz"]
 LARGEST_ANGLE_DEG, LARGEST_POSITION_MM = 1e4, 1e6
 """Numbers beyond are no joints, positions or uncertainties of a robot cell."""
+POSITION_BOUNDS = [
+    (name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION
+]
+"""For `refuse_outside`."""
 FRAME = "<DataFrame>"
 """What messages call a table that is no file."""
 
@@ -369,7 +373,7 @@ def check_sizes(table: pd.DataFrame, source: str) -> None:
         For the first such number.
     """
     check_joint_sizes(table, [*joint_columns(table.columns), *programmed_columns(table.columns, source)], source)
-    bounds = [(name, -LARGEST_POSITION_MM, LARGEST_POSITION_MM, "a position within 1 km in mm") for name in POSITION]
+    bounds = list(POSITION_BOUNDS)
     if "u95_mm" in table.columns:
         bounds.append(("u95_mm", 1e-6, LARGEST_POSITION_MM, "an uncertainty above zero in mm or nothing"))
     refuse_outside(table, bounds, source)

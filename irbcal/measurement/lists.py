@@ -119,6 +119,7 @@ def poses_with_cells(table: TableLike) -> tuple[FloatArray, pd.DataFrame]:
         values[name] = columns.numbers(cells, name, source, "a position in mm")
     for name in QUATERNION:
         values[name] = columns.numbers(cells, name, source, "a quaternion's number")
+    columns.refuse_outside(values, columns.POSITION_BOUNDS, source)
     columns.check_quaternions(values, source)
     T = np.zeros((len(values), 4, 4))
     T[:, 3, 3] = 1.0
@@ -145,7 +146,8 @@ def read_targets(table: TableLike) -> dict[str, FloatArray]:
         If the table cannot be read or does not keep the format.
     """
     cells, source, _ = columns.read(table, ["target", *POSITION])
-    values = [columns.numbers(cells, name, source, "a position in mm") for name in POSITION]
+    values = pd.DataFrame({name: columns.numbers(cells, name, source, "a position in mm") for name in POSITION})
+    columns.refuse_outside(values.assign(row=cells.index), columns.POSITION_BOUNDS, source)
     names = cells["target"].str.strip().map(from_cell)
     columns.refuse_control_characters(names, "target", source)
     if names.duplicated().any():
@@ -153,4 +155,4 @@ def read_targets(table: TableLike) -> dict[str, FloatArray]:
         raise MeasurementError(
             f"{names[row]!r} stands there more than once", file=source, row=int(row), column="target"
         )
-    return dict(zip(names, np.column_stack(values) * MM, strict=True))
+    return dict(zip(names, values.to_numpy() * MM, strict=True))

@@ -5,21 +5,14 @@ A second call with the same settings does only what is missing in its folder, se
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from irbcal.errors import IrbcalError, OptionError
+from irbcal import parallel
+from irbcal.errors import OptionError
 from irbcal.studies import trial
 from irbcal.studies.figures import Figure, figures, plotted
 from irbcal.studies.folder import PAGE, PARTS, RESULTS, TABLES, is_kept, keep, open_folder, part, series_of, write
@@ -35,7 +28,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure as Canvas
 
-ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+REPETITION_S = 1.0
+"""Seconds that a repetition takes, about."""
 
 HEADLINES = ("7.13", "curve")
 """Tables that are told of unless others are asked for."""
@@ -152,6 +146,7 @@ class Study(Speaks):
         return plotted(every[figure], results, series_of(Path(self.out), results))
 
 
+@parallel.on_workers
 def study(
     *,
     out: str | Path,
@@ -163,6 +158,7 @@ def study(
     points: int = Settings.points,
     poses_curve: Sequence[int] = Settings.curve,
     jobs: int | None = None,
+    engine: str | None = None,
     only: Sequence[str] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Study:
@@ -189,6 +185,8 @@ def study(
     jobs : int, optional
         Processes; as many as there are cores unless given; 1: this one. The results do not depend on it. Started from a
         script, more than one need the usual ``if __name__ == "__main__"``.
+    engine : str, optional
+        ``dask://HOST:PORT``: the workers of a Dask cluster in place of processes, see `irbcal.parallel.using`.
     only : sequence of str, optional
         Tables (`irbcal.studies.tables.TABLES`) whose repetitions are computed; all unless given.
     progress : callable, optional
@@ -211,19 +209,15 @@ def study(
         After repetitions under way were finished and kept.
     """
     start = time.perf_counter()
-    if jobs is not None and jobs < 1:
-        raise OptionError(f"jobs: expected 1 or more, found {jobs}", parameter="jobs")
     settings = Settings(tuple(procedures), each, tuple(poses_curve), model, method, points, seed)
     folder, wanted = Path(out), selected(settings, only)
-    done = _do_missing(settings, folder, wanted, jobs or cores(), progress or (lambda text: None))
+    done = _do_missing(settings, folder, wanted, progress or (lambda text: None))
     tables, frame = write(settings, folder)
     seconds = time.perf_counter() - start
     return Study(str(out), settings, tuple(tables), frame, done, len(wanted) - done, seconds, tuple(only or ()))
 
 
-def _do_missing(
-    settings: Settings, folder: Path, wanted: Sequence[Repetition], jobs: int, say: Callable[[str], None]
-) -> int:
+def _do_missing(settings: Settings, folder: Path, wanted: Sequence[Repetition], say: Callable[[str], None]) -> int:
     """Compute what the folder does not hold; how many repetitions that was."""
     open_folder(settings, folder)
     left = [r for r in wanted if not is_kept(folder, r)]
@@ -232,7 +226,7 @@ def _do_missing(
     try:
         stage = Stage.of(settings)
         say("poses measured")
-        _compute(stage, left, folder, jobs, say)
+        _compute(stage, left, folder, say)
     except KeyboardInterrupt:
         raise Interrupted(sum(not is_kept(folder, r) for r in wanted)) from None
     return len(left)
@@ -256,123 +250,19 @@ def missing(settings: Settings, folder: str | Path, only: Sequence[str] | None =
     return sum(not is_kept(Path(folder), r) for r in selected(settings, only))
 
 
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 # --- computing --------------------------------------------------------------------------------------------
 
 
-def _compute(
-    stage: Stage, repetitions: Sequence[Repetition], folder: Path, jobs: int, report: Callable[[str], None]
-) -> None:
+def _compute(stage: Stage, repetitions: Sequence[Repetition], folder: Path, report: Callable[[str], None]) -> None:
     """Run repetitions, the longest first, and keep each as it ends."""
     (folder / PARTS).mkdir(exist_ok=True)
     order = sorted(repetitions, key=lambda r: -r.measures)
-    run = _compute_here if jobs == 1 else _compute_in_processes
-    run(stage, order, folder, jobs, report)
-
-
-def _compute_here(
-    stage: Stage, order: Sequence[Repetition], folder: Path, _: int, report: Callable[[str], None]
-) -> None:
-    """One after the other in this process; an interruption waits for the one under way."""
-    for done, repetition in enumerate(order, start=1):
-        with _interrupted_afterwards():
-            keep(folder, repetition, *finished(stage, repetition))
-        report(f"{done} of {len(order)} calibrations")
-
-
-@contextmanager
-def _interrupted_afterwards() -> Iterator[None]:
-    """Ctrl-C takes effect at the end; a second one at once."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    asked: list[int] = []
-
-    def wait(number: int, frame: FrameType | None) -> None:
-        if asked:
-            raise KeyboardInterrupt
-        asked.append(number)
-
-    before = signal.signal(signal.SIGINT, wait)
     try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if asked:
-        raise KeyboardInterrupt
-
-
-def _compute_in_processes(
-    stage: Stage, order: Sequence[Repetition], folder: Path, jobs: int, report: Callable[[str], None]
-) -> None:
-    """In processes of one thread each."""
-    workers = min(jobs, len(order))
-    done, pool = 0, ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start, initargs=(stage,))
-    futures: dict[Future[tuple[bytes, bytes]], Repetition] = {}
-    try:
-        with _quiet_start():
-            futures = {pool.submit(_work, repetition): repetition for repetition in order}
-        for future in as_completed(futures):
-            keep(folder, futures.pop(future), *future.result())
-            done += 1
+        for done, (place, kept) in enumerate(parallel.each(finished, stage, order, seconds=REPETITION_S), start=1):
+            keep(folder, order[place], *kept)
             report(f"{done} of {len(order)} calibrations")
-    except BrokenProcessPool:
-        raise IrbcalError(
-            f"a process of the study ended by itself (out of memory?) after {done} of {len(order)} calibrations: the "
-            "same call goes on from there"
-        ) from None
-    except BaseException:
-        pool.shutdown(wait=True, cancel_futures=True)
-        for future, repetition in futures.items():
-            if future.done() and not future.cancelled() and future.exception() is None:
-                keep(folder, repetition, *future.result())
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _quiet_start() -> Iterator[None]:
-    """Processes started here use one thread each for linear algebra and leave Ctrl-C to this one."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    main = threading.current_thread() is threading.main_thread()
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-        if main:
-            signal.signal(signal.SIGINT, handler)
-
-
-_stage: Stage
-
-
-def _start(stage: Stage) -> None:
-    global _stage
-    _stage = stage
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """A killed study leaves no process behind."""
-    parent = parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-    os._exit(1)
-
-
-def _work(repetition: Repetition) -> tuple[bytes, bytes]:
-    return finished(_stage, repetition)
+    except parallel.WorkerLost as error:
+        raise parallel.WorkerLost(f"{error}: the same call goes on from there") from None
 
 
 def finished(stage: Stage, repetition: Repetition) -> tuple[bytes, bytes]:

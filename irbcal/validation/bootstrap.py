@@ -14,7 +14,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irbcal import parallel
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.chance import normal_below, normal_quantile
 from irbcal.units import MM
 from irbcal.validation.accuracy import PERCENTILES
 
@@ -25,7 +27,9 @@ FEWEST_POSES = 10
 
 MOMENTS = ("mean_mm", "sigma_mm", "mean_plus_3sigma_mm", "rms_mm")
 BLOCK = 4_000_000
-"""Numbers that are worked on at a time."""
+"""Numbers that are worked on at a time, in each thread."""
+NUMBER_S = 1e-8
+"""Seconds that a point takes in a resample."""
 
 
 def draws(poses: int, resamples: int = RESAMPLES, seed: int = 0) -> Iterator[NDArray[np.int32]]:
@@ -78,14 +82,14 @@ def intervals(
     d = np.asarray(distance, dtype=float) / MM
     sums = _Sums.of(d, row, n)
     order = np.argsort(d, kind="stable")
-    parts: list[FloatArray] = []
-    quantile_parts: list[FloatArray] = []
-    for count in draws(n, resamples, seed):
-        parts.append(sums.moments(*(count @ s for s in sums.by_pose)))
-        step = max(1, BLOCK // len(d))
-        for start in range(0, len(count), step):
-            quantile_parts.append(_percentiles(d[order], count[start : start + step, row[order]]))
-    moments, quantiles = np.concatenate(parts, axis=1), np.concatenate(quantile_parts, axis=1)
+    step = max(1, BLOCK // len(d))
+
+    def of_block(count: NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
+        parts = [_percentiles(d[order], count[k : k + step, row[order]]) for k in range(0, len(count), step)]
+        return sums.moments(*(count @ s for s in sums.by_pose)), np.concatenate(parts, axis=1)
+
+    blocks = list(parallel.threads(of_block, draws(n, resamples, seed), NUMBER_S * resamples * len(d)))
+    moments, quantiles = (np.concatenate(parts, axis=1) for parts in zip(*blocks, strict=True))
     total = [s.sum() for s in sums.by_pose]
     estimate = sums.moments(*total)
     left_out = sums.moments(*(t - s for t, s in zip(total, sums.by_pose, strict=True)))
@@ -140,16 +144,14 @@ def bca(replicates: FloatArray, estimate: float, jackknife: FloatArray, level: f
     -------
     [float, float]
     """
-    from scipy.special import ndtr, ndtri
-
     count = len(replicates)
     share = (np.sum(replicates < estimate) + 0.5 * np.sum(replicates == estimate)) / count
-    bias = ndtri(np.clip(share, 0.5 / count, 1 - 0.5 / count))
+    bias = normal_quantile(np.clip(share, 0.5 / count, 1 - 0.5 / count))
     u = jackknife.mean() - jackknife
     spread = np.sum(u**2)
     acceleration = np.sum(u**3) / (6 * spread**1.5) if spread > 0 else 0.0
-    z = bias + ndtri([0.5 - level / 2, 0.5 + level / 2])
-    ends = ndtr(bias + z / (1 - acceleration * z))
+    z = bias + normal_quantile([0.5 - level / 2, 0.5 + level / 2])
+    ends = normal_below(bias + z / (1 - acceleration * z))
     return np.percentile(replicates, 100 * ends).tolist()
 
 

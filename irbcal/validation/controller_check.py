@@ -332,7 +332,14 @@ def _column(cells: pd.DataFrame, units: dict[str, float], source: str, what: str
     """The first of some columns that is there, in SI units."""
     for name, unit in units.items():
         if name in cells.columns:
-            return columns.numbers(cells, name, source, "a number") * unit
+            values = columns.numbers(cells, name, source, "a number")
+            most = columns.LARGEST_ANGLE_DEG if unit == DEG else columns.LARGEST_POSITION_MM
+            columns.refuse_outside(
+                cells.assign(row=cells.index, **{name: values}),
+                [(name, -most, most, f"a number within ±{most:g}")],
+                source,
+            )
+            return values * unit
     raise MeasurementError(
         f"missing column for {what}: expected {' or '.join(units)}; found {columns.listed(list(cells.columns))}",
         file=source,

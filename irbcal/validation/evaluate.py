@@ -25,6 +25,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.options import checked, number, place
 from irbcal.options import seed as check_seed
+from irbcal.parallel import on_workers
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
 from irbcal.validation.conformity import Rule, check_options, conformity
@@ -46,6 +47,7 @@ NOTHING = Refit()
 T = TypeVar("T")
 
 
+@on_workers
 def evaluate(
     calibration: CalibrationLike,
     measurements: table.MeasurementsLike,
@@ -67,6 +69,7 @@ def evaluate(
     tolerance: float | None = None,
     rule: Rule | None = None,
     info: Mapping[str, str] | None = None,
+    jobs: int | None = None,
 ) -> Evaluation:
     """Errors of a calibration and of its nominal robot on other measurements.
 
@@ -112,6 +115,8 @@ def evaluate(
     info : dict of str to str, optional
         What a certificate tells besides: ``serial_number``, ``operator`` and others of
         `irbcal.validation.origin.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
+    jobs : int, optional
+        Threads for large problems; as many as there are cores unless given. The result does not depend on it.
 
     Returns
     -------

@@ -7,7 +7,7 @@ import pytest
 from lxml import etree
 
 from irbcal.errors import RobotError
-from irbcal.files import robots, urdf
+from irbcal.files import robots, urdf, urdf_xml
 
 
 def perturbed(found, seed, size=1.0):
@@ -37,3 +37,15 @@ def test_numbers_carry_seventeen_digits():
 def test_a_huge_file_is_refused():
     with pytest.raises(RobotError, match="too large for a URDF"):
         urdf.from_bytes(b" " * 20_000_001 + b"x", "big")
+
+
+@pytest.mark.parametrize(
+    "name", ["\x01.csv", "a---b.csv", "--", "\udc80.csv", "zwei\nZeilen\u2028.csv", "Ü\ufffe-.csv"]
+)
+def test_words_of_any_file_name_are_a_comment(name):
+    root = etree.fromstring("<robot name='a'/>")
+    urdf_xml.begin_with(root, f"{urdf_xml.WORDS_MARK} from {name}")
+    read = etree.fromstring(etree.tostring(root.getroottree()))
+    (comment,) = read.itersiblings(preceding=True)
+    assert comment.text.strip().startswith(f"{urdf_xml.WORDS_MARK} from ")
+    assert comment.text.isprintable()

@@ -58,6 +58,18 @@ def test_absurd_joints_of_a_file_are_refused_with_their_place(tmp_path):
     assert (refused.value.row, refused.value.column) == (3, "q5_deg")
 
 
+def test_absurd_positions_of_poses_and_reflectors_are_refused_with_their_place():
+    pose = pd.DataFrame(
+        [["1", "2", "-1e308", "1", "0", "0", "0"]], columns=["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"]
+    )
+    target = pose.assign(target="smr1")
+    for read in (lambda: lists.read_poses(pose), lambda: lists.read_targets(target)):
+        with pytest.raises(
+            MeasurementError, match=r"column z_mm: expected a position within 1 km in mm, found -1e\+308"
+        ):
+            read()
+
+
 def test_rows_of_one_pose_have_the_same_joints():
     frame = pd.DataFrame({"pose": ["a", "b", " a"], "target": ["s", "s", "t"], "q1_deg": ["1", "2", "1"]})
     assert np.abs(np.degrees(lists.read_joints(frame, ["q1_deg"], once=True)) - [[1], [2]]).max() < 1e-12

@@ -4,6 +4,7 @@ import signal
 
 import pytest
 
+from irbcal import parallel
 from irbcal.errors import OptionError
 from irbcal.studies import folder, runner
 from irbcal.studies.settings import COURSE, NOMINAL, repetitions
@@ -90,7 +91,7 @@ def test_one_job_runs_in_this_process(small, done, stage, tmp_path, monkeypatch)
     def refused(*arguments, **options):
         raise AssertionError("a process was started")
 
-    monkeypatch.setattr(runner, "ProcessPoolExecutor", refused)
+    monkeypatch.setattr(parallel, "_apart", refused)
     monkeypatch.setattr(runner, "finished", lambda stage, repetition: done[repetition])
     monkeypatch.setattr(Stage, "of", lambda settings: stage)
     said = []

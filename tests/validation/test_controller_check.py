@@ -86,6 +86,11 @@ def test_what_differs_at_base_and_tool_goes_into_the_urdf(tmp_path):
         (lambda t: t.drop(columns="q3_deg"), "missing column for joint 3: expected q3_deg or q3_rad"),
         (lambda t: t.drop(columns="qw"), "missing column for qw: expected controller_qw or qw"),
         (lambda t: t.assign(qw=2.0), "expected a unit quaternion, found one of length"),
+        (
+            lambda t: t.assign(y_mm=np.where(t.index == 3, -1e308, t["y_mm"])),
+            r"row 4.*y_mm.*within ±1e\+06, found -1e\+308",
+        ),
+        (lambda t: t.assign(q3_deg=1e20), r"q3_deg.*within ±10000, found 1e\+20"),
         (lambda t: t.head(5), "expected 12 rows or more, found 5"),
     ],
 )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from irbcal import parallel
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
@@ -21,7 +22,10 @@ STARTS = 40
 """Random starts for each pose that the seed does not solve."""
 
 MANY = 16_384
-"""Starts that are worked on at a time."""
+"""Starts that are worked on at a time, in each thread."""
+
+START_S = 1e-4
+"""Seconds that a start takes."""
 
 
 def solve(
@@ -78,10 +82,15 @@ def solve(
         if thorough:
             left = todo[~search.solved[todo]]
             step = max(1, MANY // STARTS)
-            for start in range(0, len(left), step):
-                rows = left[start : start + step]
-                starts = nominal.random_joints(STARTS, 0)[:, None]  # the same for each pose, whatever its neighbours
-                search.run(rows, np.broadcast_to(starts, (STARTS, len(rows), joints)))
+            starts = nominal.random_joints(STARTS, 0)[:, None]  # the same for each pose, whatever its neighbours
+
+            def again(rows: IntArray) -> None:
+                with np.errstate(invalid="ignore", over="ignore"):  # a thread has settings of its own
+                    search.run(rows, np.broadcast_to(starts, (STARTS, len(rows), joints)))
+
+            blocks = [left[k : k + step] for k in range(0, len(left), step)]
+            for _ in parallel.threads(again, blocks, START_S * STARTS * len(left)):
+                pass
     reason = np.full(n, Reason.NOT_FOUND)
     reason[~good_seed], reason[~usable], reason[search.converged] = Reason.BAD_SEED, Reason.NOT_A_POSE, Reason.CONVERGED
     return InverseResult(

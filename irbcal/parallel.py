@@ -1,0 +1,474 @@
+"""What runs side by side, through one interface: threads, processes or a cluster's workers, all by joblib.
+
+`using` says how many workers there are; `threads` and `each` take them. What comes out never depends on them: the work
+is cut without regard to their number, results are put together in the order of the work, and linear algebra takes one
+thread in each worker.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import pickle
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from types import FrameType
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+from irbcal.errors import IrbcalError, OptionError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+P = ParamSpec("P")
+S = TypeVar("S")
+T = TypeVar("T")
+R = TypeVar("R")
+
+THREADS_PAY = 0.5
+"""Seconds of work from which threads are taken: loading joblib takes 0.1."""
+PROCESSES_PAY = 6.0
+"""Seconds of work from which processes are taken unless they are asked for: each takes 1.5 to load irbcal."""
+CHUNK = 50
+"""Most tasks that go to a cluster's worker in one parcel: an empty parcel takes 3 ms, a small task 90."""
+SCHEME = "dask://"
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+MOST_LOSSES = 2
+"""How often a task may lose its worker before it runs alone, to see whether it is its own doing."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """How many workers there are, and where.
+
+    Attributes
+    ----------
+    jobs : int
+        On this machine.
+    asked : bool
+        Whether the number was asked for: then also for small work.
+    address : str or None
+        ``HOST:PORT`` of a Dask scheduler.
+    """
+
+    jobs: int
+    asked: bool = False
+    address: str | None = None
+
+
+class WorkerLost(IrbcalError):
+    """A task whose workers ended by themselves again and again."""
+
+
+_current: ContextVar[Workers | None] = ContextVar("irbcal_workers", default=None)
+_inside = threading.local()
+_one_at_a_time = threading.Lock()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def workers() -> Workers:
+    """The workers that `using` set; inside a worker one, else as many as there are cores."""
+    if getattr(_inside, "worker", False):
+        return Workers(1)
+    return _current.get() or Workers(cores())
+
+
+@contextmanager
+def using(jobs: int | None = None, engine: str | None = None) -> Iterator[Workers]:
+    """Work inside with so many workers.
+
+    Parameters
+    ----------
+    jobs : int, optional
+        Threads or processes; as many as there are cores unless given. 1: this process alone.
+    engine : str, optional
+        ``dask://HOST:PORT``: the workers of that Dask cluster, for what goes to processes. Needs ``irbcal[dask]``.
+
+    Raises
+    ------
+    OptionError
+        If ``jobs`` is below 1, or the engine is none.
+    """
+    if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
+        raise OptionError(f"jobs: expected 1 or more, found {jobs!r}", parameter="jobs")
+    before = workers()
+    if jobs is None and engine is None:
+        found = before
+    else:
+        found = Workers(before.jobs if jobs is None else jobs, jobs is not None, _address(engine))
+    token = _current.set(found)
+    try:
+        with one_thread():
+            yield found
+    finally:
+        _current.reset(token)
+
+
+def _address(engine: str | None) -> str | None:
+    """``HOST:PORT`` of an engine."""
+    if engine is None:
+        return None
+    host, _, port = engine.removeprefix(SCHEME).rpartition(":")
+    if not engine.startswith(SCHEME) or not host or not port.isdecimal():
+        raise OptionError(f"engine: expected {SCHEME}HOST:PORT, found {engine!r}", parameter="engine")
+    return f"{host}:{port}"
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread for linear algebra inside: more add up their sums in another order, and get in each other's way."""
+    from threadpoolctl import threadpool_limits
+
+    if getattr(_inside, "limited", False):
+        yield
+        return
+    _inside.limited = True
+    before = {name: os.environ.get(name) for name in BLAS_THREADS}
+    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # for libraries that are loaded inside
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        _inside.limited = False
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def on_workers(function: Callable[P, R]) -> Callable[P, R]:
+    """A function whose options ``jobs`` and, where it has one, ``engine`` are obeyed as `using` does."""
+
+    @functools.wraps(function)
+    def call(*args: P.args, **options: P.kwargs) -> R:
+        jobs: Any = options.get("jobs")
+        engine: Any = options.get("engine")
+        with using(jobs, engine):
+            return function(*args, **options)
+
+    return call
+
+
+# --- threads ------------------------------------------------------------------------------------------------
+
+
+def threads(function: Callable[[T], R], items: Iterable[T], seconds: float) -> Iterator[R]:
+    """Results of numpy work on large arrays, which leaves Python's lock, in the order of the items.
+
+    Parameters
+    ----------
+    function : callable
+    items : iterable
+    seconds : float
+        About how long all of it takes; below `THREADS_PAY` it is done one after the other.
+    """
+    count = workers().jobs
+    if count < 2 or seconds < THREADS_PAY:
+        yield from map(function, items)
+        return
+    from joblib import Parallel, delayed
+
+    pool = Parallel(count, backend="threading", return_as="generator", batch_size=1)
+    with one_thread():
+        yield from pool(delayed(_within)(function, item) for item in items)
+
+
+def _within(function: Callable[[T], R], item: T) -> R:
+    """In a thread of the pool: what is parallel inside runs one after the other."""
+    _inside.worker = True
+    return function(item)
+
+
+# --- processes, also of other machines ------------------------------------------------------------------------
+
+
+def each(
+    function: Callable[[S, T], R],
+    shared: S,
+    items: Sequence[T],
+    *,
+    seconds: float,
+    lost: Callable[[T], R] | None = None,
+) -> Iterator[tuple[int, R]]:
+    """Places and results of tasks, as they end, from this process, processes of this machine or a cluster.
+
+    A worker that is killed loses nothing: its tasks run again, and each result comes once. Ctrl-C lets tasks under way
+    end and hands them over before it takes effect; a second one takes effect at once.
+
+    Parameters
+    ----------
+    function : callable
+        Of ``shared`` and an item; it must be found by its name in a module.
+    shared
+        What all tasks need; sent once to each worker.
+    items : sequence
+    seconds : float
+        About how long one takes; see `PROCESSES_PAY`.
+    lost : callable, optional
+        The result of an item whose workers end by themselves again and again.
+
+    Raises
+    ------
+    WorkerLost
+        For such an item where ``lost`` is not given.
+    IrbcalError
+        If the cluster does not answer.
+    """
+    here = workers()
+    count = min(here.jobs, len(items))
+    apart = here.address is not None or (count > 1 and (here.asked or seconds * len(items) > PROCESSES_PAY))
+    with _stopped_afterwards() as stopped, one_thread():
+        if apart:
+            yield from _apart(function, shared, items, here, stopped, lost)
+        else:
+            for place, item in enumerate(items):
+                yield place, function(shared, item)
+                if stopped():
+                    break
+        if stopped():
+            raise KeyboardInterrupt
+
+
+def _apart(
+    function: Callable[[S, T], R],
+    shared: S,
+    items: Sequence[T],
+    here: Workers,
+    stopped: Callable[[], bool],
+    lost: Callable[[T], R] | None,
+) -> Iterator[tuple[int, R]]:
+    """Rounds in workers until all is done; a round ends where a worker is lost."""
+    import numpy as np
+
+    blob = np.frombuffer(pickle.dumps(shared), dtype=np.uint8)
+    parcel = _Parcel(function, blob, f"{os.getpid()}-{time.monotonic_ns()}", os.getpid() if here.address is None else 0)
+    left = dict(enumerate(items))
+    losses = dict.fromkeys(left, 0)
+    with _pool(here, blob) as (count, options):
+        while left and not stopped():
+            alone = [place for place in left if losses[place] >= MOST_LOSSES]
+            order = alone[:1] or list(left)
+            size = max(1, min(CHUNK if here.address else 1, len(order) // (4 * count)))
+            sent: set[int] = set()
+            chunks = [order[k : k + size] for k in range(0, len(order), size)]
+            try:
+                for place, result in _round(parcel, left, chunks, (1 if alone else count), options, sent, stopped):
+                    del left[place]
+                    sent.discard(place)
+                    yield place, result
+            except _lost_errors():
+                for place in sent:
+                    losses[place] += 1
+                if alone:
+                    yield alone[0], _give_up(left.pop(alone[0]), lost)
+
+
+def _give_up(item: T, lost: Callable[[T], R] | None) -> R:
+    if lost is None:
+        what = getattr(item, "name", item)
+        raise WorkerLost(f"the processes that worked on {what} ended by themselves, also alone (out of memory?)")
+    return lost(item)
+
+
+@dataclass(frozen=True, eq=False)
+class _Parcel:
+    """What all tasks of a call have in common.
+
+    Attributes
+    ----------
+    function : callable
+    blob : ndarray of uint8
+        What they share, pickled: joblib sends large arrays once.
+    name : str
+        Of the blob.
+    parent : int
+        Process that a worker ends with; 0 for a cluster's.
+    """
+
+    function: Callable[[Any, Any], Any]
+    blob: NDArray[np.uint8]
+    name: str
+    parent: int
+
+
+def _round(
+    parcel: _Parcel,
+    left: Mapping[int, T],
+    chunks: Sequence[Sequence[int]],
+    count: int,
+    options: Mapping[str, Any],
+    sent: set[int],
+    stopped: Callable[[], bool],
+) -> Iterator[tuple[int, Any]]:
+    """Hand out chunks until all are done, a worker is lost or a stop is asked for."""
+    from joblib import Parallel, delayed
+
+    def tasks() -> Iterator[Any]:
+        for chunk in chunks:
+            if stopped():
+                return
+            sent.update(chunk)
+            yield delayed(_task)(
+                parcel.function, parcel.blob, parcel.name, parcel.parent, [(k, left[k]) for k in chunk]
+            )
+
+    # one at a time still takes a process of its own
+    ahead = count + (count + 1) // 2 if count > 1 else 1
+    pool = Parallel(max(2, count), return_as="generator_unordered", batch_size=1, pre_dispatch=ahead, **options)
+    with _quiet_start():
+        results = pool(tasks())
+    for chunk in results:
+        yield from chunk
+
+
+def _task(
+    function: Callable[[Any, Any], Any],
+    blob: NDArray[np.uint8],
+    name: str,
+    parent: int,
+    chunk: Sequence[tuple[int, Any]],
+) -> list[tuple[int, Any]]:
+    """In a worker: the tasks of a chunk, one thread at a time."""
+    if parent:
+        _end_with(parent)
+    with _one_at_a_time, one_thread():
+        _inside.worker = True
+        shared = _unpacked(blob, name)
+        return [(place, function(shared, item)) for place, item in chunk]
+
+
+_kept: dict[str, Any] = {}
+
+
+def _unpacked(blob: NDArray[np.uint8], name: str) -> Any:
+    """What tasks share, unpickled once in each worker."""
+    if name not in _kept:
+        _kept.clear()
+        _kept[name] = pickle.loads(blob.tobytes())
+    return _kept[name]
+
+
+_watched: set[int] = set()
+
+
+def _end_with(parent: int) -> None:
+    """A killed program leaves no worker behind."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    if parent not in _watched:
+        _watched.add(parent)
+        threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def _pool(here: Workers, blob: NDArray[np.uint8]) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """Number of workers and how joblib is told of them."""
+    from joblib import parallel_config
+
+    if here.address is None:
+        with parallel_config("loky", inner_max_num_threads=1):
+            yield here.jobs, {"max_nbytes": "1M"}
+        return
+    with _client(here.address) as client, parallel_config("dask", client=client, scatter=[blob]):
+        yield max(1, sum(client.nthreads().values())), {}
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    """A client of a Dask cluster, whose workers have the same versions as this process."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise OptionError("engine: this needs Dask: pip install 'irbcal[dask]'", parameter="engine") from None
+    try:
+        client: Any = Client(address, timeout=10, set_as_default=False)  # type: ignore[no-untyped-call]
+    except OSError:
+        raise IrbcalError(f"no Dask scheduler answers at {address}", parameter="engine") from None
+    try:
+        own, theirs = _versions(), client.run(_versions)
+        if not theirs:
+            raise IrbcalError(f"the Dask cluster at {address} has no workers", parameter="engine")
+        for worker, found in theirs.items():
+            if found != own:
+                raise IrbcalError(
+                    f"the worker {worker} has {found}, this process {own}: results would differ", parameter="engine"
+                )
+        yield client
+    finally:
+        client.close()
+
+
+def _versions() -> str:
+    """What results depend on."""
+    import numpy
+    import scipy
+
+    import irbcal
+
+    return f"irbcal {irbcal.__version__}, numpy {numpy.__version__}, scipy {scipy.__version__}"
+
+
+def _lost_errors() -> tuple[type[BaseException], ...]:
+    """What is raised where a worker ended by itself."""
+    from joblib.externals.loky.process_executor import BrokenProcessPool
+
+    try:
+        from distributed import KilledWorker
+    except ImportError:
+        return (BrokenProcessPool,)
+    return BrokenProcessPool, KilledWorker
+
+
+# --- Ctrl-C -------------------------------------------------------------------------------------------------
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
+@contextmanager
+def _stopped_afterwards() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed inside, which has no other effect; a second time it takes effect at once."""
+    asked: list[int] = []
+    if not _in_main_thread():
+        yield lambda: False
+        return
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = signal.signal(signal.SIGINT, wait)
+    try:
+        yield lambda: bool(asked)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _quiet_start() -> Iterator[None]:
+    """Processes started inside leave Ctrl-C to this one."""
+    if not _in_main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a blocked signal would be let through by multiprocessing
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,179 @@
+"""What runs side by side gives what one after the other gives; lost workers and Ctrl-C lose nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from threadpoolctl import threadpool_limits
+
+import irbcal
+from irbcal import parallel
+from irbcal.errors import IrbcalError, OptionError
+from irbcal.identification import linearisation
+from irbcal.validation import bootstrap
+
+
+def matrix(shared, item):
+    """Numbers that depend on the order in which linear algebra adds up."""
+    A = np.random.default_rng(item).standard_normal((shared, 3 * shared))
+    return (np.linalg.inv(A @ A.T) @ A).tobytes()
+
+
+def deadly(folder, item):
+    """Item 3 kills its worker the first time, item 5 always."""
+    path = Path(folder) / f"{item}-{time.monotonic_ns()}"
+    path.touch()
+    if item == 5 or (item == 3 and len(list(Path(folder).glob("3-*"))) == 1):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return item * item
+
+
+def test_threads_keep_the_order_and_are_taken_for_large_work_only(monkeypatch):
+    items = list(range(20))
+    with parallel.using(2):
+        found = list(parallel.threads(lambda k: matrix(40, k), items, 10.0))
+        monkeypatch.setitem(sys.modules, "joblib", None)  # cannot be imported
+        assert found == list(parallel.threads(lambda k: matrix(40, k), items, 0.1))
+    with parallel.using(1):
+        assert found == list(parallel.threads(lambda k: matrix(40, k), items, 10.0))
+
+
+def test_inside_a_thread_there_is_one_worker():
+    with parallel.using(2):
+        assert set(parallel.threads(lambda _: parallel.workers().jobs, range(4), 10.0)) == {1}
+        assert parallel.workers().jobs == 2
+
+
+def test_processes_give_the_same_bytes_each_once():
+    with parallel.using(1):
+        alone = dict(parallel.each(matrix, 60, range(6), seconds=9.0))
+    with parallel.using(2):
+        found = list(parallel.each(matrix, 60, range(6), seconds=0.0))
+    assert len(found) == 6
+    assert dict(found) == alone
+
+
+def test_small_work_stays_here_unless_workers_are_asked_for():
+    pids = {pid for _, pid in parallel.each(process, None, range(4), seconds=0.01)}
+    assert pids == {os.getpid()}
+
+
+def process(shared, item):
+    return os.getpid()
+
+
+def test_a_killed_worker_loses_nothing_and_a_deadly_task_is_named(tmp_path):
+    with parallel.using(2):
+        found = list(parallel.each(deadly, str(tmp_path), range(7), seconds=0.0, lost=lambda item: -item))
+        assert sorted(found) == [(k, -5 if k == 5 else k * k) for k in range(7)]
+    with pytest.raises(parallel.WorkerLost, match="worked on 5 ended by themselves, also alone"):
+        parallel._give_up(5, None)
+
+
+def test_workers_and_threads_of_the_blas_change_no_byte_of_a_calibration(monkeypatch):
+    """Every problem counts as large, and is cut into blocks of 20 poses."""
+    monkeypatch.setattr(parallel, "THREADS_PAY", 0.0)
+    monkeypatch.setattr(linearisation, "BLOCK", 20)
+    monkeypatch.setattr(bootstrap, "BLOCK", 20_000)
+    seen = pd.read_csv(irbcal.shipped.demo_file("demo_identification.csv"))
+    seen = seen[seen["pose"].isin(seen["pose"].unique()[:60])]
+
+    def found(jobs, threads):
+        with threadpool_limits(threads):
+            fit = irbcal.calibrate(seen, "irb1600", jobs=jobs).outcome.fit
+            with parallel.using(jobs):
+                intervals = bootstrap.intervals(np.abs(np.sin(np.arange(600))), np.arange(600) // 3)
+        return fit.covariance().tobytes(), fit.evidence.coefficients.tobytes(), intervals
+
+    assert found(1, 1) == found(2, 2)
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed", reason="irbcal[dask] is not installed")
+    dask = pytest.importorskip("dask")
+    tests = str(Path(__file__).parent)
+    with (
+        dask.config.set({"distributed.nanny.environ.PYTHONPATH": f"{tests}:{os.environ.get('PYTHONPATH', '')}"}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1", silence_logs=50
+        ) as found,
+    ):
+        yield found
+
+
+def test_a_dask_cluster_gives_the_same_bytes_also_where_a_worker_is_killed(cluster, tmp_path):
+    address = "dask://" + cluster.scheduler_address.removeprefix("tcp://")
+    alone = dict(parallel.each(matrix, 60, range(6), seconds=0.0))
+    with parallel.using(engine=address):
+        assert dict(parallel.each(matrix, 60, range(6), seconds=0.0)) == alone
+        assert sorted(parallel.each(deadly, str(tmp_path), range(5), seconds=0.0)) == [(k, k * k) for k in range(5)]
+    assert len(list(tmp_path.glob("3-*"))) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"jobs": 0}, "jobs: expected 1 or more, found 0"),
+        ({"engine": "spark://here:1"}, "engine: expected dask://HOST:PORT, found 'spark://here:1'"),
+        ({"engine": "dask://here"}, "engine: expected dask://HOST:PORT, found 'dask://here'"),
+    ],
+)
+def test_wrong_workers_are_refused(options, sentence):
+    with pytest.raises(OptionError) as caught, parallel.using(**options):
+        pass
+    assert str(caught.value) == sentence
+
+
+def test_a_cluster_that_is_not_there_is_named(monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="irbcal[dask] is not installed")
+
+    def refuse(*arguments, **options):
+        raise OSError("timed out")
+
+    monkeypatch.setattr(distributed, "Client", refuse)
+    with (
+        parallel.using(engine="dask://127.0.0.1:9"),
+        pytest.raises(IrbcalError, match=r"no Dask scheduler answers at 127"),
+    ):
+        list(parallel.each(matrix, 3, range(2), seconds=0.0))
+
+
+def test_an_interruption_lets_what_is_under_way_end():
+    before, seen = signal.getsignal(signal.SIGINT), []
+
+    def interrupted():
+        for place, _ in parallel.each(matrix, 3, range(5), seconds=0.0):
+            seen.append(place)
+            signal.raise_signal(signal.SIGINT)
+
+    with parallel.using(1), pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert seen == [0]
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_killed_program_leaves_no_process(tmp_path):
+    code = (
+        "import os, sys, time; sys.path.insert(0, sys.argv[1]); import test_parallel as t; from irbcal import parallel\n"
+        "if __name__ == '__main__':\n"
+        "    with parallel.using(2):\n"
+        "        for _, pid in parallel.each(t.process, None, range(1000), seconds=9.0): print(pid, flush=True); time.sleep(0.01)\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(code)
+    program = subprocess.Popen([sys.executable, script, Path(__file__).parent], stdout=subprocess.PIPE, text=True)
+    worker = int(program.stdout.readline())
+    program.kill()
+    program.wait()
+    deadline = time.monotonic() + 20
+    while Path(f"/proc/{worker}").exists() and Path(f"/proc/{worker}/stat").read_text().split()[2] != "Z":
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    program.stdout.close()
