@@ -17,7 +17,7 @@ from irbcal.correction.configurations import ConfData, seeds_of
 from irbcal.correction.cutting import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
 from irbcal.correction.filtered import Filtered, together
-from irbcal.correction.last_moves import with_last_moves
+from irbcal.correction.last_moves import LastMoves, with_last_moves
 from irbcal.correction.maker_program import MakerProgram
 from irbcal.correction.program import Given, Goals, Left, Program, read_bytes, refuse_filtered
 from irbcal.correction.timed import Timed, follow
@@ -300,14 +300,7 @@ def filter_program(
     for goals in _of_arm(program, nominal):
         fake = _fake_targets(robot, nominal, goals, controller)
         alone.append((goals, _refused(fake, program.refused(goals, fake))))
-    left = list(program.left())
-    found: Sequence[tuple[Goals, Corrected]]
-    if isinstance(program, Timed):
-        found, commands, passed = follow(robot, nominal, program, alone, controller, speeds)
-        last_moves, left = None, left + passed
-        program = program if commands is None else program.with_motion(commands)
-    else:
-        found, last_moves = with_last_moves(robot, controller or nominal, alone, program.stops())
+    found, program, left, last_moves = _in_course(robot, nominal, program, alone, controller, speeds)
     names: list[str] = []
     for goals, fake in found:
         names += [goals.names[k] for k in np.flatnonzero(fake.ok)]
@@ -343,6 +336,23 @@ def filter_program(
         coupling=nominal.coupling,
         paths=tuple(cuts) if path_tolerance is not None else None,
     )
+
+
+def _in_course(
+    robot: Robot,
+    nominal: Arm,
+    program: Program,
+    alone: Sequence[tuple[Goals, Corrected]],
+    controller: Arm | None,
+    speeds: FloatArray | None,
+) -> tuple[Sequence[tuple[Goals, Corrected]], Program, list[Left], LastMoves | None]:
+    """Corrections that know what comes before: in a motion as it goes, in other programs the stop before."""
+    left = list(program.left())
+    if not isinstance(program, Timed):
+        found, last_moves = with_last_moves(robot, controller or nominal, alone, program.stops())
+        return found, program, left, last_moves
+    moving, commands, passed = follow(robot, nominal, program, alone, controller, speeds)
+    return moving, program if commands is None else program.with_motion(commands), left + passed, None
 
 
 def _ends(found: Sequence[tuple[Goals, Corrected]]) -> dict[int, Ends]:

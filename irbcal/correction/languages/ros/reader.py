@@ -44,6 +44,8 @@ def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[RosProgram]:
 
 def decoded(data: bytes, source: str) -> str:
     """The text of a file."""
+    if b"\x00" in data:
+        raise ProgramError("expected a trajectory as YAML, found binary data", file=source)
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
