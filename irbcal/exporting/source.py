@@ -87,7 +87,9 @@ class Source:
             notes.append(record.frame_terms.in_words)
         robot = loaded(opened.robot, payload, payload_place).replace(frame_terms=None)
         speed = None if opened.urdf_bytes is None else speeds(opened.urdf_bytes, robot.arm)
-        return Source.of_robot(robot, record, opened.urdf_bytes, opened.folder, nominal=opened.nominal, speed=speed, notes=tuple(notes))
+        return Source.of_robot(
+            robot, record, opened.urdf_bytes, opened.folder, nominal=opened.nominal, speed=speed, notes=tuple(notes)
+        )
 
     @staticmethod
     def of_robot(
