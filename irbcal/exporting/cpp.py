@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.exporting.live import LONGEST_LINE, SLACK, known_speed
 from irbcal.exporting.source import Source
 from irbcal.exporting.written import render
 from irbcal.files.mesh_paths import MeshPaths
+from irbcal.units import DEG
 
 WHAT = "C++17: one header without dependencies, and a program for live correction"
 NEXT = "g++ -std=c++17 -O3 {folder}/{word}_check.cpp -o check && ./check     # are its numbers right here, too?"
@@ -31,7 +33,7 @@ def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "r
     """
     parts, vectors = source.parts, source.vectors
     n, word = len(parts.joint_names), parts.identifier
-    header, check = f"{word}_calibrated.hpp", f"{word}_check.cpp"
+    header, check, program = f"{word}_calibrated.hpp", f"{word}_check.cpp", f"{word}_stream.cpp"
     spans, first = [], 0
     for lever in parts.levers:
         spans.append((first, first + len(lever.links) - 1))
@@ -40,6 +42,11 @@ def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "r
         "space": f"{word}_calibrated",
         "guard": f"IRBCAL_{word.upper()}_CALIBRATED_HPP",
         "header": header,
+        "program": program,
+        "speed": known_speed(parts),
+        "slack": SLACK,
+        "longest_line": LONGEST_LINE,
+        "degree": DEG,
         "check": check,
         "spans": spans,
         "mask": lambda joints: [j in joints for j in range(n)],
@@ -48,7 +55,7 @@ def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "r
         "uncoupling": np.linalg.inv(parts.coupling),
         "reach": parts.reach,
     }
-    made = {header: "calibrated.hpp.j2", check: "check.cpp.j2"}
+    made = {header: "calibrated.hpp.j2", check: "check.cpp.j2", program: "stream.cpp.j2"}
     return {name: render(template, parts, vectors, **words) for name, template in made.items()}
 
 

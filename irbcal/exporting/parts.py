@@ -20,6 +20,7 @@ from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import AnyJointMap, JointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.direction import WIDTHS
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.situation import GRAVITY
 from irbcal.modeling.terms.term import Term
@@ -190,6 +191,14 @@ class Parts:
         return bool(self.direction.any() or self.move.any() or self.share.any())
 
     @property
+    def stride(self) -> FloatArray:
+        """Length of the moves that stand for where the arm came from on a way, shape (n,).
+
+        Three widths in which a joint takes up its play: there a joint that turns back leans over smoothly.
+        """
+        return 3.0 * np.where(self.slides, WIDTHS["m"], WIDTHS["rad"])
+
+    @property
     def reach(self) -> float:
         """A length that weighs positions against rotations: what the links measure together, at least a decimetre."""
         lengths = np.linalg.norm(self.chain.places, axis=1).sum() + np.linalg.norm(self.chain.tip_place)
@@ -204,6 +213,7 @@ class Parts:
     def of(
         robot: Robot,
         *,
+        nominal: Arm | None = None,
         speed: FloatArray | None = None,
         fingerprint: str = "",
         simulated: bool = False,
@@ -214,6 +224,8 @@ class Parts:
         Parameters
         ----------
         robot : Robot
+        nominal : Arm, optional
+            That of the terms of the joint map, if there are any; else the robot's own unless given.
         speed : ndarray, shape (n,), optional
             Largest joint speeds; infinite unless given.
         fingerprint, simulated, notes
@@ -242,7 +254,7 @@ class Parts:
         }
         empty |= {"cosine": np.zeros((0, n)), "sine": np.zeros((0, n)), "width": np.ones(n)}
         empty |= {"waves": (), "bends": (), "levers": (), "gravity": np.array(GRAVITY)}
-        empty |= {"payload_kg": 0.0, "payload_place": np.zeros(3), "nominal": common["chain"]}
+        empty |= {"payload_kg": 0.0, "payload_place": np.zeros(3), "nominal": Chain.of(nominal or arm)}
         told = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
         return Parts(**(common | empty | _of_joint_map(robot.joint_map, n) | told))
 

@@ -87,7 +87,9 @@ class Source:
             notes.append(record.frame_terms.in_words)
         robot = loaded(opened.robot, payload, payload_place).replace(frame_terms=None)
         speed = None if opened.urdf_bytes is None else speeds(opened.urdf_bytes, robot.arm)
-        return Source.of_robot(robot, record, opened.urdf_bytes, opened.folder, speed=speed, notes=tuple(notes))
+        return Source.of_robot(
+            robot, record, opened.urdf_bytes, opened.folder, nominal=opened.nominal, speed=speed, notes=tuple(notes)
+        )
 
     @staticmethod
     def of_robot(
@@ -96,6 +98,7 @@ class Source:
         urdf: bytes | None = None,
         folder: Path | None = None,
         *,
+        nominal: Arm | None = None,
         speed: FloatArray | None = None,
         notes: tuple[str, ...] = (),
     ) -> Source:
@@ -107,7 +110,7 @@ class Source:
             If what would be exported does not compute what irbcal computes.
         """
         told = {} if record is None else {"fingerprint": record.fingerprint, "simulated": record.simulated}
-        parts = Parts.of(robot, speed=speed, notes=notes, **told)  # type: ignore[arg-type]
+        parts = Parts.of(robot, nominal=nominal, speed=speed, notes=notes, **told)  # type: ignore[arg-type]
         vectors = vectors_of(robot, parts)
         miss = python.module(parts, vectors).check()
         if not miss < EXACT:
