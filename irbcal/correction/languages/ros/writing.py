@@ -30,7 +30,7 @@ def to_yaml(trajectory: Trajectory, frame_id: str = "") -> str:
     for k, time in enumerate(trajectory.times):
         sign = "- "
         for kind, values in columns.items():
-            row = "" if values is None else ", ".join(f"{x:.{DECIMALS}f}" for x in np.asarray(values[k]) + 0.0)
+            row = "" if values is None else ", ".join(f"{x:.{DECIMALS}f}" for x in np.round(values[k], DECIMALS) + 0.0)
             lines.append(f"{sign}{kind}: [{row}]")
             sign = "  "
         nano = round(float(time) * 1e9)
