@@ -11,6 +11,8 @@ from .cell.device_simulation import simulate_device as simulate_device
 from .cell.simulation import Simulated as Simulated
 from .cell.simulation import simulate as simulate
 from .correction.filter import correct as correct
+from .correction.trajectory_files import read_trajectory as read_trajectory
+from .correction.trajectory_files import write_trajectory as write_trajectory
 from .errors import CalibrationError as CalibrationError
 from .errors import IdentificationError as IdentificationError
 from .errors import IrbcalError as IrbcalError
@@ -18,6 +20,9 @@ from .errors import MeasurementError as MeasurementError
 from .errors import OptionError as OptionError
 from .errors import ProgramError as ProgramError
 from .errors import RobotError as RobotError
+from .exporting.export import Exported as Exported
+from .exporting.export import export as export
+from .exporting.live import stream as stream
 from .files.dh_table import DhRobot as DhRobot
 from .files.dh_table import urdf_from_dh as urdf_from_dh
 from .files.robots import robots as robots
@@ -30,6 +35,7 @@ from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics
 from .measurement.imports.reader import import_measurements as import_measurements
 from .measurement.table import read_measurements as read_measurements
+from .modeling.trajectory import Trajectory as Trajectory
 from .planners.calibrated_model import CalibratedModel as CalibratedModel
 from .planning.device_comparison import DeviceComparison as DeviceComparison
 from .planning.device_comparison import compare_devices as compare_devices
