@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
-    ("errors", "units", "arrays"),
-    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "parallel", "reading"),
+    ("errors", "units", "arrays", "chance"),
+    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "parallel", "reading", "templates"),
     ("figures", "modeling"),
     ("measurement",),
     ("identification",),
@@ -20,7 +20,7 @@ FLOORS = (
     ("validation", "joint_behaviour", "cell"),
     ("planning", "planners", "kinematics"),
     ("reports", "viewer", "studies"),
-    ("calibrating", "calibration", "gathering", "shipped"),
+    ("calibrating", "calibration", "feature_calibration", "gathering", "shipped"),
     ("practice",),
     ("cli",),
 )

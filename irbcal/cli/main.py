@@ -1,4 +1,4 @@
-"""Entry point of the ``irbcal`` command."""
+"""The ``irbcal`` command: its subcommands, each in a file of its own that is loaded when it is called."""
 
 from __future__ import annotations
 
@@ -6,47 +6,20 @@ import errno
 import os
 import sys
 import warnings
-from typing import Annotated
+from collections.abc import Iterable
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from irbcal.cli import (
-    ballbar,
-    calibrate,
-    circles,
-    compare,
-    controller,
-    demo,
-    evaluate,
-    filter,
-    fk,
-    ik,
-    import_,
-    iso9283,
-    joints,
-    plan,
-    report,
-    robots,
-    samples,
-    simulate,
-    study,
-    tracker,
-    urdf,
-    verify,
-    view,
-)
-from irbcal.cli.guarded import Guarded
+from irbcal.cli.commands import COMMANDS, ELSEWHERE, HIDDEN, PANELS
 from irbcal.cli.root import NAME, Root
 from irbcal.errors import IrbcalError
 
-app = typer.Typer(
-    name=NAME,
-    cls=Root,
-    help="Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+if TYPE_CHECKING:
+    app: typer.Typer
+
+HELP = "Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."
 
 
 def _version(wanted: bool) -> None:
@@ -57,7 +30,6 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def common(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
@@ -66,30 +38,66 @@ def common(
     """Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."""
 
 
-app.command("demo", rich_help_panel="Calibrate", cls=Guarded)(demo.demo)
-app.command("import", rich_help_panel="Calibrate", cls=Guarded)(import_.import_files)
-app.command("calibrate", rich_help_panel="Calibrate", cls=Guarded)(calibrate.calibrate)
-app.command("evaluate", rich_help_panel="Calibrate", cls=Guarded)(evaluate.evaluate)
-app.command("compare", rich_help_panel="Calibrate", cls=Guarded)(compare.compare)
-app.command("view", rich_help_panel="Calibrate", cls=Guarded)(view.view)
-app.command("report", rich_help_panel="Calibrate", cls=Guarded)(report.report)
-app.command("robots", rich_help_panel="Prepare", cls=Guarded)(robots.robots)
-app.command("urdf", rich_help_panel="Prepare", cls=Guarded)(urdf.urdf)
-app.command("fk", rich_help_panel="Use", cls=Guarded)(fk.fk)
-app.command("ik", rich_help_panel="Use", cls=Guarded)(ik.ik)
-app.command("filter", rich_help_panel="Use", cls=Guarded)(filter.filter_program)
-app.command("verify", rich_help_panel="Use", cls=Guarded)(verify.verify)
-app.command("plan", rich_help_panel="Prepare", cls=Guarded)(plan.plan)
-app.command("simulate", rich_help_panel="Prepare", cls=Guarded)(simulate.simulate)
-app.command("samples", rich_help_panel="Prepare", cls=Guarded)(samples.samples)
-app.command("study", rich_help_panel="Prepare", cls=Guarded)(study.study)
-app.command("joints", rich_help_panel="Validate", cls=Guarded)(joints.joints)
-app.command("circles", rich_help_panel="Validate", cls=Guarded)(circles.circles)
-app.command("axes", hidden=True, cls=Guarded)(joints.joints)  # its name before
-app.command("controller", rich_help_panel="Validate", cls=Guarded)(controller.controller)
-app.command("iso9283", rich_help_panel="Validate", cls=Guarded)(iso9283.iso9283)
-app.command("tracker", rich_help_panel="Validate", cls=Guarded)(tracker.tracker)
-app.command("ballbar", rich_help_panel="Validate", cls=Guarded)(ballbar.ballbar)
+def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer.Typer:
+    """The command line with some of its commands.
+
+    Parameters
+    ----------
+    names : iterable of str
+        What is loaded: one command needs no other one.
+    summary : bool
+        Only what the list of commands says of each.
+    """
+    from irbcal.cli.guarded import Guarded
+
+    made = typer.Typer(
+        name=NAME,
+        cls=Root,
+        help=HELP,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    made.callback()(common)
+    for panel, members in PANELS.items():
+        for name, line in members.items():
+            if name in names:
+                call = _listed if summary else _function(name)
+                made.command(
+                    name, help=line if summary else None, rich_help_panel=panel, hidden=name in HIDDEN, cls=Guarded
+                )(call)
+    return made
+
+
+def _function(name: str) -> Any:
+    """The function of a command."""
+    module, function = ELSEWHERE.get(name, (name, name))
+    return getattr(import_module(f"irbcal.cli.{module}"), function)
+
+
+def _listed() -> None:
+    """Stand for a command in the list of commands."""
+
+
+def __getattr__(name: str) -> Any:
+    """``app``, all commands, made when it is asked for first."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = application()
+    return globals()[name]
+
+
+def _called(words: list[str]) -> typer.Typer:
+    """As much of the command line as these words need."""
+    if "app" in globals():
+        return globals()["app"]
+    if words == ["--version"]:
+        return application(())
+    if words[:1] and words[0] in COMMANDS:
+        return application(words[:1])
+    if words in (["--help"], ["-h"]):
+        return application(summary=True)
+    return application()
 
 
 def main() -> None:
@@ -98,7 +106,7 @@ def main() -> None:
         with warnings.catch_warnings():
             # numbers that overflow are refused in a sentence of ours, or end in a result that is checked
             warnings.simplefilter("ignore", RuntimeWarning)
-            app(prog_name=NAME)
+            _called(sys.argv[1:])(prog_name=NAME)
     except IrbcalError as error:
         print(f"irbcal: {error}", file=sys.stderr)
         sys.exit(1)

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.chance import normal_quantile
 from irbcal.figures.charts import Drawing, Figure, LegendEntry, Lines, Panel, Sign, Text, fixed, up_to
 from irbcal.units import DEG, MM
 
@@ -143,14 +144,12 @@ def normal_quantiles(distance: FloatArray) -> tuple[FloatArray, FloatArray]:
     -------
     quantile, value : ndarray, shape (k,)
     """
-    from scipy.special import ndtri
-
     value = np.sort(distance)
     n = len(value)
     rank = np.arange(n)
     step = max(1, -(-n // QUANTILES))
     shown = (rank % step == 0) | (rank >= n - TAIL)
-    return ndtri((rank[shown] + 0.625) / (n + 0.25)), value[shown]
+    return normal_quantile((rank[shown] + 0.625) / (n + 0.25)), value[shown]
 
 
 def _models_legend(poses: PoseErrors, mark: Sign = "o") -> list[LegendEntry]:

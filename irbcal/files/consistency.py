@@ -137,8 +137,12 @@ def _frame_terms(record: Record) -> Iterator[str]:
         return
     robot = record.robot_calibrated()
     for vector in record.frame_terms.test_vectors:
-        q, before, told = (np.array(value, dtype=float) for value in (vector.q, vector.previous_q, vector.T_base_tip))
-        miss = float(np.abs(robot.forward(q[None], before[None])[0] - told).max()) if told.shape == (4, 4) else np.inf
+        try:
+            q, before, told = (np.array(value, float) for value in (vector.q, vector.previous_q, vector.T_base_tip))
+            miss = float(np.abs(robot.forward(q[None], before[None])[0] - told).max())
+        except (IrbcalError, ValueError, IndexError) as error:
+            yield f"frame_terms cannot be used: {error}"
+            return
         if not miss <= VECTORS:
             yield f"frame_terms miss their own test vectors by {miss:.3g}"
             return

@@ -201,7 +201,7 @@ def _tell_mujoco(root: urdf_xml.XmlElement) -> None:
 def written(
     record: Record, data: bytes, how: MeshPaths, folder: str | Path, own_folder: str | PathLike[str] | None
 ) -> tuple[Record, bytes]:
-    """A calibration and its URDF with mesh paths of a kind, checked again by Pinocchio and yourdfpy.
+    """A calibration and its URDF with mesh paths of a kind, checked again by Pinocchio.
 
     Parameters
     ----------

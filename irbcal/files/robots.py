@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -246,6 +245,8 @@ def _ros_folders() -> Iterator[Path]:
 
 def _example_robots() -> Iterator[Path]:
     """The ``share`` folder of example-robot-data, if it is installed: the package has files only, no Python module."""
+    from importlib.metadata import PackageNotFoundError, distribution
+
     try:
         files = distribution(EXAMPLES)
     except PackageNotFoundError:

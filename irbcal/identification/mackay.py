@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
@@ -161,6 +160,8 @@ def _factor(H: FloatArray, prior: FloatArray, weight: float) -> tuple[FloatArray
     log_det : float
         Of A.
     """
+    from scipy.linalg import lapack
+
     A = H * weight
     A[np.diag_indices_from(A)] += prior
     diagonal = np.diagonal(A)

@@ -168,15 +168,24 @@ class Information:
             plausible sizes of the error parameters, shape (k,), one at the leading one; and how base and
             targets move along, SI units, shape (b,).
         """
-        from scipy.linalg import qr
-
         held = self.directions[:, ~self.seen]
         if not held.shape[1]:
             return []
-        _, _, order = qr(held.T, pivoting=True, mode="economic")
-        leading = order[: held.shape[1]]
+        leading = _leading(held)
         basis = held @ np.linalg.inv(held[leading])
         return [(int(j), v, -self.follow @ (self.scale * v)) for j, v in zip(leading, basis.T, strict=True)]
+
+
+def _leading(directions: FloatArray) -> list[int]:
+    """Rows of directions (k, h) that are most independent: the pivots of a QR decomposition of their transpose."""
+    left = directions.copy()
+    chosen: list[int] = []
+    for _ in range(directions.shape[1]):
+        chosen.append(int(np.argmax(np.sum(left**2, axis=1))))
+        axis = left[chosen[-1]] / np.linalg.norm(left[chosen[-1]])
+        left -= np.outer(left @ axis, axis)
+        left[chosen] = 0.0
+    return chosen
 
 
 def information(problem: Problem, H: FloatArray, rss: float, held: FloatArray | None = None) -> Information:

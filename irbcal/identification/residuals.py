@@ -446,9 +446,7 @@ def _weights(points: PointSet, oriented: BoolArray) -> FloatArray:
 
 def _rotation_vectors(R: FloatArray) -> FloatArray:
     """Rotation vectors (n, 3) of rotations (n, 3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(R).as_rotvec()
+    return frames.vector_from_rotation(R)
 
 
 def _turned(axis: FloatArray, origin: FloatArray, p: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.chance import f_beyond
 from irbcal.identification.residuals import Problem, State
 from irbcal.joint_behaviour.terms import Kind, Term, quantile
 from irbcal.measurement.points import PointSet
@@ -159,8 +160,6 @@ class Linearised:
         Found or None
             None where no coefficient can be seen.
         """
-        from scipy.stats import f as fisher
-
         Q = self.basis(without) if Q is None else Q
         y = self.explained(without)
         y = y - Q @ (Q.T @ y)
@@ -175,7 +174,7 @@ class Linearised:
         after = self.left_out(left, np.hstack([Q, U]))
         change = np.stack([np.bincount(self.flat_pose, row * after, minlength=self.poses) for row in P])
         C = (self.poses - 1) / self.poses * change @ change.T
-        p = float(fisher.sf(beta @ np.linalg.pinv(C) @ beta / len(kept), len(kept), self.poses - 1))
+        p = f_beyond(float(beta @ np.linalg.pinv(C) @ beta) / len(kept), len(kept), self.poses - 1)
         return Found(kept, beta, C, p, left, self._before(y, Q), self.size(after), self.size(own @ beta))
 
     def _before(self, y: FloatArray, Q: FloatArray) -> float:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.chance import f_beyond
 from irbcal.errors import IdentificationError
 from irbcal.identification import circles
 from irbcal.joint_behaviour.free_frequency import interval
@@ -290,8 +291,6 @@ class _Levels:
 
     def fit(self, X: FloatArray, extra: int = 0) -> _Fit:
         """Weighted least squares of terms beside the series' zeros; ``extra`` unknowns are spent elsewhere."""
-        from scipy.stats import f as fisher
-
         w = self.root[:, None]
         N, X, y = np.linalg.qr(w * self.beside)[0], w * X, self.root * self.y
         rest_X, rest = X - N @ (N.T @ X), y - N @ (N.T @ y)
@@ -302,7 +301,7 @@ class _Levels:
         sigma2 = max(left @ left / freedom, 1e-24)
         S = P * self.root
         C = sigma2 * P @ P.T + S @ self.covariance @ S.T
-        p = float(fisher.sf(beta @ np.linalg.solve(C, beta) / len(beta), len(beta), freedom))
+        p = f_beyond(float(beta @ np.linalg.solve(C, beta)) / len(beta), len(beta), freedom)
         H_0 = np.sum(N**2, axis=1)
         H_1 = H_0 + np.einsum("rk,kr->r", rest_X, P)
         return _Fit(beta, C, freedom, p, self._left_out(rest, H_0), self._left_out(left, H_1), sigma2)

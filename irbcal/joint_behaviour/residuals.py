@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.chance import f_beyond
 from irbcal.errors import IdentificationError
 from irbcal.identification import circles
 from irbcal.joint_behaviour import columns, needed
@@ -223,8 +224,6 @@ def backlash_terms(model: Linearised) -> tuple[list[Term], FloatArray, FloatArra
 
 def _fill_halves(model: Linearised, X: FloatArray, moving: Sequence[int], halves: FloatArray, p: FloatArray) -> None:
     """Backlash of the first and of the second half of the poses, and whether they differ."""
-    from scipy.stats import t as student
-
     first: BoolArray = (model.flat_pose < model.poses / 2)[:, None]
     found = model.test(np.hstack([X[:, moving] * first, X[:, moving] * ~first]))
     k = len(moving)
@@ -234,7 +233,7 @@ def _fill_halves(model: Linearised, X: FloatArray, moving: Sequence[int], halves
     for slot, j in enumerate(moving):
         variance = found.C[slot, slot] + found.C[k + slot, k + slot] - 2 * found.C[slot, k + slot]
         t = (halves[j, 0] - halves[j, 1]) / np.sqrt(max(variance, 1e-300))
-        p[j] = 2 * student.sf(abs(t), model.poses - 1)
+        p[j] = f_beyond(float(t * t), 1, model.poses - 1)
 
 
 def _about_joint(model: Linearised, j: int, r: FloatArray) -> FloatArray:

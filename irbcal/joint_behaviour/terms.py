@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray
+from irbcal.chance import student_within
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
 
@@ -139,9 +140,7 @@ def fourier_columns(q: ArrayLike, order: int, frequency: float) -> FloatArray:
 
 def quantile(freedom: float) -> float:
     """Half-width of the interval in standard deviations (Student)."""
-    from scipy.stats import t as student
-
-    return float(student.ppf(0.5 + CONFIDENCE / 2, freedom))
+    return student_within(CONFIDENCE, freedom)
 
 
 def frequencies(extent: float, highest: float) -> FloatArray:

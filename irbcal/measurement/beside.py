@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 
 from irbcal.arrays import IntArray
@@ -50,11 +51,12 @@ def beside(
 
 
 def _as_numbers(cells: pd.DataFrame) -> pd.DataFrame:
-    """Texts of a file with the columns as numbers in which nothing but numbers (or nothing) stands; not names."""
+    """Texts of a file with the columns as numbers in which finite numbers (or nothing) stand alone; not names."""
     out = {}
     for name in cells.columns:
         text = cells[name].str.strip()
         values = pd.to_numeric(text.where(text != ""), errors="coerce")
-        number = name not in NAMES and values.notna().any() and (values.notna() | (text == "")).all()
+        finite = values.notna() & ~np.isinf(values)
+        number = name not in NAMES and finite.any() and (finite | (text == "")).all()
         out[name] = values.astype(float) if number else cells[name]
     return pd.DataFrame(out, index=cells.index)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from irbcal.arrays import BoolArray
+from irbcal.measurement import near
 from irbcal.measurement.places import SAME_PLACE
 from irbcal.measurement.points import PointSet
 
@@ -26,13 +27,11 @@ def rows_of(points: PointSet, fit: PointSet) -> BoolArray:
     -------
     ndarray of bool, shape (n,)
     """
-    from scipy.spatial import cKDTree
-
     out = np.zeros(points.poses, dtype=bool)
     if not len(points) or not len(fit) or points.q.shape[1] != fit.q.shape[1]:
         return out
-    distance, nearest = cKDTree(fit.xyz).query(points.xyz, distance_upper_bound=SAME_POINT)
-    found = np.flatnonzero(np.isfinite(distance))
+    nearest = near.nearest(points.xyz, fit.xyz, SAME_POINT)
+    found = np.flatnonzero(nearest >= 0)
     same = np.abs(points.joints()[found] - fit.joints()[nearest[found]]).max(axis=1) <= SAME_JOINTS
     out[points.pose[found[same]]] = True
     return out
@@ -40,9 +39,6 @@ def rows_of(points: PointSet, fit: PointSet) -> BoolArray:
 
 def places_of(points: PointSet, fit: PointSet) -> BoolArray:
     """Which poses are at joints of the fit, within `irbcal.measurement.places.SAME_PLACE`; as `rows_of`."""
-    from scipy.spatial import cKDTree
-
     if not points.poses or not fit.poses or points.q.shape[1] != fit.q.shape[1]:
         return np.zeros(points.poses, dtype=bool)
-    distance, _ = cKDTree(fit.q).query(points.q, p=np.inf, distance_upper_bound=SAME_PLACE)
-    return np.isfinite(distance)
+    return np.asarray(near.nearest(points.q, fit.q, SAME_PLACE, p=np.inf) >= 0)

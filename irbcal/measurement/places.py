@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.measurement import near
 from irbcal.measurement.points import PointSet
 from irbcal.units import DEG
 
@@ -38,26 +39,19 @@ def places(points: PointSet) -> IntArray:
 
 def of_joints(q: FloatArray, names: np.ndarray | None = None) -> IntArray:
     """As `places`, of joints (n, joints), radians (metres), and names (n,) of the poses."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
     n = len(q)
     if not n:
         return np.zeros(0, dtype=int)
     # exact copies first: many of them would make very many pairs
     single, copy_of = np.unique(q, axis=0, return_inverse=True)
     copy_of = copy_of.ravel()
-    pairs = cKDTree(single).query_pairs(SAME_PLACE, p=np.inf, output_type="ndarray")
-    edges = [pairs]
+    edges = [near.pairs(single, SAME_PLACE)]
     if names is not None:
         _, called = np.unique(names.astype(str), return_inverse=True)
         leader = np.zeros(called.max() + 1, dtype=int)
         leader[called[::-1]] = copy_of[::-1]
         edges.append(np.column_stack([copy_of, leader[called]]))
-    ends = np.concatenate(edges)
-    graph = coo_matrix((np.ones(len(ends)), ends.T), shape=(len(single), len(single)))
-    found = connected_components(graph, directed=False)[1][copy_of]
+    found = near.connected(len(single), np.concatenate(edges))[copy_of]
     _, first, number = np.unique(found, return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=int)
     rank[np.argsort(first)] = np.arange(len(first))

@@ -191,15 +191,13 @@ def _motions(seen: FloatArray, visible: BoolArray, own: BoolArray, common: Float
 
 def _interpolated(T: FloatArray, own: BoolArray) -> FloatArray:
     """Fill poses without their own registration linearly between their neighbours in time."""
-    from scipy.spatial.transform import Rotation
-
     if own.all():
         return T
     at, have = np.arange(len(T)), np.flatnonzero(own)
-    vectors = np.column_stack([Rotation.from_matrix(T[own, :3, :3]).as_rotvec(), T[own, :3, 3]])
+    vectors = np.column_stack([frames.vector_from_rotation(T[own, :3, :3]), T[own, :3, 3]])
     filled = np.column_stack([np.interp(at[~own], have, column) for column in vectors.T])
     T = T.copy()
     T[~own] = np.eye(4)
-    T[~own, :3, :3] = Rotation.from_rotvec(filled[:, :3]).as_matrix()
+    T[~own, :3, :3] = frames.rotation_from_vector(filled[:, :3])
     T[~own, :3, 3] = filled[:, 3:]
     return T

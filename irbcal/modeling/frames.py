@@ -305,12 +305,25 @@ def matrix_from_quaternion(q: ArrayLike) -> FloatArray:
 
 
 def rotation_from_vector(vector: ArrayLike) -> FloatArray:
-    """Rotation matrix (3, 3) of a rotation vector (3,) in radians (Rodrigues)."""
-    x, y, z = np.asarray(vector, dtype=float)
-    angle = np.sqrt(x * x + y * y + z * z)
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (Rodrigues)."""
+    x, y, z = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
+    angle = np.sqrt(x * x + y * y + z * z)[..., None, None]
+    zero = np.zeros_like(x)
+    K = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), (0, 1), (-2, -1))
     half = np.sinc(angle / (2 * np.pi))  # sin(angle/2) / (angle/2)
     return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half * half * (K @ K)
+
+
+def vector_from_rotation(R: ArrayLike) -> FloatArray:
+    """Rotation vectors (..., 3), radians, of rotation matrices (..., 3, 3): the inverse of `rotation_from_vector`.
+
+    Angles are between 0 and pi.
+    """
+    q = quaternion_from_matrix(R)
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    return np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0) * q[..., 1:]
 
 
 def rotation_distance(R_1: ArrayLike, R_2: ArrayLike) -> FloatArray:

@@ -15,15 +15,9 @@ DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 
 def template(name: str) -> Template:
     """A template of this room by the name of its file; what is put into it is escaped, and nothing may be missing."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from irbcal.templates import environment as templates
 
-    environment = Environment(
-        loader=PackageLoader("irbcal.reports"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = templates("irbcal.reports")
     environment.filters |= {"fixed": fixed, "unit": in_unit, "std": deviation, "count": count, "svg": charts.inline}
     environment.filters |= {"repr": repr, "short": short, "file_name": file_name}
     return environment.get_template(name)

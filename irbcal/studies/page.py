@@ -32,7 +32,7 @@ def render(results: Results, tables: Sequence[Table], series: Series) -> str:
     -------
     str
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from irbcal.templates import environment
 
     sections: dict[str, list[tuple[str, Any]]] = {}
     with inline_svg.style():
@@ -40,22 +40,19 @@ def render(results: Results, tables: Sequence[Table], series: Series) -> str:
             if results.has(*item.needs):
                 drawing = inline_svg.drawn(partial(item.draw, results=results, series=series), item.key, item.caption)
                 sections.setdefault(item.section, []).append((item.caption, drawing))
-    environment = Environment(
-        loader=PackageLoader("irbcal.studies"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("study.html.j2").render(
-        settings=results.settings,
-        procedures=len(procedures(results.settings)),
-        sections=sections,
-        tables=tables,
-        verdict=verdict(results),
-        calibrated=CALIBRATED,
-        is_cell=lambda value: isinstance(value, Cell),
-        is_number=lambda value: isinstance(value, (Cell, int)),
+    return (
+        environment("irbcal.studies")
+        .get_template("study.html.j2")
+        .render(
+            settings=results.settings,
+            procedures=len(procedures(results.settings)),
+            sections=sections,
+            tables=tables,
+            verdict=verdict(results),
+            calibrated=CALIBRATED,
+            is_cell=lambda value: isinstance(value, Cell),
+            is_number=lambda value: isinstance(value, (Cell, int)),
+        )
     )
 
 

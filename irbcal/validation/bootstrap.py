@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irbcal import parallel
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.chance import normal_below, normal_quantile
 from irbcal.units import MM
 from irbcal.validation.accuracy import PERCENTILES
 
@@ -143,16 +144,14 @@ def bca(replicates: FloatArray, estimate: float, jackknife: FloatArray, level: f
     -------
     [float, float]
     """
-    from scipy.special import ndtr, ndtri
-
     count = len(replicates)
     share = (np.sum(replicates < estimate) + 0.5 * np.sum(replicates == estimate)) / count
-    bias = ndtri(np.clip(share, 0.5 / count, 1 - 0.5 / count))
+    bias = normal_quantile(np.clip(share, 0.5 / count, 1 - 0.5 / count))
     u = jackknife.mean() - jackknife
     spread = np.sum(u**2)
     acceleration = np.sum(u**3) / (6 * spread**1.5) if spread > 0 else 0.0
-    z = bias + ndtri([0.5 - level / 2, 0.5 + level / 2])
-    ends = ndtr(bias + z / (1 - acceleration * z))
+    z = bias + normal_quantile([0.5 - level / 2, 0.5 + level / 2])
+    ends = normal_below(bias + z / (1 - acceleration * z))
     return np.percentile(replicates, 100 * ends).tolist()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.chance import normal_quantile
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,6 @@ def correlation(first: FloatArray, second: FloatArray, level: float = 0.95) -> C
     -------
     Correlation
     """
-    from scipy.special import ndtri
-
     a, b = first - first.mean(), second - second.mean()
     scale = np.sqrt((a @ a) * (b @ b))
     r = float(a @ b / scale) if scale > 0 else 0.0
@@ -64,7 +63,7 @@ def correlation(first: FloatArray, second: FloatArray, level: float = 0.95) -> C
     effective = len(a) / (1 + 2 * max(0.0, shared))
     if effective < 4 or abs(r) >= 1:
         return Correlation(r, effective, None, bool(abs(r) >= 1))
-    half = ndtri(0.5 + level / 2) / np.sqrt(effective - 3)
+    half = normal_quantile(0.5 + level / 2) / np.sqrt(effective - 3)
     low, high = (float(end) for end in np.tanh([np.arctanh(r) - half, np.arctanh(r) + half]))
     return Correlation(r, effective, (low, high), low > 0 or high < 0)
 

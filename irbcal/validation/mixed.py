@@ -119,7 +119,7 @@ def _starts(H: FloatArray, g: FloatArray, seed: int) -> list[BoolArray]:
 def _cost(H: FloatArray, g: FloatArray, yy: FloatArray, part: BoolArray, firm: FloatArray) -> FloatArray:
     """Squares left of each pose with the change that fits a part of them best."""
     change = np.linalg.solve(H[part].sum(axis=0) + firm, g[part].sum(axis=0))
-    left = yy - 2 * g @ change + np.einsum("a,nab,b->n", change, H, change, optimize=True)
+    left = yy - 2 * g @ change + (H @ change) @ change
     return np.maximum(left, 0.0)
 
 

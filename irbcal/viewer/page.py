@@ -53,8 +53,7 @@ def render(scene: Scene) -> str:
     -------
     str
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
+    from irbcal.templates import environment
     from irbcal.viewer import drawing
 
     data = content(scene)
@@ -64,23 +63,26 @@ def render(scene: Scene) -> str:
     for name, text in scripts.items():
         if "</script" in text.lower() or "<!--" in text:
             raise AssertionError(f"the script {name} cannot stand inside a page")
-    environment = Environment(loader=PackageLoader("irbcal.viewer", ""), autoescape=True, undefined=StrictUndefined)
-    return environment.get_template("page.html.j2").render(
-        title=scene.title,
-        data=escaped_json(data),
-        licences=_viewer("main.min.js.LICENSE.txt"),
-        style=_own("overlay.css"),
-        policy="; ".join(
-            [
-                "default-src 'none'",
-                "script-src " + " ".join(f"'sha256-{_digest(text)}'" for text in scripts.values()),
-                "style-src 'unsafe-inline'",
-                "img-src data: blob:",
-                "base-uri 'none'",
-                "form-action 'none'",
-            ]
-        ),
-        **scripts,
+    return (
+        environment("irbcal.viewer", "", trim=False)
+        .get_template("page.html.j2")
+        .render(
+            title=scene.title,
+            data=escaped_json(data),
+            licences=_viewer("main.min.js.LICENSE.txt"),
+            style=_own("overlay.css"),
+            policy="; ".join(
+                [
+                    "default-src 'none'",
+                    "script-src " + " ".join(f"'sha256-{_digest(text)}'" for text in scripts.values()),
+                    "style-src 'unsafe-inline'",
+                    "img-src data: blob:",
+                    "base-uri 'none'",
+                    "form-action 'none'",
+                ]
+            ),
+            **scripts,
+        )
     )
 
 

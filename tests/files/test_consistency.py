@@ -67,7 +67,8 @@ def _gravity(document):
         (lambda d: _gravity(d).update(size={}), "calibration.json: joint_map"),
         (lambda d: d["joint_map"]["terms"][0].update(coefficient_rad=0.1), "joint_map misses its own test vectors"),
         (lambda d: d["frame_terms"]["terms"][0].update(coefficient_rad=0.1), "frame_terms miss their own test vectors"),
-        (lambda d: d["frame_terms"]["test_vectors"][0]["T_base_tip"].pop(), "frame_terms miss"),
+        (lambda d: d["frame_terms"]["test_vectors"][0]["T_base_tip"].pop(), "frame_terms"),
+        (lambda d: d["frame_terms"]["test_vectors"][0]["T_base_tip"][1].pop(), "frame_terms cannot be used"),
     ],
 )
 def test_terms_are_held_against_their_test_vectors(terms, tmp_path, change, words):

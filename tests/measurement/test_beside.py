@@ -28,6 +28,13 @@ def test_numbers_are_numbers_and_names_are_names():
     assert table["note"].tolist() == ["x", "1"]
 
 
+def test_what_is_no_finite_number_stays_a_text():
+    given = pd.DataFrame({"label": ["-Infinity", "1", "1e999"], "speed": ["1", "2", ""]}, dtype=object)
+    table = beside(given, pd.DataFrame({"q": [1.0, 2.0, 3.0]}))
+    assert table["label"].tolist() == ["-Infinity", "1", "1e999"]
+    np.testing.assert_array_equal(table["speed"], [1.0, 2.0, np.nan])
+
+
 def test_rows_of_the_input_repeat():
     table = beside(GIVEN, pd.DataFrame({"q": [1.0, 2.0, 3.0]}), row=np.array([1, 1, 0]))
     assert table["pose"].tolist() == ["8", "8", "007"]

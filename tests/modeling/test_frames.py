@@ -153,3 +153,14 @@ def test_derivative_of_angles(outside):
     after = turn @ R if outside else R @ turn
     change = (frames.to_xyz_angles(frames.transform(after)) - frames.to_xyz_angles(frames.transform(R)))[3:]
     np.testing.assert_allclose(frames.angles_derivative(R, outside) @ v, change, rtol=0, atol=1e-8)
+
+
+def test_rotation_vectors_against_scipy():
+    rng = np.random.default_rng(9)
+    vectors = rng.standard_normal((200, 3))
+    vectors *= (rng.uniform(0.0, np.pi, 200) / np.linalg.norm(vectors, axis=1))[:, None]
+    vectors[:3] = [[0.0, 0.0, 0.0], [1e-9, -2e-9, 3e-9], [0.0, np.pi - 1e-9, 0.0]]
+    R = frames.rotation_from_vector(vectors)
+    assert np.abs(R - Rotation.from_rotvec(vectors).as_matrix()).max() < 1e-14
+    assert np.abs(frames.vector_from_rotation(R) - vectors).max() < 1e-14
+    assert np.array_equal(frames.rotation_from_vector(vectors[5]), R[5])

@@ -127,6 +127,9 @@ def _path(
     return path, PathText(move.start, via, rest, work_object, tool)
 
 
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
+
+
 def _doubt(
     reader: Reader, move: Move, T: FloatArray | None, zones: Sequence[float | None], targets: Sequence[Target]
 ) -> str:
@@ -148,8 +151,8 @@ def _doubt(
     if any(target.configuration is None for target in poses):
         return "a configuration is computed"
     axes = {re.sub(r"\s", "", target.external).lower() for target in targets}
-    values = [float(value) for text in axes for value in re.findall(r"[-+.\de]+", text)]
-    if any(abs(value) < ABSENT for value in values) or not values:
+    values = [value for text in axes for value in text.strip("[]").split(",")]
+    if not all(_NUMBER.fullmatch(value) and abs(float(value)) >= ABSENT for value in values):
         return "there are external axes"
     return ""
 

@@ -217,12 +217,13 @@ def test_an_end_that_the_path_does_not_lead_to_is_not_cut(robots):
     assert "a configuration that the path does not lead to (joint 6)" in found.left[-1].reason
 
 
-def test_moves_with_external_axes_are_not_cut(robots):
+@pytest.mark.parametrize("axis", [b"5", b"-", b"-.", b"track"])
+def test_moves_with_external_axes_are_not_cut(robots, axis):
     nominal, robot = robots
     data = module(nominal, *MOVES[:2])
     old = FAR.encode() + b"];\r\nCONST robtarget p3"
     assert old in data
-    moved = data.replace(old, old.replace(b"9E9", b"5", 1))
+    moved = data.replace(old, old.replace(b"9E9", axis, 1))
     found = filter_program(robot, nominal, rapid.parse(moved), "abc", path_tolerance=TOLERANCE)
     assert "there are external axes" in found.left[-1].reason
     # within a large tolerance nothing needs to be cut, whatever the axes

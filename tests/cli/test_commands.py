@@ -1,0 +1,24 @@
+import subprocess
+import sys
+
+from typer.main import get_command
+
+from irbcal.cli import commands, main
+
+
+def test_what_the_list_says_of_a_command_is_what_it_says_of_itself():
+    listed = {name: line for lines in commands.PANELS.values() for name, line in lines.items()}
+    own = {name: " ".join(c.help.partition("\n\n")[0].split()) for name, c in get_command(main.app).commands.items()}
+    assert listed == own
+
+
+def test_only_the_command_that_is_called_is_loaded():
+    def loaded(call):
+        done = subprocess.run([sys.executable, "-c", code.format(call)], capture_output=True, text=True, check=True)
+        return done.stdout
+
+    code = "from irbcal.cli import main; main.application({}); import sys; print(sorted(m for m in sys.modules if m.startswith('irbcal.cli.')))"
+    called = loaded("['fk']")
+    assert "'irbcal.cli.fk'" in called
+    assert "'irbcal.cli.plan'" not in called
+    assert "'irbcal.cli.fk'" not in loaded("summary=True")
