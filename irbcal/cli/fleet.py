@@ -17,21 +17,19 @@ INTERRUPTED = 130
 FAILED = 3
 """Exit code of a run in which robots failed."""
 
-Store = Annotated[
-    str, typer.Option(help="File (SQLite), or postgresql+psycopg://USER@HOST/NAME.", show_default=True)
-]
+Store = Annotated[str, typer.Option(help="File (SQLite), or postgresql+psycopg://USER@HOST/NAME.", show_default=True)]
 
 app = typer.Typer(
     help="Many robots, many years: calibrate by a list, keep in a store, see what changed and which stand out.",
     no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
 @app.command("calibrate", cls=Guarded)
 def calibrate(
     manifest: Annotated[
-        Path, typer.Argument(help="CSV with id, measurements, robot and perhaps serial, date, options.", show_default=False)
+        Path,
+        typer.Argument(help="CSV with id, measurements, robot and perhaps serial, date, options.", show_default=False),
     ],
     out: Annotated[
         Path,
@@ -42,7 +40,8 @@ def calibrate(
     json: Json = False,
 ) -> None:
     """Calibrate every robot of a list into its own folder; goes on where it was stopped; exit code 3 if one failed."""
-    from irbcal.fleet import calibrated, manifest as lists
+    from irbcal.fleet import calibrated
+    from irbcal.fleet import manifest as lists
 
     steps = len(lists.read(manifest))
     with show.progress(steps + 1, quiet=json) as step, wrong_calls():

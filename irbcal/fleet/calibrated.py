@@ -73,8 +73,8 @@ class CalibratedFleet(Speaks):
         kind = "SIMULATED: " if any(robot.simulated for robot in self.robots) else ""
         doubtful = sum(not (robot.trusted or robot.failed) for robot in self.robots)
         return (
-            f"{kind}{len(self.robots)} robots: {len(self.robots) - len(self.failures)} calibrated ({doubtful} of them not "
-            f"to be trusted), {len(self.failures)} failed"
+            f"{kind}{len(self.robots)} robots: {len(self.robots) - len(self.failures)} calibrated ({doubtful} of them "
+            f"not to be trusted), {len(self.failures)} failed"
         )
 
     def told(self) -> Sequence[Told]:
@@ -154,7 +154,7 @@ def fleet_calibrate(
     started = time.perf_counter()
     entries, folder = lists.read(manifest), Path(out)
     _open(folder)
-    found = {entry.id: outcomes.done(entry, folder / entry.id) for entry in entries}
+    found: dict[str, Outcome | None] = {entry.id: outcomes.done(entry, folder / entry.id) for entry in entries}
     left = [entry for entry in entries if found[entry.id] is None]
     kept, say = len(entries) - len(left), progress or (lambda text: None)
     shared = str(folder.absolute())
@@ -165,7 +165,7 @@ def fleet_calibrate(
             say(f"{count} of {len(left)} robots")
     except KeyboardInterrupt:
         raise Interrupted(sum(one is None for one in found.values())) from None
-    robots = tuple(outcome for entry in entries if (outcome := found[entry.id]) is not None)
+    robots = tuple(one for entry in entries if (one := found[entry.id]) is not None)
     seconds = time.perf_counter() - started
     made = sum(not robot.failed for robot in robots) - kept
     result = CalibratedFleet(folder, robots, made, kept, seconds)

@@ -14,12 +14,14 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.fleet.store import Stored
-from irbcal.fleet.words import amount, called
+from irbcal.fleet.words import amount, called, high_wave
 
 SEEN = 0.25
 """Largest share of its prior variance that a direction may keep and count as seen."""
 ONE_SIDED = 1e-4
 """A direction of which one calibration knows so much less variance than the other is held in one of them."""
+HELD = 1e-10
+"""Share of the largest variance below which a direction is held: calibrations keep their covariance in four bytes."""
 CHANCE = 0.001
 """Probability of a change to be told of where there is none."""
 MOST = 6
@@ -49,8 +51,8 @@ class ParameterChange:
         """A sentence."""
         what, why = called(self.name)
         return (
-            f"{what[0].upper()}{what[1:]} moved by {amount(self.value, self.std, self.unit)} between {before} and {after}: "
-            f"{why}?"
+            f"{what[0].upper()}{what[1:]} moved by {amount(self.value, self.std, self.unit)} between {before} and "
+            f"{after}: {why}?"
         )
 
 
@@ -112,7 +114,7 @@ def change(before: Stored, after: Stored) -> Change:
     """
     from scipy.special import chdtrc
 
-    names = [name for name in before.names if name in after.place]
+    names = [name for name in before.names if _shown(name, before) and _shown(name, after)]
     d, W, seen = _difference(before, after, names)
     chi2 = float(d @ W @ d)
     p = float(chdtrc(seen, chi2)) if seen else 1.0
@@ -124,22 +126,31 @@ def change(before: Stored, after: Stored) -> Change:
     return Change(before.measured, after.measured, chi2, seen, p, tuple(found), left_p)
 
 
+def _shown(name: str, one: Stored) -> bool:
+    """Whether a calibration's data tell of a parameter: else it stays where it was expected, and has no say."""
+    k = one.place.get(name)
+    return k is not None and not high_wave(name) and bool(one.covariance[k, k] < SEEN * one.prior[k] ** 2)
+
+
 def _difference(before: Stored, after: Stored, names: list[str]) -> tuple[FloatArray, FloatArray, int]:
     """Differences in natural sizes, their weight on the seen directions, and how many these are."""
     rows = [[one.place[name] for name in names] for one in (before, after)]
     size = before.natural[rows[0]]
     d = (after.values[rows[1]] - before.values[rows[0]]) / size
     C = [one.covariance[np.ix_(r, r)] / np.outer(size, size) for one, r in zip((before, after), rows, strict=True)]
+    for k, one in enumerate((before, after)):
+        if not np.isfinite(one.prior).any():  # levels count the points of a pose as if they were independent
+            C[k] *= one.calibration["points_per_pose"]
     V = C[0] + C[1]
-    prior = sum((one.prior[r] / size) ** 2 for one, r in zip((before, after), rows, strict=True))
-    scale = np.where(np.isfinite(prior), np.sqrt(prior), 1.0)
+    priors = [one.prior[r] / size for one, r in zip((before, after), rows, strict=True)]
+    scale = np.sqrt(np.where(np.isfinite(priors).all(axis=0), np.square(priors).sum(axis=0), 1.0))
     values, vectors = np.linalg.eigh(V / np.outer(scale, scale))
     directions = vectors / scale[:, None]
-    own = [np.einsum("ik,ij,jk->k", directions, part, directions) for part in C]
-    both = np.minimum(*own) > ONE_SIDED * np.maximum(*own)
-    keep = both & (values > 1e-14 * max(values.max(initial=0.0), 1e-300))
-    if np.isfinite(prior).any():
-        keep &= values < SEEN
+    own = np.array([np.einsum("ik,ij,jk->k", directions, part, directions) for part in C])
+    keep = (own.min(axis=0) > ONE_SIDED * own.max(axis=0)) & (values > HELD * values.max(initial=0.0))
+    for part, prior in zip(own, priors, strict=True):
+        if np.isfinite(prior).all():
+            keep &= part < SEEN * np.einsum("ik,i->k", directions**2, prior**2)
     U = directions[:, keep]
     return d, (U / values[keep]) @ U.T, int(keep.sum())
 

@@ -100,8 +100,8 @@ def read(manifest: str | Path) -> list[Entry]:
     Parameters
     ----------
     manifest : str or Path
-        CSV with the columns ``id``, ``measurements`` and ``robot``, and, where wanted, ``serial``, ``date`` (2026-03-17)
-        and ``options`` (``model=34 holdout=0.2``). Paths are counted from its folder.
+        CSV with the columns ``id``, ``measurements`` and ``robot``, and, where wanted, ``serial``, ``date``
+        (2026-03-17) and ``options`` (``model=34 holdout=0.2``). Paths are counted from its folder.
 
     Returns
     -------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -184,7 +185,8 @@ class Overview(Speaks):
         return {
             "simulated": self.simulated,
             "calibrations": [
-                one.robot | {k: str(v) if k == "measured" else v for k, v in one.calibration.items() if k != "covariance"}
+                {**one.robot}
+                | {k: str(v) if k == "measured" else v for k, v in one.calibration.items() if k != "covariance"}
                 for one in self.calibrations
             ],
             "changed": {robot: found.in_words() for robot, found in self.changes.items() if found.real},
@@ -305,9 +307,10 @@ def fleet_drift(robot: str, store: str | Path = STORE) -> Drift:
         if len(found) < 2:
             known = [row["id"] for row in held.robots()]
             there = "1 calibration" if found else f"none of the {len(known)} robots is it, and no calibration"
-            raise CalibrationError(f"{robot}: two calibrations are needed to see a change, found {there}", file=str(store))
-    pairs = zip(found, found[1:], strict=False)
-    return Drift(robot, tuple(found), tuple(change(*pair) for pair in pairs))
+            raise CalibrationError(
+                f"{robot}: two calibrations are needed to see a change, found {there}", file=str(store)
+            )
+    return Drift(robot, tuple(found), tuple(change(*pair) for pair in pairwise(found)))
 
 
 def fleet_export(store: str | Path, out: str | Path, *, what: str = "parameters") -> int:

@@ -40,13 +40,6 @@ def render_store(overview: Overview) -> str:
 
 
 def _page(template: str, **names: object) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from irbcal.templates import environment
 
-    environment = Environment(
-        loader=PackageLoader("irbcal.fleet"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(template).render(**names)
+    return environment("irbcal.fleet").get_template(template).render(**names)

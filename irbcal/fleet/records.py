@@ -17,6 +17,7 @@ from irbcal.files.calibration_folder import JSON_NAME
 from irbcal.files.schema import Record
 from irbcal.fleet import outcomes
 from irbcal.fleet.store import Stored
+from irbcal.fleet.words import high_wave
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.term import Term
 from irbcal.reading import read_bytes
@@ -94,6 +95,7 @@ def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str
         "simulated": record.simulated,
         "poses_fit": record.poses_fit,
         "poses_heldout": record.poses_heldout,
+        "points_per_pose": record.fit.all.n / record.poses_fit,
         "nominal_mean_mm": before.all.mean_mm if before else None,
         "heldout_mean_mm": proven.all.mean_mm if proven else None,
         "heldout_sigma_mm": proven.all.sigma_mm if proven else None,
@@ -108,12 +110,10 @@ def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str
 
 def _rows(record: Record, terms: tuple[Term, ...], values: FloatArray, C: FloatArray) -> list[dict[str, Any]]:
     """Error parameters and terms in the order of the covariance, then base, targets and what is held, as listed."""
-    sizes: Mapping[str, float] = {}
-    if record.evidence is not None:
-        sizes = {group.name: group.size for group in record.evidence.groups}
+    sizes = _expected(record, terms, values, C)
     out: list[dict[str, Any]] = []
     for k, term in enumerate(terms):
-        prior = sizes[term.group] * term.size if term.group in sizes else term.size if sizes else None
+        prior = sizes.get(term.group, 1.0) * term.size if sizes else None
         out.append(
             {
                 "position": k,
@@ -136,6 +136,27 @@ def _rows(record: Record, terms: tuple[Term, ...], values: FloatArray, C: FloatA
         std = None if item.std is None else item.std * size
         row = {"position": len(out), "name": item.name, "value": item.value * size, "std": std, "unit": unit}
         out.append(row | {"prior": None, "natural": None, "state": item.state, "used": False})
+    return out
+
+
+def _expected(
+    record: Record, terms: tuple[Term, ...], values: FloatArray, C: FloatArray
+) -> Mapping[str, float]:
+    """Prior standard deviation of each group of an average of models, in natural sizes; empty for levels.
+
+    A group that only some of the averaged models have is zero in the others, which its coefficients' second moments
+    tell.
+    """
+    if record.evidence is None:
+        return {}
+    natural = np.array([term.size for term in terms])
+    moments = (np.diagonal(C) + values**2) / natural**2
+    out = {}
+    for group in record.evidence.groups:
+        mine = np.array([term.group == group.name and not high_wave(name_of(term)) for term in terms])
+        whole = group.found**2 + group.std**2
+        share = float(moments[mine].mean()) / whole if mine.any() and whole > 0.0 else 1.0
+        out[group.name] = group.size * min(1.0, share) ** 0.5
     return out
 
 

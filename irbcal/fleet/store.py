@@ -52,6 +52,7 @@ calibrations = sql.Table(
     sql.Column("simulated", sql.Boolean, nullable=False),
     sql.Column("poses_fit", sql.Integer, nullable=False),
     sql.Column("poses_heldout", sql.Integer, nullable=False),
+    sql.Column("points_per_pose", sql.Float, nullable=False),
     sql.Column("nominal_mean_mm", sql.Float),
     sql.Column("heldout_mean_mm", sql.Float),
     sql.Column("heldout_sigma_mm", sql.Float),
@@ -206,7 +207,9 @@ class Store:
             numbers = [row["number"] for row in found]
             of_parameters = self._by_calibration(link, parameters, numbers)
             of_files = self._by_calibration(link, files, numbers)
-        return [self._stored(row, of_parameters.get(row["number"], []), of_files.get(row["number"], [])) for row in found]
+        return [
+            self._stored(row, of_parameters.get(row["number"], []), of_files.get(row["number"], [])) for row in found
+        ]
 
     @staticmethod
     def _by_calibration(link: Connection, table: sql.Table, numbers: Sequence[int]) -> dict[int, list[dict[str, Any]]]:
@@ -308,7 +311,9 @@ def _engine(store: str | Path, create: bool) -> tuple[Engine, str]:
     except (ArgumentError, NoSuchModuleError):
         raise OptionError("store: expected a file or postgresql+psycopg://USER@HOST/NAME", parameter="store") from None
     except ModuleNotFoundError:
-        raise OptionError("store: PostgreSQL needs psycopg: pip install 'irbcal[postgres]'", parameter="store") from None
+        raise OptionError(
+            "store: PostgreSQL needs psycopg: pip install 'irbcal[postgres]'", parameter="store"
+        ) from None
 
 
 def _for_sqlite(link: Any, _: object) -> None:

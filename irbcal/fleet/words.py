@@ -28,6 +28,17 @@ _CONSTANT = re.compile(r"delta_([a-z]+)(\d+)")
 _TERM = re.compile(r"[a-z]+(\d+)(?:\+\d+)* (\S+)")
 
 
+HIGHEST = 6
+"""Cycles per turn up to which a wave is compared: which higher ones a model has is chance from fit to fit."""
+_WAVE = re.compile(r"[a-z]+[0-9+]+ (?:sin|cos) (\d+)")
+
+
+def high_wave(name: str) -> bool:
+    """Whether a term is a wave of more than `HIGHEST` cycles per turn."""
+    found = _WAVE.fullmatch(name)
+    return found is not None and int(found[1]) > HIGHEST
+
+
 def called(name: str) -> tuple[str, str]:
     """A parameter in words, and what may have changed it."""
     constant = _CONSTANT.fullmatch(name)
