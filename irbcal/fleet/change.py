@@ -13,19 +13,20 @@ from datetime import date
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.fleet.store import Stored
-from irbcal.fleet.words import amount, called, high_wave
+from irbcal.fleet.store import Estimate, Stored
+from irbcal.fleet.words import amount, called
 
-SEEN = 0.25
-"""Largest share of its prior variance that a direction may keep and count as seen."""
 ONE_SIDED = 1e-4
 """A direction of which one calibration knows so much less variance than the other is held in one of them."""
 HELD = 1e-10
-"""Share of the largest variance below which a direction is held: calibrations keep their covariance in four bytes."""
+"""Share of the largest variance below which a direction is held: what is left there is rounding."""
 CHANCE = 0.001
 """Probability of a change to be told of where there is none."""
 MOST = 6
 """Parameters that a change is explained by at most."""
+TIE = 9.0
+"""Chi-square by which one explanation must be better than another to be told from it. Where they are equal a zero is
+taken: zeros change more often than lengths."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class ParameterChange:
         New minus old, SI units.
     chi2 : float
         By how much it explains the difference.
+    others : tuple of str
+        Parameters that would explain it about as well.
     """
 
     name: str
@@ -46,14 +49,21 @@ class ParameterChange:
     value: float
     std: float
     chi2: float
+    others: tuple[str, ...] = ()
 
     def in_words(self, before: date, after: date) -> str:
         """A sentence."""
         what, why = called(self.name)
         return (
             f"{what[0].upper()}{what[1:]} moved by {amount(self.value, self.std, self.unit)} between {before} and "
-            f"{after}: {why}?"
+            f"{after}: {why}?{self._others_in_words()}"
         )
+
+    def _others_in_words(self) -> str:
+        if not self.others:
+            return ""
+        first = " or ".join(called(name)[0] for name in self.others[:2])
+        return f" (Hardly to be told from {first}.)"
 
 
 @dataclass(frozen=True)
@@ -91,7 +101,7 @@ class Change:
         """What changed, or that nothing did."""
         test = f"chi-square {self.chi2:.1f} on {self.directions} directions that both have seen, p = {self.p:.2g}"
         if not self.directions:
-            return [f"{self.before} to {self.after}: the two calibrations have seen nothing in common."]
+            return [f"{self.before} to {self.after}: cannot be compared (no points saved, or nothing seen in common)."]
         if not self.real:
             return [f"{self.before} to {self.after}: no change beyond the uncertainty ({test})."]
         out = [f"{self.before} to {self.after}: CHANGED ({test})."]
@@ -102,7 +112,10 @@ class Change:
 
 
 def change(before: Stored, after: Stored) -> Change:
-    """Compare two calibrations of a robot.
+    """Compare two calibrations of a robot, by the level that both have.
+
+    Averages of many error models cannot be compared parameter by parameter: what one of them explains by a wave
+    another explains by weight. The arm's own level, fitted to the points of both, has the same parameters in both.
 
     Parameters
     ----------
@@ -114,74 +127,64 @@ def change(before: Stored, after: Stored) -> Change:
     """
     from scipy.special import chdtrc
 
-    names = [name for name in before.names if _shown(name, before) and _shown(name, after)]
-    d, W, seen = _difference(before, after, names)
+    dates = before.measured, after.measured
+    if before.level is None or after.level is None:
+        return Change(*dates, 0.0, 0, 1.0, (), 1.0)
+    names = [name for name in before.level.names if name in after.level.place]
+    d, W, seen = _difference(before.level, after.level, names)
     chi2 = float(d @ W @ d)
     p = float(chdtrc(seen, chi2)) if seen else 1.0
     found: list[ParameterChange] = []
     left, left_p = chi2, p
     if p < CHANCE:
-        found, left = _explained(d, W, names, before)
+        found, left = _explained(d, W, names, before.level)
         left_p = float(chdtrc(max(seen - len(found), 1), left))
-    return Change(before.measured, after.measured, chi2, seen, p, tuple(found), left_p)
+    return Change(*dates, chi2, seen, p, tuple(found), left_p)
 
 
-def _shown(name: str, one: Stored) -> bool:
-    """Whether a calibration's data tell of a parameter: else it stays where it was expected, and has no say."""
-    k = one.place.get(name)
-    return k is not None and not high_wave(name) and bool(one.covariance[k, k] < SEEN * one.prior[k] ** 2)
-
-
-def _difference(before: Stored, after: Stored, names: list[str]) -> tuple[FloatArray, FloatArray, int]:
-    """Differences in natural sizes, their weight on the seen directions, and how many these are."""
+def _difference(before: Estimate, after: Estimate, names: list[str]) -> tuple[FloatArray, FloatArray, int]:
+    """Differences in natural sizes, their weight on the directions that both have seen, and how many these are."""
     rows = [[one.place[name] for name in names] for one in (before, after)]
     size = before.natural[rows[0]]
     d = (after.values[rows[1]] - before.values[rows[0]]) / size
     C = [one.covariance[np.ix_(r, r)] / np.outer(size, size) for one, r in zip((before, after), rows, strict=True)]
-    for k, one in enumerate((before, after)):
-        if not np.isfinite(one.prior).any():  # levels count the points of a pose as if they were independent
-            C[k] *= one.calibration["points_per_pose"]
-    V = C[0] + C[1]
-    priors = [one.prior[r] / size for one, r in zip((before, after), rows, strict=True)]
-    scale = np.sqrt(np.where(np.isfinite(priors).all(axis=0), np.square(priors).sum(axis=0), 1.0))
-    values, vectors = np.linalg.eigh(V / np.outer(scale, scale))
-    directions = vectors / scale[:, None]
-    own = np.array([np.einsum("ik,ij,jk->k", directions, part, directions) for part in C])
+    values, vectors = np.linalg.eigh(C[0] + C[1])
+    own = np.array([np.einsum("ik,ij,jk->k", vectors, part, vectors) for part in C])
     keep = (own.min(axis=0) > ONE_SIDED * own.max(axis=0)) & (values > HELD * values.max(initial=0.0))
-    for part, prior in zip(own, priors, strict=True):
-        if np.isfinite(prior).all():
-            keep &= part < SEEN * np.einsum("ik,i->k", directions**2, prior**2)
-    U = directions[:, keep]
+    U = vectors[:, keep]
     return d, (U / values[keep]) @ U.T, int(keep.sum())
 
 
-def _explained(d: FloatArray, W: FloatArray, names: list[str], before: Stored) -> tuple[list[ParameterChange], float]:
+def _explained(d: FloatArray, W: FloatArray, names: list[str], before: Estimate) -> tuple[list[ParameterChange], float]:
     """Parameters whose change explains a difference, one after the other, and the chi-square that is left."""
     from scipy.special import chdtri
 
     limit = float(chdtri(1, CHANCE / max(len(names), 1)))
     taken: list[int] = []
     left = float(d @ W @ d)
-    values, stds, gains = np.zeros(0), np.zeros(0), list[float]()
+    values, stds, gains, others = np.zeros(0), np.zeros(0), list[float](), list[tuple[str, ...]]()
     while len(taken) < MOST:
-        best, best_left = -1, left
+        rests = {}
         for k in range(len(names)):
-            if k not in taken and W[k, k] > 0.0:
-                rest = _left(d, W, [*taken, k])
-                if rest is not None and rest[0] < best_left:
-                    best, best_left = k, rest[0]
-        if best < 0 or left - best_left < limit:
+            if k not in taken and W[k, k] > 0.0 and (rest := _left(d, W, [*taken, k])) is not None:
+                rests[k] = rest[0]
+        best = min(rests, key=lambda k: rests[k], default=-1)
+        if best < 0 or left - rests[best] < limit:
             break
+        equal = [k for k, rest in rests.items() if rest < rests[best] + TIE]
+        zeros = [k for k in equal if names[k].startswith("delta_theta")]
+        best = min(zeros or [best], key=lambda k: rests[k])
         taken.append(best)
-        gains.append(left - best_left)
+        others.append(tuple(names[k] for k in sorted(equal, key=lambda k: rests[k]) if k != best))
+        gains.append(left - rests[best])
         found = _left(d, W, taken)
         assert found is not None
         left, values, stds = found
     out = []
-    for k, value, std, gain in zip(taken, values, stds, gains, strict=True):
+    for k, value, std, gain, equal in zip(taken, values, stds, gains, others, strict=True):
         row = before.place[names[k]]
         size = before.natural[row]
-        out.append(ParameterChange(names[k], before.units[row], float(value * size), float(std * size), gain))
+        out.append(ParameterChange(names[k], before.units[row], float(value * size), float(std * size), gain, equal))
     return out, left
 
 

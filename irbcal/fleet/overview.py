@@ -185,8 +185,7 @@ class Overview(Speaks):
         return {
             "simulated": self.simulated,
             "calibrations": [
-                {**one.robot}
-                | {k: str(v) if k == "measured" else v for k, v in one.calibration.items() if k != "covariance"}
+                {**one.robot} | {k: str(v) if k == "measured" else v for k, v in one.calibration.items()}
                 for one in self.calibrations
             ],
             "changed": {robot: found.in_words() for robot, found in self.changes.items() if found.real},

@@ -10,14 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
-from irbcal.errors import CalibrationError
+from irbcal.errors import CalibrationError, IdentificationError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import JSON_NAME
 from irbcal.files.schema import Record
 from irbcal.fleet import outcomes
-from irbcal.fleet.store import Stored
+from irbcal.fleet.store import Estimate, Stored
 from irbcal.fleet.words import high_wave
+from irbcal.identification.fit import identify
+from irbcal.identification.level_certainty import certainty_of
+from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.parameters import default_level
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.term import Term
 from irbcal.reading import read_bytes
@@ -64,22 +67,48 @@ def stored(
     sha256 = hashlib.sha256(read_bytes(path / JSON_NAME, CalibrationError)).hexdigest()
     certainty = record.robot_calibrated().certainty
     assert certainty is not None
-    flat = len(certainty.covariance) - len(certainty.terms)
-    C = np.array(certainty.covariance)[flat:, flat:]
-    rows = _rows(record, certainty.terms, np.array(certainty.coefficients), C)
-    own = rows[: len(certainty.terms)]
+    sizes = _expected(record, certainty)
+    fit = _estimate(certainty, sizes)
     return Stored(
         {"id": name, "serial": number, "type": record.robot.name},
-        _head(record, path, when, sha256) | {"robot": name, "covariance": _factor(C)},
-        tuple(row["name"] for row in own),
-        np.array([row["value"] for row in own]),
-        np.array([np.inf if row["prior"] is None else row["prior"] for row in own]),
-        np.array([row["natural"] for row in own]),
-        C,
-        tuple(row["unit"] for row in own),
-        tuple(rows),
+        _head(record, path, when, sha256) | {"robot": name},
+        fit,
+        _level(record),
+        tuple(_other(record, set(fit.names))),
         tuple((item.file, item.sha256) for item in record.data),
     )
+
+
+def _estimate(certainty: Certainty, sizes: Mapping[str, float] | None = None, count: float = 1.0) -> Estimate:
+    """Parameters of a certainty; ``count`` times their variance."""
+    terms, flat = certainty.terms, len(certainty.covariance) - len(certainty.terms)
+    natural = np.array([term.size for term in terms])
+    expected = [sizes.get(term.group, 1.0) for term in terms] if sizes else [np.inf] * len(terms)
+    return Estimate(
+        tuple(name_of(term) for term in terms),
+        tuple(term.unit for term in terms),
+        np.array(certainty.coefficients),
+        natural * expected,
+        natural,
+        count * np.array(certainty.covariance)[flat:, flat:],
+    )
+
+
+def _level(record: Record) -> Estimate | None:
+    """The arm's own level fitted to the points of a calibration, a pose counted once.
+
+    A level takes the points of a pose for independent, but their errors are mostly the pose's: its variances are too
+    small by the number of points.
+    """
+    known = record.used_points(False)
+    if known is None:
+        return None
+    points, arm = known[0], record.arm(calibrated=False)
+    try:
+        fit = identify(arm, points, default_level(arm))
+    except IdentificationError:
+        return None
+    return _estimate(certainty_of(fit), count=max(1.0, len(points) / points.poses))
 
 
 def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str, Any]:
@@ -95,7 +124,6 @@ def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str
         "simulated": record.simulated,
         "poses_fit": record.poses_fit,
         "poses_heldout": record.poses_heldout,
-        "points_per_pose": record.fit.all.n / record.poses_fit,
         "nominal_mean_mm": before.all.mean_mm if before else None,
         "heldout_mean_mm": proven.all.mean_mm if proven else None,
         "heldout_sigma_mm": proven.all.sigma_mm if proven else None,
@@ -108,40 +136,21 @@ def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str
     }
 
 
-def _rows(record: Record, terms: tuple[Term, ...], values: FloatArray, C: FloatArray) -> list[dict[str, Any]]:
-    """Error parameters and terms in the order of the covariance, then base, targets and what is held, as listed."""
-    sizes = _expected(record, terms, values, C)
-    out: list[dict[str, Any]] = []
-    for k, term in enumerate(terms):
-        prior = sizes.get(term.group, 1.0) * term.size if sizes else None
-        out.append(
-            {
-                "position": k,
-                "name": name_of(term),
-                "value": float(values[k]),
-                "std": float(np.sqrt(max(C[k, k], 0.0))),
-                "prior": prior,
-                "natural": term.size,
-                "unit": term.unit,
-                "state": "identified",
-                "used": True,
-            }
-        )
-    known = {row["name"] for row in out}
+def _other(record: Record, known: set[str]) -> list[dict[str, Any]]:
+    """Base, targets and what is held, as listed."""
     factor = {outside: (unit, size) for unit, (outside, size) in UNIT_OUTSIDE.items()}
+    out: list[dict[str, Any]] = []
     for item in record.parameters:
         if item.name in known or not (item.name.startswith(("base", "target")) or item.state == "held"):
             continue
         unit, size = factor.get(item.unit, (item.unit, 1.0))
         std = None if item.std is None else item.std * size
-        row = {"position": len(out), "name": item.name, "value": item.value * size, "std": std, "unit": unit}
-        out.append(row | {"prior": None, "natural": None, "state": item.state, "used": False})
+        row = {"part": "other", "position": len(out), "name": item.name, "value": item.value * size, "std": std}
+        out.append(row | {"prior": None, "natural": None, "unit": unit, "state": item.state})
     return out
 
 
-def _expected(
-    record: Record, terms: tuple[Term, ...], values: FloatArray, C: FloatArray
-) -> Mapping[str, float]:
+def _expected(record: Record, certainty: Certainty) -> Mapping[str, float]:
     """Prior standard deviation of each group of an average of models, in natural sizes; empty for levels.
 
     A group that only some of the averaged models have is zero in the others, which its coefficients' second moments
@@ -149,19 +158,13 @@ def _expected(
     """
     if record.evidence is None:
         return {}
+    terms, flat = certainty.terms, len(certainty.covariance) - len(certainty.terms)
     natural = np.array([term.size for term in terms])
-    moments = (np.diagonal(C) + values**2) / natural**2
+    moments = (np.diagonal(certainty.covariance)[flat:] + certainty.coefficients**2) / natural**2
     out = {}
     for group in record.evidence.groups:
-        mine = np.array([term.group == group.name and not high_wave(name_of(term)) for term in terms])
-        whole = group.found**2 + group.std**2
+        mine = np.array([term.group == group.name and not high_wave(name_of(term)) for term in terms], dtype=bool)
+        whole = (group.found or 0.0) ** 2 + (group.std or 0.0) ** 2
         share = float(moments[mine].mean()) / whole if mine.any() and whole > 0.0 else 1.0
         out[group.name] = group.size * min(1.0, share) ** 0.5
     return out
-
-
-def _factor(C: FloatArray) -> bytes:
-    """A factor L of ``C = L L'``, lower triangle row by row, little-endian floats of eight bytes."""
-    values, vectors = np.linalg.eigh(C)
-    R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]
-    return bytes(R.T[np.tril_indices(len(C))].astype("<f8").tobytes())

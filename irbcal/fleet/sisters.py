@@ -10,7 +10,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError
-from irbcal.fleet.store import Store, Stored, opened
+from irbcal.fleet.store import Estimate, Store, Stored, opened
 from irbcal.fleet.words import amount, called
 
 FEWEST = 5
@@ -58,21 +58,20 @@ def standing_out(sisters: Sequence[Stored]) -> list[StandsOut]:
     if len(sisters) < FEWEST:
         return []
     found: dict[str, list[tuple[float, str]]] = {}
-    names = sorted({name for one in sisters for name in one.names})
-    for name in names:
-        having = [one for one in sisters if name in one.place]
+    levels = [(one, one.level) for one in sisters if one.level is not None]
+    for name in sorted({name for _, level in levels for name in level.names}):
+        having = [(one, level, level.place[name]) for one, level in levels if name in level.place]
         if len(having) < FEWEST:
             continue
-        rows = [one.place[name] for one in having]
-        values = np.array([one.values[k] for one, k in zip(having, rows, strict=True)])
-        stds = np.sqrt([max(one.covariance[k, k], 0.0) for one, k in zip(having, rows, strict=True)])
+        values = np.array([level.values[k] for _, level, k in having])
+        stds = np.sqrt([max(level.covariance[k, k], 0.0) for _, level, k in having])
         middle, spread = _middle(values)
         away = values - middle
         total = np.sqrt(spread**2 + stds**2)
         far = np.divide(np.abs(away), total, out=np.zeros_like(total), where=total > 0.0)
-        for one, k, value, std, z in zip(having, rows, away, total, far, strict=True):
+        for (one, level, k), value, std, z in zip(having, away, total, far, strict=True):
             if z > STANDS_OUT:
-                words = f"{called(name)[0]} is {amount(value, std, one.units[k])} from the middle of its sisters"
+                words = f"{called(name)[0]} is {amount(value, std, level.units[k])} from the middle of its sisters"
                 found.setdefault(one.robot["id"], []).append((float(z), words))
     for one, z, words in _errors(sisters):
         found.setdefault(one.robot["id"], []).append((z, words))
@@ -149,19 +148,21 @@ def prior_of(sisters: Sequence[Stored]) -> TypePrior:
     CalibrationError
         If there are fewer than `FEWEST`.
     """
-    sisters = [one for one in sisters if np.isfinite(one.prior).all()]
+    sisters = [one for one in sisters if np.isfinite(one.fit.prior).all()]
     if len(sisters) < FEWEST:
         raise CalibrationError(
             f"{len(sisters)} sisters calibrated by model auto are too few to say what is usual: {FEWEST} are needed"
         )
     count: dict[str, int] = {}
     for one in sisters:
-        for name in one.names:
+        for name in one.fit.names:
             count[name] = count.get(name, 0) + 1
     names = tuple(name for name, n in count.items() if 2 * n >= len(sisters))
     place = {name: k for k, name in enumerate(names)}
-    data = [_data_of(one, place) for one in sisters]
-    first = np.array([np.mean([one.prior[one.place[name]] for one in sisters if name in one.place]) for name in names])
+    data = [_data_of(one.fit, place) for one in sisters]
+    first = np.array(
+        [np.mean([one.fit.prior[one.fit.place[name]] for one in sisters if name in one.fit.place]) for name in names]
+    )
     mean, variance = np.zeros(len(names)), first**2
     for _ in range(ROUNDS):
         means, squares = np.zeros(len(names)), np.zeros(len(names))
@@ -180,7 +181,7 @@ def prior_of(sisters: Sequence[Stored]) -> TypePrior:
     return TypePrior(sisters[0].robot["type"], len(sisters), names, mean, np.sqrt(variance))
 
 
-def _data_of(one: Stored, place: dict[str, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _data_of(one: Estimate, place: dict[str, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What the data alone say of the parameters of a type: their places, precision and precision times value."""
     mine = np.array([k for k, name in enumerate(one.names) if name in place], dtype=int)
     rows = np.array([place[one.names[k]] for k in mine], dtype=int)

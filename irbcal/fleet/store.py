@@ -52,7 +52,6 @@ calibrations = sql.Table(
     sql.Column("simulated", sql.Boolean, nullable=False),
     sql.Column("poses_fit", sql.Integer, nullable=False),
     sql.Column("poses_heldout", sql.Integer, nullable=False),
-    sql.Column("points_per_pose", sql.Float, nullable=False),
     sql.Column("nominal_mean_mm", sql.Float),
     sql.Column("heldout_mean_mm", sql.Float),
     sql.Column("heldout_sigma_mm", sql.Float),
@@ -62,13 +61,15 @@ calibrations = sql.Table(
     sql.Column("json_sha256", sql.String(64), nullable=False),
     sql.Column("urdf_sha256", sql.String(64), nullable=False),
     sql.Column("nominal_urdf_sha256", sql.String(64), nullable=False),
-    sql.Column("covariance", sql.LargeBinary, nullable=False),
+    sql.Column("fit_covariance", sql.LargeBinary, nullable=False),
+    sql.Column("level_covariance", sql.LargeBinary),
     sql.UniqueConstraint("robot", "fingerprint", "measured"),
 )
 parameters = sql.Table(
     "parameters",
     tables,
     sql.Column("calibration", sql.ForeignKey("calibrations.number"), primary_key=True),
+    sql.Column("part", sql.String(10), primary_key=True),
     sql.Column("position", sql.Integer, primary_key=True),
     sql.Column("name", sql.String(200), nullable=False, index=True),
     sql.Column("value", sql.Float(53), nullable=False),
@@ -77,7 +78,6 @@ parameters = sql.Table(
     sql.Column("natural", sql.Float(53)),
     sql.Column("unit", sql.String(20), nullable=False),
     sql.Column("state", sql.String(20), nullable=False),
-    sql.Column("used", sql.Boolean, nullable=False),
 )
 files = sql.Table(
     "files",
@@ -89,6 +89,74 @@ files = sql.Table(
 )
 
 
+PARTS = ("fit", "level")
+"""Of the parameters: those of the calibration, and those of a level fitted to its points; ``other``: base, targets,
+what is held."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters with their covariance.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+    values, prior, natural : ndarray, shape (k,)
+        Their values, what was expected of them before (standard deviation; infinite for levels, which expect nothing)
+        and what is natural on an industrial arm, SI units.
+    covariance : ndarray, shape (k, k)
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    prior: FloatArray
+    natural: FloatArray
+    covariance: FloatArray
+    place: Mapping[str, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "place", {name: k for k, name in enumerate(self.names)})
+
+    def rows(self, part: str) -> list[dict[str, Any]]:
+        """As rows of the table ``parameters``."""
+        std = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        return [
+            {
+                "part": part,
+                "position": k,
+                "name": name,
+                "value": float(self.values[k]),
+                "std": float(std[k]),
+                "prior": float(self.prior[k]) if np.isfinite(self.prior[k]) else None,
+                "natural": float(self.natural[k]),
+                "unit": self.units[k],
+                "state": "identified",
+            }
+            for k, name in enumerate(self.names)
+        ]
+
+    @staticmethod
+    def of(rows: Sequence[Mapping[str, Any]], factor: bytes) -> Estimate:
+        """From rows and the covariance as `packed` gave it."""
+        L = np.zeros((len(rows), len(rows)))
+        L[np.tril_indices(len(rows))] = np.frombuffer(factor, "<f8")
+        return Estimate(
+            tuple(row["name"] for row in rows),
+            tuple(row["unit"] for row in rows),
+            np.array([row["value"] for row in rows]),
+            np.array([np.inf if row["prior"] is None else row["prior"] for row in rows]),
+            np.array([row["natural"] for row in rows]),
+            L @ L.T,
+        )
+
+    def packed(self) -> bytes:
+        """A factor L of the covariance ``L L'``, lower triangle row by row, little-endian floats of eight bytes."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]
+        return bytes(R.T[np.tril_indices(len(self.names))].astype("<f8").tobytes())
+
+
 @dataclass(frozen=True, eq=False)
 class Stored:
     """A calibration as the store has it.
@@ -98,35 +166,24 @@ class Stored:
     robot : dict
         ``id``, ``serial`` and ``type``.
     calibration : dict
-        The columns of the table ``calibrations``.
-    names : tuple of str
-        Error parameters and terms that the covariance is of.
-    values, prior, natural : ndarray, shape (k,)
-        Their values, what was expected of them before (standard deviation; infinite for levels, which expect nothing)
-        and what is natural on an industrial arm, SI units.
-    covariance : ndarray, shape (k, k)
-    units : tuple of str
-        ``rad``, ``m`` and others, as the terms have them.
-    rows : tuple of dict
-        All parameters as ``calibration.json`` lists them, those of base and targets, too.
+        The columns of the table ``calibrations``, covariances left out.
+    fit : Estimate
+        Error parameters and terms of the calibration.
+    level : Estimate or None
+        Those of the arm's own level, fitted to the calibration's points: the same parameters in every calibration;
+        None where the calibration was saved without its points.
+    other : tuple of dict
+        Base, targets and what is held: rows of the table ``parameters``.
     files : tuple of (str, str)
         Names and hashes of the data.
     """
 
     robot: Mapping[str, str]
     calibration: Mapping[str, Any]
-    names: tuple[str, ...]
-    values: FloatArray
-    prior: FloatArray
-    natural: FloatArray
-    covariance: FloatArray
-    units: tuple[str, ...]
-    rows: tuple[Mapping[str, Any], ...] = ()
+    fit: Estimate
+    level: Estimate | None
+    other: tuple[Mapping[str, Any], ...] = ()
     files: tuple[tuple[str, str], ...] = ()
-    place: Mapping[str, int] = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "place", {name: k for k, name in enumerate(self.names)})
 
     @property
     def measured(self) -> date:
@@ -169,19 +226,24 @@ class Store:
                     )
             made = link.execute(
                 self._insert(calibrations)
-                .values(**stored.calibration)
+                .values(
+                    **stored.calibration,
+                    fit_covariance=stored.fit.packed(),
+                    level_covariance=None if stored.level is None else stored.level.packed(),
+                )
                 .on_conflict_do_nothing()
                 .returning(calibrations.c.number)
             ).scalar_one_or_none()
             if made is None:
                 return False
-            link.execute(sql.insert(parameters), [{"calibration": made, **row} for row in stored.rows])
+            rows = [*stored.fit.rows("fit"), *([] if stored.level is None else stored.level.rows("level"))]
+            link.execute(sql.insert(parameters), [{"calibration": made, **row} for row in (*rows, *stored.other)])
             if stored.files:
-                rows = [
+                named = [
                     {"calibration": made, "position": k, "name": name, "sha256": sha256}
                     for k, (name, sha256) in enumerate(stored.files)
                 ]
-                link.execute(sql.insert(files), rows)
+                link.execute(sql.insert(files), named)
             return True
 
     def _insert(self, table: sql.Table) -> Any:
@@ -222,21 +284,15 @@ class Store:
 
     @staticmethod
     def _stored(head: dict[str, Any], rows: list[dict[str, Any]], data: list[dict[str, Any]]) -> Stored:
-        used = [row for row in rows if row["used"]]
-        size = len(used)
-        L = np.zeros((size, size))
-        L[np.tril_indices(size)] = np.frombuffer(head["covariance"], "<f8")
         robot = {"id": head["robot"], "serial": head.pop("serial"), "type": head.pop("type")}
+        factors = {part: head.pop(f"{part}_covariance") for part in PARTS}
+        parts = {part: [row for row in rows if row["part"] == part] for part in (*PARTS, "other")}
         return Stored(
             robot,
             head,
-            tuple(row["name"] for row in used),
-            np.array([row["value"] for row in used]),
-            np.array([np.inf if row["prior"] is None else row["prior"] for row in used]),
-            np.array([row["natural"] for row in used]),
-            L @ L.T,
-            tuple(row["unit"] for row in used),
-            tuple(rows),
+            Estimate.of(parts["fit"], factors["fit"]),
+            None if factors["level"] is None else Estimate.of(parts["level"], factors["level"]),
+            tuple(parts["other"]),
             tuple((row["name"], row["sha256"]) for row in data),
         )
 
@@ -249,7 +305,7 @@ class Store:
         """A table as it is: ``robots``, ``calibrations`` (without covariances), ``parameters`` or ``files``."""
         import pandas as pd
 
-        chosen = [column for column in tables.tables[name].c if column.name != "covariance"]
+        chosen = [column for column in tables.tables[name].c if not column.name.endswith("_covariance")]
         with self.engine.connect() as link:
             found = link.execute(sql.select(*chosen).order_by(*tables.tables[name].primary_key.columns))
             return pd.DataFrame([dict(row) for row in found.mappings()], columns=[column.name for column in chosen])
