@@ -42,8 +42,7 @@ if TYPE_CHECKING:
 
     from irbcal.reports.plots import Plots
 
-FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")
-"""Of a report's figures as files."""
+FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")  # of a report's figures as files
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,11 +179,10 @@ class Calibration(Speaks):
         nominal, calibrated = (r.heldout_nominal, r.heldout) if proven else (r.fit_nominal, r.fit)
         assert nominal is not None
         assert calibrated is not None
-        told: list[Told] = [*self.verdict.told(), error_table(r, nominal, calibrated, proven)]
-        told += feature_tables(r, verbose)
+        told = [*self.verdict.told(), error_table(r, nominal, calibrated, proven), *feature_tables(r, verbose)]
         if calibrated.orientation and nominal.orientation:
-            told.append(orientation_line("nominal", nominal.orientation.model_dump()))
-            told.append(orientation_line(f"model {r.model}", calibrated.orientation.model_dump()))
+            both = (("nominal", nominal.orientation), (f"model {r.model}", calibrated.orientation))
+            told += [orientation_line(name, turned.model_dump()) for name, turned in both]
         told.append(
             f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
             f"identified from {r.poses_fit} poses ({reached(r)})"

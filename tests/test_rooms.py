@@ -18,9 +18,10 @@ FLOORS = (
     ("files",),
     ("correction",),
     ("validation", "joint_behaviour", "cell"),
-    ("planning", "planners", "kinematics"),
+    ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer", "studies"),
     ("calibrating", "calibration", "feature_calibration", "gathering", "shipped"),
+    ("fleet",),
     ("practice",),
     ("cli",),
 )

@@ -393,7 +393,6 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         earlier=None if outcome.earlier is None else outcome.earlier.record.fingerprint,
         references_mm=_in_mm(outcome.references),
         **_accuracy(outcome),
-        features=None if outcome.features is None else outcome.features.section,
         points=_point_table(outcome),
         poses=_pose_table(outcome),
         excluded=[vars(item) for item in outcome.excluded],
@@ -434,6 +433,7 @@ def _accuracy(outcome: Outcome) -> dict[str, Any]:
         for calibrated, aside in ((True, False), (False, False), (True, True), (False, True))
     ]
     return {
+        "features": None if outcome.features is None else outcome.features.section,
         "fit": _errors(fit.robot, fitted, own[0]),
         "fit_nominal": _errors(nominal, fitted, own[1]),
         "heldout": _errors(fit.robot, heldout, own[2]),

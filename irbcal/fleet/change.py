@@ -181,10 +181,10 @@ def _explained(d: FloatArray, W: FloatArray, names: list[str], before: Estimate)
         assert found is not None
         left, values, stds = found
     out = []
-    for k, value, std, gain, equal in zip(taken, values, stds, gains, others, strict=True):
+    for k, value, std, gain, other in zip(taken, values, stds, gains, others, strict=True):
         row = before.place[names[k]]
         size = before.natural[row]
-        out.append(ParameterChange(names[k], before.units[row], float(value * size), float(std * size), gain, equal))
+        out.append(ParameterChange(names[k], before.units[row], float(value * size), float(std * size), gain, other))
     return out, left
 
 
