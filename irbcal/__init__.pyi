@@ -9,6 +9,8 @@ from .calibration import save as save
 from .cell.simulation import Simulated as Simulated
 from .cell.simulation import simulate as simulate
 from .correction.filter import correct as correct
+from .correction.trajectory_files import read_trajectory as read_trajectory
+from .correction.trajectory_files import write_trajectory as write_trajectory
 from .errors import CalibrationError as CalibrationError
 from .errors import IdentificationError as IdentificationError
 from .errors import IrbcalError as IrbcalError
@@ -31,6 +33,7 @@ from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics
 from .measurement.imports.reader import import_measurements as import_measurements
 from .measurement.table import read_measurements as read_measurements
+from .modeling.trajectory import Trajectory as Trajectory
 from .planners.calibrated_model import CalibratedModel as CalibratedModel
 from .planning.measuring_plan import Plan as Plan
 from .planning.measuring_plan import plan as plan
