@@ -2,8 +2,8 @@
 
 From pose to pose the tip goes straight, its turn about one axis at an even rate. That way is cut into pieces so short
 that Newton's steps find the solution next to the one before; where joints still move by more than `JUMP` in the
-shortest, the path passes a singularity too closely, and it ends there. Right through a singularity the joints go on
-evenly, as the wrist does whose fifth joint changes its sign: the tip is then on the path at the poses.
+shortest, the path passes a singularity too closely, and it ends there. Exactly through a singularity the joints may go
+on evenly, as those of a wrist do whose fifth joint changes its sign.
 """
 
 from __future__ import annotations
@@ -24,11 +24,13 @@ JUMP = 0.15
 """Radians (or metres) that a joint may move in one piece."""
 PIECE = 0.05
 """Length of a piece, of the reach, or radians."""
+BEND = 0.25
+"""How far the joints at a piece's middle may be from the mean of its ends, of the way between these."""
 DEPTH = 10
 """How often a piece is halved."""
 CLOSE = 0.02
 """Singular value (of the Jacobian with lengths over the reach) below which a singularity is told."""
-STARTS = 24
+STARTS = 12
 """Random starts at the first pose of arms without a closed form."""
 
 
@@ -112,6 +114,13 @@ class _Way:
         q_new = np.ascontiguousarray(new.T)
         return q_new, self.good(*left) & (np.abs(q_new - q).max(axis=1) <= JUMP)
 
+    def smooth(self, H: FloatArray, q: FloatArray, to: FloatArray) -> BoolArray:
+        """Whether the joints at a piece's middle (4, 3, 1) lie between those at its ends (k, joints): one solution."""
+        mean = 0.5 * (q + to)
+        middle, *left, _ = newton.solve(self.chain, np.repeat(H, len(q), axis=2), mean.T.copy(), self.good)
+        bend = np.abs(middle.T - mean).max(axis=1)
+        return self.good(*left) & (bend <= BEND * np.abs(to - q).max(axis=1) + 1e-9)
+
     def between(self, H: FloatArray, turn: FloatArray, shift: FloatArray, share: float) -> FloatArray:
         """Columns (4, 3, 1) of the pose a share of the way from one pose to the next."""
         return newton.moved(H, share * turn, share * shift)
@@ -146,6 +155,8 @@ class _Way:
         if not len(rows):
             return
         new, near = self.at(self.between(*way, end), q[rows])
+        if near.any():
+            near[near] = self.smooth(self.between(*way, 0.5 * (start + end)), q[rows[near]], new[near])
         q[rows[near]] = new[near]
         left = rows[~near]
         if not len(left):
@@ -291,7 +302,7 @@ def _places(
         value, moved = way.values(at, rows[-1][2])
         x, y, z = (float(v) for v in at[3, :, 0])
         places = [place for place in places if (place.row, place.share) != (last.row, last.share)]
-        places.append(SingularPlace(behind, end - behind, (x, y, z), min(value, last.value), moved, True))
+        places.append(SingularPlace(behind, float(end - behind), (x, y, z), min(value, last.value), moved, True))
     return tuple(places)
 
 

@@ -64,11 +64,11 @@ def test_a_path_through_a_singularity_is_told_with_its_place():
     assert np.abs(through.joints[place.row, 4]) < 0.05
     assert "passes close to a singularity" in through.note[place.row]
 
-    aside = along_path.follow(Robot(nominal), nominal, over_the_wrist(8e-3), np.radians([0, 20, -10, 0, 20, 0]))
+    aside = along_path.follow(Robot(nominal), nominal, over_the_wrist(1e-4), np.radians([0, 20, -10, 0, 20, 0]))
     (place,) = aside.singular
     assert place.ends
-    assert place.row == pytest.approx(9, abs=1)
-    assert place.point == pytest.approx(over_the_wrist(0.0)[9, :3, 3], abs=1e-9)
+    assert (place.row, place.share) == pytest.approx((7, 0.62), abs=0.02)
+    assert place.point == pytest.approx(over_the_wrist(0.0)[7, :3, 3], abs=1e-9)
     assert np.isfinite(aside.joints).all(axis=1).sum() == place.row + 1
     assert "the path ends at a singularity between poses" in aside.note[-1]
     assert "of joint 4 and 6" in aside.note[-1]
@@ -76,14 +76,19 @@ def test_a_path_through_a_singularity_is_told_with_its_place():
 
 def test_a_path_farther_aside_is_followed():
     nominal = arm("irb120")
+    swing = along_path.follow(Robot(nominal), nominal, over_the_wrist(8e-3), np.radians([0, 20, -10, 0, 20, 0]))
+    assert [place.ends for place in swing.singular] == [False]
+    assert np.abs(np.diff(swing.joints[:, 3])).max() > 2.0  # half a turn of joint 4 between two poses, and it is told
+    assert (swing.joints[:, 4] > 0.0).all()
     found = along_path.follow(Robot(nominal), nominal, over_the_wrist(0.1), np.radians([0, 20, -10, 0, 20, 0]))
     assert np.isfinite(found.joints).all()
     assert not any(place.ends for place in found.singular)
     assert np.abs(nominal.forward(found.joints) - over_the_wrist(0.1)).max() < 1e-9
 
 
-@pytest.mark.parametrize("name", ["panda", "rail"])
-@pytest.mark.parametrize("wanted", [None, "limits", "near"])
+@pytest.mark.parametrize(
+    ("name", "wanted"), [("panda", None), ("panda", "limits"), ("panda", "near"), ("rail", "limits")]
+)
 def test_arms_with_joints_to_spare_go_smoothly(name, wanted, tmp_path):
     """The criterion is followed without jumps and gains what it can."""
     if name == "rail":
@@ -95,11 +100,11 @@ def test_arms_with_joints_to_spare_go_smoothly(name, wanted, tmp_path):
         a = np.array([0, 0.2, 0, -1.8, 0.2, 1.9, 0.3])
         b = a + np.array([0.5, 0.3, -0.4, 0.3, 0.5, -0.3, 0.2])
     robot = random_robot(nominal, "placement", np.random.default_rng(3), size=0.2)
-    T = straight(*robot.poses([a, b]), n=15)
+    T = straight(*robot.poses([a, b]), n=6)
     found = along_path.follow(robot, nominal, T, a, wanted)
     assert found.singular == ()
     assert np.abs(robot.poses(found.joints) - T).max() < 1e-9
-    assert np.abs(np.diff(found.joints, axis=0)).max() < 0.25
+    assert np.abs(np.diff(found.joints, axis=0)).max() < 0.5
     if wanted == "limits":
         plain = along_path.follow(robot, nominal, T, a)
         value = redundancy.criterion("limits", nominal, a)
