@@ -25,6 +25,12 @@ from .files.dh_table import DhRobot as DhRobot
 from .files.dh_table import urdf_from_dh as urdf_from_dh
 from .files.robots import robots as robots
 from .files.urdf import read_urdf as read_urdf
+from .fleet.calibrated import CalibratedFleet as CalibratedFleet
+from .fleet.calibrated import fleet_calibrate as fleet_calibrate
+from .fleet.overview import fleet_add as fleet_add
+from .fleet.overview import fleet_drift as fleet_drift
+from .fleet.overview import fleet_export as fleet_export
+from .fleet.overview import fleet_list as fleet_list
 from .identification.evidence import identify_evidence as identify_evidence
 from .identification.evidence_fit import EvidenceFit as EvidenceFit
 from .joint_behaviour.behaviour import joints as joints
