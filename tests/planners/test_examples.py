@@ -28,7 +28,6 @@ def examples():
     """Imports an example by name, as its neighbours do when it is run as a script."""
     sys.path.insert(0, str(EXAMPLES))
 
-
     def load(name):
         if name in NEEDS:
             pytest.importorskip(NEEDS[name], reason=f"the example {name} needs the package {NEEDS[name]}")
