@@ -122,8 +122,8 @@ def main(folder, n=8):
     hardest = max(np.abs(m.dense().ddq).max() for m in found)
     print(
         f"{n} motions of {max(m.times[-1] for m in found):.2f} s at most for {frame}, at most {fastest:.0f} degrees/s "
-        f"and {hardest:.1f} rad/s²; by the calibrated model they end {np.linalg.norm(left, axis=1).max() / MM:.1e} mm from "
-        "their goals"
+        f"and {hardest:.1f} rad/s²; by the calibrated model they end {np.linalg.norm(left, axis=1).max() / MM:.1e} mm "
+        "from their goals"
     )
     if virtual_robot.is_demo(folder):
         return virtual_robot.compare_on_the_simulated_robot(folder, plan, T_world_goals)
