@@ -16,6 +16,9 @@ from .errors import MeasurementError as MeasurementError
 from .errors import OptionError as OptionError
 from .errors import ProgramError as ProgramError
 from .errors import RobotError as RobotError
+from .exporting.export import Exported as Exported
+from .exporting.export import export as export
+from .exporting.live import stream as stream
 from .files.dh_table import DhRobot as DhRobot
 from .files.dh_table import urdf_from_dh as urdf_from_dh
 from .files.robots import robots as robots

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from irbcal import feature_calibration
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import robots
@@ -40,6 +41,7 @@ from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
 from irbcal.measurement import cleaning, fitted, lists, table, tools
 from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.columns import TableLike
 from irbcal.measurement.motions import motion_of, times_of
 from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import notes as repeat_notes
@@ -97,6 +99,8 @@ class Options:
     same_tool: bool = False
     torques: bool = False
     parallel: str = "hayati"
+    features: TableLike | None = None
+    leave_out: str | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.model, int):
@@ -134,6 +138,8 @@ class Options:
             place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
         self._check_holdout()
         check_seed(self.seed)
+        if self.leave_out is not None and self.features is None:
+            raise OptionError("leave_out: only rows at features have places: name --features", parameter="leave_out")
         number("power", self.power, 2.0)
         both = set(names("free", self.free)) & set(names("hold", self.hold))
         if both:
@@ -239,6 +245,9 @@ def run(
     measurements: MeasurementsLike, robot: str | Path | None, options: Options, progress: Progress | None = None
 ) -> Outcome:
     """The main job: read, clean, divide, identify, doubt; parameters and errors as `irbcal.calibrate`."""
+    if options.features is not None:
+        feature_calibration.check(options, Options())
+        return feature_calibration.run(measurements, robot, options, progress)
     started = time.perf_counter()
     say: Progress = progress or (lambda text: None)
     saved = calibration_at(robot)

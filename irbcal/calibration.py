@@ -14,11 +14,11 @@ from irbcal.calibrating import Options, Progress
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, CalibrationLike, Saved
-from irbcal.files.choice_section import EvidenceChoice
 from irbcal.files.mesh_paths import MeshPaths
 from irbcal.files.outcome import Outcome
-from irbcal.files.schema import Errors, Parameter, Record
-from irbcal.identification.averaged import groups_table, models_table
+from irbcal.files.schema import Errors, Record
+from irbcal.identification.averaged import groups_table
+from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
@@ -26,7 +26,15 @@ from irbcal.options import renamed
 from irbcal.parallel import on_workers, one_thread
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.validation.evaluation import orientation_line
-from irbcal.validation.proof import error_table, held_lines, left_out_lines, reached
+from irbcal.validation.proof import (
+    error_table,
+    feature_tables,
+    held_lines,
+    left_out_lines,
+    model_tables,
+    parameter_row,
+    reached,
+)
 from irbcal.validation.verdict import Verdict, verdict_of
 
 if TYPE_CHECKING:
@@ -34,10 +42,7 @@ if TYPE_CHECKING:
 
     from irbcal.reports.plots import Plots
 
-FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")
-"""Of a report's figures as files."""
-
-DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
+FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")  # of a report's figures as files
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,10 +153,11 @@ class Calibration(Speaks):
         """What it is worth, in one line."""
         r = self.record
         kind = "SIMULATED, " if r.simulated else ""
+        at = " distance from features" if r.features else ""
         if r.heldout is None or r.heldout_nominal is None:
             return f"{r.robot.name}, {kind}model {r.model}: nothing was held out, so its accuracy is unknown"
         return (
-            f"{r.robot.name}, {kind}model {r.model}: held-out mean {r.heldout_nominal.all.mean_mm:.3f} -> "
+            f"{r.robot.name}, {kind}model {r.model}: held-out mean{at} {r.heldout_nominal.all.mean_mm:.3f} -> "
             f"{r.heldout.all.mean_mm:.3f} mm (largest {r.heldout.all.max_mm:.3f} mm) on {r.poses_heldout} poses"
         )
 
@@ -173,23 +179,15 @@ class Calibration(Speaks):
         nominal, calibrated = (r.heldout_nominal, r.heldout) if proven else (r.fit_nominal, r.fit)
         assert nominal is not None
         assert calibrated is not None
-        told: list[Told] = [*self.verdict.told(), error_table(r, nominal, calibrated, proven)]
+        told = [*self.verdict.told(), error_table(r, nominal, calibrated, proven), *feature_tables(r, verbose)]
         if calibrated.orientation and nominal.orientation:
-            told.append(orientation_line("nominal", nominal.orientation.model_dump()))
-            told.append(orientation_line(f"model {r.model}", calibrated.orientation.model_dump()))
+            both = (("nominal", nominal.orientation), (f"model {r.model}", calibrated.orientation))
+            told += [orientation_line(name, turned.model_dump()) for name, turned in both]
         told.append(
             f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
             f"identified from {r.poses_fit} poses ({reached(r)})"
         )
-        if r.choice:
-            told.append(r.choice.explanation)
-        if isinstance(r.choice, EvidenceChoice):
-            rows = [
-                (row.name, row.terms, row.log_evidence, row.weight, row.sigma_mm, row.leave_one_out_mm)
-                for row in r.choice.table
-            ]
-            told.append(models_table(rows))
-        told += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
+        told += [*model_tables(r), *held_lines(r, verbose), *left_out_lines(r, verbose)]
         told += [f"Note: {note}" for note in r.notes if note not in r.doubts]
         check = r.pinocchio_check
         second = f" and yourdfpy ({check.yourdfpy_poses})" if check.yourdfpy_poses else ""
@@ -202,7 +200,7 @@ class Calibration(Speaks):
 
     def parameter_table(self) -> Table:
         """Parameters with their standard deviation, unit and state."""
-        rows: list[tuple[Cell, ...]] = [_parameter_row(item) for item in self.record.parameters]
+        rows: list[tuple[Cell, ...]] = [parameter_row(item) for item in self.record.parameters]
         return Table("Parameters", ("name", "value", "±", "unit", "state"), tuple(rows))
 
     def to_dict(self, out: str | Path | None = None) -> dict[str, Any]:
@@ -237,12 +235,6 @@ class Calibration(Speaks):
         }
 
 
-def _parameter_row(item: Parameter) -> tuple[Cell, ...]:
-    digits = DIGITS.get(item.unit, 6)
-    std = "–" if item.std is None else f"{item.std:.{digits}f}"
-    return item.name, f"{item.value:+.{digits}f}", std, item.unit, item.state
-
-
 @renamed(order="split", known_targets="targets", poses="as_poses", base="base_link", tip="tip_link")
 @on_workers
 def calibrate(
@@ -273,6 +265,8 @@ def calibrate(
     same_tool: bool = False,
     torques: bool = False,
     parallel: Literal["hayati", "forced"] = "hayati",
+    features: TableLike | None = None,
+    leave_out: str | None = None,
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -325,6 +319,10 @@ def calibrate(
         The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
     torques : bool
         Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
+    features : str, Path or DataFrame, optional
+        What is known of features that were touched, see `irbcal.measurement.features`: no tracker is needed.
+    leave_out : str, optional
+        Column of the places that are left out in turn, see `irbcal.validation.feature_proof.prove`.
     jobs : int, optional
         Threads for large problems, see `irbcal.parallel.using`.
     progress : callable, optional
@@ -364,6 +362,8 @@ def calibrate(
         same_tool,
         torques,
         parallel,
+        features,
+        leave_out,
     )
     return Calibration(calibrating.run(measurements, robot, options, progress))
 

@@ -152,3 +152,11 @@ def test_irb120(shared_data):
         made = irbcal.calibrate(data, "irb120", terms=terms, holdout=usable - poses, split="last")
         assert made.heldout.all.mean_mm <= mean, (poses, terms)
         assert made.heldout.all.max_mm <= most, (poses, terms)
+
+
+def test_exports_refuse_them_and_leave_them_out_if_told(folder, tmp_path):
+    with pytest.raises(CalibrationError, match="frame terms"):
+        irbcal.export(folder, "python", tmp_path / "out")
+    found = irbcal.export(folder, "python", tmp_path / "out", without_frame_terms=True)
+    assert "NOT the whole truth" in found.notes[0]
+    assert "NOT the whole truth" in (tmp_path / "out" / found.files[0]).read_text()

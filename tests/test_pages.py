@@ -145,8 +145,16 @@ def test_every_command_is_told_and_every_option_exists():
     assert {name for name, command in commands.items() if not command.hidden} - called == set(), "told nowhere"
 
 
-OTHER_OPTIONS = {"--install-completion", "--show-completion", "--version", "--help", "--check", "--ros-args"}
-"""Of the program as a whole, of scripts, and of ROS."""
+OTHER_OPTIONS = {
+    "--nthreads",
+    "--install-completion",
+    "--show-completion",
+    "--version",
+    "--help",
+    "--check",
+    "--ros-args",
+}
+"""Of the program as a whole, of scripts, of ROS, and of dask."""
 
 
 def test_the_readme_is_one_page():

@@ -18,9 +18,9 @@ FLOORS = (
     ("files",),
     ("correction",),
     ("validation", "joint_behaviour", "cell"),
-    ("planning", "planners", "kinematics"),
+    ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer", "studies"),
-    ("calibrating", "calibration", "gathering", "shipped"),
+    ("calibrating", "calibration", "feature_calibration", "gathering", "shipped"),
     ("practice",),
     ("cli",),
 )

@@ -99,6 +99,22 @@ def calibrate(
     parallel: Annotated[
         Parallel, typer.Option(help="Method circles: keep the tilt of nearly parallel axes, or force one direction.")
     ] = "hayati",
+    features: Annotated[
+        Path | None,
+        typer.Option(
+            help="Without a tracker: what is known of the balls, sockets, planes and lengths that the measurements are "
+            "at (CSV or YAML; docs/without-a-tracker.md).",
+            show_default=False,
+        ),
+    ] = None,
+    leave_out: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="With --features: column of the places that are left out in turn to prove it; none for no proof.",
+            show_default="place, or features that lengths tie together",
+        ),
+    ] = None,
     jobs: Jobs = None,
     holdout: Annotated[
         float | None,
@@ -162,6 +178,8 @@ def calibrate(
         same_tool=same_tool,
         torques=torques,
         parallel=parallel,
+        features=features,
+        leave_out=leave_out,
         jobs=jobs,
         force=force,
         verbose=verbose,

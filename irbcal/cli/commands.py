@@ -44,6 +44,11 @@ PANELS: dict[str, dict[str, str]] = {
             "cannot."
         ),
         "filter": "Replace a program's targets so that the controller with its nominal model reaches the true poses.",
+        "export": "Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside.",
+        "stream": (
+            "Correct wanted joints or poses, a line of JSON each, as they come; hold the last command where one is "
+            "not safe."
+        ),
         "verify": (
             "Tell whether a calibration is as it was written, or a URDF or program its own; exit code 1 if it is not."
         ),

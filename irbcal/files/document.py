@@ -141,6 +141,8 @@ def _evidence(outcome: Outcome) -> EvidenceSection | None:
     fit, heldout = outcome.fit, outcome.heldout_points
     if not isinstance(fit, AveragedFit):
         return None
+    if outcome.features is not None:
+        return EvidenceSection.of(fit.evidence)
     # poses of another file were not measured while the arm warmed up as in the fit
     elapsed = outcome.numbers[1] if outcome.verification is None else None
     return EvidenceSection.of(fit.evidence, explain(fit, heldout, elapsed))
@@ -210,10 +212,11 @@ def _numbers(joint_map: AnyJointMap) -> list[Any]:
     return [getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")]
 
 
-def _errors(robot: Robot, points: PointSet) -> Errors | None:
+def _errors(robot: Robot, points: PointSet, distance: FloatArray | None = None) -> Errors | None:
+    """Statistics of points, of ``distance`` (points,) where that is not the robot's own from measured places."""
     if not len(points):
         return None
-    distance = distances(robot, points)
+    distance = distances(robot, points) if distance is None else distance
     groups = points.groups[points.pose]
     return Errors(
         all=statistics(distance),
@@ -238,8 +241,10 @@ def _point_table(outcome: Outcome) -> PointTable:
         before += points.poses
         if not len(points):
             continue
-        columns["nominal_mm"] += (distances(outcome.nominal.robot, points) / MM).tolist()
-        columns["calibrated_mm"] += (distances(outcome.fit.robot, points) / MM).tolist()
+        columns["nominal_mm"] += (outcome.errors(False, heldout) / MM).tolist()
+        columns["calibrated_mm"] += (outcome.errors(True, heldout) / MM).tolist()
+        if outcome.features is not None:
+            continue
         for name, values in zip("xyz", points.xyz.T, strict=True):
             columns[f"{name}_mm"] += np.round(values / MM, PLACE_DIGITS).tolist()
         if with_u95:
@@ -427,15 +432,20 @@ def _accuracy(outcome: Outcome) -> dict[str, Any]:
     """Errors and numbers of the fitted and the held-out poses."""
     fit, nominal = outcome.fit, outcome.nominal.robot
     fitted, heldout = outcome.fit_points, outcome.heldout_points
+    own = [
+        None if outcome.features is None else outcome.errors(calibrated, aside)
+        for calibrated, aside in ((True, False), (False, False), (True, True), (False, True))
+    ]
     return {
-        "fit": _errors(fit.robot, fitted),
-        "fit_nominal": _errors(nominal, fitted),
-        "heldout": _errors(fit.robot, heldout),
-        "heldout_nominal": _errors(nominal, heldout),
+        "features": None if outcome.features is None else outcome.features.section,
+        "fit": _errors(fit.robot, fitted, own[0]),
+        "fit_nominal": _errors(nominal, fitted, own[1]),
+        "heldout": _errors(fit.robot, heldout, own[2]),
+        "heldout_nominal": _errors(nominal, heldout, own[3]),
         "heldout_least_squares": _errors(fit.least_squares.robot, heldout) if fit.least_squares else None,
         "poses_fit": fitted.poses,
         "poses_heldout": heldout.poses,
-        "poses_excluded": outcome.poses_asked - fitted.poses - heldout.poses,
+        "poses_excluded": 0 if outcome.features else outcome.poses_asked - fitted.poses - heldout.poses,
     }
 
 

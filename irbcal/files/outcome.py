@@ -5,15 +5,45 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from irbcal.arrays import FloatArray, lock
 from irbcal.files.earlier import Earlier
+from irbcal.files.features_section import FeaturesSection
 from irbcal.files.urdf import UrdfArm
 from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice
 from irbcal.measurement.cleaning import Exclusion
-from irbcal.measurement.points import PointSet
+from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedRobot:
+    """The nominal robot with base and tool, where these come from no fit of points."""
+
+    robot: Robot
+
+
+@dataclass(frozen=True, eq=False)
+class AtFeatures:
+    """What rows at features came to.
+
+    Attributes
+    ----------
+    section : FeaturesSection
+    fitted, heldout : (ndarray, ndarray)
+        What each row misses, nominal and calibrated, metres: in the fit, and with its place left out.
+    """
+
+    section: FeaturesSection
+    fitted: tuple[FloatArray, FloatArray]
+    heldout: tuple[FloatArray, ...]
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,7 +57,7 @@ class Outcome:
     robot_file : Path
     fit : Fit or AveragedFit
         The level asked for, or model ``auto``.
-    nominal : Fit
+    nominal : Fit or PlacedRobot
         Base and tool alone, on the poses of the fit, too.
     fit_points, heldout_points : PointSet
         ``heldout_points`` may be empty.
@@ -57,12 +87,14 @@ class Outcome:
         What speaks against the result, whatever its errors say; these stand among the notes, too.
     robot_source : (str, str) or None
         Name and SHA-256 of the nominal URDF, where the robot was taken from an earlier calibration.
+    features : AtFeatures or None
+        Where rows at features were measured: the points then have no measured places.
     """
 
     urdf: UrdfArm
     robot_file: Path
     fit: Fit | AveragedFit
-    nominal: Fit
+    nominal: Fit | PlacedRobot
     fit_points: PointSet
     heldout_points: PointSet
     measurements: MeasurementSet
@@ -80,6 +112,7 @@ class Outcome:
     earlier: Earlier | None = None
     doubts: tuple[str, ...] = ()
     robot_source: tuple[str, str] | None = None
+    features: AtFeatures | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -87,3 +120,11 @@ class Outcome:
     def __repr__(self) -> str:
         poses = f"{self.fit_points.poses} fitted and {self.heldout_points.poses} held-out poses"
         return f"<Outcome of {self.robot_file.name}, model {self.fit.level}: {poses}>"
+
+    def errors(self, calibrated: bool, heldout: bool) -> FloatArray:
+        """Distances of points from the robot, or of rows from their features, shape (points,), metres."""
+        if self.features is not None:
+            pair = self.features.heldout if heldout else self.features.fitted
+            return pair[int(calibrated)]
+        points = self.heldout_points if heldout else self.fit_points
+        return distances((self.fit if calibrated else self.nominal).robot, points) if len(points) else np.zeros(0)

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from irbcal.arrays import FloatArray
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection, in_metres, matrix_of
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
+from irbcal.files.features_section import FeaturesSection
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
 from irbcal.files.point_tables import PointTable, PoseTable
@@ -230,8 +231,10 @@ class Record(Section):
     (rotation vectors in the tip link), bases of sessions before the last and error parameters, in the order of
     ``parameters``, in metres and radians: see `covariance_matrix`. Files of earlier versions have it number by number,
     and no ``certainty``. ``sessions`` are empty where there is one only; ``earlier`` is the fingerprint of the
-    calibration that was added to. ``seal`` has the hashes of all other parts (`irbcal.files.seal`); null in files of
-    earlier versions.
+    calibration that was added to. ``features`` are
+    there where rows at features were measured: errors are then distances from these, and poses count among the fitted
+    and, each with its place left out in turn, among the held-out ones. ``seal`` has the hashes of all other parts
+    (`irbcal.files.seal`); null in files of earlier versions.
     """
 
     schema_name: Literal["irbcal-calibration-1"]
@@ -270,6 +273,7 @@ class Record(Section):
     poses_fit: int
     poses_heldout: int
     poses_excluded: int
+    features: FeaturesSection | None = None
     points: PointTable
     poses: PoseTable | None = None
     excluded: list[Exclusion]

@@ -117,7 +117,7 @@ def identify_evidence(
 
 
 @dataclass(eq=False)
-class _Compared:
+class Compared:
     """A dictionary with its fits."""
 
     dictionary: Dictionary
@@ -150,7 +150,7 @@ class _Work:
             usual = np.flatnonzero(loads == self.usual_kg)
             self.payload_place = tuple(float(x) for x in places[usual[-1] if len(usual) else -1])
         self.project = False
-        self.compared: list[_Compared] = []
+        self.compared: list[Compared] = []
         self.spectrum: gear_scan.Spectrum | None = None
 
     def prepare(self) -> None:
@@ -221,7 +221,7 @@ class _Work:
         t = mackay.evidence_temper(self.linear.per_pose)
         best = -np.inf
         for dictionary in self.dictionaries:
-            item = _Compared(dictionary, self._fit(dictionary, self.sums, t, give_up=best - GIVE_UP))
+            item = Compared(dictionary, self._fit(dictionary, self.sums, t, give_up=best - GIVE_UP))
             if item.by_evidence.log_evidence > best - GIVE_UP:
                 self._choose_tau(item, t)
             self.compared.append(item)
@@ -233,7 +233,7 @@ class _Work:
             if share > 0.0:
                 item.by_fit = self._fit(item.dictionary, self.sums, self._temper, item.by_evidence)
 
-    def _choose_tau(self, item: _Compared, t: float) -> None:
+    def _choose_tau(self, item: Compared, t: float) -> None:
         """The time constant of a dictionary's warm-up with the largest log evidence, from the longest downwards."""
         if dictionaries.tau_of(item.dictionary, self.superset) is None:
             return
@@ -304,7 +304,7 @@ class _Work:
         self.shown = self._shown(kept[top], sums.part(places[top]))
         return self._result(linear, kept, mean, covariance, u_pose, u_block, found)
 
-    def _shown(self, item: _Compared, sums: Sums) -> tuple[FamilyShown, ...]:
+    def _shown(self, item: Compared, sums: Sums) -> tuple[FamilyShown, ...]:
         """What a fitted dictionary would lose without each of its families, from the sums of its columns."""
         if item.by_fit is None:
             return ()
@@ -315,7 +315,7 @@ class _Work:
     def _result(
         self,
         linear: Linearisation,
-        kept: list[_Compared],
+        kept: list[Compared],
         mean: FloatArray,
         covariance: FloatArray,
         u_pose: FloatArray,
@@ -347,7 +347,7 @@ class _Work:
             loo=_of_points(u_pose, self.points, self.project),
             loo_blocks=_of_points(u_block, self.points, self.project),
             dictionaries=tuple(self._table()),
-            groups=tuple(_groups(kept, self.superset)),
+            groups=tuple(groups_of(kept, self.superset)),
             families=self.shown,
             gears=tuple(GearFound(f.joint, f.cycles, f.chi2, f.evidence_gain) for f in found),
             joint_ranges=np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)]),
@@ -380,7 +380,7 @@ class _Work:
         return rows
 
 
-def _refit(sums: Sums, flat: int, item: _Compared, t: float) -> Posterior:
+def _refit(sums: Sums, flat: int, item: Compared, t: float) -> Posterior:
     """The fit of a dictionary from the variances it had, new groups from one."""
     old = item.by_fit or item.by_evidence
     variances = np.ones(len(item.dictionary.groups))
@@ -388,7 +388,7 @@ def _refit(sums: Sums, flat: int, item: _Compared, t: float) -> Posterior:
     return mackay.fit(sums, flat, item.dictionary.group, item.dictionary.caps, t, variances, old.s2)
 
 
-def _groups(kept: list[_Compared], superset: Sequence[Term]) -> list[GroupResult]:
+def groups_of(kept: list[Compared], superset: Sequence[Term]) -> list[GroupResult]:
     """What was expected of each group and what the data show of it, averaged over the dictionaries."""
     totals: dict[str, FloatArray] = {}
     members: dict[str, list[Term]] = {}

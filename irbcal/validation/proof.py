@@ -5,10 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from irbcal.files.schema import Errors, Record
+from irbcal.files.choice_section import EvidenceChoice
+from irbcal.files.schema import Errors, Parameter, Record
+from irbcal.identification.averaged import models_table
 from irbcal.measurement.cleaning import left_out
-from irbcal.summary import Table
+from irbcal.summary import Cell, Table, Told
 from irbcal.validation.evaluation import statistics_table
+
+DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
+
+
+def parameter_row(item: Parameter) -> tuple[Cell, ...]:
+    """A parameter for a table: name, value, standard deviation, unit, state."""
+    digits = DIGITS.get(item.unit, 6)
+    std = "–" if item.std is None else f"{item.std:.{digits}f}"
+    return item.name, f"{item.value:+.{digits}f}", std, item.unit, item.state
 
 
 def error_table(r: Record, nominal: Errors, calibrated: Errors, proven: bool) -> Table:
@@ -26,10 +37,11 @@ def error_table(r: Record, nominal: Errors, calibrated: Errors, proven: bool) ->
             entries.append((name, "nominal", nominal.per_target[name].model_dump()))
         entries.append((name, model, calibrated.per_target[name].model_dump()))
     kind = "SIMULATED data: " if r.simulated else ""
+    errors = "position errors" if r.features is None else "distances of rows from their features"
     what = (
-        f"position errors on {r.poses_heldout} poses that the fit never saw"
+        f"{errors} on {r.poses_heldout} poses that the fit never saw"
         if proven
-        else "position errors on the fitted poses: NOTHING WAS HELD OUT, this is not the robot's accuracy"
+        else f"{errors} on the fitted poses: NOTHING WAS HELD OUT, this is not the robot's accuracy"
     )
     return statistics_table(f"{kind}{what}, mm", entries, {headline})
 
@@ -66,3 +78,43 @@ def _held(r: Record) -> str:
     """What a certificate rests on."""
     names = [item.name for item in r.parameters if item.state == "held"]
     return f" and with {', '.join(names)} held" if names else ""
+
+
+def feature_tables(r: Record, verbose: bool) -> list[Told]:
+    """What was left out in turn and how it agreed with itself, known lengths, and where the scale comes from."""
+    section = r.features
+    if section is None:
+        return []
+    told: list[Told] = []
+    pair = section.length_error()
+    if pair is not None:
+        told.append(
+            f"Known lengths at places left out: wrong by {pair[1]:.3f} mm on average ({pair[0]:.3f} mm with the "
+            "nominal robot)"
+        )
+    if section.places:
+        rows: tuple[tuple[Cell, ...], ...] = tuple(
+            (row.name, row.rows, row.nominal_mean_mm, row.mean_mm, row.rms_mm, row.max_mm) for row in section.places
+        )
+        columns = (section.left_out or "", "rows", "nominal mean", "mean", "rms", "max")
+        told.append(Table(f"Each {_one(section.left_out)} left out of the fit in turn, mm", columns, rows))
+    if verbose:
+        own = tuple((row.name, row.kind, row.rows, row.nominal_rms_mm, row.rms_mm) for row in section.features)
+        told.append(Table("Features in the fit, rms in mm", ("feature", "kind", "rows", "nominal", "calibrated"), own))
+    return told
+
+
+def model_tables(r: Record) -> list[Told]:
+    """Why this model, and the error models that were compared."""
+    told: list[Told] = [r.choice.explanation] if r.choice else []
+    if isinstance(r.choice, EvidenceChoice):
+        rows = [
+            (row.name, row.terms, row.log_evidence, row.weight, row.sigma_mm, row.leave_one_out_mm)
+            for row in r.choice.table
+        ]
+        told.append(models_table(rows))
+    return told
+
+
+def _one(by: str | None) -> str:
+    return "set of features" if by == "features" else str(by)

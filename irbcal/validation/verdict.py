@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from irbcal.files.features_section import FeaturesSection
 from irbcal.files.schema import Record
 from irbcal.measurement.cleaning import LeftOut
 from irbcal.summary import Speaks, Told
@@ -142,7 +143,17 @@ def verdict_of(record: Record) -> Verdict:
         calibrated = nominal
     warning = record.certainty.warning() if record.certainty is not None else ""
     doubts = [*record.doubts, *([warning] if warning and warning not in record.doubts else [])]
-    return verdict(nominal, calibrated, pose, counted(record.excluded), proven, doubts, len(heldout))
+    found = verdict(nominal, calibrated, pose, counted(record.excluded), proven, doubts, len(heldout))
+    return found if record.features is None else replace(found, words=f"{found.words} {_at_features(record.features)}")
+
+
+def _at_features(section: FeaturesSection) -> str:
+    """What errors at features mean."""
+    turn = f"Each {'set' if section.left_out == 'features' else section.left_out} was left out of the fit in turn. "
+    return (
+        f"{turn if section.left_out else ''}These are distances of rows from features whose own places are fitted: "
+        "how well the robot agrees with itself, not its accuracy in a measuring frame."
+    )
 
 
 def counted(excluded: Sequence[LeftOut]) -> int:

@@ -1,0 +1,64 @@
+"""C++17: one header without dependencies, a program that checks it, and one that corrects a stream."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.exporting.live import LONGEST_LINE, SLACK, known_speed
+from irbcal.exporting.source import Source
+from irbcal.exporting.written import render
+from irbcal.files.mesh_paths import MeshPaths
+from irbcal.units import DEG
+
+WHAT = "C++17: one header without dependencies, and a program for live correction"
+NEXT = "g++ -std=c++17 -O3 {folder}/{word}_check.cpp -o check && ./check     # are its numbers right here, too?"
+
+
+def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
+    """The header and two small programs.
+
+    Parameters
+    ----------
+    source : Source
+    folder, mesh_paths
+        Other targets need them.
+
+    Returns
+    -------
+    dict of str to bytes
+        Names of the files and what is in them.
+    """
+    parts, vectors = source.parts, source.vectors
+    n, word = len(parts.joint_names), parts.identifier
+    header, check, program = f"{word}_calibrated.hpp", f"{word}_check.cpp", f"{word}_stream.cpp"
+    spans, first = [], 0
+    for lever in parts.levers:
+        spans.append((first, first + len(lever.links) - 1))
+        first += len(lever.links)
+    words = {
+        "space": f"{word}_calibrated",
+        "guard": f"IRBCAL_{word.upper()}_CALIBRATED_HPP",
+        "header": header,
+        "program": program,
+        "speed": known_speed(parts),
+        "slack": SLACK,
+        "longest_line": LONGEST_LINE,
+        "degree": DEG,
+        "check": check,
+        "spans": spans,
+        "mask": lambda joints: [j in joints for j in range(n)],
+        "cosine": _even(parts.cosine),
+        "sine": _even(parts.sine),
+        "uncoupling": np.linalg.inv(parts.coupling),
+        "reach": parts.reach,
+    }
+    made = {header: "calibrated.hpp.j2", check: "check.cpp.j2", program: "stream.cpp.j2"}
+    return {name: render(template, parts, vectors, **words) for name, template in made.items()}
+
+
+def _even(rows: FloatArray) -> FloatArray:
+    """Series (orders, n) with an even number of orders, and a row of zeros more, so that no array is empty."""
+    return np.vstack([rows, np.zeros((1 + len(rows) % 2, rows.shape[1]))])

@@ -1,0 +1,163 @@
+"""A calibration as a part of other programs: ``irbcal export``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import lock
+from irbcal.atomic import write_set
+from irbcal.errors import CalibrationError, OptionError
+from irbcal.exporting.source import Source
+from irbcal.files.calibration_folder import JSON_NAME, CalibrationLike
+from irbcal.files.mesh_paths import CHOICES, MeshPaths
+from irbcal.options import checked
+from irbcal.overwriting import refuse_overwriting
+from irbcal.summary import Speaks, Table, Told
+
+TARGETS = ("cpp", "python")
+"""What a calibration can be exported as: each is a module of this package with ``WHAT``, ``files`` and ``NEXT``."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Exported(Speaks):
+    """What was written.
+
+    Attributes
+    ----------
+    target : str
+        One of `TARGETS`.
+    folder : Path
+    files : tuple of str
+        Names in it.
+    fingerprint : str
+        Of the calibration; it stands in the files.
+    simulated : bool
+        Whether the calibration comes from SIMULATED data.
+    miss : float
+        By how much the exported numbers miss irbcal's own kinematics at the test vectors, radians or metres.
+    next : str
+        What to do with it.
+    notes : tuple of str
+    """
+
+    target: str
+    folder: Path
+    files: tuple[str, ...]
+    fingerprint: str
+    simulated: bool
+    miss: float
+    next: str
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> Sequence[Told]:
+        """Files and what to do with them."""
+        simulated = ", from SIMULATED measurements" if self.simulated else ""
+        headline = (
+            f"exported as {self.target} to {self.folder} (fingerprint {self.fingerprint}{simulated}); the test vectors "
+            f"in it are met to {self.miss:.1g}"
+        )
+        listed = [name for name in self.files if "/" not in name]
+        others = len(self.files) - len(listed)
+        rows = [(name,) for name in listed] + ([(f"{others} files in folders",)] if others else [])
+        return [headline, *(f"Note: {note}" for note in self.notes), Table("files", ("file",), tuple(rows)), self.next]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same, ready for JSON."""
+        return {
+            "target": self.target,
+            "folder": str(self.folder),
+            "files": list(self.files),
+            "fingerprint": self.fingerprint,
+            "simulated": self.simulated,
+            "largest_miss": self.miss,
+            "notes": list(self.notes),
+        }
+
+
+def export(
+    calibration: CalibrationLike,
+    as_: str,
+    out: str | os.PathLike[str],
+    *,
+    payload: float | None = None,
+    payload_place: ArrayLike | None = None,
+    mesh_paths: MeshPaths = "relative",
+    without_frame_terms: bool = False,
+) -> Exported:
+    """Write a calibrated robot as a self-contained part of other programs.
+
+    Parameters
+    ----------
+    calibration : str, Path, Record or a result that holds one
+        Calibration folder, or a loaded calibration.
+    as_ : str
+        ``cpp`` (one header, C++17), ``python`` (a module on numpy alone, and one on plain floats).
+    out : str or Path
+        Folder, made if absent; files of an earlier export in it are replaced, all or none.
+    payload : float, optional
+        Mass that is carried where the caller tells none, kg; what most poses were measured with unless given.
+    payload_place : array_like, shape (3,), optional
+        Its centre in the tip link, metres; that of the calibration unless given.
+    mesh_paths : {"relative", "absolute", "package"}
+        How meshes stand in a URDF.
+    without_frame_terms : bool
+        Export URDF and joint map alone where the calibration has more.
+
+    Returns
+    -------
+    Exported
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration cannot be read, has frame terms, or the folder is a calibration or cannot be written.
+    RobotError
+        If the payload is not known to the calibration.
+    OptionError
+        If there is no such target, or what makes it is not installed.
+    """
+    target = checked("as", as_, TARGETS)
+    checked("mesh_paths", mesh_paths, CHOICES)
+    folder = Path(out)
+    if os.path.lexists(folder / JSON_NAME):
+        raise CalibrationError(
+            "there is a calibration in this folder: name another one for the export", file=folder, parameter="out"
+        )
+    refuse_overwriting({"out": folder}, calibration)
+    source = Source.of(
+        calibration, payload=payload, payload_place=payload_place, without_frame_terms=without_frame_terms
+    )
+    module = import_module(f"irbcal.exporting.{target}")
+    make: Callable[..., Mapping[str, bytes]] = module.files
+    made = make(source, folder, mesh_paths)
+    write_set({folder / name: content for name, content in made.items()})
+    parts = source.parts
+    words = str(module.NEXT).format(folder=folder, word=parts.identifier)
+    return Exported(target, folder, tuple(made), parts.fingerprint, parts.simulated, source.miss, words, parts.notes)
+
+
+def needed(package: str, target: str) -> Any:
+    """A package that makes a target.
+
+    Raises
+    ------
+    OptionError
+        If it is not installed.
+    """
+    try:
+        return import_module(package)
+    except ImportError:
+        raise OptionError(
+            f"as: {target} needs the package {package}, which is not installed here: pip install 'irbcal[{target}]'",
+            parameter="as",
+        ) from None

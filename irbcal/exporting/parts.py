@@ -1,0 +1,418 @@
+"""What a calibrated robot is made of, as plain numbers that any language can hold: the source of all exports.
+
+Joints count from 0, lengths are metres, angles radians. What `irbcal.modeling` keeps as terms is summed up here: gains,
+series of cosines and sines, levers of gravity by link, compliances under a payload and under torques, and what the last
+move does.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from irbcal import __version__
+from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.errors import CalibrationError
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.joint_map import AnyJointMap, JointMap
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.direction import WIDTHS
+from irbcal.modeling.terms.payload import STANDARD_GRAVITY
+from irbcal.modeling.terms.situation import GRAVITY
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+
+VERSION = "irbcal-export-1"
+"""Name of the layout of exports; it changes when what they offer does."""
+SERIES = 64
+"""Highest order of a wave that is summed with its neighbours by a recurrence; others are computed one by one."""
+TESTS = 24
+"""Test vectors in an export."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A chain of joints: before each joint turns (slides) about its z, its frame is placed by a constant.
+
+    Attributes
+    ----------
+    rotations : ndarray, shape (n, 3, 3)
+        Attitude of each joint's frame in the one before, the first in the base link, with the joint's offset.
+    places : ndarray, shape (n, 3)
+        Its origin there, metres.
+    tip_rotation : ndarray, shape (3, 3)
+    tip_place : ndarray, shape (3,)
+        The tip link in the last joint's frame.
+    """
+
+    rotations: FloatArray
+    places: FloatArray
+    tip_rotation: FloatArray
+    tip_place: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @staticmethod
+    def of(arm: Arm) -> Chain:
+        """The chain of an arm's DHM table."""
+        steps = [arm.table.step(i) for i in range(len(arm.table))]
+        steps[0] = arm.T_base_0 @ steps[0]
+        T = np.array(steps)
+        return Chain(T[:, :3, :3], T[:, :3, 3], arm.T_last_tip[:3, :3], arm.T_last_tip[:3, 3])
+
+
+@dataclass(frozen=True)
+class Wave:
+    """Cosine and sine of a multiple of one joint's commanded value, in the effective one."""
+
+    joint: int
+    cycles: float
+    cosine: float
+    sine: float
+
+
+@dataclass(frozen=True)
+class Bend:
+    """``coefficient sin(sum of joints + phase)`` in the effective values of some joints (Nubiola 2011, eq. 5.14)."""
+
+    coefficient: float
+    phase: float
+    joints: tuple[int, ...]
+    targets: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Lever:
+    """``z . (sum of R_k v_k x g)`` about the axis of a joint, in the effective values of some joints.
+
+    ``links`` are the k with a vector; the vectors hold the coefficients, radians.
+    """
+
+    joint: int
+    targets: tuple[int, ...]
+    links: tuple[int, ...]
+    vectors: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """A calibrated robot as numbers.
+
+    Attributes
+    ----------
+    name, identifier : str
+        The robot's name, and the same as a name in a program.
+    base_link, tip_link : str
+    joint_names : tuple of str
+    slides : ndarray of bool, shape (n,)
+        Prismatic joints.
+    lower, upper : ndarray, shape (n,)
+        Limits of commanded joints; may be infinite.
+    speed : ndarray, shape (n,)
+        Largest joint speeds, per second; infinite where not known.
+    coupling : ndarray, shape (n, n)
+        The joints here from those that the controller counts.
+    chain, nominal : Chain
+        Calibrated geometry, and the nominal one that gravity and loads are reckoned with.
+    gain, offset : ndarray, shape (n,)
+    cosine, sine : ndarray, shape (orders, n)
+        Series of orders 1, 2, … of each joint.
+    waves : tuple of Wave
+        Waves outside the series.
+    bends : tuple of Bend
+    levers : tuple of Lever
+    gravity : ndarray, shape (3,)
+        Direction in the base link.
+    compliance : ndarray, shape (n,)
+        Under the payload, rad/(N m).
+    payload_kg : float
+    payload_place : ndarray, shape (3,)
+        What is carried where nothing is said: mass, and its centre in the tip link.
+    torque : ndarray, shape (n,)
+        Compliance under the torques that the robot reports, rad/(N m).
+    direction, width, move, share : ndarray, shape (n,)
+        Of the last move: coefficient and width of its direction, coefficients of itself and of its share.
+    fingerprint : str
+        Of the calibration.
+    simulated : bool
+        Whether it comes from SIMULATED data.
+    notes : tuple of str
+        What the reader of an export should know.
+    """
+
+    name: str
+    base_link: str
+    tip_link: str
+    joint_names: tuple[str, ...]
+    slides: BoolArray
+    lower: FloatArray
+    upper: FloatArray
+    speed: FloatArray
+    coupling: FloatArray
+    chain: Chain
+    nominal: Chain
+    gain: FloatArray
+    offset: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+    waves: tuple[Wave, ...]
+    bends: tuple[Bend, ...]
+    levers: tuple[Lever, ...]
+    gravity: FloatArray
+    compliance: FloatArray
+    payload_kg: float
+    payload_place: FloatArray
+    torque: FloatArray
+    direction: FloatArray
+    width: FloatArray
+    move: FloatArray
+    share: FloatArray
+    fingerprint: str = ""
+    simulated: bool = False
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def identifier(self) -> str:
+        """The robot's name as a name in a program."""
+        word = re.sub(r"[^0-9a-z]+", "_", self.name.lower()).strip("_") or "robot"
+        return word if word[0].isalpha() else f"robot_{word}"
+
+    @property
+    def has_history(self) -> bool:
+        """Whether the last move matters."""
+        return bool(self.direction.any() or self.move.any() or self.share.any())
+
+    @property
+    def stride(self) -> FloatArray:
+        """Length of the moves that stand for where the arm came from on a way, shape (n,).
+
+        Three widths in which a joint takes up its play: there a joint that turns back leans over smoothly.
+        """
+        return 3.0 * np.where(self.slides, WIDTHS["m"], WIDTHS["rad"])
+
+    @property
+    def reach(self) -> float:
+        """A length that weighs positions against rotations: what the links measure together, at least a decimetre."""
+        lengths = np.linalg.norm(self.chain.places, axis=1).sum() + np.linalg.norm(self.chain.tip_place)
+        return max(0.1, float(lengths))
+
+    @property
+    def version(self) -> str:
+        """Layout and maker of an export."""
+        return f"{VERSION}, irbcal {__version__}"
+
+    @staticmethod
+    def of(
+        robot: Robot,
+        *,
+        nominal: Arm | None = None,
+        speed: FloatArray | None = None,
+        fingerprint: str = "",
+        simulated: bool = False,
+        notes: Sequence[str] = (),
+    ) -> Parts:
+        """The parts of a calibrated robot without frame terms.
+
+        Parameters
+        ----------
+        robot : Robot
+        nominal : Arm, optional
+            That of the terms of the joint map, if there are any; else the robot's own unless given.
+        speed : ndarray, shape (n,), optional
+            Largest joint speeds; infinite unless given.
+        fingerprint, simulated, notes
+            See `Parts`.
+
+        Raises
+        ------
+        CalibrationError
+            If its joint map has terms that exports do not know.
+        """
+        arm, n = robot.arm, len(robot.arm.joint_names)
+        common: dict[str, Any] = {
+            "name": arm.name,
+            "base_link": arm.base_link,
+            "tip_link": arm.tip_link,
+            "joint_names": arm.joint_names,
+            "slides": arm.table.prismatic,
+            "lower": arm.lower,
+            "upper": arm.upper,
+            "speed": np.full(n, np.inf) if speed is None else speed,
+            "coupling": np.eye(n) if arm.coupling is None else arm.coupling,
+            "chain": Chain.of(arm),
+        }
+        empty: dict[str, Any] = {
+            name: np.zeros(n) for name in ("gain", "offset", "compliance", "torque", "direction", "move", "share")
+        }
+        empty |= {"cosine": np.zeros((0, n)), "sine": np.zeros((0, n)), "width": np.ones(n)}
+        empty |= {"waves": (), "bends": (), "levers": (), "gravity": np.array(GRAVITY)}
+        empty |= {"payload_kg": 0.0, "payload_place": np.zeros(3), "nominal": Chain.of(nominal or arm)}
+        told = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
+        return Parts(**(common | empty | _of_joint_map(robot.joint_map, n) | told))
+
+    def carrying(self, payload_kg: float, place: FloatArray | None = None) -> Parts:
+        """The same with another load where none is told."""
+        where = self.payload_place if place is None else place
+        return replace(self, payload_kg=payload_kg, payload_place=np.asarray(where, dtype=float))
+
+
+def _of_joint_map(joint_map: AnyJointMap, n: int) -> dict[str, Any]:
+    if isinstance(joint_map, TermJointMap):
+        return _of_terms(joint_map, n)
+    assert isinstance(joint_map, JointMap)
+    found: dict[str, Any] = {"gain": joint_map.gain}
+    if joint_map.stiffness.any():
+        (A, B), (phi_2, phi_3) = joint_map.stiffness.tolist(), joint_map.phases.tolist()
+        found["bends"] = (Bend(A, phi_2, (1,), (1,)), Bend(B, phi_3, (1, 2), (1, 2)))
+    if joint_map.fourier.any():
+        cosine, sine = np.zeros((2, n)), np.zeros((2, n))
+        cosine[:, 5], sine[:, 5] = joint_map.fourier[0::2], joint_map.fourier[1::2]
+        found |= {"cosine": cosine, "sine": sine}
+    return found
+
+
+def _of_terms(joint_map: TermJointMap, n: int) -> dict[str, Any]:
+    terms = joint_map.terms
+    found: dict[str, Any] = {
+        name: np.zeros(n) for name in ("gain", "offset", "compliance", "torque", "direction", "move", "share")
+    }
+    simple = {"q": "gain", "constant": "offset", "payload": "compliance", "torque": "torque"}
+    simple |= {"move": "move", "share_of_move": "share", "direction": "direction"}
+    widths: dict[int, float] = {}
+    places = set()
+    waves: dict[tuple[int, float], list[float]] = {}
+    levers: dict[tuple[int, tuple[int, ...]], dict[int, FloatArray]] = {}
+    for term, coefficient in zip(terms.terms, map(float, terms.coefficients), strict=True):
+        if term.basis == "decay" or coefficient == 0.0:
+            continue  # the arm is warm
+        if term.basis == "gravity":
+            key = (term.joint, (term.joint, *term.also))
+            vectors = levers.setdefault(key, {})
+            link = int(str(term.parameters["link"])) - 1
+            vectors[link] = vectors.get(link, np.zeros(3)) + coefficient * _vector(term)
+            continue
+        if term.also:
+            raise _unknown(term)
+        if term.basis in ("cos", "sin"):
+            pair = waves.setdefault((term.joint, float(str(term.parameters["cycles_per_turn"]))), [0.0, 0.0])
+            pair[term.basis == "sin"] += coefficient
+        elif term.basis in simple:
+            if term.basis == "direction":
+                width = float(str(term.parameters.get("width_rad", term.parameters.get("width_m"))))
+                if widths.setdefault(term.joint, width) != width:
+                    raise _unknown(term)
+            if term.basis == "payload":
+                places.add(tuple(np.asarray(term.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float).tolist()))
+            found[simple[term.basis]][term.joint] += coefficient
+        else:
+            raise _unknown(term)
+    if len(places) > 1:
+        raise CalibrationError("payload terms with several places cannot be exported")
+    cosine, sine, single = _series(waves, n)
+    return found | {
+        "nominal": Chain.of(terms.arm),
+        "cosine": cosine,
+        "sine": sine,
+        "waves": single,
+        "levers": tuple(
+            Lever(joint, targets, tuple(sorted(v)), tuple(tuple(map(float, v[k])) for k in sorted(v)))
+            for (joint, targets), v in levers.items()
+        ),
+        "gravity": np.array(terms.gravity, dtype=float),
+        "compliance": STANDARD_GRAVITY * found["compliance"],
+        "payload_kg": joint_map.payload_kg or 0.0,
+        "payload_place": np.array(next(iter(places), (0.0, 0.0, 0.0))),
+        "width": np.array([widths.get(j, 1.0) for j in range(n)]),
+    }
+
+
+def _series(waves: dict[tuple[int, float], list[float]], n: int) -> tuple[FloatArray, FloatArray, tuple[Wave, ...]]:
+    """Waves of whole low orders as series, shape (orders, n), and the others."""
+    dense = {key: pair for key, pair in waves.items() if key[1] == int(key[1]) and 1 <= key[1] <= SERIES}
+    orders = max((int(cycles) for _, cycles in dense), default=0)
+    if orders > 4 * len({cycles for _, cycles in dense}):  # a few far apart
+        dense, orders = {}, 0
+    cosine, sine = np.zeros((orders, n)), np.zeros((orders, n))
+    for (joint, cycles), pair in dense.items():
+        cosine[int(cycles) - 1, joint], sine[int(cycles) - 1, joint] = pair
+    rest = tuple(Wave(j, cycles, *pair) for (j, cycles), pair in waves.items() if (j, cycles) not in dense)
+    return cosine, sine, rest
+
+
+def _vector(term: Term) -> FloatArray:
+    vector = term.parameters["vector"]
+    return np.eye(3)["xyz".index(vector)] if isinstance(vector, str) else np.asarray(vector, dtype=float)
+
+
+def _unknown(term: Term) -> CalibrationError:
+    return CalibrationError(
+        f"the joint map has a term ({term.name}) that exports do not know: calibrate with terms joint-map"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Vectors:
+    """Test vectors of an export, n rows each.
+
+    Attributes
+    ----------
+    q, previous, torques, effective : ndarray, shape (n, joints)
+        ``previous`` is NaN where the stop before is not known.
+    payload_kg : ndarray, shape (n,)
+    payload_place : ndarray, shape (n, 3)
+    tip : ndarray, shape (n, 3, 4)
+        Rotation and place of the tip link in the base link.
+    """
+
+    q: FloatArray
+    previous: FloatArray
+    payload_kg: FloatArray
+    payload_place: FloatArray
+    torques: FloatArray
+    effective: FloatArray
+    tip: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+
+def vectors_of(robot: Robot, parts: Parts, n: int = TESTS, seed: int = 1) -> Vectors:
+    """Test vectors by irbcal's own kinematics at random joints: with and without the stop before, with several loads.
+
+    Parameters
+    ----------
+    robot : Robot
+    parts : Parts
+        Of this robot.
+    n : int
+    seed : int
+
+    Returns
+    -------
+    Vectors
+    """
+    rng = np.random.default_rng(seed)
+    q, before = robot.arm.random_joints(n, seed), robot.arm.random_joints(n, seed + 1)
+    before[::4] = np.nan
+    before[1::4] = q[1::4] - 0.01 * before[1::4]  # short moves
+    load, place = np.full(n, parts.payload_kg), np.tile(parts.payload_place, (n, 1))
+    torques = np.zeros(q.shape)
+    if parts.compliance.any():
+        load, place = load + np.arange(n) % 5, place + 0.1 * rng.uniform(-1, 1, (n, 3))
+    if parts.torque.any():
+        torques = rng.normal(0.0, 50.0, q.shape)
+    situation = (before, load, place, torques)
+    effective = np.array(robot.joint_map.effective(q, *situation), dtype=float)
+    tip = robot.replace(frame_terms=None).forward(q, *situation)[:, :3]
+    return Vectors(q, before, load, place, torques, effective, tip)

@@ -1,0 +1,133 @@
+"""What exports are made from: a calibration with its robot, the numbers of it, test vectors and the URDF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import CalibrationError
+from irbcal.exporting import python
+from irbcal.exporting.parts import Parts, Vectors, vectors_of
+from irbcal.files import calibration_folder, urdf_xml
+from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.opening import open_robot
+from irbcal.files.schema import Record
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot, loaded
+
+EXACT = 1e-12
+"""Radians and metres by which an export may differ from irbcal's own kinematics: rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A calibrated robot, ready to be exported.
+
+    Attributes
+    ----------
+    robot : Robot
+        With the load that is carried.
+    parts : Parts
+    vectors : Vectors
+    miss : float
+        By how much the plain module misses the test vectors.
+    record : Record or None
+    urdf : bytes or None
+        ``calibrated.urdf``.
+    folder : Path or None
+        Where the URDF's own relative names start.
+    """
+
+    robot: Robot
+    parts: Parts
+    vectors: Vectors
+    miss: float
+    record: Record | None = None
+    urdf: bytes | None = None
+    folder: Path | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @staticmethod
+    def of(
+        calibration: CalibrationLike,
+        *,
+        payload: float | None = None,
+        payload_place: ArrayLike | None = None,
+        without_frame_terms: bool = False,
+    ) -> Source:
+        """What a calibration has to export.
+
+        Parameters
+        ----------
+        calibration : str, Path, Record or a result that holds one
+        payload, payload_place, without_frame_terms
+            See `irbcal.exporting.export.export`.
+
+        Raises
+        ------
+        CalibrationError
+            If it is not a whole calibration, or has frame terms or terms that exports do not know.
+        RobotError
+            If the payload is not known.
+        """
+        if isinstance(calibration, (str, Path)):
+            calibration = calibration_folder.read(calibration)
+        record = calibration_folder.opened(calibration)
+        opened = open_robot(calibration)
+        notes = []
+        if record.frame_terms is not None:
+            if not without_frame_terms:
+                record.frame_terms.refuse()
+            notes.append(record.frame_terms.in_words)
+        robot = loaded(opened.robot, payload, payload_place).replace(frame_terms=None)
+        speed = None if opened.urdf_bytes is None else speeds(opened.urdf_bytes, robot.arm)
+        return Source.of_robot(
+            robot, record, opened.urdf_bytes, opened.folder, nominal=opened.nominal, speed=speed, notes=tuple(notes)
+        )
+
+    @staticmethod
+    def of_robot(
+        robot: Robot,
+        record: Record | None = None,
+        urdf: bytes | None = None,
+        folder: Path | None = None,
+        *,
+        nominal: Arm | None = None,
+        speed: FloatArray | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> Source:
+        """The same of a robot without frame terms.
+
+        Raises
+        ------
+        CalibrationError
+            If what would be exported does not compute what irbcal computes.
+        """
+        told = {} if record is None else {"fingerprint": record.fingerprint, "simulated": record.simulated}
+        parts = Parts.of(robot, nominal=nominal, speed=speed, notes=notes, **told)  # type: ignore[arg-type]
+        vectors = vectors_of(robot, parts)
+        miss = python.module(parts, vectors).check()
+        if not miss < EXACT:
+            raise CalibrationError(f"the export would miss irbcal's own kinematics by {miss:.3g}: nothing is written")
+        return Source(robot, parts, vectors, float(miss), record, urdf, folder)
+
+
+def speeds(data: bytes, arm: Arm) -> FloatArray:
+    """Largest joint speeds that a URDF tells, per second; infinite where it tells none, shape (joints,)."""
+    out = np.full(len(arm.joint_names), np.inf)
+    for joint in urdf_xml.parse(data, "calibrated.urdf").getroot().iter("joint"):
+        limit = joint.find("limit")
+        if joint.get("name") in arm.joint_names and limit is not None:
+            try:
+                value = float(limit.get("velocity", "nan"))
+            except ValueError:
+                continue
+            if np.isfinite(value) and value > 0.0:
+                out[arm.joint_names.index(joint.get("name"))] = value
+    return out

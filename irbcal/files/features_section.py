@@ -1,0 +1,80 @@
+"""What a calibration from rows at features knows of them: ``features`` of ``calibration.json``."""
+
+from __future__ import annotations
+
+from irbcal.files.section import Section
+
+
+class FeatureRow(Section):
+    """A feature: what was known and what was found of it.
+
+    ``found`` has its unknowns in the base link (mm, degrees); ``rms_mm`` is what its rows miss in the fit.
+    """
+
+    name: str
+    kind: str
+    target: str
+    rows: int
+    place: str
+    rms_mm: float
+    nominal_rms_mm: float
+    found: dict[str, list[float]]
+    std: dict[str, list[float]]
+
+
+class PlaceRow(Section):
+    """A place that was left out of the fit: what its rows miss about features placed anew, mm."""
+
+    name: str
+    rows: int
+    nominal_mean_mm: float
+    nominal_max_mm: float
+    mean_mm: float
+    rms_mm: float
+    max_mm: float
+
+
+class LengthRow(Section):
+    """A known length: found minus known, mm; left out where its place was, null where it never was."""
+
+    name: str
+    first: str
+    second: str
+    length_mm: float
+    fitted_mm: float
+    nominal_mm: float | None
+    heldout_mm: float | None
+
+
+class FeaturesSection(Section):
+    """Features, places and lengths.
+
+    ``left_out`` is what was left out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
+    square lengths of what was not known of the tip's place, before the rows and after them.
+    """
+
+    kinds: dict[str, int]
+    framed: bool
+    scale_measured: bool
+    left_out: str | None
+    before_mm: float
+    open_mm: float
+    features: list[FeatureRow]
+    places: list[PlaceRow]
+    lengths: list[LengthRow]
+
+    @property
+    def scale(self) -> str:
+        """Where the scale of the robot comes from, in a sentence; empty where lengths were measured."""
+        return "" if self.scale_measured else "no length was measured: the scale rests on nominal link lengths"
+
+    def length_error(self) -> tuple[float, float] | None:
+        """Mean size of the errors of known lengths at left-out places, nominal and calibrated, mm."""
+        pairs = [
+            (abs(r.nominal_mm), abs(r.heldout_mm))
+            for r in self.lengths
+            if r.nominal_mm is not None and r.heldout_mm is not None
+        ]
+        if not pairs:
+            return None
+        return sum(a for a, _ in pairs) / len(pairs), sum(b for _, b in pairs) / len(pairs)

@@ -1,0 +1,263 @@
+"""What every kind of row at a feature has: its unknowns, what it sees, what it misses; and the algebra of the kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, Literal, TypeAlias
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.measurement.features import Feature
+from irbcal.modeling import frames
+
+LEVER = 0.3
+"""Metres per radian: a turn counts as the motion of a point this far away."""
+
+Shape: TypeAlias = Literal["place", "number", "turn", "axis", "line"]
+"""What an unknown is: a place (3,), a number (1,), a rotation (3, 3), an axis (its third column, (3, 3)), or a line
+through a place (3, 4)."""
+
+DIMENSIONS: Mapping[Shape, int] = {"place": 3, "number": 1, "turn": 3, "axis": 2, "line": 4}
+
+
+@dataclass(frozen=True)
+class Own:
+    """An unknown of a kind.
+
+    Attributes
+    ----------
+    shape : str
+    of : str
+        Whether each ``feature`` has its own, or each ``target`` of the tool.
+    length : bool
+        Whether its steps are metres; radians otherwise.
+    """
+
+    shape: Shape
+    of: Literal["feature", "target"] = "feature"
+    length: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Rows at one feature with one target.
+
+    Attributes
+    ----------
+    feature : Feature
+        What is known of it.
+    p : ndarray, shape (m, 3)
+        The tool's point in the base link, metres.
+    R : ndarray, shape (m, 3, 3)
+        Axes of the tip link in the base link.
+    value : ndarray, shape (m,)
+        Metres or radians; NaN where there is none.
+    xyz : ndarray, shape (m, 3)
+        As written in the file, metres; NaN likewise.
+    rotation : ndarray, shape (m, 3, 3)
+        Measured orientations, NaN likewise.
+    T_world_base : ndarray, shape (4, 4)
+    """
+
+    feature: Feature
+    p: FloatArray
+    R: FloatArray
+    value: FloatArray
+    xyz: FloatArray
+    rotation: FloatArray
+    T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
+
+
+@dataclass(frozen=True, eq=False)
+class Misses:
+    """Residuals of some rows and their derivatives; those that are NaN were not measured.
+
+    Attributes
+    ----------
+    r : ndarray, shape (m, k)
+        Metres, predicted minus known.
+    point : ndarray, shape (m, k, 3)
+        By the tool's point.
+    own : dict of str to ndarray, shape (m, k, d)
+        By the kind's unknowns.
+    turn : ndarray, shape (m, k, 3), optional
+        By a turn of the tool about its point.
+    """
+
+    r: FloatArray
+    point: FloatArray
+    own: Mapping[str, FloatArray]
+    turn: FloatArray | None = None
+
+
+class Kind:
+    """What is known of the tool at a row.
+
+    Attributes
+    ----------
+    name : str
+    size : int
+        Residuals of a row.
+    own : dict of str to Own
+        Its unknowns; ``centre`` may be known instead, in the measuring frame.
+    needs : tuple of str
+        What each row must have: ``value``, ``xyz``, ``rotation``.
+    metric : bool
+        Whether it measures a length of the size of the arm.
+    shape_only : bool
+        Whether it says no more than that points lie on a surface or line whose place is unknown.
+    spread : bool
+        Whether rows at one feature are at many places of the tool.
+    pointed : bool
+        Whether the tool's point matters, not only its attitude.
+    """
+
+    name: ClassVar[str]
+    size: ClassVar[int]
+    own: ClassVar[Mapping[str, Own]]
+    needs: ClassVar[tuple[str, ...]] = ()
+    metric: ClassVar[bool] = False
+    shape_only: ClassVar[bool] = False
+    spread: ClassVar[bool] = False
+    pointed: ClassVar[bool] = True
+
+    def fixed(self, feature: Feature) -> dict[str, FloatArray]:
+        """Unknowns that are known of a feature, but for its centre."""
+        return {}
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """Residuals and derivatives at values of the kind's unknowns."""
+        raise NotImplementedError
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """Unknowns of the kind where the tool's point is known, in closed form."""
+        raise NotImplementedError
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """The tool's point in the tip link where ``seen.p`` is the tip itself, in closed form, and how firmly.
+
+        Returns
+        -------
+        (t, H) or None
+            Shape (3,), metres, and information of it, (3, 3); None where these rows do not tell.
+        """
+        return None
+
+
+def moved(shape: Shape, value: FloatArray, step: FloatArray) -> FloatArray:
+    """An unknown after a step; turns step on the left, axes about their own two other axes."""
+    if shape in ("place", "number"):
+        return value + step
+    if shape == "turn":
+        return np.asarray(frames.rotation_from_vector(step) @ value)
+    Q = value[:, :3] @ frames.rotation_from_vector(np.array([step[0], step[1], 0.0]))
+    if shape == "axis":
+        return np.asarray(Q)
+    return np.column_stack([Q, value[:, 3] + value[:, :2] @ step[2:]])
+
+
+def eliminated(A_t: FloatArray, others: list[FloatArray], b: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Least squares of ``A_t t + A_o o = b`` for t alone, with its information; None where it is not determined.
+
+    Parameters
+    ----------
+    A_t : ndarray, shape (m, k, 3)
+    others : list of ndarray, shape (m, k, any)
+    b : ndarray, shape (m, k)
+    """
+    rows = b.size
+    rest = np.concatenate(others, axis=2).reshape(rows, -1)
+    if rows < 3 + rest.shape[1]:
+        return None
+    U, s, _ = np.linalg.svd(rest, full_matrices=False)
+    U = U[:, s > 1e-10 * s[0]]
+    A = A_t.reshape(rows, 3)
+    A = A - U @ (U.T @ A)
+    H = A.T @ A
+    if np.linalg.eigvalsh(H)[0] < 1e-6 * rows:
+        return None
+    return np.asarray(np.linalg.solve(H, A.T @ b.ravel()), dtype=float), H
+
+
+def ones(m: int) -> FloatArray:
+    """Identity matrices, shape (m, 3, 3)."""
+    return np.tile(np.eye(3), (m, 1, 1))
+
+
+def cross(v: FloatArray) -> FloatArray:
+    """Matrices (m, 3, 3) of vectors (m, 3) with ``cross(v) w = v x w``."""
+    out = np.zeros((len(v), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = v[:, 2], -v[:, 1], v[:, 0]
+    return out
+
+
+def distance(p: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distances (m,) from a place, and their derivatives by the points (m, 1, 3)."""
+    d = np.linalg.norm(p - c, axis=1)
+    return d, ((p - c) / np.maximum(d, 1e-12)[:, None])[:, None]
+
+
+def ball(p: FloatArray) -> tuple[FloatArray, float]:
+    """Centre of the sphere through points, and ``|c|^2 - R^2``; where they are at one place, that."""
+    middle = p.mean(axis=0)
+    local = p - middle
+    x = np.linalg.lstsq(np.hstack([2.0 * local, np.ones((len(p), 1))]), np.sum(local**2, axis=1), rcond=1e-8)[0]
+    c = x[:3] + middle
+    return c, float(c @ c - (x[3] + x[:3] @ x[:3]))
+
+
+def ball_tool(
+    seen: Seen, more: tuple[FloatArray, ...], square: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray] | None:
+    """The tool's point of rows on a sphere (or with ``square`` the squared radius of each row, and columns more)."""
+    m = len(seen.p)
+    middle = seen.p.mean(axis=0)  # lengths that cancel less
+    p = seen.p - middle
+    A = 2.0 * np.einsum("mij,mi->mj", seen.R, p)
+    rest = [-2.0 * seen.R.reshape(m, 9), -2.0 * p, np.ones((m, 1)), *(-2.0 * column for column in more)]
+    b = -np.sum(p**2, axis=1) + (0.0 if square is None else square)
+    return eliminated(A[:, None], [column[:, None] for column in rest], b[:, None])
+
+
+def null(A: FloatArray) -> FloatArray | None:
+    """The null vector of a matrix, columns scaled; None where there is more than one."""
+    if len(A) < A.shape[1]:
+        return None
+    scale = np.linalg.norm(A, axis=0)
+    s, V = np.linalg.svd(A / scale, full_matrices=False)[1:]
+    return None if s[-2] < 1e-4 * s[0] else V[-1] / scale
+
+
+def with_third(axis: FloatArray) -> FloatArray:
+    """A rotation whose third column is a unit vector."""
+    other = np.eye(3)[np.argmin(np.abs(axis))]
+    x = np.cross(other, axis)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])
+
+
+def rotation(M: FloatArray) -> FloatArray:
+    """The rotation nearest to what linear least squares leaves of one; identity where it leaves nothing."""
+    if not np.isfinite(M).all() or np.linalg.norm(M) < 1e-9:
+        return np.eye(3)
+    return np.asarray(frames.nearest_rotation(M))
+
+
+def vectors(E: FloatArray) -> FloatArray:
+    """Rotation vectors (m, 3) of rotations (m, 3, 3), radians."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(E).as_rotvec())
+
+
+def left_inverse(e: FloatArray) -> FloatArray:
+    """Inverse of the left Jacobian of the exponential at rotation vectors (m, 3), shape (m, 3, 3)."""
+    angle = np.linalg.norm(e, axis=1)
+    half = 0.5 * angle
+    with np.errstate(invalid="ignore", divide="ignore"):
+        k = np.where(angle < 1e-4, 1.0 / 12.0, (1.0 - half / np.tan(half)) / angle**2)
+    K = cross(e)
+    return np.eye(3) - 0.5 * K + k[:, None, None] * (K @ K)

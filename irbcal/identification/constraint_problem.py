@@ -1,0 +1,455 @@
+"""All rows at features against an arm: the linear model of base, tool, features and terms at one state.
+
+The kinds of `irbcal.identification.constraints` say what a row misses and how that moves with the tool's point; here
+this is chained to the arm's kinematics with all terms of the error model, and to the unknowns of tool and features.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray
+from irbcal.errors import IdentificationError, MeasurementError
+from irbcal.identification import constraints
+from irbcal.identification.constraints import KINDS, Kind, Misses, Seen, Shape
+from irbcal.identification.sums import Sums
+from irbcal.measurement.features import Feature, FeatureSet
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.geometry import DHM_COLUMNS
+from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import TermMap, basis_values, term_columns
+from irbcal.units import MM
+
+BLOCK = 1500
+"""Rows whose Jacobian is in memory at a time."""
+
+ROW_U95 = 0.1 * MM
+"""Uncertainty of a row that tells none, metres: what a contact repeats to on an industrial arm."""
+
+RAD = 1e-3
+"""Radians: the unit of turns that have no prior."""
+
+Key: TypeAlias = tuple[str, str]
+"""Name of an unknown, and its feature or target: ``("centre", "A")``, ``("tool", "ball")``, ``("base", "")``."""
+
+BASE: Key = ("base", "")
+TOOL = "tool"
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureState:
+    """One candidate.
+
+    Attributes
+    ----------
+    own : dict
+        Unknowns of tool and features by their key.
+    coefficients : ndarray, shape (terms,)
+        SI units.
+    T_world_base : ndarray, shape (4, 4)
+    """
+
+    own: Mapping[Key, FloatArray]
+    coefficients: FloatArray
+    T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Rows of one kind at one feature with one target."""
+
+    kind: Kind
+    feature: Feature
+    target: str
+    rows: IntArray
+    measured: bool
+    """Whether the place is the row's own, in the measuring frame."""
+
+    def keys(self) -> dict[str, Key]:
+        """Its unknowns by their name in the kind."""
+        out = {}
+        for name, own in self.kind.own.items():
+            if name == "centre" and (self.measured or self.feature.centre is not None):
+                continue
+            if name not in self.kind.fixed(self.feature):
+                out[name] = (name, self.feature.name if own.of == "feature" else self.target)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Missed:
+    """What a group misses at one state."""
+
+    group: Group
+    seen: Seen
+    own: Mapping[str, FloatArray]
+    path: chain.Walk
+    found: Misses
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """Rows of the linear model: millimetres per unit, shape (columns, n), what is left (n,), and each one's row."""
+
+    J: FloatArray
+    y: FloatArray
+    row: IntArray
+
+
+class ConstraintProblem:
+    """Rows at features against an arm with terms.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal.
+    seen : FeatureSet
+    terms : sequence of Term
+        All that may be fitted.
+    held : dict, optional
+        Unknowns of tool and features that are known, by their key.
+    base : ndarray, shape (4, 4), optional
+        The base in the measuring frame, where it is known.
+
+    Attributes
+    ----------
+    flat : int
+        Number of unknowns of base, tool and features.
+    layout : dict
+        Key -> (shape, first column).
+
+    Raises
+    ------
+    MeasurementError
+        If a kind is not known or a row lacks what its kind needs.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        seen: FeatureSet,
+        terms: Sequence[Term],
+        held: Mapping[Key, FloatArray] | None = None,
+        base: FloatArray | None = None,
+    ) -> None:
+        self.arm, self.seen, self.terms = arm, seen, list(terms)
+        self.held = dict(held or {})
+        self.known_base = base
+        self.groups = _groups(seen)
+        self.layout: dict[Key, tuple[Shape | None, int]] = {}
+        self.framed = any(self._in_world(group) for group in self.groups)
+        units: list[FloatArray] = []
+        if self.framed and base is None:
+            self.layout[BASE] = None, 0
+            units.append(np.r_[np.full(3, RAD), np.full(3, MM)])
+        shapes: dict[Key, tuple[Shape, bool]] = {}
+        for group in self.groups:
+            if group.kind.pointed:
+                shapes.setdefault((TOOL, group.target), ("place", True))
+            for name, key in group.keys().items():
+                own = group.kind.own[name]
+                shapes.setdefault(key, (own.shape, own.length))
+        for key in sorted(shapes, key=lambda key: (key[0] != TOOL, key[0] != "axes")):
+            if key in self.held:
+                continue
+            shape, length = shapes[key]
+            self.layout[key] = shape, int(sum(map(len, units)))
+            size = np.full(constraints.DIMENSIONS[shape], MM if length else RAD)
+            if shape == "line":
+                size[:2] = RAD
+            units.append(size)
+        self.flat = int(sum(map(len, units)))
+        self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
+        self.geometry = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
+        self.others = TermMap(
+            arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
+        )
+        u95 = np.where(np.isfinite(seen.u95), seen.u95, ROW_U95)
+        self.typical = float(np.median(u95))
+        self.weights: FloatArray = np.clip(self.typical / np.maximum(u95, 1e-9), 0.01, 100.0)
+        self.lengths = [one for one in seen.lengths if ("centre", one.first) in self.layout]
+        self.lengths = [one for one in self.lengths if ("centre", one.second) in self.layout]
+
+    def _in_world(self, group: Group) -> bool:
+        """Whether rows of a group tie the base to the measuring frame."""
+        return group.measured or group.feature.centre is not None or "rotation" in group.kind.needs
+
+    @property
+    def scalars(self) -> int:
+        """Number of equations of the rows."""
+        return sum(group.kind.size * len(group.rows) for group in self.groups)
+
+    @property
+    def per_pose(self) -> float:
+        """Equations in a pose, on average."""
+        return self.scalars / self.seen.poses
+
+    # ---------------------------------------------------------------- states
+
+    def arm_of(self, state: FeatureState) -> Arm:
+        """The arm with the constants of a state in its table."""
+        table = self.arm.table
+        for kind in set(DHM_COLUMNS.values()):
+            mine = [k for k, t in enumerate(self.terms) if self.geometry[k] and DHM_COLUMNS[t.axis] == kind]
+            if mine:
+                column = getattr(table, kind).copy()
+                for k in mine:
+                    column[self.terms[k].joint] += state.coefficients[k]
+                table = replace(table, **{kind: column})
+        return self.arm.with_table(table)
+
+    def term_map(self, state: FeatureState) -> TermMap:
+        """Its terms beside the geometry."""
+        return replace(self.others, coefficients=state.coefficients[~self.geometry])
+
+    def moved(self, state: FeatureState, step: FloatArray) -> FeatureState:
+        """A state after a step of the flat columns, in their units; coefficients stay unless the step has them, too."""
+        si = step[: self.flat] * self.sizes[: self.flat]
+        own, T = dict(state.own), state.T_world_base
+        for key, (shape, at) in self.layout.items():
+            if shape is None:
+                T = T @ frames.transform(frames.rotation_from_vector(si[:3]), si[3:6])
+            else:
+                own[key] = constraints.moved(shape, own[key], si[at : at + constraints.DIMENSIONS[shape]])
+        if len(step) == self.flat:
+            return replace(state, own=own, T_world_base=T)
+        return FeatureState(own, step[self.flat :] * self.sizes[self.flat :], T)
+
+    # ---------------------------------------------------------------- predictions
+
+    def walk(self, state: FeatureState, rows: IntArray, arm: Arm | None = None) -> chain.Walk:
+        """The chain at some rows' joints."""
+        motion = Motion(self.seen.q[rows])
+        arm = self.arm_of(state) if arm is None else arm
+        if not self.others.terms or not state.coefficients[~self.geometry].any():
+            return chain.walk(arm, motion.q)
+        return chain.walk(arm, *self.term_map(state).split(motion))
+
+    def seen_of(self, state: FeatureState, group: Group, tip: FloatArray) -> Seen:
+        """Where the tool is at a group's rows, ``tip`` (4, 3, m); at the tip where its place is not known yet."""
+        tool = state.own.get((TOOL, group.target), np.zeros(3))
+        R = tip[:3].transpose(2, 1, 0)
+        rows, seen = group.rows, self.seen
+        p = tip[3].T + R @ tool
+        return Seen(group.feature, p, R, seen.value[rows], seen.xyz[rows], seen.rotation[rows], state.T_world_base)
+
+    def own_of(self, state: FeatureState, group: Group) -> dict[str, FloatArray]:
+        """The unknowns of a group's kind; a centre that is known in the measuring frame is brought to the base link."""
+        own = dict(group.kind.fixed(group.feature))
+        own |= {name: state.own[key] for name, key in group.keys().items()}
+        if "centre" in group.kind.own and "centre" not in own:
+            world = self.seen.xyz[group.rows] if group.measured else group.feature.centre
+            assert world is not None
+            own["centre"] = frames.apply(frames.inverse(state.T_world_base), np.atleast_2d(world))
+        return own
+
+    def misses(self, state: FeatureState) -> Iterator[Missed]:
+        """What every group misses."""
+        arm = self.arm_of(state)
+        for group in self.groups:
+            path = self.walk(state, group.rows, arm)
+            seen, own = self.seen_of(state, group, path.tip), self.own_of(state, group)
+            yield Missed(group, seen, own, path, group.kind.misses(seen, own))
+
+    def residuals(self, state: FeatureState) -> FloatArray:
+        """Size of what each row misses, metres, shape (rows,): the distance of places; turns are left out."""
+        out = np.full(len(self.seen), np.nan)
+        for one in self.misses(state):
+            out[one.group.rows] = np.linalg.norm(one.found.r[:, :3], axis=1)
+        return out
+
+    def length_errors(self, state: FeatureState) -> FloatArray:
+        """Found minus known length of each pair of features that are both unknown, metres."""
+        own = state.own
+        return np.array(
+            [
+                constraints.length_misses(own["centre", one.first], own["centre", one.second], one.length)[0]
+                for one in self.seen.lengths
+                if ("centre", one.first) in own and ("centre", one.second) in own
+            ]
+        )
+
+    # ---------------------------------------------------------------- the linear model
+
+    def dense(self, state: FeatureState, columns: IntArray | None = None) -> Iterator[Dense]:
+        """The linear model in blocks of rows; the flat columns are steps, the terms' count from nominal.
+
+        Parameters
+        ----------
+        state : FeatureState
+        columns : ndarray of int, optional
+            Numbers of the terms' columns wanted beside the flat ones, from 0; all unless given.
+        """
+        chosen = np.arange(len(self.terms)) if columns is None else columns
+        width = self.flat + len(chosen)
+        sizes = np.concatenate([self.sizes[: self.flat], self.sizes[self.flat + chosen]])
+        values = state.coefficients[chosen] / sizes[self.flat :]
+        for one in self.misses(state):
+            rows, r = one.group.rows, one.found.r
+            J = np.zeros((width, *r.shape))
+            if len(chosen):
+                J[self.flat :] = self._by_terms(one, chosen)
+            self._flat_columns(J, one)
+            w = self.weights[rows][:, None] / MM
+            J *= w
+            J *= sizes[:, None, None]
+            y = np.einsum("c,cmk->mk", values, J[self.flat :]) - r * w
+            yield Dense(J.reshape(width, -1), y.ravel(), np.repeat(rows, r.shape[1]))
+        if self.lengths:
+            yield self._of_lengths(state, width)
+
+    def sums(self, state: FeatureState, columns: IntArray | None = None) -> Sums:
+        """Normal equations of the linear model; columns as `dense`."""
+        width = self.flat + (len(self.terms) if columns is None else len(columns))
+        H, g, yy, equations = np.zeros((width, width)), np.zeros(width), 0.0, 0
+        for part in self.dense(state, columns):
+            H += part.J @ part.J.T
+            g += part.J @ part.y
+            yy += float(part.y @ part.y)
+            equations += len(part.y)
+        return Sums(H, g, yy, equations)
+
+    def _by_terms(self, one: Missed, chosen: IntArray) -> FloatArray:
+        """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
+        group, path, found = one.group, one.path, one.found
+        pose = np.arange(len(group.rows))
+        here = Situation(self.arm, Motion(self.seen.q[group.rows]))
+        out = np.zeros((len(chosen), *found.r.shape))
+        for constant in (True, False):
+            where = np.flatnonzero(self.geometry[chosen] == constant)
+            if not len(where):
+                continue
+            terms = [self.terms[k] for k in chosen[where]]
+            values = np.ones((len(terms), len(pose))) if constant else basis_values(terms, here)
+            if group.kind.pointed:
+                moves = term_columns(terms, chain.point_columns(path, one.seen.p.T, pose, constant), values, pose)
+                out[where] = np.einsum("mki,cim->cmk", found.point, moves, optimize=True)
+            if found.turn is not None:
+                turns = term_columns(terms, chain.turn_columns(path, pose, constant), values, pose)
+                out[where] += np.einsum("mki,cim->cmk", found.turn, turns, optimize=True)
+        return out
+
+    def points_by_terms(self, path: chain.Walk, p: FloatArray, rows: IntArray) -> FloatArray:
+        """Derivative of points p (m, 3) of some rows by all terms, shape (terms, 3, m), SI units."""
+        pose, here = np.arange(len(rows)), Situation(self.arm, Motion(self.seen.q[rows]))
+        out = np.zeros((len(self.terms), 3, len(rows)))
+        for constant in (True, False):
+            where = np.flatnonzero(self.geometry == constant)
+            terms = [self.terms[k] for k in where]
+            values = basis_values(terms, here)
+            out[where] = term_columns(terms, chain.point_columns(path, p.T, pose, constant), values, pose)
+        return out
+
+    def _flat_columns(self, J: FloatArray, one: Missed) -> None:
+        """Derivatives by base, tool and features into (columns, m, k), SI units."""
+        group, found = one.group, one.found
+        key = (TOOL, group.target)
+        if group.kind.pointed and key in self.layout:
+            at = self.layout[key][1]
+            J[at : at + 3] += np.einsum("mki,aim->amk", found.point, one.path.tip[:3])
+        for name, key in group.keys().items():
+            if key in self.layout:
+                shape, at = self.layout[key]
+                assert shape is not None
+                J[at : at + constraints.DIMENSIONS[shape]] += found.own[name].transpose(2, 0, 1)
+        if BASE not in self.layout or not self._in_world(group):
+            return
+        if "base" in found.own:
+            J[:6] += found.own["base"].transpose(2, 0, 1)
+        else:  # as the base turns and shifts, a place c of the measuring frame moves by -w x c - t
+            by, c = found.own["centre"], np.broadcast_to(one.own["centre"], (len(group.rows), 3))
+            J[:3] += (by @ constraints.cross(c)).transpose(2, 0, 1)
+            J[3:6] -= by.transpose(2, 0, 1)
+
+    def _of_lengths(self, state: FeatureState, width: int) -> Dense:
+        """Known lengths as rows; they belong to no row of the file."""
+        J, y = np.zeros((width, len(self.lengths))), np.zeros(len(self.lengths))
+        for k, one in enumerate(self.lengths):
+            keys = ("centre", one.first), ("centre", one.second)
+            miss, by = constraints.length_misses(state.own[keys[0]], state.own[keys[1]], one.length)
+            w = np.clip(self.typical / max(one.u95, 1e-9), 0.01, 100.0) / MM
+            for key, sign in zip(keys, (1.0, -1.0), strict=True):
+                at = self.layout[key][1]
+                J[at : at + 3, k] = sign * by * w * self.sizes[at : at + 3]
+            y[k] = -miss * w
+        return Dense(J, y, np.full(len(self.lengths), -1))
+
+
+def _groups(seen: FeatureSet) -> list[Group]:
+    """Rows by kind, feature and target, in parts of `BLOCK` rows; refused where something is missing."""
+    out = []
+    for name in dict.fromkeys(seen.kind):
+        kind = KINDS.get(str(name))
+        mine = seen.kind == name
+        if kind is None:
+            raise MeasurementError(
+                f"unknown kind {name!r} of a row: kinds are {', '.join(KINDS)}",
+                file=seen.source,
+                row=int(seen.row[mine][0]),
+                column="kind",
+            )
+        for feature in dict.fromkeys(seen.feature[mine]):
+            for target in dict.fromkeys(seen.target[mine & (seen.feature == feature)]):
+                rows = np.flatnonzero(mine & (seen.feature == feature) & (seen.target == target))
+                _check(seen, kind, str(feature), rows)
+                what = seen.features.get(str(feature), Feature(str(feature), kind.name, str(target)))
+                measured = not feature and "centre" in kind.own
+                out += [
+                    Group(kind, what, str(target), rows[at : at + BLOCK], measured) for at in range(0, len(rows), BLOCK)
+                ]
+    return out
+
+
+def _check(seen: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> None:
+    """Whether rows have what their kind needs."""
+    own = any(item.of == "feature" for item in kind.own.values())
+    needs = (*kind.needs, *(("xyz",) if not feature and "centre" in kind.own else ()))
+    if not feature and own and kind.name != "point":
+        raise MeasurementError(
+            f"a row of kind {kind.name} needs its feature",
+            file=seen.source,
+            row=int(seen.row[rows[0]]),
+            column="feature",
+        )
+    columns = {"value": "value_mm" if kind.pointed else "value_deg", "xyz": "x_mm", "rotation": "qw"}
+    for need in needs:
+        bad = ~np.isfinite(getattr(seen, need)[rows].reshape(len(rows), -1)).all(axis=1)
+        if bad.any():
+            raise MeasurementError(
+                f"a row of kind {kind.name} needs {need if need != 'value' else columns[need]}"
+                + (" (or the name of the feature that it is at)" if need == "xyz" and not feature else ""),
+                file=seen.source,
+                row=int(seen.row[rows[bad][0]]),
+                column=columns[need],
+            )
+
+
+def refuse_undetermined(problem: ConstraintProblem, sums: Sums) -> None:
+    """Refuse rows that leave base, tool or features open even on the robot as it is.
+
+    Raises
+    ------
+    IdentificationError
+        With what is open.
+    """
+    H = sums.H[: problem.flat, : problem.flat]
+    scale = np.sqrt(np.maximum(np.diagonal(H), 1e-30))
+    value, vector = np.linalg.eigh(H / np.outer(scale, scale))
+    if not len(value) or (value[0] > 1e-11 and scale.min() > 1e-12):
+        return
+    worst = int(np.argmax(np.abs(vector[:, 0] / scale)))
+    starts = sorted((at, key) for key, (_, at) in problem.layout.items())
+    name, of = [key for at, key in starts if at <= worst][-1]
+    what = {"tool": f"the place of {of} on the tool", "base": "the base in the measuring frame"}.get(
+        name, f"{name} of {of}"
+    )
+    raise IdentificationError(
+        f"these rows do not tell {what}: turn the tool about more axes there, touch more of it, or say what is known"
+    )

@@ -1,0 +1,357 @@
+r"""What a measurement at a feature says of the tool: one small class a kind.
+
+A row is a pose of the robot at which something is known of a point ``p`` of the tool (or of the tool's attitude ``R``):
+it touches a ball, lies in a plane, is so far from a point. Each kind has residuals, their derivatives by the point, by
+the tool's rotation and by unknowns of its own, and a start of these in closed form. All places are in the base link;
+what is known in the measuring frame comes with its derivative by the base.
+
+A kind is added by a class here and its name in `KINDS`; nothing else names kinds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.identification.constraint_kind import (
+    DIMENSIONS,
+    LEVER,
+    Kind,
+    Misses,
+    Own,
+    Seen,
+    Shape,
+    ball,
+    ball_tool,
+    cross,
+    distance,
+    eliminated,
+    left_inverse,
+    moved,
+    null,
+    ones,
+    rotation,
+    vectors,
+    with_third,
+)
+from irbcal.measurement.features import Feature
+from irbcal.modeling import frames
+
+__all__ = ["DIMENSIONS", "KINDS", "Kind", "Misses", "Own", "Seen", "Shape", "cross", "length_misses", "moved"]
+
+
+class Point(Kind):
+    """The tool's point is at one place: a ball in a socket, a pointer at a tip; or where a tracker saw it."""
+
+    name, size, own = "point", 3, {"centre": Own("place")}
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """``p - c``."""
+        one = ones(len(seen.p))
+        return Misses(seen.p - own["centre"], one, {"centre": -one})
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """The mean."""
+        return {"centre": seen.p.mean(axis=0)}
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """From ``R t - c = -p``, which is linear."""
+        return eliminated(seen.R, [-ones(len(seen.p))], -seen.p)
+
+
+class Sphere(Kind):
+    """The tool's point is on a sphere: a probe touches a ball; the radius is that of ball and probe together."""
+
+    name, size, own = "sphere", 1, {"centre": Own("place"), "radius": Own("number")}
+
+    def fixed(self, feature: Feature) -> dict[str, FloatArray]:
+        """The radius, where it is known."""
+        return {} if feature.radius is None else {"radius": np.array([feature.radius])}
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """``|p - c| - R``."""
+        d, n = distance(seen.p, own["centre"])
+        return Misses((d - own["radius"])[:, None], n, {"centre": -n, "radius": -np.ones((len(d), 1, 1))})
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """From ``|p|^2 - 2 p.c + |c|^2 - R^2 = 0``, which is linear in c and a constant."""
+        c, rest = ball(seen.p)
+        return {"centre": c, "radius": np.array([np.sqrt(max(float(c @ c) - rest, 1e-8))])}
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """From the same equation with ``p + R t`` in place of p, linear in t, c, their products and a constant."""
+        return ball_tool(seen, ())
+
+
+class Radius(Sphere):
+    """The tool's point is ``value + offset`` from a place: string encoders, laser distances, ballbars."""
+
+    name, own = "radius", {"centre": Own("place"), "offset": Own("number")}
+    needs, metric, spread = ("value",), True, True
+
+    def fixed(self, feature: Feature) -> dict[str, FloatArray]:
+        """The offset, where it is known."""
+        return {} if feature.offset is None else {"offset": np.array([feature.offset])}
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """``|p - c| - value - offset``."""
+        d, n = distance(seen.p, own["centre"])
+        r = (d - seen.value - own["offset"])[:, None]
+        return Misses(r, n, {"centre": -n, "offset": -np.ones((len(d), 1, 1))})
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """As of a sphere, with ``(value + offset)^2`` in place of its radius; the offset as on the mean."""
+        known = seen.feature.offset or 0.0
+        v = seen.value + known
+        few = np.ptp(v) < 1e-3 * v.mean()  # one radius: the offset is told from it, not from its changes
+        A = [-2.0 * seen.p, np.ones((len(v), 1))]
+        A += [] if few or seen.feature.offset is not None else [-2.0 * v[:, None]]
+        x = np.linalg.lstsq(np.hstack(A), v**2 - np.sum(seen.p**2, axis=1), rcond=1e-10)[0]
+        c = x[:3]
+        return {"centre": c, "offset": np.array([float(np.mean(distance(seen.p, c)[0] - seen.value))])}
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """As of a sphere."""
+        v = seen.value + (seen.feature.offset or 0.0)
+        return ball_tool(seen, (v[:, None],), v**2)
+
+
+class Plane(Kind):
+    """The tool's point is in a plane: a probe touches a table, the side of a cube."""
+
+    name, size = "plane", 1
+    own: ClassVar[Mapping[str, Own]] = {"normal": Own("axis", length=False), "height": Own("number")}
+    shape_only, spread = True, True
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """``n.p - d``."""
+        Q = own["normal"]
+        point = np.broadcast_to(Q[:, 2], (len(seen.p), 1, 3)).copy()
+        local = seen.p @ Q
+        by_axis = np.stack([-local[:, 1], local[:, 0]], axis=1)[:, None]
+        return Misses(
+            (local[:, 2] - own["height"])[:, None],
+            point,
+            {"normal": by_axis, "height": -np.ones((len(local), 1, 1))},
+        )
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """The direction in which the points scatter least."""
+        middle = seen.p.mean(axis=0)
+        n = np.linalg.svd(seen.p - middle)[2][2]
+        return {"normal": with_third(n), "height": np.array([n @ middle])}
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """From ``n.p + (n t').R - d = 0``, whose unknowns are a null vector."""
+        m = len(seen.p)
+        A = np.hstack([seen.p, seen.R.reshape(m, 9), -np.ones((m, 1))])
+        x = null(A)
+        if x is None:
+            return None
+        n, nt = x[:3], x[3:12].reshape(3, 3)
+        return nt.T @ n / (n @ n), 1e-6 * np.eye(3)
+
+
+class Line(Kind):
+    """The tool's point is on a straight line: a wire, an edge, the beam of a laser."""
+
+    name, size, own = "line", 2, {"line": Own("line")}
+    shape_only, spread = True, True
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """The two coordinates across the line."""
+        Q, a = own["line"][:, :3], own["line"][:, 3]
+        m = len(seen.p)
+        local = (seen.p - a) @ Q
+        by_line = np.zeros((m, 2, 4))
+        by_line[:, 0, 1], by_line[:, 1, 0] = -local[:, 2], local[:, 2]
+        by_line[:, 0, 2] = by_line[:, 1, 3] = -1.0
+        return Misses(local[:, :2], np.broadcast_to(Q[:, :2].T, (m, 2, 3)).copy(), {"line": by_line})
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """Through the mean, along the direction in which the points scatter most."""
+        middle = seen.p.mean(axis=0)
+        return {"line": np.column_stack([with_third(np.linalg.svd(seen.p - middle)[2][0]), middle])}
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """From ``(p + R t) x u = m``, whose unknowns u, products of t and u, and m are a null vector."""
+        m = len(seen.p)
+        cross = np.array(
+            [
+                [[0, 0, 0], [0, 0, 1], [0, -1, 0]],
+                [[0, 0, -1], [0, 0, 0], [1, 0, 0]],
+                [[0, 1, 0], [-1, 0, 0], [0, 0, 0]],
+            ],
+            dtype=float,
+        )  # (p x u)_i = cross[i, j, k] p_j u_k
+        A = np.concatenate(
+            [
+                np.einsum("ijk,mj->mik", cross, seen.p),
+                np.einsum("ijk,mjl->milk", cross, seen.R).reshape(m, 3, 9),
+                -ones(m),
+            ],
+            axis=2,
+        )
+        x = null(A.reshape(3 * m, 15))
+        if x is None:
+            return None
+        u, tu = x[:3], x[3:12].reshape(3, 3)
+        return tu @ u / (u @ u), 1e-6 * np.eye(3)
+
+
+class Gauge(Plane):
+    """The tool's point against a dial gauge or a laser distance along a fixed direction: ``n.p - d = value``."""
+
+    name, needs, shape_only = "gauge", ("value",), False
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """``n.p - d - value``."""
+        found = super().misses(seen, own)
+        return Misses(found.r - seen.value[:, None], found.point, found.own)
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """Linear in the direction and the zero."""
+        middle = seen.p.mean(axis=0)
+        x = np.linalg.lstsq(np.hstack([seen.p - middle, np.ones((len(seen.p), 1))]), seen.value, rcond=1e-9)[0]
+        n = x[:3] / max(float(np.linalg.norm(x[:3])), 1e-12)
+        return {"normal": with_third(n), "height": np.array([np.mean(seen.p @ n - seen.value)])}
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """From ``n.p + (n t').R - d = value``, which is linear."""
+        m = len(seen.p)
+        A = np.hstack([seen.p - seen.p.mean(axis=0), seen.R.reshape(m, 9), -np.ones((m, 1))])
+        if m < A.shape[1]:
+            return None
+        x, _, rank, _ = np.linalg.lstsq(A, seen.value, rcond=1e-9)
+        n, nt = x[:3], x[3:12].reshape(3, 3)
+        return None if rank < A.shape[1] else (nt.T @ n / (n @ n), 1e-6 * np.eye(3))
+
+
+class Offset(Kind):
+    """A ball on the tool, seen in the axes of a sensor in the hall: laser fans, three dial gauges in a nest."""
+
+    name, size = "offset", 3
+    own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", length=False)}
+    needs = ("xyz",)
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """``p - c - F v``."""
+        there = seen.xyz @ own["axes"].T
+        one = ones(len(there))
+        return Misses(seen.p - own["centre"] - there, one, {"centre": -one, "axes": cross(there)})
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """Linear in c and F."""
+        A = np.hstack([np.ones((len(seen.p), 1)), seen.xyz])
+        x = np.asarray(np.linalg.lstsq(A, seen.p, rcond=1e-12)[0], dtype=float)
+        return {"centre": x[0], "axes": rotation(x[1:].T)}
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """From ``R t - c - F v = -p``, which is linear."""
+        all_of = np.einsum("ij,mk->mijk", np.eye(3), seen.xyz).reshape(len(seen.p), 3, 9)
+        return eliminated(seen.R, [-ones(len(seen.p)), -all_of], -seen.p)
+
+
+class OffsetOnTool(Kind):
+    """A ball in the hall, seen in the axes of a sensor on the tool: cameras or laser fans that the arm carries."""
+
+    name, size = "offset-on-tool", 3
+    own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", of="target", length=False)}
+    needs = ("xyz",)
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """``p + R X v - c``."""
+        local = seen.xyz @ own["axes"].T
+        there = np.einsum("mij,mj->mi", seen.R, local)
+        one = ones(len(there))
+        return Misses(
+            seen.p + there - own["centre"], one, {"centre": -one, "axes": -seen.R @ cross(local)}, -cross(there)
+        )
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """Linear in c and X."""
+        m = len(seen.p)
+        A = np.concatenate([np.einsum("mij,mk->mijk", seen.R, seen.xyz).reshape(m, 3, 9), -ones(m)], axis=2)
+        x = np.linalg.lstsq(A.reshape(3 * m, 12), -seen.p.ravel(), rcond=1e-12)[0]
+        return {"centre": x[9:], "axes": rotation(x[:9].reshape(3, 3))}
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """From ``R t + R X v - c = -p``, which is linear."""
+        m = len(seen.p)
+        all_of = np.einsum("mij,mk->mijk", seen.R, seen.xyz).reshape(m, 3, 9)
+        return eliminated(seen.R, [all_of, -ones(m)], -seen.p)
+
+
+class Pose(Kind):
+    """The tool's place and attitude are measured: a tracker with a probe of six degrees of freedom, a camera."""
+
+    name, size = "pose", 6
+    own: ClassVar[Mapping[str, Own]] = {"axes": Own("turn", of="target", length=False)}
+    needs, metric, spread = ("xyz", "rotation"), True, True
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """``p - T^-1 x``, and the rotation vector from measured to predicted axes times `LEVER`."""
+        T = frames.inverse(seen.T_world_base)
+        m = len(seen.p)
+        there = seen.xyz @ T[:3, :3].T + T[:3, 3]
+        E = seen.R @ own["axes"] @ (T[:3, :3] @ seen.rotation).transpose(0, 2, 1)
+        e = vectors(E)
+        left, right = left_inverse(e), left_inverse(-e)
+        point, turn, axes, base = (np.zeros((m, 6, k)) for k in (3, 3, 3, 6))
+        point[:, :3] = np.eye(3)
+        turn[:, 3:] = LEVER * left
+        axes[:, 3:] = LEVER * left @ seen.R
+        base[:, :3, :3], base[:, :3, 3:] = -cross(there), np.eye(3)
+        base[:, 3:, :3] = LEVER * right
+        return Misses(np.hstack([seen.p - there, LEVER * e]), point, {"axes": axes, "base": base}, turn)
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """The mean of what the axes on the tool must be."""
+        there = seen.T_world_base[:3, :3].T @ seen.rotation
+        return {"axes": frames.nearest_rotation((seen.R.transpose(0, 2, 1) @ there).mean(axis=0))}
+
+
+class Angle(Kind):
+    """An axis of the tool against the horizontal: an inclinometer; the feature is what is level."""
+
+    name, size = "angle", 1
+    own: ClassVar[Mapping[str, Own]] = {"axis": Own("axis", of="target", length=False), "up": Own("axis", length=False)}
+    needs, spread, pointed = ("value",), True, False
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """``asin(a.u) - value`` times `LEVER`, with a the axis of the tool and u upwards."""
+        A, U = own["axis"], own["up"]
+        here = seen.R @ A  # columns: the axis and two across it
+        a, u = here[:, :, 2], U[:, 2]
+        s = np.clip(a @ u, -1.0 + 1e-12, 1.0 - 1e-12)
+        slope = (LEVER / np.sqrt(1.0 - s * s))[:, None, None]
+        by_axis = np.stack([-here[:, :, 1] @ u, here[:, :, 0] @ u], axis=1)[:, None]
+        by_up = np.stack([-a @ U[:, 1], a @ U[:, 0]], axis=1)[:, None]
+        turn = np.cross(a, u)[:, None]
+        return Misses(
+            (LEVER * (np.arcsin(s) - seen.value))[:, None],
+            np.zeros((len(s), 1, 3)),
+            {"axis": slope * by_axis, "up": slope * by_up},
+            slope * turn,
+        )
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """The base link taken as level: ``a.(R' z) = sin(value)`` is linear."""
+        a = np.linalg.lstsq(seen.R[:, 2, :], np.sin(seen.value), rcond=1e-12)[0]
+        return {"axis": with_third(a / np.linalg.norm(a)), "up": np.eye(3)}
+
+
+KINDS: Mapping[str, Kind] = {
+    kind.name: kind
+    for kind in (Point(), Sphere(), Radius(), Plane(), Line(), Gauge(), Offset(), OffsetOnTool(), Pose(), Angle())
+}
+"""Kinds of rows by name."""
+
+
+def length_misses(first: FloatArray, second: FloatArray, length: float) -> tuple[float, FloatArray]:
+    """Residual of a known distance of two places, metres, and its derivative by the first, shape (3,)."""
+    d = float(np.linalg.norm(first - second))
+    return d - length, (first - second) / max(d, 1e-12)

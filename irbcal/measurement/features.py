@@ -1,0 +1,476 @@
+"""Measurements at features: balls, sockets, planes, lines and known distances instead of a tracker's points.
+
+A file of rows says at which joints the tool was at which feature, and a second small file (CSV or YAML) what is known
+of the features::
+
+    pose,q1_deg,...,q6_deg,feature[,target,kind,value_mm,value_deg,u95_mm,u95_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz,...]
+    feature,kind[,target,first,second,length_mm,radius_mm,offset_mm,x_mm,y_mm,z_mm,u95_mm]
+
+What a row does not say, its feature does. A feature of kind ``distance`` is the known length between the features
+``first`` and ``second``. Names in the second file may be made of columns of the first in braces: ``{place}/{socket}``
+is one feature for each place and socket, and where the rows have no column ``feature`` it names theirs. Rows that a
+tracker measured have a position and no feature. Joints are ``q1_deg`` (``q1_rad``; ``q1_mm`` or ``q1_m`` where one
+slides) or, where there are programmed joints, ``c1_deg`` …
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.errors import MeasurementError
+from irbcal.measurement import columns
+from irbcal.measurement.columns import TableLike
+from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.reading import read_bytes
+from irbcal.summary import Speaks, Told
+from irbcal.units import DEG, MM
+
+TARGET = "ball"
+"""What the tool's point is called unless a target is named."""
+
+DISTANCE = "distance"
+"""The kind of what is known between two features."""
+
+POINT = "point"
+"""The kind of rows with a measured position and no feature."""
+
+TEXT = ("feature", "kind", "target", "first", "second")
+LENGTHS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm")
+LENGTH_U95 = 0.05 * MM
+"""How well a known length is known unless that is said, metres."""
+
+_BRACES = re.compile(r"\{([^{}]+)\}")
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """A feature with what is known of it.
+
+    Attributes
+    ----------
+    name, kind, target : str
+    radius, offset : float or None
+        Metres.
+    centre : ndarray, shape (3,), or None
+        In the measuring frame, metres.
+    u95 : float or None
+        Of its rows, metres.
+    """
+
+    name: str
+    kind: str
+    target: str = TARGET
+    radius: float | None = None
+    offset: float | None = None
+    centre: FloatArray | None = None
+    u95: float | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+@dataclass(frozen=True)
+class Length:
+    """A known distance of two features' centres, metres."""
+
+    name: str
+    first: str
+    second: str
+    length: float
+    u95: float = LENGTH_U95
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FeatureSet(Speaks):
+    """Measurements at features, row by row.
+
+    Attributes
+    ----------
+    q : ndarray, shape (m, joints)
+        Of the arm, radians (metres).
+    pose : ndarray of str, shape (m,)
+    pose_index : ndarray of int, shape (m,)
+    target, kind, feature : ndarray of str, shape (m,)
+        The feature of a tracker's row is empty.
+    value, u95 : ndarray, shape (m,)
+        Metres (radians where the value is an angle); NaN where there is none.
+    xyz : ndarray, shape (m, 3)
+        Metres; likewise.
+    rotation : ndarray, shape (m, 3, 3)
+        Measured orientation; likewise.
+    row : ndarray of int, shape (m,)
+        In the file, for messages.
+    cells : DataFrame
+        The rows as text, for columns that name places.
+    features : dict of str to Feature
+    lengths : tuple of Length
+    joint_columns : tuple of str
+        Of the arm, in the order of its joints.
+    source, sha256 : str
+    simulated, programmed : bool
+    """
+
+    q: FloatArray
+    pose: NameArray
+    pose_index: IntArray
+    target: NameArray
+    kind: NameArray
+    feature: NameArray
+    value: FloatArray
+    u95: FloatArray
+    xyz: FloatArray
+    rotation: FloatArray
+    row: IntArray
+    cells: pd.DataFrame
+    features: Mapping[str, Feature]
+    lengths: tuple[Length, ...]
+    joint_columns: tuple[str, ...]
+    source: str
+    sha256: str
+    simulated: bool = False
+    programmed: bool = False
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def poses(self) -> int:
+        """Number of poses."""
+        return len(np.unique(self.pose_index))
+
+    def select(self, rows: BoolArray) -> FeatureSet:
+        """Some rows, with the features seen in them and the lengths between these."""
+        names = set(self.feature[rows])
+        arrays: dict[str, Any] = {
+            name: getattr(self, name)[rows]
+            for name in ("q", "pose", "pose_index", "target", "kind", "feature", "value", "u95", "xyz", "rotation")
+        }
+        return replace(
+            self,
+            **arrays,
+            row=self.row[rows],
+            cells=self.cells[rows],
+            features={name: one for name, one in self.features.items() if name in names},
+            lengths=tuple(one for one in self.lengths if one.first in names and one.second in names),
+        )
+
+    def as_measurements(self) -> MeasurementSet:
+        """The rows as a table of measurements without places, with the joints that models take."""
+        table = pd.DataFrame({"row": self.row, "pose": self.pose, "target": self.target})
+        for name, values in zip(self.joint_columns, self.q.T, strict=True):
+            table[name] = values / (MM if name.endswith("_mm") else DEG)
+        for name in columns.POSITION:
+            table[name] = np.nan
+        table["pose_index"] = np.unique(self.pose_index, return_inverse=True)[1]
+        if self.simulated:
+            table["simulated"] = "yes"
+        return MeasurementSet(table, self.source, self.sha256)
+
+    def kinds(self) -> dict[str, int]:
+        """Number of rows of each kind."""
+        names, counts = np.unique(self.kind.astype(str), return_counts=True)
+        return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
+
+    def places(self, column: str | None = None) -> NameArray:
+        """What is held out together, for each row: a column's values, or features that lengths or poses tie together.
+
+        Raises
+        ------
+        MeasurementError
+            If there is no such column, or it divides the rows of one feature.
+        """
+        if column is not None:
+            if column not in self.cells.columns:
+                raise MeasurementError(
+                    f"there is no column {column} to leave out by; found {columns.listed(list(self.cells.columns))}",
+                    file=self.source,
+                    row=columns.header_row(self.source),
+                    parameter="leave_out",
+                )
+            return np.asarray(columns.names(self.cells, column, self.source), dtype=object)
+        parent = {name: name for name in self.features}
+
+        def root(name: str) -> str:
+            while parent[name] != name:
+                name = parent[name]
+            return name
+
+        for one in self.lengths:
+            parent[root(one.second)] = root(one.first)
+        first: dict[int, str] = {}
+        for number, name in zip(self.pose_index.tolist(), self.feature, strict=True):
+            if name:
+                parent[root(name)] = root(first.setdefault(number, name))
+        tied = {name: root(name) for name in parent}
+        # a tracker's poses stand for themselves, unless they are at a feature, too
+        return np.array(
+            [
+                tied[name] if name else tied[first[k]] if k in first else "tracker"
+                for name, k in zip(self.feature, self.pose_index.tolist(), strict=True)
+            ],
+            dtype=object,
+        )
+
+    def told(self) -> Sequence[Told]:
+        """How many rows of which kinds at how many features."""
+        rows = ", ".join(f"{count} of kind {kind}" for kind, count in self.kinds().items())
+        lengths = f", {len(self.lengths)} known lengths" if self.lengths else ""
+        made = "SIMULATED " if self.simulated else ""
+        return [f"{made}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{lengths}"]
+
+
+def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
+    """Read rows and features.
+
+    Parameters
+    ----------
+    rows : str, Path or DataFrame
+    features : str, Path or DataFrame, optional
+        CSV or YAML (a list of mappings with the same names); none where every row says its kind.
+    arm : Arm
+
+    Returns
+    -------
+    FeatureSet
+
+    Raises
+    ------
+    MeasurementError
+        If a file does not keep the format, or a row's feature is not known.
+    """
+    cells, source, sha256 = columns.read(rows, ["pose"])
+    given = [] if features is None else _given(features)
+    name_of = "<features>" if not isinstance(features, (str, PathLike)) else str(features)
+    names = _names(cells, given, source)
+    known, lengths = _features(given, cells, names, source, name_of)
+    kind, target = (_text(cells, column, len(cells)) for column in ("kind", "target"))
+    for k, name in enumerate(names):
+        one = known.get(name)
+        if name and one is None and not kind[k]:
+            raise MeasurementError(
+                f"nothing is known of the feature {name}: name it with its kind in {name_of}, or give the row a kind",
+                file=source,
+                row=int(cells.index[k]),
+                column="feature",
+            )
+        kind[k] = kind[k] or (POINT if one is None else one.kind)
+        target[k] = target[k] or (TARGET if one is None else one.target)
+        if name and one is None:
+            known[name] = Feature(name, kind[k], target[k])
+    q, programmed = _joints(cells, arm, source)
+    u95 = _number(cells, {"u95_mm": MM, "u95_deg": DEG}, source)
+    own = np.array([np.nan if not n or known[n].u95 is None else known[n].u95 for n in names], dtype=float)
+    xyz = np.column_stack([_number(cells, {f"{axis}_mm": MM}, source) for axis in "xyz"])
+    turned = np.full((len(cells), 3, 3), np.nan)
+    if all(name in cells.columns for name in columns.QUATERNION):
+        quaternion = np.column_stack([_number(cells, {name: 1.0}, source) for name in columns.QUATERNION])
+        there = np.isfinite(quaternion).all(axis=1)
+        turned[there] = frames.matrix_from_quaternion(
+            quaternion[there] / np.linalg.norm(quaternion[there], axis=1)[:, None]
+        )
+    pose = np.asarray(columns.names(cells, "pose", source), dtype=object)
+    simulated = "simulated" in cells.columns and bool(
+        (~cells["simulated"].astype(str).str.lower().isin(["", "no", "0", "false"])).any()
+    )
+    return FeatureSet(
+        q,
+        pose,
+        _poses(cells, pose),
+        target,
+        kind,
+        names,
+        _number(cells, {"value_mm": MM, "value_deg": DEG}, source),
+        np.where(np.isfinite(u95), u95, own),
+        xyz,
+        turned,
+        np.asarray(cells.index, dtype=int),
+        cells,
+        {name: one for name, one in known.items() if name in set(names)},
+        lengths,
+        tuple(arm.joint_columns),
+        source,
+        sha256,
+        simulated,
+        programmed,
+    )
+
+
+def _given(features: TableLike) -> list[dict[str, str]]:
+    """The features' file as rows of text, with its row under ``row``."""
+    if isinstance(features, (str, PathLike)) and Path(features).suffix in (".yaml", ".yml"):
+        import yaml
+
+        source = str(features)
+        try:
+            found = yaml.safe_load(read_bytes(features, MeasurementError).decode("utf-8"))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise MeasurementError(f"expected YAML, found {str(error).splitlines()[0]}", file=source) from None
+        if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
+            raise MeasurementError("expected a list of features, each with feature and kind", file=source)
+        table = pd.DataFrame([{k: "" if v is None else str(v) for k, v in one.items()} for one in found]).fillna("")
+        return _rows_of(table, source)
+    cells, source, _ = columns.read(features, ["feature", "kind"])
+    return _rows_of(cells, source)
+
+
+def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
+    strange = [str(name) for name in cells.columns if name not in (*TEXT, *LENGTHS)]
+    missing = [name for name in ("feature", "kind") if name not in cells.columns]
+    if strange or missing:
+        what = f"there is a column {strange[0]}" if strange else f"missing column {missing[0]}"
+        raise MeasurementError(
+            f"{what}: features have the columns {', '.join((*TEXT, *LENGTHS))}",
+            file=source,
+            row=columns.header_row(source),
+        )
+    for name in LENGTHS:
+        if name in cells.columns:
+            columns.numbers(cells, name, source, "a length in mm or nothing", lost=True)
+    return [
+        {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
+        for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
+    ]
+
+
+def _text(cells: pd.DataFrame, name: str, rows: int) -> NameArray:
+    if name not in cells.columns:
+        return np.full(rows, "", dtype=object)
+    return np.asarray(cells[name].astype(str).str.strip(), dtype=object)
+
+
+def _filled(pattern: str, cells: pd.DataFrame, one: Mapping[str, str], source: str) -> NameArray:
+    """A name for each row of the measurements, from a pattern with columns in braces."""
+    out = np.full(len(cells), pattern, dtype=object)
+    for column in dict.fromkeys(_BRACES.findall(pattern)):
+        if column not in cells.columns:
+            raise MeasurementError(
+                f"{pattern} asks for the column {column}, which {source} does not have: it has "
+                f"{columns.listed(list(cells.columns))}",
+                file=one["source"],
+                row=int(one["row"]),
+                column="feature",
+            )
+        values = columns.names(cells, column, source)
+        out = np.array([a.replace(f"{{{column}}}", str(b)) for a, b in zip(out, values, strict=True)], dtype=object)
+    return out
+
+
+def _names(cells: pd.DataFrame, given: list[dict[str, str]], source: str) -> NameArray:
+    """Feature of each row."""
+    if "feature" in cells.columns:
+        return _text(cells, "feature", len(cells))
+    patterns = [one for one in given if _BRACES.search(one["feature"]) and one["kind"] != DISTANCE]
+    if len(patterns) == 1:
+        return _filled(patterns[0]["feature"], cells, patterns[0], source)
+    if not given and all(name in cells.columns for name in columns.POSITION):
+        return np.full(len(cells), "", dtype=object)
+    raise MeasurementError(
+        "missing column feature: expected the name of the feature that each row is at, or one name made of columns, "
+        "such as {place}/{socket}, among the features",
+        file=source,
+        row=columns.header_row(source),
+    )
+
+
+def _features(
+    given: list[dict[str, str]], cells: pd.DataFrame, names: NameArray, source: str, name_of: str
+) -> tuple[dict[str, Feature], tuple[Length, ...]]:
+    """Features and lengths with all names filled in."""
+    known: dict[str, Feature] = {}
+    lengths: dict[str, Length] = {}
+    seen = set(names)
+    for one in given:
+        value = {name: float(one[name]) * MM if one.get(name) else None for name in LENGTHS}
+        if not one["feature"] or not one["kind"]:
+            raise MeasurementError("expected a feature and its kind", file=one["source"], row=int(one["row"]))
+        labels = _filled(one["feature"], cells, one, source) if _BRACES.search(one["feature"]) else [one["feature"]]
+        ends = [_filled(one.get(name, ""), cells, one, source) for name in ("first", "second")]
+        if one["kind"] == DISTANCE:
+            length = value["length_mm"]
+            if length is None or length <= 0.0 or not one.get("first") or not one.get("second"):
+                raise MeasurementError(
+                    "a distance needs first, second and length_mm", file=one["source"], row=int(one["row"])
+                )
+            triples = set(zip(labels if len(labels) > 1 else labels * len(cells), *ends, strict=True))
+            there = sorted(triple for triple in triples if triple[1] in seen and triple[2] in seen)
+            if not there and not any(_BRACES.search(one[key]) for key in ("first", "second")):
+                lost = one["first"] if one["first"] not in seen else one["second"]
+                raise MeasurementError(
+                    f"no row is at {lost}, between which and another {one['feature']} is known",
+                    file=one["source"],
+                    row=int(one["row"]),
+                )
+            for label, first, second in there:
+                lengths[label] = Length(label, first, second, length, value["u95_mm"] or LENGTH_U95)
+            continue
+        place = [value[f"{axis}_mm"] for axis in "xyz"]
+        if any(x is None for x in place) and any(x is not None for x in place):
+            raise MeasurementError("expected x_mm, y_mm and z_mm, all or none", file=one["source"], row=int(one["row"]))
+        centre = None if place[0] is None else np.array(place, dtype=float)
+        for label in dict.fromkeys(labels):
+            known[label] = Feature(
+                label,
+                one["kind"],
+                one.get("target") or TARGET,
+                value["radius_mm"],
+                value["offset_mm"],
+                centre,
+                value["u95_mm"],
+            )
+    return known, tuple(lengths.values())
+
+
+def _number(cells: pd.DataFrame, units: Mapping[str, float], source: str) -> FloatArray:
+    """The first of some columns that a row has a number in, SI units; NaN where none has."""
+    out = np.full(len(cells), np.nan)
+    for name, unit in units.items():
+        if name in cells.columns:
+            values = columns.numbers(cells, name, source, "a number or nothing", lost=True) * unit
+            out = np.where(np.isfinite(out), out, values)
+    return out
+
+
+def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, bool]:
+    """Joints (m, joints) of the arm, programmed ones where there are any, SI units, and whether they are programmed."""
+    for letter in "cq":
+        q = []
+        for k, slides in enumerate(arm.table.prismatic, 1):
+            units = {f"{letter}{k}_mm": MM, f"{letter}{k}_m": 1.0}
+            units = units if slides else {f"{letter}{k}_deg": DEG, f"{letter}{k}_rad": 1.0}
+            name = next((name for name in units if name in cells.columns), None)
+            if name is None:
+                break
+            q.append(columns.numbers(cells, name, source, f"joint {k}") * units[name])
+        else:
+            return arm.check_joints(arm.from_controller(np.column_stack(q))), letter == "c"
+        if q:
+            break
+    raise MeasurementError(
+        f"missing column {' or '.join(units)}: {arm.name} has {arm.joints_in_words}; found "
+        f"{columns.listed(list(cells.columns))}",
+        file=source,
+        row=columns.header_row(source),
+    )
+
+
+def _poses(cells: pd.DataFrame, pose: NameArray) -> IntArray:
+    """Number of each row's pose: rows with one name and the same joints."""
+    joints = [name for name in cells.columns if re.fullmatch(r"[qc][1-9]\d?_(deg|rad|mm|m)", str(name))]
+    key = pd.Series(pose, index=cells.index).astype(str)
+    for name in joints:
+        key = key + "|" + cells[name].astype(str)
+    return np.asarray(pd.factorize(key)[0], dtype=int)

@@ -1,0 +1,196 @@
+"""Proof without a tracker: whole places are left out of the fit, and judged by how their rows agree with themselves.
+
+Never single rows: the other rows at a feature would tell its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray, NameArray, lock
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.identification.constraint_fit import held_out, identify_features
+from irbcal.identification.constraints import KINDS
+from irbcal.measurement.features import FeatureSet
+from irbcal.modeling.arm import Arm
+
+PLACE = "place"
+"""The column that names places unless another is named."""
+
+NONE = "none"
+"""Leave nothing out."""
+
+MOST = 12
+"""Places that are left out one at a time; more are left out in as many parts."""
+
+TRACKER, PARTS = "tracker", 4
+"""Poses that only a tracker saw are left out in so many parts."""
+
+LENGTHS = "lengths"
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOutPlace:
+    """One place left out of the fit.
+
+    Attributes
+    ----------
+    name : str
+    rows : ndarray of int
+        Of the whole set.
+    nominal, calibrated : ndarray, shape (rows,)
+        What its rows miss about features placed anew, metres.
+    lengths : dict of str to (float, float)
+        Found minus known lengths at it, nominal and calibrated, metres.
+    """
+
+    name: str
+    rows: IntArray
+    nominal: FloatArray
+    calibrated: FloatArray
+    lengths: Mapping[str, tuple[float, float]]
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureProof:
+    """All places, each left out in turn.
+
+    Attributes
+    ----------
+    by : str
+        What was left out: the column's name, or ``features``.
+    places : tuple of LeftOutPlace
+    """
+
+    by: str
+    places: tuple[LeftOutPlace, ...]
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def of_rows(self, rows: int, calibrated: bool = True) -> FloatArray:
+        """What each row missed while its place was left out, metres; NaN where it never was."""
+        out = np.full(rows, np.nan)
+        for one in self.places:
+            out[one.rows] = one.calibrated if calibrated else one.nominal
+        return out
+
+    @property
+    def lengths(self) -> dict[str, tuple[float, float]]:
+        """Found minus known lengths, nominal and calibrated, metres."""
+        return {name: errors for one in self.places for name, errors in one.lengths.items()}
+
+
+def labels(seen: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str, NameArray]:
+    """What is left out together, for each row, and what it is called.
+
+    Raises
+    ------
+    MeasurementError
+        If the column is not there, or divides rows that tell one feature's place.
+    OptionError
+        If it is the pose, which is no place.
+    """
+    if leave_out in ("pose", "row"):
+        raise OptionError(
+            "leave_out: rows at one feature prove nothing about each other: name a column of whole places",
+            parameter="leave_out",
+        )
+    column = leave_out or (PLACE if PLACE in seen.cells.columns else None)
+    out = seen.places(column).astype(object)
+    if column is None:
+        alone = np.flatnonzero(out == TRACKER)
+        poses = np.unique(seen.pose_index[alone])
+        part = np.random.default_rng(seed).permutation(len(poses)) * PARTS // max(len(poses), 1)
+        number = dict(zip(poses.tolist(), part.tolist(), strict=True))
+        for k in alone:
+            out[k] = f"{TRACKER} {number[int(seen.pose_index[k])] + 1}"
+        return "features", out
+    for name in seen.features:
+        mine = seen.feature == name
+        own = [kind for kind in set(seen.kind[mine]) if kind in KINDS and not KINDS[kind].spread]
+        if own and len(set(out[mine])) > 1:
+            other = int(np.flatnonzero(mine & (out != out[mine][0]))[0])
+            raise MeasurementError(
+                f"feature {name} is at {out[mine][0]} and at {out[other]}: whole features are left out, never some of "
+                "their rows",
+                file=seen.source,
+                row=int(seen.row[other]),
+                column=column,
+            )
+    return column, out
+
+
+def prove(
+    arm: Arm,
+    seen: FeatureSet,
+    leave_out: str | None = None,
+    terms: str = "joint-map",
+    seed: int = 0,
+    progress: Callable[[str], object] | None = None,
+) -> FeatureProof | None:
+    """Leave each place out in turn: fit the rest, place its features anew, see how well its rows agree.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal.
+    seen : FeatureSet
+    leave_out : str, optional
+        Column that names places; ``place`` where there is one, else features that lengths or poses tie together.
+        ``none`` for no proof.
+    terms, seed
+        As `irbcal.identification.constraint_fit.identify_features`; which poses of a tracker go together.
+    progress : callable, optional
+
+    Returns
+    -------
+    FeatureProof or None
+        None where there is but one place.
+
+    Raises
+    ------
+    MeasurementError
+        If a column cannot serve.
+    IdentificationError
+        If the rest does not do without a place.
+    """
+    if leave_out == NONE:
+        return None
+    by, label = labels(seen, leave_out, seed)
+    names = list(dict.fromkeys(label))
+    if len(names) < 2:
+        return None
+    parts = [names[k::MOST] for k in range(min(MOST, len(names)))]
+    out = []
+    for part in parts:
+        mine = np.isin(label.astype(str), part)
+        title = ", ".join(str(name) for name in part)
+        if progress:
+            progress(f"leaving out {title}")
+        try:
+            fit = identify_features(arm, seen.select(~mine), terms, bare=True)
+            pairs = [held_out(fit, seen.select(mine), calibrated) for calibrated in (False, True)]
+        except IdentificationError as error:
+            raise IdentificationError(
+                f"without {by} {title} the rest does not do ({error}): measure at more places, or --leave-out none for "
+                "a calibration without proof"
+            ) from None
+        here = seen.select(mine)
+        lengths = zip(here.lengths, *(errors for _, errors in pairs), strict=True)
+        out.append(
+            LeftOutPlace(
+                title,
+                np.flatnonzero(mine),
+                pairs[0][0],
+                pairs[1][0],
+                {one.name: (float(a), float(b)) for one, a, b in lengths},
+            )
+        )
+    return FeatureProof(by, tuple(out))

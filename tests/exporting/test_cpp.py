@@ -1,0 +1,63 @@
+"""The C++ header compiles without a warning and computes what irbcal computes."""
+
+import subprocess
+
+import numpy as np
+import pytest
+from export_harness import COMPILERS, compiled, computed, situations
+from support import assert_derivative
+
+from irbcal.exporting import cpp
+
+pytestmark = pytest.mark.skipif(not COMPILERS, reason="no C++ compiler")
+CASES = [("irb1600", 10_000), ("ur10", 10_000), ("panda", 10_000), ("level", 1000), ("rail", 1000), ("plain", 100)]
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(("name", "poses"), CASES)
+def test_the_header_computes_what_irbcal_computes(sources, tmp_path, compiler, name, poses):
+    source = sources[name]
+    robot = source.robot
+    program = compiled(source, tmp_path, compiler)
+    q, situation = situations(robot, poses, 11)
+    theta, T, _, _, back, again, flags = computed(program, q, situation)
+    assert np.abs(theta - robot.joint_map.effective(q, *situation)).max() < 1e-12
+    wanted = robot.forward(q, *situation)[:, :3]
+    assert np.abs(T - wanted).max() < 1e-12
+    assert flags[:, 0].all()
+    assert np.abs(back - q).max() < 1e-12
+    found = flags[:, 1] == 1.0
+    assert found.mean() > 0.98  # the others are next to singularities
+    assert np.abs(again - wanted)[found].max() < 5e-12
+
+    q, before = q[1:4], situation[0][1:4]  # stops that are known, the usual load: irbcal's own derivative is for that
+    load = np.full(3, source.parts.payload_kg), np.tile(source.parts.payload_place, (3, 1))
+    _, _, M, J, *_ = computed(program, q, (before, *load, np.zeros(q.shape)))
+    assert np.abs(M - robot.joint_map.jacobian(q, before)).max() < 1e-12
+    assert_derivative(lambda x: robot.forward(x[None], before[:1])[0, :3, 3], q[0], J[0, :3], 1e-8, 1e-5)
+
+
+def test_the_check_sees_a_wrong_number(sources, tmp_path):
+    source = sources["irb1600"]
+    for name, content in cpp.files(source).items():
+        (tmp_path / name).write_bytes(content)
+    (check,) = tmp_path.glob("*_check.cpp")
+    call = [
+        COMPILERS[0],
+        "-std=c++17",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-fno-exceptions",
+        check,
+        "-o",
+        tmp_path / "check",
+    ]
+    subprocess.run(call, check=True)
+    assert subprocess.run([tmp_path / "check"], capture_output=True).returncode == 0
+    (header,) = tmp_path.glob("*.hpp")
+    text = header.read_text()
+    assert source.parts.version in text
+    header.write_text(text.replace(repr(float(source.parts.gain[2])), repr(float(source.parts.gain[2]) + 1e-9)))
+    subprocess.run(call, check=True)
+    assert subprocess.run([tmp_path / "check"], capture_output=True).returncode == 1

@@ -1,0 +1,45 @@
+"""What exports are made from: a calibration folder with its speeds and load."""
+
+import numpy as np
+import pytest
+
+import irbcal
+from irbcal.errors import CalibrationError, RobotError
+from irbcal.exporting import python
+from irbcal.exporting.source import EXACT, Source, speeds
+
+
+def test_of_a_calibration_folder(folder):
+    source = Source.of(folder)
+    made = irbcal.load(folder)
+    robot = made.robot_calibrated()
+    q = robot.arm.random_joints(100, 3)
+    found = python.module(source.parts, source.vectors, "calibrated.py.j2").forward(q)
+    assert np.abs(found - robot.poses(q)).max() < 1e-12
+    assert source.parts.fingerprint == made.record.fingerprint
+    assert source.miss < EXACT
+    assert np.degrees(source.parts.speed).round().tolist() == [150, 160, 170, 320, 400, 460]  # the URDF's
+    assert Source.of(made).parts.fingerprint == source.parts.fingerprint
+
+
+def test_speeds_that_are_not_told_are_endless(folder):
+    arm = irbcal.load(folder).arm()
+    text = (folder / "calibrated.urdf").read_bytes()
+    for wrong in (b'velocity="0"', b'velocity="fast"', b""):
+        start = text.index(b"velocity=")
+        end = text.index(b'"', start + 10) + 1
+        found = speeds(text[:start] + wrong + text[end:], arm)
+        assert np.isinf(found).sum() == 1
+
+
+def test_a_load_that_is_not_known_is_refused(folder):
+    with pytest.raises(RobotError, match="payload"):
+        Source.of(folder, payload=3.0)
+
+
+def test_numbers_that_are_not_irbcals_are_not_exported(sources, monkeypatch):
+    robot = sources["level"].robot
+    other = sources["irb1600"].parts
+    monkeypatch.setattr("irbcal.exporting.source.Parts.of", lambda *args, **kwargs: other)
+    with pytest.raises(CalibrationError, match="would miss irbcal's own kinematics"):
+        Source.of_robot(robot)

@@ -1,0 +1,154 @@
+"""SIMULATED rows at features for tests: a robot with known errors, touching what each kind is about."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from irbcal.files.nominal import read_nominal
+from irbcal.identification.constraints import KINDS, Seen
+from irbcal.measurement import features
+from irbcal.measurement.features import Feature
+from irbcal.modeling import frames
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.geometry import DHM_COLUMNS
+from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
+from irbcal.units import DEG, MM
+
+TOOL = np.array([0.06, -0.03, 0.15])
+COUNTS = {"angle": 1, "pose": 1, "radius": 2, "line": 4}
+EMPTY = np.full((1, 3, 3), np.nan)
+
+
+def arm():
+    return read_nominal("irb1600", None, None, None).arm
+
+
+def true_arm(nominal, seed=0, scale=1.0, lengths=True):
+    """The arm with random errors of its geometry, of angles alone where lengths cannot be told."""
+    rng, table = np.random.default_rng(seed), nominal.table
+    for term in GEOMETRY.terms(nominal):
+        if term.axis[0] == "r" or lengths:
+            column = getattr(table, DHM_COLUMNS[term.axis]).copy()
+            column[term.joint] += scale * term.size * rng.standard_normal()
+            table = replace(table, **{DHM_COLUMNS[term.axis]: column})
+    return nominal.with_table(table)
+
+
+def tip(one, q, tool=TOOL):
+    T = one.forward(q)
+    return T[:, :3, 3] + T[:, :3, :3] @ tool, T[:, :3, :3]
+
+
+def unknowns(kind, rng):
+    """True unknowns of a feature, within reach."""
+    centre = np.array([rng.uniform(0.7, 1.0), rng.uniform(-0.5, 0.5), rng.uniform(0.3, 0.9)])
+    turn = frames.rotation_from_vector(rng.standard_normal(3))
+    if kind == "line":
+        return {"line": np.column_stack([turn, centre])}
+    if kind in ("plane", "gauge"):
+        return {"normal": turn, "height": np.array([turn[:, 2] @ centre])}
+    own = {"centre": centre} if "centre" in KINDS[kind].own else {}
+    own |= {"axes": turn} if "axes" in KINDS[kind].own else {}
+    own |= {"radius": np.array([0.03])} if kind == "sphere" else {}
+    own |= (
+        {"offset": np.array([0.05]), "centre": np.array([1.8, 1.0, 0.2]) * rng.uniform(0.7, 1.0, 3)}
+        if (kind == "radius")
+        else {}
+    )
+    if kind == "angle":
+        own = {"axis": turn, "up": frames.rotation_from_vector(np.array([0.01, -0.02, 0.0]))}
+    return own
+
+
+def contact(one, kind, own, n, rng, value=0.0, xyz=None):
+    """Random joints moved until they meet a kind's condition."""
+    nominal = arm()
+    q, out = nominal.random_joints(12 * n, int(rng.integers(1 << 30))) * 0.8, []
+    xyz = np.zeros(3) if xyz is None else xyz
+    v = np.broadcast_to(np.asarray(value, float), len(q)) if np.ndim(value) == 0 else np.resize(value, len(q))
+    places = np.resize(xyz, (len(q), 3))
+    for _ in range(25):
+        p, R = tip(one, q)
+        found = KINDS[kind].misses(Seen(Feature("", kind), p, R, v, places, EMPTY), own)
+        path = chain.walk(nominal, q)
+        moves = chain.point_columns(path, p.T, np.arange(len(q)))[:, 2].transpose(2, 1, 0)
+        J = found.point @ moves
+        if found.turn is not None:
+            J = J + found.turn @ chain.turn_columns(path, np.arange(len(q)))[:, 2].transpose(2, 1, 0)
+        step = np.linalg.pinv(J, rcond=1e-3) @ found.r[..., None]
+        q = q - np.clip(step[..., 0], -0.3, 0.3)
+    p, R = tip(one, q)
+    r = KINDS[kind].misses(Seen(Feature("", kind), p, R, v, places, EMPTY), own).r
+    good = (np.abs(r).max(axis=1) < 1e-13) & (q > nominal.lower).all(axis=1) & (q < nominal.upper).all(axis=1)
+    out = np.flatnonzero(good)[:n]
+    assert len(out) == n, (kind, len(out))
+    return q[out], v[out], places[out]
+
+
+def rows(kind, one, n=60, seed=0, noise=0.0):
+    """Rows (n a feature) at features of one kind, and the features' table."""
+    rng = np.random.default_rng(seed)
+    parts, known = [], []
+    axes = frames.rotation_from_vector(np.array([0.3, -0.2, 0.5]))
+    for k in range(COUNTS.get(kind, 3)):
+        own = unknowns(kind, rng)
+        if kind == "offset-on-tool":
+            own["axes"] = axes
+        free = kind in ("radius", "angle", "pose")
+        seen = rng.uniform(-0.02, 0.02, (12 * n, 3)) if kind.startswith("offset") else None
+        value = rng.uniform(-0.01, 0.01, 12 * n) if kind == "gauge" else 0.0
+        if free:
+            q, v, xyz = arm().random_joints(n, seed + k) * 0.7, np.zeros(n), np.zeros((n, 3))
+        else:
+            q, v, xyz = contact(one, kind, own, n, rng, value, seen)
+        p, R = tip(one, q)
+        name = f"{kind} {k}"
+        table = {"pose": [f"{name} {j}" for j in range(n)], "feature": name, "kind": kind}
+        table |= {f"q{j}_deg": column / DEG for j, column in enumerate(q.T, 1)}
+        if kind == "radius":
+            v = np.linalg.norm(p - own["centre"], axis=1) - own["offset"][0] + noise * rng.standard_normal(n)
+        if kind == "gauge":
+            v = v + noise * rng.standard_normal(n)
+        if kind == "angle":
+            s = np.einsum("mij,j,i->m", R, own["axis"][:, 2], own["up"][:, 2])
+            table["value_deg"] = (np.arcsin(s) + noise / 0.3 * rng.standard_normal(n)) / DEG
+        elif kind in ("radius", "gauge"):
+            table["value_mm"] = v / MM
+        if kind.startswith("offset"):
+            xyz = xyz + noise * rng.standard_normal(xyz.shape)
+        if kind == "pose":
+            table["feature"] = ""
+            T = world()
+            xyz = p @ T[:3, :3].T + T[:3, 3] + noise * rng.standard_normal(p.shape)
+            turned = (
+                T[:3, :3]
+                @ R
+                @ axes
+                @ np.array([frames.rotation_from_vector(w) for w in noise / 0.3 * rng.standard_normal((n, 3))])
+            )
+            table |= dict(zip(("qw", "qx", "qy", "qz"), frames.quaternion_from_matrix(turned).T, strict=True))
+        if kind.startswith("offset") or kind == "pose":
+            table |= {f"{axis}_mm": column / MM for axis, column in zip("xyz", xyz.T, strict=True)}
+        parts.append(pd.DataFrame(table))
+        known.append({"feature": name, "kind": kind, "radius_mm": 30.0 if kind == "sphere" else None})
+    return pd.concat(parts, ignore_index=True), pd.DataFrame(known)
+
+
+def world():
+    return frames.transform(frames.rotation_from_vector(np.array([0.2, -0.4, 2.0])), [1.0, -2.0, 0.5])
+
+
+def seen(kind, one, n=60, seed=0, noise=0.0):
+    """Rows as read."""
+    table, known = rows(kind, one, n, seed, noise)
+    return features.read(table, known.fillna(""), arm())
+
+
+def apart(one, other, q, tool=TOOL):
+    """Distances of the true tool's point from that of another arm with its own tool, however both stand."""
+    a, b = tip(one, q)[0], tip(other, q, tool)[0]
+    A, B = a - a.mean(axis=0), b - b.mean(axis=0)
+    U, _, Vt = np.linalg.svd(B.T @ A)
+    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return np.linalg.norm(A @ R.T - B, axis=1)

@@ -1,0 +1,88 @@
+import feature_cases as cases
+import numpy as np
+import pandas as pd
+import pytest
+
+from irbcal.errors import IdentificationError
+from irbcal.identification.constraint_fit import held_out, identify_features
+from irbcal.measurement import features
+
+NOISE = 0.02e-3
+
+
+@pytest.fixture(scope="module")
+def sockets():
+    """Three sockets with their distances, an arm with errors, 0.02 mm of noise."""
+    truth = cases.true_arm(cases.arm(), 7)
+    table, known = cases.rows("point", truth, 40, 2)
+    rng = np.random.default_rng(0)
+    table[[f"q{k}_deg" for k in range(1, 7)]] += np.degrees(1e-5) * rng.standard_normal((len(table), 6))
+    q = np.radians(table[[f"q{k}_deg" for k in range(1, 7)]].to_numpy())
+    centre = [cases.tip(truth, q[40 * k : 40 * k + 40])[0].mean(axis=0) for k in range(3)]
+    lengths = [
+        {
+            "feature": f"bar {a}{b}",
+            "kind": "distance",
+            "first": f"point {a}",
+            "second": f"point {b}",
+            "length_mm": np.linalg.norm(centre[a] - centre[b]) * 1e3,
+            "u95_mm": 0.02,
+        }
+        for a, b in ((0, 1), (1, 2), (0, 2))
+    ]
+    known = pd.concat([known, pd.DataFrame(lengths)]).astype(object)
+    return truth, features.read(table.assign(u95_mm=0.05), known.where(known.notna(), ""), cases.arm())
+
+
+def test_an_arm_is_found_by_its_contacts(sockets):
+    truth, seen = sockets
+    found = identify_features(cases.arm(), seen)
+    q = seen.q
+    before = cases.apart(truth, cases.arm(), q)
+    after = cases.apart(truth, found.evidence.arm, q, found.evidence.targets["ball"])
+    assert before.mean() > 0.5e-3
+    assert after.mean() < 0.05e-3
+    assert np.abs(found.problem.length_errors(found.state)).max() < 0.02e-3
+    assert found.std(("centre", "point 0")).max() < 2e-3  # with how the arm stands
+
+
+def test_intervals_hold_the_truth_of_points_among_the_features(sockets):
+    truth, seen = sockets
+    found = identify_features(cases.arm(), seen)
+    robot = found.evidence
+    place = robot.targets["ball"]
+    from irbcal.modeling.terms import chain
+    from irbcal.modeling.terms.situation import Motion
+
+    q = seen.q[::3]
+    path = chain.walk(robot.arm, *robot.term_map().split(Motion(q)))
+    p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], place)
+    known = np.zeros(len(q), dtype=bool)
+    spread = robot.certainty.spread(path, p, Motion(q), known, "ball")
+    true = cases.tip(truth, q)[0]
+    A, B = true - true.mean(axis=0), p.T - p.T.mean(axis=0)
+    U, _, Vt = np.linalg.svd(B.T @ A)
+    miss = A @ (U @ Vt).T - B
+    z = miss / np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+    assert np.mean(np.abs(z) < 1.96) > 0.85
+
+
+def test_a_left_out_feature_is_placed_by_its_own_rows(sockets):
+    _, seen = sockets
+    rest = seen.select(seen.feature != "point 2")
+    found = identify_features(cases.arm(), rest)
+    mine = seen.select(seen.feature == "point 2")
+    nominal, _ = held_out(found, mine, calibrated=False)
+    calibrated, lengths = held_out(found, mine)
+    assert calibrated.mean() < 0.2 * nominal.mean()
+    assert len(lengths) == 0
+    other = mine.select(np.ones(len(mine), dtype=bool))
+    object.__setattr__(other, "target", np.full(len(mine), "other", dtype=object))
+    with pytest.raises(IdentificationError, match="target other is measured in the left-out rows only"):
+        held_out(found, other)
+
+
+def test_few_poses_are_refused(sockets):
+    _, seen = sockets
+    with pytest.raises(IdentificationError, match="9 poses at features are too few"):
+        identify_features(cases.arm(), seen.select(np.arange(len(seen)) < 9))

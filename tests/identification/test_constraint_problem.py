@@ -1,0 +1,86 @@
+import feature_cases as cases
+import numpy as np
+import pandas as pd
+import pytest
+
+from irbcal.errors import IdentificationError, MeasurementError
+from irbcal.identification import dictionaries
+from irbcal.identification.constraint_problem import BASE, ConstraintProblem, FeatureState
+from irbcal.identification.constraint_start import start
+from irbcal.measurement import features
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    """Balls of known places, a plane and a tracker's points, with all terms."""
+    truth, nominal = cases.true_arm(cases.arm(), 3), cases.arm()
+    tables = [cases.rows(kind, truth, 15, seed) for seed, kind in enumerate(("sphere", "point", "plane"))]
+    T, known = cases.world(), pd.concat([one for _, one in tables])
+    centres = {}
+    rng = np.random.default_rng(0)
+    for k in range(3):
+        centres[f"sphere {k}"] = T[:3, :3] @ cases.unknowns("sphere", rng)["centre"] + T[:3, 3]
+        break  # others are drawn after the rows of the first
+    for name, centre in centres.items():
+        known.loc[known.feature == name, ["x_mm", "y_mm", "z_mm"]] = centre * 1e3
+    q = nominal.random_joints(15, 9) * 0.7
+    xyz = (cases.tip(truth, q)[0] @ T[:3, :3].T + T[:3, 3]) * 1e3
+    tracked = pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)])
+    tracked[["x_mm", "y_mm", "z_mm"]] = xyz
+    tracked["pose"] = [f"t{k}" for k in range(15)]
+    length = {"feature": "bar", "kind": "distance", "first": "point 0", "second": "point 1", "length_mm": 400}
+    known = pd.concat([known, pd.DataFrame([length])]).astype(object)
+    rows = pd.concat([*(one for one, _ in tables), tracked])
+    seen = features.read(rows.astype(object).where(rows.notna(), ""), known.where(known.notna(), ""), nominal)
+    return ConstraintProblem(nominal, seen, dictionaries.superset(nominal, "joint-map", False, None, [])[:90])
+
+
+def test_the_linear_model_is_that_of_central_differences(mixed):
+    state = start(mixed)
+    rng = np.random.default_rng(1)
+    flat, width = mixed.flat, mixed.flat + len(mixed.terms)
+    assert BASE in mixed.layout
+    assert len(mixed.lengths) == 1
+    state = FeatureState(
+        state.own, 0.3 * mixed.sizes[flat:] * rng.standard_normal(len(mixed.terms)), state.T_world_base
+    )
+
+    def model(one):
+        blocks = list(mixed.dense(one))
+        values = one.coefficients / mixed.sizes[flat:]
+        J = np.concatenate([b.J for b in blocks], axis=1)
+        return J, values @ J[flat:] - np.concatenate([b.y for b in blocks])
+
+    J, _ = model(state)
+    for k in [*range(0, flat, 3), *rng.choice(np.arange(flat, width), 8, replace=False)]:
+        ends = []
+        for h in (1e-3, -1e-3):
+            step = np.zeros(width)
+            step[flat:] = state.coefficients / mixed.sizes[flat:]
+            step[k] += h
+            ends.append(model(mixed.moved(state, step))[1])
+        np.testing.assert_allclose(J[k], (ends[0] - ends[1]) / 2e-3, atol=2e-5 * max(1.0, np.abs(J[k]).max()))
+
+
+def test_what_a_row_lacks_is_named():
+    nominal = cases.arm()
+    rows = pd.DataFrame({f"q{k}_deg": [1.0, 2.0] for k in range(1, 7)} | {"pose": ["1", "2"], "feature": "s"})
+    with pytest.raises(MeasurementError, match=r"row 2.*a row of kind radius needs value_mm") as raised:
+        ConstraintProblem(nominal, features.read(rows.assign(kind="radius", value_mm=["3", ""]), None, nominal), [])
+    assert raised.value.column == "value_mm"
+    with pytest.raises(MeasurementError, match=r"unknown kind 'ball'.*point, sphere"):
+        ConstraintProblem(nominal, features.read(rows.assign(kind="ball"), None, nominal), [])
+    with pytest.raises(MeasurementError, match=r"needs xyz \(or the name of the feature"):
+        ConstraintProblem(nominal, features.read(rows.assign(kind="point", feature=""), None, nominal), [])
+
+
+def test_what_rows_leave_open_is_named():
+    """One socket, the wrist never turned: the tool's place and the socket's move together."""
+    nominal = cases.arm()
+    q = np.tile(nominal.random_joints(1, 0) * 0.5, (20, 1))
+    q[:, 0] = np.linspace(-0.5, 0.5, 20)
+    table = pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)])
+    table["pose"], table["feature"], table["kind"] = range(20), "s", "plane"
+    problem = ConstraintProblem(nominal, features.read(table, None, nominal), [])
+    with pytest.raises(IdentificationError, match="these rows do not tell"):
+        start(problem)

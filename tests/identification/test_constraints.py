@@ -1,0 +1,94 @@
+import feature_cases as cases
+import numpy as np
+import pytest
+
+from irbcal.identification import constraints
+from irbcal.identification.constraint_problem import ConstraintProblem
+from irbcal.identification.constraint_start import start
+from irbcal.identification.constraints import DIMENSIONS, KINDS, Seen
+from irbcal.measurement.features import Feature
+from irbcal.modeling import frames
+from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
+
+STEP = 1e-6
+
+
+def some(kind, seed=0):
+    """Rows that miss their feature by centimetres, and its unknowns."""
+    rng = np.random.default_rng(seed)
+    turns = np.array([frames.rotation_from_vector(w) for w in rng.standard_normal((4, 3))])
+    seen = Seen(
+        Feature("f", kind),
+        rng.standard_normal((4, 3)),
+        turns,
+        rng.uniform(0.1, 0.4, 4),
+        rng.standard_normal((4, 3)),
+        np.array([frames.rotation_from_vector(w) for w in rng.standard_normal((4, 3))]),
+        cases.world(),
+    )
+    return seen, cases.unknowns(kind, rng)
+
+
+def moved(seen, p=0.0, turn=None, base=None):
+    R = seen.R if turn is None else frames.rotation_from_vector(turn) @ seen.R
+    T = seen.T_world_base
+    if base is not None:
+        T = T @ frames.transform(frames.rotation_from_vector(base[:3]), base[3:])
+    return Seen(seen.feature, seen.p + p, R, seen.value, seen.xyz, seen.rotation, T)
+
+
+def slope(function, size):
+    return np.stack([(function(h) - function(-h)) / (2 * STEP) for h in STEP * np.eye(size)], axis=-1)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_derivatives_are_those_of_central_differences(name):
+    kind, (seen, own) = KINDS[name], some(name)
+    found = kind.misses(seen, own)
+    assert found.r.shape == (4, kind.size)
+    np.testing.assert_allclose(found.point, slope(lambda h: kind.misses(moved(seen, h), own).r, 3), atol=1e-8)
+    turn = np.zeros((4, kind.size, 3)) if found.turn is None else found.turn
+    np.testing.assert_allclose(turn, slope(lambda h: kind.misses(moved(seen, turn=h), own).r, 3), atol=1e-8)
+    for key, item in kind.own.items():
+
+        def after(h, key=key, item=item):
+            return kind.misses(seen, own | {key: constraints.moved(item.shape, own[key], h)}).r
+
+        np.testing.assert_allclose(found.own[key], slope(after, DIMENSIONS[item.shape]), atol=1e-8, err_msg=key)
+    if "base" in found.own:
+        by_base = slope(lambda h: kind.misses(moved(seen, base=h), own).r, 6)
+        np.testing.assert_allclose(found.own["base"], by_base, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_truth_without_noise_is_found_without_a_guess(name):
+    """The oracle is the arm that the rows were made with; kinds that tell no lengths get one with errors of angles."""
+    metric, nominal = KINDS[name].metric, cases.arm()
+    truth = cases.true_arm(nominal, 1, lengths=metric)
+    terms = [term for term in GEOMETRY.terms(nominal) if metric or term.axis[0] == "r"]
+    problem = ConstraintProblem(nominal, cases.seen(name, truth), terms)
+    state = start(problem)
+    assert problem.residuals(state).max() > 0.5e-3  # of the nominal robot
+    for _ in range(12):
+        blocks = list(problem.dense(state))
+        J, y = np.concatenate([b.J for b in blocks], axis=1), np.concatenate([b.y for b in blocks])
+        state = problem.moved(state, np.linalg.lstsq(J.T, y, rcond=1e-10)[0])
+    assert problem.residuals(state).max() < 1e-9
+    q = nominal.random_joints(100, 5) * 0.8
+    if KINDS[name].pointed:
+        assert cases.apart(truth, problem.arm_of(state), q, state.own["tool", "ball"]).max() < 1e-9
+        assert cases.apart(truth, nominal, q).max() > 1e-3
+        return
+    axis = cases.unknowns(name, np.random.default_rng(0))
+    true = np.einsum("mij,j,i->m", cases.tip(truth, q)[1], axis["axis"][:, 2], axis["up"][:, 2])
+    R = cases.tip(problem.arm_of(state), q)[1]
+    found = np.einsum("mij,j,i->m", R, state.own["axis", "ball"][:, 2], state.own["up", "angle 0"][:, 2])
+    np.testing.assert_allclose(np.arcsin(found), np.arcsin(true), atol=1e-9)
+
+
+def test_known_lengths_change_as_their_ends_move():
+    first, second = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.6, 0.3])
+    miss, by = constraints.length_misses(first, second, 0.4)
+    assert miss == pytest.approx(0.1)
+    ends = [constraints.length_misses(first + h, second, 0.4)[0] for h in STEP * np.eye(3)]
+    np.testing.assert_allclose(by, (np.array(ends) - miss) / STEP, atol=1e-5)

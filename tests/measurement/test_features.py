@@ -1,0 +1,116 @@
+import feature_cases as cases
+import numpy as np
+import pandas as pd
+import pytest
+
+from irbcal.errors import MeasurementError
+from irbcal.measurement import features
+
+JOINTS = {f"q{k}_deg": [10.0 * k, 20.0, 30.0, 40.0] for k in range(1, 7)}
+
+
+def table(**more):
+    return pd.DataFrame(JOINTS | {"pose": ["1", "2", "3", "3"]} | more)
+
+
+def known(*rows):
+    return pd.DataFrame([dict(row) for row in rows]).fillna("")
+
+
+def test_names_are_made_of_columns():
+    rows = table(place=["left", "left", "right", "right"], socket=["0", "1", "0", "1"])
+    seen = features.read(
+        rows,
+        known(
+            {"feature": "{place}/{socket}", "kind": "point", "target": "tip", "u95_mm": "0.2"},
+            {
+                "feature": "{place} bar",
+                "kind": "distance",
+                "first": "{place}/0",
+                "second": "{place}/1",
+                "length_mm": "50",
+            },
+        ),
+        cases.arm(),
+    )
+    assert list(seen.feature) == ["left/0", "left/1", "right/0", "right/1"]
+    assert {(one.name, one.first, one.second, one.length) for one in seen.lengths} == {
+        ("left bar", "left/0", "left/1", 0.05),
+        ("right bar", "right/0", "right/1", 0.05),
+    }
+    assert set(seen.target) == {"tip"}
+    np.testing.assert_allclose(seen.u95, 0.2e-3)
+    assert len(set(seen.places())) == 2
+    assert list(seen.places("socket")) == ["0", "1", "0", "1"]
+    left = seen.select(seen.places("place") == "left")
+    assert [one.name for one in left.lengths] == ["left bar"]
+    assert set(left.features) == {"left/0", "left/1"}
+
+
+def test_yaml_says_the_same(tmp_path):
+    (tmp_path / "features.yaml").write_text(
+        "- {feature: A, kind: sphere, radius_mm: 12.5, x_mm: 1, y_mm: 2, z_mm: 3}\n"
+    )
+    seen = features.read(table(feature="A"), tmp_path / "features.yaml", cases.arm())
+    assert seen.features["A"].radius == 0.0125
+    np.testing.assert_allclose(seen.features["A"].centre, [1e-3, 2e-3, 3e-3])
+    (tmp_path / "features.yaml").write_text("A: sphere\n")
+    with pytest.raises(MeasurementError, match="expected a list of features"):
+        features.read(table(feature="A"), tmp_path / "features.yaml", cases.arm())
+
+
+def test_radians_programmed_joints_and_poses():
+    rows = table(feature=["A", "A", "A", "B"], kind="point").rename(columns=lambda c: c.replace("_deg", "_rad"))
+    rows[[f"q{k}_rad" for k in range(1, 7)]] = np.arange(24).reshape(4, 6) / 20
+    seen = features.read(rows, None, cases.arm())
+    np.testing.assert_allclose(seen.q, np.arange(24).reshape(4, 6) / 20)
+    assert seen.poses == 4  # the same name, other joints
+    rows = table(feature="A", kind="point")
+    for k in range(1, 7):
+        rows[f"c{k}_deg"] = 90.0
+    seen = features.read(rows, None, cases.arm())
+    assert seen.programmed
+    np.testing.assert_allclose(seen.q, np.pi / 2)
+    assert seen.as_measurements().joints() == pytest.approx(np.full((4, 6), np.pi / 2))
+
+
+def test_rows_of_a_tracker_have_places_and_no_feature():
+    seen = features.read(
+        table(feature=["A", "", "", ""], kind=["point", "", "", ""], x_mm="1", y_mm="2", z_mm="3"), None, cases.arm()
+    )
+    assert list(seen.kind) == ["point"] * 4
+    assert list(seen.places()) == ["A", "tracker", "tracker", "tracker"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "what", "words"),
+    [
+        (table(), known({"feature": "A", "kind": "point"}), "missing column feature"),
+        (
+            table(feature=["A", "B", "A", "A"]),
+            known({"feature": "A", "kind": "point"}),
+            "row 2.*nothing is known of.*B",
+        ),
+        (table(feature="A"), known({"feature": "A", "kind": "point", "size": "3"}), "there is a column size"),
+        (table(feature="A"), known({"feature": "A", "kind": "sphere", "radius_mm": "big"}), "row 1.*radius_mm.*'big'"),
+        (table(), known({"feature": "{site}/{n}", "kind": "point"}), "asks for the column site"),
+        (
+            table(feature="A"),
+            known({"feature": "A", "kind": "point"}, {"feature": "d", "kind": "distance", "first": "A"}),
+            "a distance needs first, second and length_mm",
+        ),
+        (
+            table(feature="A"),
+            known(
+                {"feature": "A", "kind": "point"},
+                {"feature": "d", "kind": "distance", "first": "A", "second": "Z", "length_mm": "5"},
+            ),
+            "no row is at Z",
+        ),
+        (table(feature="A"), known({"feature": "A", "kind": "point", "x_mm": "5"}), "x_mm, y_mm and z_mm, all or none"),
+        (table(feature="A").drop(columns="q6_deg"), known({"feature": "A", "kind": "point"}), "missing column q6_deg"),
+    ],
+)
+def test_refusals_name_row_and_column(rows, what, words):
+    with pytest.raises(MeasurementError, match=words):
+        features.read(rows, what, cases.arm())

@@ -1,0 +1,73 @@
+import feature_cases as cases
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import irbcal
+from irbcal.cli.main import app
+from irbcal.errors import IdentificationError, OptionError
+from irbcal.identification.constraint_fit import identify_features
+
+KNOWN = pd.DataFrame([{"feature": f"point {k}", "kind": "point"} for k in range(3)])
+
+
+@pytest.fixture(scope="module")
+def contacts():
+    """SIMULATED: three sockets, 0.01 mm of noise by the joints."""
+    table, _ = cases.rows("point", cases.true_arm(cases.arm(), 7), 40, 2)
+    joints = [f"q{k}_deg" for k in range(1, 7)]
+    table[joints] += np.degrees(1e-5) * np.random.default_rng(0).standard_normal((len(table), 6))
+    return table.assign(simulated="yes")
+
+
+def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
+    contacts.to_csv(tmp_path / "contacts.csv", index=False)
+    KNOWN.to_csv(tmp_path / "features.csv", index=False)
+    line = ["calibrate", "contacts.csv", "--features", "features.csv", "--robot", "irb1600", "--out", "robot"]
+    line = [str(tmp_path / word) if word.endswith((".csv", "robot")) and "-" not in word else word for word in line]
+    told = CliRunner().invoke(app, line)
+    assert told.exit_code == 0, told.output
+    assert "SIMULATED" in told.output
+    words = " ".join(told.output.split())
+    assert "No length was measured: the scale rests on nominal link lengths." in words
+    assert "not its accuracy in a measuring frame" in words
+    found = irbcal.load(tmp_path / "robot")
+    assert found.features.left_out == "features"
+    assert [row.rows for row in found.features.places] == [40, 40, 40]
+    assert found.heldout.all.mean_mm < 0.2 * found.heldout_nominal.all.mean_mm
+    robot = found.robot_calibrated()
+    q = cases.arm().random_joints(20, 1) * 0.5
+    prediction = robot.predict(q, target="ball")
+    assert np.isfinite(prediction.interval).all()
+    truth = cases.true_arm(cases.arm(), 7)
+    assert cases.apart(truth, robot.arm, q, robot.targets["ball"]).mean() < 1e-3
+    assert (tmp_path / "robot" / "report.html").stat().st_size > 10_000
+    again = CliRunner().invoke(app, ["verify", str(tmp_path / "robot")])
+    assert again.exit_code == 0, again.output
+
+
+def test_planes_alone_are_refused_and_make_a_robot_worse():
+    """SIMULATED: gears and gravity beside the geometry; a fit flattens the planes and bends the arm."""
+    nominal = cases.arm()
+    truth = cases.true_arm(nominal, 3)
+    table, known = cases.rows("plane", truth, 25, 1)
+    rng = np.random.default_rng(0)
+    joints = [f"q{k}_deg" for k in range(1, 7)]
+    table[joints] += np.degrees(3e-4) * rng.standard_normal((len(table), 6))
+    with pytest.raises(IdentificationError, match="may make the robot worse"):
+        irbcal.calibrate(table, "irb1600", features=known.fillna(""))
+    from irbcal.measurement import features
+
+    found = identify_features(nominal, features.read(table, known.fillna(""), nominal))
+    flat = [np.sqrt(np.mean(found.problem.residuals(state) ** 2)) for state in (found.nominal, found.state)]
+    assert flat[1] < flat[0]
+
+
+def test_options_of_other_ways_are_refused(contacts):
+    with pytest.raises(OptionError, match="verify: rows at features do not take it"):
+        irbcal.calibrate(contacts, "irb1600", features=KNOWN, verify="other.csv")
+    with pytest.raises(OptionError, match="model auto keeps near nominal; leave out model 34"):
+        irbcal.calibrate(contacts, "irb1600", "34", features=KNOWN)
+    with pytest.raises(OptionError, match="only rows at features have places"):
+        irbcal.calibrate(contacts, "irb1600", leave_out="place")

@@ -1,0 +1,68 @@
+import feature_cases as cases
+import numpy as np
+import pandas as pd
+import pytest
+
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.files.nominal import read_nominal
+from irbcal.identification.constraint_fit import identify_features
+from irbcal.measurement import features
+from irbcal.validation.feature_proof import labels, prove
+
+SOCKETS = pd.DataFrame(
+    [
+        {"feature": "{place}/{socket}", "kind": "point"},
+        {
+            "feature": "{place} 50 mm",
+            "kind": "distance",
+            "first": "{place}/0",
+            "second": "{place}/1",
+            "length_mm": "50",
+        },
+    ]
+).fillna("")
+
+
+@pytest.mark.parametrize(
+    ("number", "mean", "rms", "length"), [(2, 0.28, 0.32, 0.15), (4, 0.23, 0.26, 0.04)], ids=["panda_2", "panda_4"]
+)
+def test_real_contacts_agree_at_places_that_were_left_out(number, mean, rms, length, shared_data):
+    """Better than an independent calculation on the same data reached (docs/without-a-tracker.md)."""
+    folder = shared_data / "panda_two_sockets"
+    arm = read_nominal(folder / "panda.urdf", None, "panda_hand_tcp", None).arm
+    seen = features.read(folder / f"panda_{number}.csv", SOCKETS, arm)
+    proof = prove(arm, seen, "place")
+    found, nominal = proof.of_rows(len(seen)) * 1e3, proof.of_rows(len(seen), False) * 1e3
+    assert found.mean() <= mean
+    assert np.sqrt(np.mean(found**2)) <= rms
+    errors = np.abs(np.array(list(proof.lengths.values()))) * 1e3
+    assert errors[:, 1].mean() <= length
+    assert nominal.mean() > 3.0  # the nominal robot
+    assert errors[:, 0].mean() > 0.4
+
+
+def test_whole_features_are_left_out_never_rows():
+    seen = cases.seen("point", cases.arm(), 6)
+    with pytest.raises(OptionError, match="rows at one feature prove nothing"):
+        labels(seen, "pose")
+    cells = seen.cells.assign(half=["a", "b"] * 9)
+    object.__setattr__(seen, "cells", cells)
+    with pytest.raises(MeasurementError, match="feature point 0 is at a and at b"):
+        labels(seen, "half")
+    with pytest.raises(MeasurementError, match="no column site"):
+        labels(seen, "site")
+    by, label = labels(seen, None)
+    assert by == "features"
+    assert len(set(label)) == 3
+
+
+def test_one_place_proves_nothing():
+    truth = cases.true_arm(cases.arm(), 7)
+    seen = cases.seen("point", truth, 30)
+    one = seen.select(seen.feature == "point 0")
+    assert prove(cases.arm(), one) is None
+    assert prove(cases.arm(), seen, "none") is None
+    two = seen.select((seen.feature == "point 0") | (np.arange(len(seen)) == 31))
+    with pytest.raises(IdentificationError, match="without features point 0 the rest does not do"):
+        prove(cases.arm(), two)
+    assert identify_features(cases.arm(), one).evidence.poses == 30
