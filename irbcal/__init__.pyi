@@ -9,6 +9,8 @@ from .calibration import save as save
 from .cell.simulation import Simulated as Simulated
 from .cell.simulation import simulate as simulate
 from .correction.filter import correct as correct
+from .correction.trajectory_files import read_trajectory as read_trajectory
+from .correction.trajectory_files import write_trajectory as write_trajectory
 from .errors import CalibrationError as CalibrationError
 from .errors import IdentificationError as IdentificationError
 from .errors import IrbcalError as IrbcalError
@@ -23,6 +25,12 @@ from .files.dh_table import DhRobot as DhRobot
 from .files.dh_table import urdf_from_dh as urdf_from_dh
 from .files.robots import robots as robots
 from .files.urdf import read_urdf as read_urdf
+from .fleet.calibrated import CalibratedFleet as CalibratedFleet
+from .fleet.calibrated import fleet_calibrate as fleet_calibrate
+from .fleet.overview import fleet_add as fleet_add
+from .fleet.overview import fleet_drift as fleet_drift
+from .fleet.overview import fleet_export as fleet_export
+from .fleet.overview import fleet_list as fleet_list
 from .identification.evidence import identify_evidence as identify_evidence
 from .identification.evidence_fit import EvidenceFit as EvidenceFit
 from .joint_behaviour.behaviour import joints as joints
@@ -31,6 +39,7 @@ from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics
 from .measurement.imports.reader import import_measurements as import_measurements
 from .measurement.table import read_measurements as read_measurements
+from .modeling.trajectory import Trajectory as Trajectory
 from .planners.calibrated_model import CalibratedModel as CalibratedModel
 from .planning.measuring_plan import Plan as Plan
 from .planning.measuring_plan import plan as plan

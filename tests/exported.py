@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from support import arm, on_a_rail, random_robot
 
-from irbcal.files import urdf
+from irbcal.files import robots, urdf
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
@@ -40,3 +40,10 @@ def robot(name, folder=None):
         nominal = urdf.read(on_a_rail(folder / "rail.urdf"), "rail_base", "tool0").arm
         return with_all_terms(nominal, names=tuple(k for k in FAMILIES if k != "thesis"))
     return with_all_terms(arm(name))
+
+
+def described(name):
+    """A robot with all terms, its calibrated URDF and the folder where its meshes are looked for."""
+    read = urdf.read(name)
+    made = with_all_terms(read.arm)
+    return made, urdf.to_bytes(read, made.arm), robots.robot_file(name).parent

@@ -28,6 +28,7 @@ VERBS = {
     "filter": "correct",
     "urdf": "urdf_from_dh",
     "demo": None,  # calibrate with the shipped data
+    "fleet": None,  # has commands of its own
 }
 """Commands whose function has another name."""
 
@@ -100,7 +101,9 @@ def test_import_and_version_load_nothing_heavy(what):
 
 
 def commands():
-    return sorted(get_command(app).commands.items())
+    every = get_command(app).commands
+    fleet = [(f"fleet_{name}", command) for name, command in every["fleet"].commands.items()]
+    return sorted([*every.items(), *fleet])
 
 
 @pytest.mark.parametrize(("name", "command"), commands(), ids=[name for name, _ in commands()])

@@ -21,6 +21,7 @@ FLOORS = (
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer", "studies"),
     ("calibrating", "calibration", "feature_calibration", "gathering", "shipped"),
+    ("fleet",),
     ("practice",),
     ("cli",),
 )

@@ -14,7 +14,8 @@ from irbcal.cli import grid, show
 class Target(str, Enum):
     """What can be written."""
 
-    cpp, python = "cpp", "python"
+    cpp, python, casadi = "cpp", "python", "casadi"
+    urdf, mujoco, drake, ros = "urdf", "mujoco", "drake", "ros"
 
 
 class Meshes(str, Enum):

@@ -17,14 +17,16 @@ from irbcal.correction.configurations import ConfData, seeds_of
 from irbcal.correction.cutting import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
 from irbcal.correction.filtered import Filtered, together
-from irbcal.correction.last_moves import with_last_moves
+from irbcal.correction.last_moves import LastMoves, with_last_moves
 from irbcal.correction.maker_program import MakerProgram
 from irbcal.correction.program import Given, Goals, Left, Program, read_bytes, refuse_filtered
+from irbcal.correction.timed import Timed, follow
 from irbcal.errors import OptionError, ProgramError
 from irbcal.files.calibration_folder import CalibrationLike, opened, read
 from irbcal.files.controller_frames import ControllerFrames, controller_frames, unknown
 from irbcal.files.controller_model import controller_kinematics
 from irbcal.files.schema import Record
+from irbcal.files.speed_limits import speed_limits
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
@@ -142,9 +144,9 @@ def correct(
             f"is {language.NAME}",
             parameter="path_tolerance",
         )
-    found = together(
-        [filter_program(robot, nominal, one, record.fingerprint, given.own_model, tolerance) for one in programs]
-    )
+    speeds = None if urdf is None else speed_limits(urdf, nominal.joint_names)
+    whole = record.fingerprint, given.own_model, tolerance, speeds
+    found = together([filter_program(robot, nominal, one, *whole) for one in programs])
     if robot.certainty is not None and (outside := robot.certainty.outside_in_words(found.q_before, "targets")):
         found = replace(found, cautions=(outside,))
     if model is not None:
@@ -261,6 +263,7 @@ def filter_program(
     fingerprint: str,
     controller: Arm | None = None,
     path_tolerance: float | None = None,
+    speeds: FloatArray | None = None,
 ) -> Filtered:
     """Correct the targets of a program as read.
 
@@ -278,6 +281,8 @@ def filter_program(
         What the controller computes with where that is not the nominal arm.
     path_tolerance : float, optional
         As for `correct`; the program must be `irbcal.correction.cutting.Cuttable`.
+    speeds : ndarray, shape (joints,), optional
+        Largest speeds of the joints, which trajectories must keep to, rad/s (m/s).
 
     Returns
     -------
@@ -295,8 +300,7 @@ def filter_program(
     for goals in _of_arm(program, nominal):
         fake = _fake_targets(robot, nominal, goals, controller)
         alone.append((goals, _refused(fake, program.refused(goals, fake))))
-    found, last_moves = with_last_moves(robot, controller or nominal, alone, program.stops())
-    left = list(program.left())
+    found, program, left, last_moves = _in_course(robot, nominal, program, alone, controller, speeds)
     names: list[str] = []
     for goals, fake in found:
         names += [goals.names[k] for k in np.flatnonzero(fake.ok)]
@@ -332,6 +336,23 @@ def filter_program(
         coupling=nominal.coupling,
         paths=tuple(cuts) if path_tolerance is not None else None,
     )
+
+
+def _in_course(
+    robot: Robot,
+    nominal: Arm,
+    program: Program,
+    alone: Sequence[tuple[Goals, Corrected]],
+    controller: Arm | None,
+    speeds: FloatArray | None,
+) -> tuple[Sequence[tuple[Goals, Corrected]], Program, list[Left], LastMoves | None]:
+    """Corrections that know what comes before: in a motion as it goes, in other programs the stop before."""
+    left = list(program.left())
+    if not isinstance(program, Timed):
+        found, last_moves = with_last_moves(robot, controller or nominal, alone, program.stops())
+        return found, program, left, last_moves
+    moving, commands, passed = follow(robot, nominal, program, alone, controller, speeds)
+    return moving, program if commands is None else program.with_motion(commands), left + passed, None
 
 
 def _ends(found: Sequence[tuple[Goals, Corrected]]) -> dict[int, Ends]:

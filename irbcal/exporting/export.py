@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import lock
 from irbcal.atomic import write_set
-from irbcal.errors import CalibrationError, OptionError
+from irbcal.errors import CalibrationError
 from irbcal.exporting.source import Source
 from irbcal.files.calibration_folder import JSON_NAME, CalibrationLike
 from irbcal.files.mesh_paths import CHOICES, MeshPaths
@@ -21,7 +21,7 @@ from irbcal.options import checked
 from irbcal.overwriting import refuse_overwriting
 from irbcal.summary import Speaks, Table, Told
 
-TARGETS = ("cpp", "python")
+TARGETS = ("cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros")
 """What a calibration can be exported as: each is a module of this package with ``WHAT``, ``files`` and ``NEXT``."""
 
 
@@ -66,9 +66,9 @@ class Exported(Speaks):
             f"exported as {self.target} to {self.folder} (fingerprint {self.fingerprint}{simulated}); the test vectors "
             f"in it are met to {self.miss:.1g}"
         )
-        listed = [name for name in self.files if "/" not in name]
+        listed = [name for name in self.files if not name.startswith("meshes/")]
         others = len(self.files) - len(listed)
-        rows = [(name,) for name in listed] + ([(f"{others} files in folders",)] if others else [])
+        rows = [(name,) for name in listed] + ([(f"{others} meshes",)] if others else [])
         return [headline, *(f"Note: {note}" for note in self.notes), Table("files", ("file",), tuple(rows)), self.next]
 
     def to_dict(self) -> dict[str, Any]:
@@ -101,7 +101,9 @@ def export(
     calibration : str, Path, Record or a result that holds one
         Calibration folder, or a loaded calibration.
     as_ : str
-        ``cpp`` (one header, C++17), ``python`` (a module on numpy alone, and one on plain floats).
+        ``cpp`` (one header, C++17), ``python`` (a module on numpy alone, and one on plain floats),
+        ``casadi`` (Functions, and C code), ``urdf``, ``mujoco`` (MJCF and meshes), ``drake`` (a package), ``ros`` (an
+        ament package with xacro macro).
     out : str or Path
         Folder, made if absent; files of an earlier export in it are replaced, all or none.
     payload : float, optional
@@ -144,20 +146,3 @@ def export(
     parts = source.parts
     words = str(module.NEXT).format(folder=folder, word=parts.identifier)
     return Exported(target, folder, tuple(made), parts.fingerprint, parts.simulated, source.miss, words, parts.notes)
-
-
-def needed(package: str, target: str) -> Any:
-    """A package that makes a target.
-
-    Raises
-    ------
-    OptionError
-        If it is not installed.
-    """
-    try:
-        return import_module(package)
-    except ImportError:
-        raise OptionError(
-            f"as: {target} needs the package {package}, which is not installed here: pip install 'irbcal[{target}]'",
-            parameter="as",
-        ) from None

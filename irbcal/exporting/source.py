@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.errors import CalibrationError
+from irbcal.errors import CalibrationError, OptionError
 from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors, vectors_of
 from irbcal.files import calibration_folder, urdf_xml
@@ -131,3 +133,20 @@ def speeds(data: bytes, arm: Arm) -> FloatArray:
             if np.isfinite(value) and value > 0.0:
                 out[arm.joint_names.index(joint.get("name"))] = value
     return out
+
+
+def needed(package: str, target: str) -> Any:
+    """A package that makes a target.
+
+    Raises
+    ------
+    OptionError
+        If it is not installed.
+    """
+    try:
+        return import_module(package)
+    except ImportError:
+        raise OptionError(
+            f"as: {target} needs the package {package}, which is not installed here: pip install 'irbcal[{target}]'",
+            parameter="as",
+        ) from None

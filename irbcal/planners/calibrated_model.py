@@ -1,10 +1,9 @@
 """The calibrated robot for planners built on Pinocchio.
 
-A corrected URDF carries the geometry; the joint map stands between the controller and the URDF's joints. Two ways of
-planning follow:
+A corrected URDF carries the geometry; the joint map stands between the controller and the URDF's joints. So plan:
 
 - A planner that knows nothing of the joint map plans on `CalibratedModel.model`, whose configurations hold *effective*
-  joints, and `CalibratedModel.command_from_model` turns its path into commands.
+  joints, and `CalibratedModel.command_from_model` turns its path into commands (`irbcal.planners.trajectories`).
 - A planner that works on commanded joints takes poses, Jacobians and their time derivatives from `CalibratedModel`,
   which applies the chain rule: with the map ``theta(q)``, its Jacobian ``M`` and Pinocchio's ``J(theta)``::
 
@@ -35,6 +34,7 @@ from irbcal.modeling.arm import Arm, relative_difference
 from irbcal.modeling.joint_map import AnyJointMap, JointMap
 from irbcal.planners import jacobians, paths, payload
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
+from irbcal.planners.trajectories import AlongTime
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 
@@ -48,7 +48,7 @@ WITHIN = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CalibratedModel(Speaks):
+class CalibratedModel(AlongTime, Speaks):
     """A Pinocchio model of the corrected URDF together with the joint map.
 
     Parameters

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
-from irbcal.units import DEG
-
-STRIDE = {True: 0.05, False: 5 * DEG}
-"""Length of the move that stands for what came before a point of a path, metres (prismatic joints) or radians."""
+from irbcal.modeling.moves_along import strides
 
 
 def previous_on_path(theta: FloatArray, prismatic: BoolArray) -> FloatArray:
@@ -30,7 +27,7 @@ def previous_on_path(theta: FloatArray, prismatic: BoolArray) -> FloatArray:
         NaN for the first point, and for others up to the first step that moves a joint. Points without a step keep the
         direction of those before.
     """
-    stride = np.array([STRIDE[bool(slides)] for slides in prismatic])
+    stride = strides(prismatic)
     step = np.diff(theta, axis=0)
     size = np.abs(step / stride).max(axis=1, initial=0.0)
     longer = np.maximum(1.0, 1.0 / np.where(size > 0.0, size, np.inf))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from scipy.interpolate import CubicSpline
 
 from irbcal import shipped
 from irbcal.arrays import FloatArray
@@ -13,8 +15,11 @@ from irbcal.cell.cell import Cell
 from irbcal.cell.pose_list import PoseList, drawn, numbered
 from irbcal.cell.shipped import open_cell
 from irbcal.cell.simulated_files import measurement_table
+from irbcal.correction.languages import ros
 from irbcal.measurement.columns import POSITION
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.trajectory import Trajectory
 from irbcal.practice.sample import Sample, csv
 from irbcal.units import DEG, MM
 
@@ -140,6 +145,7 @@ def _lists(cell: Cell) -> Iterator[Sample]:
     joints = pd.DataFrame(q, columns=arm.joint_columns)
     yield Sample("joints.csv", csv(joints), "joints", "irbcal fk my-robot --joints joints.csv")
     yield Sample("job.csv", csv(joints), "a program of joints", "irbcal filter my-robot job.csv --out corrected.csv")
+    yield from _trajectory(arm, q[:-1] * DEG)  # the last one lies behind a singularity
     T = arm.forward(q * DEG)
     quaternions = frames.quaternion_from_matrix(T[:, :3, :3])
     numbers = np.round(np.column_stack([T[:, :3, 3] / MM, quaternions]), 9)
@@ -157,3 +163,15 @@ joint_4,-90,110,0,600,-200,200
 joint_5,90,0,0,0,-115,115
 joint_6,-90,0,180,65,-400,400
 """
+
+
+def _trajectory(arm: Arm, q: FloatArray) -> Iterator[Sample]:
+    """The way between the joints of a program, from rest to rest."""
+    through = CubicSpline(3.0 * np.arange(len(q)), q, bc_type="clamped")
+    t = np.array([0.1 * k for k in range(30 * (len(q) - 1) + 1)])
+    motion = Trajectory(t, through(t), names=arm.joint_names, prismatic=arm.table.prismatic)
+    motion = replace(motion, dq=through(t, 1), ddq=through(t, 2))
+    line = "irbcal filter my-robot trajectory.yaml --out trajectory-sent.yaml"
+    yield Sample("trajectory.yaml", ros.to_yaml(motion).encode(), "a motion as a ROS JointTrajectory", line)
+    line = "irbcal filter my-robot trajectory.csv --out trajectory-sent.csv"
+    yield Sample("trajectory.csv", csv(motion.to_frame(), float_format="%.9f"), "the same motion as CSV", line)

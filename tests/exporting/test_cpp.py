@@ -1,6 +1,8 @@
 """The C++ header compiles without a warning and computes what irbcal computes."""
 
+import re
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from export_harness import COMPILERS, compiled, computed, situations
 from support import assert_derivative
 
 from irbcal.exporting import cpp
+from irbcal.exporting.source import Source
 
 pytestmark = pytest.mark.skipif(not COMPILERS, reason="no C++ compiler")
 CASES = [("irb1600", 10_000), ("ur10", 10_000), ("panda", 10_000), ("level", 1000), ("rail", 1000), ("plain", 100)]
@@ -61,3 +64,13 @@ def test_the_check_sees_a_wrong_number(sources, tmp_path):
     header.write_text(text.replace(repr(float(source.parts.gain[2])), repr(float(source.parts.gain[2]) + 1e-9)))
     subprocess.run(call, check=True)
     assert subprocess.run([tmp_path / "check"], capture_output=True).returncode == 1
+
+
+def test_the_example_of_the_page(folder, tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```cpp\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (tmp_path / "example.cpp").write_text(code)
+    program = compiled(Source.of(folder), tmp_path, COMPILERS[0], main=tmp_path / "example.cpp")
+    done = subprocess.run([program], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert done.stdout.split()[1:] == ["-0.200000000", "1"]

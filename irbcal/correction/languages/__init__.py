@@ -108,9 +108,9 @@ class Language(Protocol):
 
 def known() -> tuple[Language, ...]:
     """All languages."""
-    from irbcal.correction.languages import fanuc, inform, kawasaki, krl, rapid, table, urscript, val3
+    from irbcal.correction.languages import fanuc, inform, kawasaki, krl, rapid, ros, table, urscript, val3
 
-    return rapid, krl, fanuc, inform, kawasaki, urscript, val3, table
+    return rapid, krl, fanuc, inform, kawasaki, urscript, val3, ros, table
 
 
 def by_name() -> dict[str, Language]:
@@ -125,6 +125,8 @@ def of_robot(name: str) -> Language | None:
     return next((one for one in known() if one.ROBOTS and re.search(one.ROBOTS, name.lower())), None)
 
 
+SHARED = (".yaml", ".yml")
+"""Endings of other files, too: in a folder only what looks like a program is taken."""
 _ELSEWISE = (
     (b"\x1f\x8b", "a compressed file (a PolyScope .urp is one: export the program as .script)"),
     (b"PK\x03\x04", "a zip archive: unpack it"),
@@ -171,6 +173,9 @@ def files_of(programs: Sequence[str | Path]) -> tuple[Language, list[Path]]:
     for program in map(Path, programs):
         if program.is_dir():
             inside = sorted(path for path in program.iterdir() if path.is_file() and path.suffix.lower() in endings)
+            inside = [
+                path for path in inside if path.suffix.lower() not in SHARED or of(path).looks_like(read_bytes(path))
+            ]
             if not inside:
                 raise ProgramError("expected a robot program or a folder with some, found none", file=program)
             files += inside

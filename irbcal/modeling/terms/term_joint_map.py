@@ -94,7 +94,7 @@ class TermJointMap:
     @cached_property
     def has_history(self) -> bool:
         """Whether effective joints depend on the stop before."""
-        return bool(self._history.coefficients.any())
+        return bool(self.history.coefficients.any())
 
     @cached_property
     def history_std(self) -> FloatArray:
@@ -103,7 +103,7 @@ class TermJointMap:
         The root of the sum of the squares of its terms' coefficients, each with a function of one.
         """
         squares = np.zeros(len(self.terms.arm.joint_names))
-        for term, coefficient in zip(self._history.terms, self._history.coefficients, strict=True):
+        for term, coefficient in zip(self.history.terms, self.history.coefficients, strict=True):
             squares[[term.joint, *term.also]] += coefficient**2
         return np.sqrt(squares)
 
@@ -234,7 +234,8 @@ class TermJointMap:
         )
 
     @cached_property
-    def _history(self) -> TermMap:
+    def history(self) -> TermMap:
+        """Its terms of the last move, functions of that alone."""
         rows = self._rows(*HISTORY)
         chosen = tuple(self.terms.terms[k] for k in rows)
         return TermMap(self.terms.arm, chosen, self.terms.coefficients[rows], None, self.terms.gravity)
@@ -272,8 +273,8 @@ class TermJointMap:
     def _parts(self, q: FloatArray, previous: ArrayLike | None) -> Sequence[tuple[TermMap, Motion]]:
         """Terms that are summed one by one, with the motion that they see, for the load that is carried."""
         parts = [(self._loaded, self.motion(q))] if self._loaded.terms else []
-        if previous is not None and self._history.terms:
-            parts.append((self._history, Motion.after(q, previous)))
+        if previous is not None and self.history.terms:
+            parts.append((self.history, Motion.after(q, previous)))
         return parts
 
     def effective(
@@ -388,7 +389,7 @@ class TermJointMap:
             slack[[term.joint, *term.also]] += abs(coefficient) * most
         longest = np.subtract(upper, lower)
         longest = np.where(np.isfinite(longest), longest, 0.0)
-        for term, coefficient in zip(self._history.terms, self._history.coefficients, strict=True):
+        for term, coefficient in zip(self.history.terms, self.history.coefficients, strict=True):
             joints = [term.joint, *term.also]
             slack[joints] += abs(coefficient) * (longest[joints] if term.basis == "move" else 1.0)
         limits = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -98,6 +98,7 @@ def with_values(
     values: ArrayLike,
     fingerprint: str | None = None,
     rows: ArrayLike | None = None,
+    more: Mapping[str, FloatArray] | None = None,
 ) -> bytes:
     """Bytes of the program with new values; all other columns keep their text.
 
@@ -111,6 +112,8 @@ def with_values(
     rows : ndarray of bool, shape (n,), optional
         Rows that get their new values, the others keep their text (their new values may be NaN) and get no mark;
         all by default.
+    more : dict of str to ndarray, shape (n,), optional
+        Numbers of other columns that are new, too, in the units of the file.
 
     Returns
     -------
@@ -132,6 +135,7 @@ def with_values(
     else:
         numbers = new[chosen] / joint_units(program.columns)
     changed = dict(zip(program.columns, numbers.T, strict=True))
+    changed |= {name: column[chosen] for name, column in (more or {}).items()}
     columns = []
     for name in program.table.columns:
         if name == MARK and fingerprint is not None:

@@ -1,7 +1,8 @@
 """Programs as CSV: one target in each row, joints or poses of the tip in the base link.
 
 The columns are those of the arm's joints, such as ``q1_deg`` … ``q6_deg``, or ``x_mm``, ``y_mm``, ``z_mm``, ``qw``,
-``qx``, ``qy``, ``qz``; their order is free and all other columns are kept. A corrected file bears a column
+``qx``, ``qy``, ``qz``; their order is free and all other columns are kept. Joints with a column ``time_s`` are one
+motion (`irbcal.correction.languages.table.timed`). A corrected file bears a column
 ``irbcal_filtered`` with the fingerprint of the calibration. Errors name the file, the row (line of the file, the header
 being line 1) and the column.
 """
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, NoReturn
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.correction.languages.table import timed
 from irbcal.correction.languages.table.program import MARK, TableProgram
 from irbcal.correction.notation import QUATERNION_TOLERANCE, poses_from_numbers
 from irbcal.correction.program import Given, Kind, read_bytes
@@ -54,7 +56,8 @@ def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[TableProgram
         if frames:
             message = "the poses of a CSV program are those of the tip in the base link: there is no frame to give"
             raise OptionError(f"{parameter}: {message}", file=files[0], parameter=parameter)
-    return [read(path, arm.joint_columns) for path in files]
+    programs = [read(path, arm.joint_columns) for path in files]
+    return [timed.along_time(one, arm) if timed.has_times(one) else one for one in programs]
 
 
 def read(path: str | Path, joints: Sequence[str] = JOINTS) -> TableProgram:

@@ -1,0 +1,159 @@
+"""Programs that are one motion over time: fake targets for points, speeds and accelerations, and their limits.
+
+The tip's wanted motion ``W(t)`` is what the controller's nominal model makes of the file's joints. The commands are
+those with which the calibrated robot follows it: at the points by the calibrated inverse, and their speeds and
+accelerations so that first and second derivatives of the tip's pose agree with those of ``W``, too. An arm with more
+joints than a pose needs departs from the file's by as little as that takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.program import Goals, Left, Program
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse import newton
+from irbcal.modeling.moves_along import lean_along
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import chain
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.trajectory import Lean, Trajectory
+from irbcal.modeling.trajectory_limits import Exceeded, Limits, check
+
+STRIDE = 5e-4
+"""Radians (or metres) between the places of the differences: a gear's wave of 240 cycles a turn is 50 such long."""
+STEPS = 4
+"""Steps to speeds and accelerations: the Jacobian leaves out what frame terms change with the joints."""
+OTHERS = "another point of the motion cannot be corrected, and half a motion would jump"
+
+
+@runtime_checkable
+class Timed(Protocol):
+    """A program that is one motion over time."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion in joints of the arm, as the file has it."""
+        ...
+
+    def with_motion(self, commands: Trajectory) -> Program:
+        """The program with speeds and accelerations to write beside the fake targets."""
+        ...
+
+
+def follow(
+    robot: Robot,
+    nominal: Arm,
+    program: Timed,
+    found: Sequence[tuple[Goals, Corrected]],
+    controller: Arm | None = None,
+    speeds: FloatArray | None = None,
+) -> tuple[list[tuple[Goals, Corrected]], Trajectory | None, list[Left]]:
+    """Commands along a motion whose points are corrected one by one.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated.
+    nominal : Arm
+        Whose limits hold.
+    program : Timed
+    found : sequence of (Goals, Corrected)
+        Its points, all together, with unknown last moves.
+    controller : Arm, optional
+        What the controller computes with where that is not the nominal arm.
+    speeds : ndarray, shape (joints,), optional
+        Largest speeds of the joints, rad/s (m/s).
+
+    Returns
+    -------
+    found : list of (Goals, Corrected)
+        With what the sides do that the joints come from, where the robot depends on them; nothing is corrected where a
+        point cannot be.
+    commands : Trajectory or None
+        None without correction.
+    left : list of Left
+        Limits that the commands pass, at the points or between them.
+    """
+    ((goals, fake),) = found
+    given = program.trajectory
+    if not fake.ok.all():
+        others = np.where(fake.ok, OTHERS, fake.reason).astype(object)
+        none = replace(fake, q=np.full(fake.q.shape, np.nan), ok=np.zeros(len(fake.ok), dtype=bool), reason=others)
+        return [(goals, none)], None, []
+    computing = controller or nominal
+    q, lean = fake.q, lean_along(robot.joint_map, given)
+    if lean is not None:
+        q = robot.joint_map.commanded(robot.joint_map.effective(q) - lean.lean)
+    commands = _moving(robot, computing, given, q, lean)
+    limits = Limits(nominal.lower, nominal.upper, speeds)
+    already = {one[:2]: one for one in check(given, limits).exceeded}
+    checked = check(commands, limits)
+    left = [_left(one, already.get(one[:2]), goals, given, checked.slower) for one in checked.exceeded]
+    return [(goals, replace(fake, q=q, T_fake=computing.forward(q)))], commands, left
+
+
+def _left(one: Exceeded, before: Exceeded | None, goals: Goals, given: Trajectory, slower: float) -> Left:
+    row = min(int(np.searchsorted(given.times, one.time, side="right")) - 1, len(goals.lines) - 1)
+    words = one.in_words
+    if before is not None:
+        words += f", and so does the file at {before.time:.4g} s"
+    if one.kind != "position":
+        words += f"; times {np.ceil(slower * 1e4) / 1e4:.4f} times as long would hold it"
+    return Left(f"{goals.names[row]} and what follows", int(goals.lines[row]), words)
+
+
+def _moving(robot: Robot, computing: Arm, given: Trajectory, q: FloatArray, lean: Lean | None) -> Trajectory:
+    """Commands ``q`` with the speeds and accelerations with which the tip follows; those that the file has."""
+    commands = replace(given, q=q, dq=None, ddq=None, lean=lean)
+    if given.dq is None:
+        return commands
+    bend = np.zeros(q.shape) if given.ddq is None else given.ddq
+    lean = lean or Lean(*np.zeros((3, *q.shape)))
+    rate = lean.second if given.ddq is not None else np.zeros(q.shape)
+    fastest = np.maximum(np.abs(given.dq), np.sqrt(STRIDE * np.abs(bend))).max(axis=1)
+    step = (STRIDE / np.maximum(fastest, STRIDE))[:, None]
+
+    def along(p: FloatArray, v: FloatArray, a: FloatArray, k: int) -> FloatArray:
+        return p + k * step * v + 0.5 * (k * step) ** 2 * a
+
+    wanted = {k: newton.columns(computing.forward(along(given.q, given.dq, bend, k))) for k in range(-2, 3)}
+    line = newton.CalibratedChain(robot, 1.0)
+    inverse = np.linalg.pinv(line.linearised(wanted[0], q.T)[0])
+
+    def lacks(dq: FloatArray, ddq: FloatArray) -> Callable[[int], FloatArray]:
+        found: dict[int, FloatArray] = {}
+
+        def lack(k: int) -> FloatArray:
+            if k not in found:
+                tip = _tip(robot, along(q, dq, ddq, k), along(lean.lean, lean.rate, rate, k))
+                turn = newton.rotation_vector(tip, wanted[k])
+                found[k] = np.concatenate([wanted[k][3] - tip[3], turn]).T
+            return found[k]
+
+        return lack
+
+    dq, ddq = np.array(given.dq), np.array(bend)
+    for _ in range(STEPS):
+        lack = lacks(dq, ddq)
+        speed = (8.0 * (lack(1) - lack(-1)) - (lack(2) - lack(-2))) / (12.0 * step)
+        dq = dq + np.einsum("nij,nj->ni", inverse, speed)
+    if given.ddq is None:
+        return replace(commands, dq=dq)
+    for _ in range(STEPS):
+        lack = lacks(dq, ddq)
+        bent = (16.0 * (lack(1) + lack(-1)) - (lack(2) + lack(-2)) - 30.0 * lack(0)) / (12.0 * step**2)
+        ddq = ddq + np.einsum("nij,nj->ni", inverse, bent)
+    return replace(commands, dq=dq, ddq=ddq)
+
+
+def _tip(robot: Robot, q: FloatArray, lean: FloatArray) -> FloatArray:
+    """Columns (4, 3, n) of the tip for commands, with what the last moves add to the effective joints."""
+    xi = None if robot.frame_terms is None else robot.frame_terms.motions(Motion(q))
+    return chain.walk(robot.arm, robot.joint_map.effective(q) + lean, xi).tip

@@ -1,0 +1,117 @@
+"""CasADi: joint map, its inverse, the tip and derivatives as Functions for optimal control, and as generated C."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from irbcal.exporting import python
+from irbcal.exporting.parts import Parts, Vectors
+from irbcal.exporting.source import Source, needed
+from irbcal.exporting.written import render
+from irbcal.files.mesh_paths import MeshPaths
+
+WHAT = "CasADi: Functions of joint map, inverse, tip and Jacobians, saved and as generated C"
+NEXT = "python {folder}/{word}_casadi.py     # are its numbers right here, too?"
+STEPS = 14
+"""Of the way back from effective to commanded joints: each leaves less than a tenth of what was missed."""
+SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_place": 3}
+"""Inputs beside the joints, and how many numbers each has (None: one a joint)."""
+
+
+def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
+    """Saved Functions, C code, and a module that loads and checks them.
+
+    Parameters
+    ----------
+    source : Source
+    folder, mesh_paths
+        Other targets need them.
+
+    Returns
+    -------
+    dict of str to bytes
+        Names of the files and what is in them.
+    """
+    ca = needed("casadi", "casadi")
+    parts = source.parts
+    made = functions(parts, source.vectors)
+    word = f"{parts.identifier}_casadi"
+    out = {}
+    with TemporaryDirectory() as place:
+        generator = ca.CodeGenerator(f"{word}.c", {"with_header": True})
+        for name, function in made.items():
+            function.save(f"{place}/{name}.casadi")
+            out[f"{name}.casadi"] = Path(place, f"{name}.casadi").read_bytes()
+            generator.add(function)
+        generator.generate(f"{place}/")
+        for ending in ("c", "h"):
+            head = f"/* {parts.name.replace('*', ' ')}, {parts.version}, calibration {parts.fingerprint} */\n"
+            out[f"{word}.{ending}"] = head.encode() + Path(place, f"{word}.{ending}").read_bytes()
+    words = {"needs": "casadi", "names": list(made), "inputs": list(_inputs(parts))}
+    return out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **words)}
+
+
+def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
+    """The Functions by their names.
+
+    The formulas are those of the exported module on plain floats, given symbols in place of numbers.
+
+    Parameters
+    ----------
+    parts : Parts
+    vectors : Vectors
+
+    Returns
+    -------
+    dict of str to casadi.Function
+        ``effective``, ``effective_jacobian``, ``commanded``, ``tip`` (4 by 4), ``tip_jacobian``.
+    """
+    ca = needed("casadi", "casadi")
+    robot: Any = python.module(parts, vectors)
+    robot.cos, robot.sin, robot.tanh, robot._size = ca.cos, ca.sin, ca.tanh, _size
+    sizes = _inputs(parts)
+    q = ca.SX.sym("q", len(parts.joint_names))
+    given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    moves = ca.vertsplit(given["known"] * (q - given["previous"])) if parts.has_history else None
+    torques = ca.vertsplit(given["torques"]) if "torques" in given else None
+    load = given["payload_kg"], ca.vertsplit(given["payload_place"]), torques
+    theta = q + ca.vertcat(*robot._shift(ca.vertsplit(q), moves, *load))
+    R, p, columns = robot._geometric(ca.vertsplit(theta))
+    T = ca.vertcat(ca.horzcat(*(ca.vertcat(*column) for column in (*R, p))), ca.SX([[0, 0, 0, 1]]))
+    map_jacobian = ca.jacobian(theta, q)
+    J = ca.horzcat(*(ca.vertcat(*column) for column in columns)) @ map_jacobian
+    inputs, names = [q, *given.values()], ["q", *given]
+    made = {
+        name: ca.Function(name, inputs, [value], names, [said])
+        for name, value, said in (
+            ("effective", theta, "theta"),
+            ("effective_jacobian", map_jacobian, "dtheta_dq"),
+            ("tip", T, "T_base_tip"),
+            ("tip_jacobian", J, "J"),
+        )
+    }
+    wanted = ca.MX.sym("theta", len(parts.joint_names))
+    situation = [ca.MX.sym(name, size) for name, size in sizes.items()]
+    found = wanted
+    for _ in range(STEPS):
+        found = found + (wanted - made["effective"](found, *situation))
+    made["commanded"] = ca.Function("commanded", [wanted, *situation], [found], ["theta", *sizes], ["q"])
+    return made
+
+
+def _inputs(parts: Parts) -> dict[str, int]:
+    """Names and sizes of the inputs beside the joints; torques where the robot's matter."""
+    n = len(parts.joint_names)
+    sizes = {name: n if size is None else size for name, size in SITUATION.items()}
+    return sizes | ({"torques": n} if parts.torque.any() else {})
+
+
+def _size(moves: list[Any]) -> Any:
+    """The largest move, one where nothing moves."""
+    ca = needed("casadi", "casadi")
+    largest = ca.fabs(moves[0])
+    for move in moves[1:]:
+        largest = ca.fmax(largest, ca.fabs(move))
+    return largest + (largest == 0.0)

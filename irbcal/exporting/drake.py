@@ -1,0 +1,68 @@
+"""Drake: a package with the calibrated URDF and its meshes as OBJ files, which Drake reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from irbcal.exporting.gathered import beside, gathered
+from irbcal.exporting.source import Source
+from irbcal.files import urdf_xml
+from irbcal.files.mesh_paths import MeshPaths
+
+WHAT = "Drake: a package (package.xml) with the calibrated URDF and its meshes as OBJ"
+NEXT = "parser.package_map().AddPackageXml('{folder}/package.xml')     # positions are effective joints"
+UNREAD = ("mujoco", "safety_controller")
+"""Elements that Drake warns of."""
+PACKAGE = """<?xml version="1.0"?>
+<package format="3">
+  <name>{name}</name>
+  <version>1.0.0</version>
+  <description>{what}</description>
+  <maintainer email="nobody@example.org">made by irbcal</maintainer>
+  <license>as the robot's own description</license>
+</package>
+"""
+
+
+def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
+    """The package and the joint map.
+
+    Parameters
+    ----------
+    source : Source
+    folder, mesh_paths
+        Other targets need them.
+
+    Returns
+    -------
+    dict of str to bytes
+        Names of the files and what is in them.
+    """
+    from xml.sax.saxutils import escape
+
+    parts, found = source.parts, gathered(source, _as_obj)
+    name = f"{parts.identifier}_calibrated"
+    root = found.tree.getroot()
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", f"package://{name}/{mesh.get('filename')}")
+    for element in list(root.iter(*UNREAD)):
+        element.getparent().remove(element)
+    simulated = " from SIMULATED measurements" if parts.simulated else ""
+    what = f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
+    package = PACKAGE.format(name=name, what=escape(what)).encode()
+    return {"package.xml": package, f"{name}.urdf": urdf_xml.serialised(found.tree), **found.meshes, **beside(source)}
+
+
+def _as_obj(path: Path) -> tuple[str, bytes] | None:
+    """OBJ as it is, STL converted; others are not taken: their units and axes are for their own readers to know."""
+    import trimesh
+
+    ending = path.suffix.lower()
+    if ending == ".obj":
+        return ".obj", path.read_bytes()
+    if ending != ".stl":
+        return None
+    mesh: Any = trimesh.load(path, file_type="stl", force="mesh")
+    text: str = mesh.export(file_type="obj", include_normals=False, include_color=False, header=None, digits=9)
+    return ".obj", text.encode()

@@ -1,0 +1,115 @@
+"""A calibrated URDF together with the mesh files that it names, for folders that can be moved anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from irbcal.arrays import lock
+from irbcal.errors import CalibrationError, RobotError
+from irbcal.exporting import python
+from irbcal.exporting.source import Source
+from irbcal.files import robots, urdf_xml
+from irbcal.files.mesh_paths import MESH_ENDINGS, MeshFolders, Problem
+from irbcal.files.urdf_xml import XmlTree
+
+FOLDER = "meshes"
+Convert = Callable[[Path], tuple[str, bytes] | None]
+"""From a mesh file to an ending and content; None where the format is not taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """A URDF whose meshes lie in a folder beside it.
+
+    Attributes
+    ----------
+    tree : XmlTree
+        The document; names of meshes are ``meshes/NAME``.
+    meshes : dict of str to bytes
+        Content of the files by these names.
+    left_out : tuple of str
+        Mesh files that are not taken: their shapes are gone from the document.
+    """
+
+    tree: XmlTree
+    meshes: dict[str, bytes]
+    left_out: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+def gathered(source: Source, convert: Convert) -> Gathered:
+    """The URDF of a calibration with its meshes.
+
+    Parameters
+    ----------
+    source : Source
+    convert : callable
+        What becomes of each file.
+
+    Raises
+    ------
+    CalibrationError
+        If the URDF is not known.
+    RobotError
+        If a mesh file is not found, or lies where the URDF may not look.
+    """
+    tree = urdf_xml.parse(urdf_of(source), "calibrated.urdf")
+    root = tree.getroot()
+    places = MeshFolders(source.folder, robots.package_dirs())
+    taken: dict[Path, str | None] = {}
+    meshes: dict[str, bytes] = {}
+    left_out = []
+    for mesh in list(root.iter("mesh")):
+        try:
+            path = places.find(mesh.get("filename", ""), MESH_ENDINGS)
+        except Problem as problem:
+            raise RobotError(f"{problem.which}: {problem.reason}", file="calibrated.urdf", parameter="as") from None
+        if path not in taken:
+            found = convert(path)
+            if found is None:
+                left_out.append(path.name)
+                taken[path] = None
+            else:
+                taken[path] = _free(meshes, path.stem, found[0])
+                meshes[str(taken[path])] = found[1]
+        name = taken[path]
+        if name is None:
+            shape = mesh.getparent().getparent()
+            shape.getparent().remove(shape)
+        else:
+            mesh.set("filename", name)
+    for texture in list(root.iter("texture")):
+        texture.getparent().remove(texture)
+    return Gathered(tree, meshes, tuple(left_out))
+
+
+def urdf_of(source: Source) -> bytes:
+    """The calibrated URDF.
+
+    Raises
+    ------
+    CalibrationError
+        If it is not known.
+    """
+    if source.urdf is None:
+        raise CalibrationError(
+            f"this calibration of {source.parts.name} does not hold the robot's URDF: give its folder instead",
+            parameter="calibration",
+        )
+    return source.urdf
+
+
+def beside(source: Source) -> dict[str, bytes]:
+    """The joint map for those who have the URDF only: the Python module on numpy."""
+    text = python.text(source.parts, source.vectors, "calibrated.py.j2", "numpy alone")
+    return {f"{source.parts.identifier}_calibrated.py": text}
+
+
+def _free(taken: dict[str, bytes], stem: str, ending: str) -> str:
+    word = "".join(char if char.isalnum() or char in "-_" else "_" for char in stem)
+    names = (f"{FOLDER}/{word}{mark}{ending}" for mark in ("", *(f"_{k}" for k in range(2, 10_000))))
+    return next(name for name in names if name not in taken)

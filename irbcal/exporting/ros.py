@@ -1,0 +1,104 @@
+"""ROS 2: an ament package with the calibrated robot as URDF and as xacro macro, its meshes and its joint origins.
+
+For descriptions that take joint origins from YAML, as ``ur_description`` does, ``config/joint_origins.yaml`` alone is
+enough; all others are replaced by the macro, whose joints are placed by the calibration.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from irbcal.exporting.gathered import beside, gathered
+from irbcal.exporting.source import Source
+from irbcal.files import joint_origins, urdf_xml
+from irbcal.files.mesh_paths import MeshPaths
+
+WHAT = "ROS 2: an ament package with URDF, xacro macro, meshes and joint origins"
+NEXT = "xacro {folder}/urdf/{word}_calibrated.urdf.xacro     # or copy the folder into your workspace: docs/ros2.md"
+XACRO = "http://www.ros.org/wiki/xacro"
+CMAKE = """cmake_minimum_required(VERSION 3.8)
+project({name} NONE)
+find_package(ament_cmake REQUIRED)
+install(DIRECTORY {folders} DESTINATION share/${{PROJECT_NAME}})
+ament_package()
+"""
+PACKAGE = """<?xml version="1.0"?>
+<package format="3">
+  <name>{name}</name>
+  <version>1.0.0</version>
+  <description>{what}</description>
+  <maintainer email="nobody@example.org">made by irbcal</maintainer>
+  <license>as the robot's own description</license>
+  <buildtool_depend>ament_cmake</buildtool_depend>
+  <exec_depend>xacro</exec_depend>
+  <export>
+    <build_type>ament_cmake</build_type>
+  </export>
+</package>
+"""
+TOP = """<?xml version="1.0" encoding="utf-8"?>
+<!-- {what} -->
+<robot xmlns:xacro="{xacro}" name="{robot}">
+  <xacro:arg name="prefix" default=""/>
+  <xacro:include filename="{name}_macro.xacro"/>
+  <xacro:{name} prefix="$(arg prefix)"/>
+</robot>
+"""
+MACRO = """<?xml version="1.0" encoding="utf-8"?>
+<!-- {what} -->
+<robot xmlns:xacro="{xacro}">
+  <xacro:macro name="{name}" params="prefix">
+{elements}
+  </xacro:macro>
+</robot>
+"""
+NAMED = {"joint": ("name",), "link": ("name", "link"), "parent": ("link",), "child": ("link",), "mimic": ("joint",)}
+"""Attributes that hold names of links and joints."""
+
+
+def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
+    """The package and the joint map.
+
+    Parameters
+    ----------
+    source : Source
+    folder, mesh_paths
+        Other targets need them.
+
+    Returns
+    -------
+    dict of str to bytes
+        Names of the files and what is in them.
+    """
+    from xml.sax.saxutils import escape, quoteattr
+
+    from lxml import etree
+
+    parts, found = source.parts, gathered(source, lambda path: (path.suffix, path.read_bytes()))
+    name = f"{parts.identifier}_calibrated"
+    root = found.tree.getroot()
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", f"package://{name}/{mesh.get('filename')}")
+    simulated = " from SIMULATED measurements" if parts.simulated else ""
+    what = f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
+    words = {"name": name, "what": escape(what).replace("--", "- -"), "xacro": XACRO}
+    made = {f"urdf/{name}.urdf": urdf_xml.serialised(found.tree)}
+    for element in root.iter():
+        if isinstance(element.tag, str):
+            for attribute, value in element.attrib.items():
+                element.set(attribute, value.replace("$", "$$"))
+            for attribute in NAMED.get(element.tag, ()):
+                if element.get(attribute) is not None:
+                    element.set(attribute, "${prefix}" + element.get(attribute))
+    elements = [etree.tostring(element, encoding="unicode", with_tail=False) for element in root]
+    macro = MACRO.format(**words, elements="\n".join(f"  {element}" for element in elements))
+    folders = ["urdf", *(["meshes"] if found.meshes else []), *(["config"] if source.record else [])]
+    made |= {
+        "package.xml": PACKAGE.format(**words).encode(),
+        "CMakeLists.txt": CMAKE.format(name=name, folders=" ".join(folders)).encode(),
+        f"urdf/{name}_macro.xacro": macro.encode(),
+        f"urdf/{name}.urdf.xacro": TOP.format(**words, robot=quoteattr(root.get("name", name))[1:-1]).encode(),
+    }
+    if source.record is not None:
+        made["config/joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
+    return made | found.meshes | beside(source)
