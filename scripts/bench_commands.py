@@ -4,19 +4,32 @@ import math
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from irbcal.correction import languages, write_moves
 from irbcal.correction.moves import Move, Moves
+from irbcal.errors import ProgramError
 from irbcal.files import robots, urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
+from irbcal.practice import makers
 
 PROGRAMS = 10_000
 ROWS = 100_000
+PULSES = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)
+"""Of a degree of each joint, for INFORM."""
+
+
+RUN = """
+import os, resource, subprocess, sys
+done = subprocess.run([sys.executable, "-m", "irbcal", *sys.argv[1:]], stdout=subprocess.DEVNULL)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+sys.exit(done.returncode)
+"""
+"""A small process that starts the command: a large one's memory would count as the command's."""
 
 
 def spent(*words, times=3):
@@ -24,14 +37,12 @@ def spent(*words, times=3):
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     best = (math.inf, math.inf)
     for _ in range(times):
-        command = [sys.executable, "-m", "irbcal", *map(str, words)]
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env=environment) as process:
-            said = process.stderr.read()
-            _, status, usage = os.wait4(process.pid, 0)
-            process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode:
-            raise RuntimeError(f"irbcal {' '.join(map(str, words))}: {said.decode()[-500:]}")
-        best = min(best, (usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024))
+        command = [sys.executable, "-c", RUN, *map(str, words)]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        if done.returncode:
+            raise RuntimeError(f"irbcal {' '.join(map(str, words))}: {done.stderr[-500:]}")
+        seconds, memory = map(float, done.stdout.split())
+        best = min(best, (seconds, memory))
     return best
 
 
@@ -101,35 +112,47 @@ def away_from_singularities(arm, n):
 
 def programs(add, folder):
     """Programs of many targets in every language, beyond the start of a program of ten."""
-    arm = urdf.read("irb1600").arm
+    samples = {item.path: item.content for item in makers.files()}
+    arms = {"irb1600": urdf.read("irb1600").arm}
     demo = robots.demo_file("demo_identification.csv")
-    spent("calibrate", demo, "--robot", "irb1600", "--out", folder / "c", "--force", "--model", "34", times=1)
-    sizes = (10, PROGRAMS // 2, PROGRAMS)
+    spent("calibrate", demo, "--robot", "irb1600", "--out", folder / "irb1600", "--model", "34", times=1)
     limits = {"RAPID, poses": 1.5, "CSV": 0.9}
     for name in ("RAPID, poses", "CSV", *(one.NAME for one in languages.known() if one.write_moves is not None)):
-        found = []
-        for size in sizes if name != "CSV" else (10, ROWS // 2, ROWS):
-            q = away_from_singularities(arm, size)
-            try:
-                file = program(name, arm, q, folder / f"{name}{size}".replace(", ", "").replace(" ", ""))
-            except Exception as error:  # a language that does not serve this arm
-                print(f"{name}: {error}")
-                break
-            out = folder / "out" / f"{file.parent.name}-{file.name}"
-            out.parent.mkdir(exist_ok=True)
-            pulses = ("--pulses", "1341.4,1341.4,1341.4,1000,1000,622") if "INFORM" in name else ()
-            try:
-                found.append(spent("filter", folder / "c", file, "--out", out, "--allow-partial", *pulses, times=2))
-            except RuntimeError as error:
-                print(f"{name}: {error}")
-                break
-        if len(found) == 3:
-            (start, _), (half, _), (whole, memory) = found
-            slope = math.log2((whole - start) / max(half - start, 1e-3))
-            count = ROWS if name == "CSV" else PROGRAMS
-            add(
-                f"irbcal filter, {name}, {count:,} targets beyond start", whole - start, memory, limits.get(name), slope
-            )
+        robot = "irb1600"
+        if name not in ("RAPID, poses", "CSV", "RAPID"):
+            robot = of_maker(name, samples, arms, folder)
+        found, count = [], ROWS if name == "CSV" else PROGRAMS
+        for size in (10, count // 2, count):
+            q = away_from_singularities(arms[robot], size)
+            place = folder / f"{name}{size}".replace(", ", "").replace(" ", "")
+            file = program(name, arms[robot], q, place)
+            several = file.is_dir()
+            out = folder / f"{place.name}-out{'' if several else file.suffix}"
+            pulses = ("--pulses", ",".join(map(str, PULSES))) if "INFORM" in name else ()
+            found.append(spent("filter", folder / robot, file, "--out", out, "--allow-partial", *pulses, times=2))
+        (start, _), (half, _), (whole, memory) = found
+        slope = math.log2((whole - start) / max(half - start, 1e-3))
+        add(f"irbcal filter, {name}, {count:,} targets beyond start", whole - start, memory, limits.get(name), slope)
+
+
+def of_maker(name, samples, arms, folder):
+    """A SIMULATED robot of the samples that a language's controller could move, calibrated."""
+    language = next(one for one in languages.known() if name == one.NAME)
+    for file in (file for file in samples if file.endswith("/arm.urdf")):
+        maker = file.partition("/")[0]
+        arm = arms.setdefault(maker, urdf.from_bytes(samples[file], maker).arm)
+        try:
+            if language.MAKER is not None:
+                language.MAKER.check(arm, maker)
+        except ProgramError:
+            continue
+        if not (folder / maker).exists():
+            for part in ("arm.urdf", "measured.csv"):
+                (folder / f"{maker}-{part}").write_bytes(samples[f"{maker}/{part}"])
+            measured, robot = folder / f"{maker}-measured.csv", folder / f"{maker}-arm.urdf"
+            spent("calibrate", measured, "--robot", robot, "--out", folder / maker, "--model", "placement", times=1)
+        return maker
+    raise RuntimeError(f"no arm for {name}")
 
 
 def program(name, arm, q, folder):
@@ -145,8 +168,8 @@ def program(name, arm, q, folder):
         return file
     language = next(one for one in languages.known() if name == one.NAME)
     moves = (Move("", 0.0, 0.5, 1.0),) * len(q)
-    pulses = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0) if "INFORM" in name else ()
+    pulses = PULSES if "INFORM" in name else ()
     files = write_moves.write(language, Moves(arm, q, moves, pulses=pulses))
     for file, content in files.items():
         (folder / file).write_bytes(content)
-    return next(path for path in map(Path, sorted(folder.iterdir())) if path.suffix.lower() in language.ENDINGS)
+    return folder / next(iter(files)) if len(files) == 1 else folder
