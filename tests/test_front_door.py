@@ -37,6 +37,8 @@ ELSEWHERE = {
     "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
     "fk": {"joints": None},
     "ik": {"poses": None},
+    "simulate": {"device": "simulate_device", "noise": "simulate_device"},
+    "plan": {"device": "device_plan", "poses": "device_plan", "compare_devices": None},
     "ballbar": {"file": None, "magnify": None},
     "tracker": {"file": None},
     "iso9283": dict.fromkeys(("plane", "near", "center", "inset", "edge"), "iso9283_plan") | {"plan": None},
