@@ -236,7 +236,15 @@ def _fleet(random: Random) -> list[str]:
     return random.choice(
         (
             ["fleet", "calibrate", "@fleet.csv", "--out", ">fleet", "--jobs", "1", *json],
-            ["fleet", "add", "@cal", "--store", ">new.db", *json, *_some(random, ["--id", "a"], ["--date", "2026-03-02"])],
+            [
+                "fleet",
+                "add",
+                "@cal",
+                "--store",
+                ">new.db",
+                *json,
+                *_some(random, ["--id", "a"], ["--date", "2026-03-02"]),
+            ],
             ["fleet", "list", "--store", "@fleet.db", *json, *_some(random, ["--report", ">fleet.html"])],
             ["fleet", "drift", "a", "--store", "@fleet.db", *json],
             ["fleet", "export", "--store", "@fleet.db", "--out", ">parameters.csv"],

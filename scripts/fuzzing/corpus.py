@@ -173,7 +173,11 @@ def _lines_of_joints(folder: Path) -> None:
 
 def _fleet(folder: Path) -> None:
     """A list of robots, and a store that holds one: ``fleet.csv``, ``fleet.db``."""
-    rows = ["id,serial,measurements,robot,date,options", "a,1,m.csv,irb1600,2026-03-02,model=16", "b,2,no.csv,irb1600,,"]
+    rows = [
+        "id,serial,measurements,robot,date,options",
+        "a,1,m.csv,irb1600,2026-03-02,model=16",
+        "b,2,no.csv,irb1600,,",
+    ]
     _lines(folder / "fleet.csv", rows)
     irbcal.fleet_add([folder / "cal"], folder / "fleet.db", id="a", serial="1", date="2026-03-02")
 

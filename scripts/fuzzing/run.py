@@ -310,7 +310,11 @@ def _in_stream(out: str, least: float) -> str | None:
             joints = json.loads(line, parse_constant=_refuse)["joints"]
         except (ValueError, KeyError, TypeError) as error:
             return f"no command in a line: {error}"
-        if joints is not None and last is not None and max(abs(a - b) for a, b in zip(joints, last, strict=True)) > least:
+        if (
+            joints is not None
+            and last is not None
+            and max(abs(a - b) for a, b in zip(joints, last, strict=True)) > least
+        ):
             return "a command jumps"
         last = joints or last
     return None
