@@ -6,6 +6,8 @@ from .calibration import calibrate as calibrate
 from .calibration import load as load
 from .calibration import report as report
 from .calibration import save as save
+from .cell.device_simulation import SimulatedDevice as SimulatedDevice
+from .cell.device_simulation import simulate_device as simulate_device
 from .cell.simulation import Simulated as Simulated
 from .cell.simulation import simulate as simulate
 from .correction.filter import correct as correct
@@ -25,6 +27,12 @@ from .files.dh_table import DhRobot as DhRobot
 from .files.dh_table import urdf_from_dh as urdf_from_dh
 from .files.robots import robots as robots
 from .files.urdf import read_urdf as read_urdf
+from .fleet.calibrated import CalibratedFleet as CalibratedFleet
+from .fleet.calibrated import fleet_calibrate as fleet_calibrate
+from .fleet.overview import fleet_add as fleet_add
+from .fleet.overview import fleet_drift as fleet_drift
+from .fleet.overview import fleet_export as fleet_export
+from .fleet.overview import fleet_list as fleet_list
 from .identification.evidence import identify_evidence as identify_evidence
 from .identification.evidence_fit import EvidenceFit as EvidenceFit
 from .joint_behaviour.behaviour import joints as joints
@@ -35,6 +43,10 @@ from .measurement.imports.reader import import_measurements as import_measuremen
 from .measurement.table import read_measurements as read_measurements
 from .modeling.trajectory import Trajectory as Trajectory
 from .planners.calibrated_model import CalibratedModel as CalibratedModel
+from .planning.device_comparison import DeviceComparison as DeviceComparison
+from .planning.device_comparison import compare_devices as compare_devices
+from .planning.device_plan import DevicePlan as DevicePlan
+from .planning.device_plan import device_plan as device_plan
 from .planning.measuring_plan import Plan as Plan
 from .planning.measuring_plan import plan as plan
 from .practice.samples import Samples as Samples

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import cache
 from typing import Any, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
@@ -32,11 +33,16 @@ class LockedDict(dict[K, V]):
         return LockedDict, (dict(self),)
 
 
+_PLAIN = frozenset({int, float, str, bytes, bool, tuple, type(None)})
+
+
 def locked(value: Any) -> Any:
     """The value with all arrays in it copied and read-only: arrays, dicts (made `LockedDict`), lists (made tuples).
 
     An array that nobody can write to any more is taken as it is.
     """
+    if type(value) in _PLAIN:
+        return value
     if isinstance(value, np.ndarray):
         if _is_locked(value):
             return value
@@ -63,5 +69,13 @@ def _is_locked(array: NDArray[Any]) -> bool:
 
 def lock(instance: Any) -> None:
     """Lock all fields of a frozen dataclass: to be called at the end of its ``__post_init__``."""
-    for field in fields(instance):
-        object.__setattr__(instance, field.name, locked(getattr(instance, field.name)))
+    for name in _names(type(instance)):  # type: ignore[arg-type]
+        value = getattr(instance, name)
+        new = locked(value)
+        if new is not value:
+            object.__setattr__(instance, name, new)
+
+
+@cache
+def _names(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from irbcal.calibrating import Options
 
 OPEN = 0.5
-"""Share of what was not known of the tip's place that rows may leave open without a doubt."""
+"""Share of what was not known of the tool's place that rows may leave open without a doubt."""
 
 TAKES = ("model", "terms", "seed", "base_link", "tip_link", "coupling", "features", "leave_out")
 """Options that rows at features take."""
@@ -102,7 +102,11 @@ def run(
         fit,
         PlacedRobot(fit.nominal_robot),
         points,
-        points if aside.all() else points.take(kept).without_empty_poses() if aside.any() else points.select(aside[:0]),
+        points
+        if aside.all()
+        else points.take(kept).without_empty_poses()
+        if aside.any()
+        else points.select(np.zeros(points.poses, dtype=bool)),
         seen.as_measurements(),
         None,
         seen.poses,
@@ -134,7 +138,7 @@ def _doubts(section: FeaturesSection) -> list[str]:
     if section.open_mm <= OPEN * section.before_mm:
         return []
     return [
-        f"These rows leave {section.open_mm:.3f} mm of the {section.before_mm:.3f} mm open that the tip's place is "
+        f"These rows leave {section.open_mm:.3f} mm of the {section.before_mm:.3f} mm open that the tool's place is "
         "uncertain by (root mean square, at joints like these): they agree with each other, but tell too little of the "
         "arm. Measure at more places, or add known lengths."
     ]
@@ -149,7 +153,7 @@ def _notes(section: FeaturesSection) -> list[str]:
             "base link."
         )
     notes.append(
-        f"At joints like these the tip's place is known within {section.open_mm:.3f} mm (root mean square, predicted; "
+        f"At joints like these the tool's place is known within {section.open_mm:.3f} mm (root mean square, predicted; "
         f"{section.before_mm:.3f} mm before these rows): no tracker has seen it."
     )
     return notes

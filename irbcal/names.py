@@ -34,7 +34,7 @@ def fault_of(name: str) -> str | None:
     ----------
     name : str
     """
-    if any(not (char.isprintable() or char == "\u00a0") for char in name):
+    if not name.replace("\u00a0", "").isprintable():
         return f"expected a name of printable characters on one line, found {name[:LONGEST_NAME]!a}"
     if len(name) > LONGEST_NAME:
         return f"expected a name of at most {LONGEST_NAME} characters, found {len(name)} ({name[:30]!r} …)"

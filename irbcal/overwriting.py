@@ -17,6 +17,8 @@ FOLDER_FILES = (
     "calibrated.urdf",
     "joint_origins.yaml",
     "calibration.json",
+    "calibration.points.parquet",
+    "calibration.poses.parquet",
     "report.html",
     "plan.csv",
     "poses.csv",

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.files.nominal import read_nominal
+from irbcal.identification.constraint_kind import LEVER
 from irbcal.identification.constraints import KINDS, Seen
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
@@ -61,13 +62,14 @@ def unknowns(kind, rng):
     return own
 
 
-def contact(one, kind, own, n, rng, value=0.0, xyz=None):
-    """Random joints moved until they meet a kind's condition."""
+def contact(one, kind, own, n, rng, value=0.0, xyz=None, noise=0.0):
+    """Random joints moved until they meet a kind's condition, but for noise."""
     nominal = arm()
     q, out = nominal.random_joints(12 * n, int(rng.integers(1 << 30))) * 0.8, []
     xyz = np.zeros(3) if xyz is None else xyz
     v = np.broadcast_to(np.asarray(value, float), len(q)) if np.ndim(value) == 0 else np.resize(value, len(q))
     places = np.resize(xyz, (len(q), 3))
+    off = noise * rng.standard_normal((len(q), KINDS[kind].size))
     for _ in range(25):
         p, R = tip(one, q)
         found = KINDS[kind].misses(Seen(Feature("", kind), p, R, v, places, EMPTY), own)
@@ -76,18 +78,18 @@ def contact(one, kind, own, n, rng, value=0.0, xyz=None):
         J = found.point @ moves
         if found.turn is not None:
             J = J + found.turn @ chain.turn_columns(path, np.arange(len(q)))[:, 2].transpose(2, 1, 0)
-        step = np.linalg.pinv(J, rcond=1e-3) @ found.r[..., None]
+        step = np.linalg.pinv(J, rcond=1e-3) @ (found.r - off)[..., None]
         q = q - np.clip(step[..., 0], -0.3, 0.3)
     p, R = tip(one, q)
     r = KINDS[kind].misses(Seen(Feature("", kind), p, R, v, places, EMPTY), own).r
-    good = (np.abs(r).max(axis=1) < 1e-13) & (q > nominal.lower).all(axis=1) & (q < nominal.upper).all(axis=1)
+    good = (np.abs(r - off).max(axis=1) < 1e-13) & (q > nominal.lower).all(axis=1) & (q < nominal.upper).all(axis=1)
     out = np.flatnonzero(good)[:n]
     assert len(out) == n, (kind, len(out))
     return q[out], v[out], places[out]
 
 
-def rows(kind, one, n=60, seed=0, noise=0.0):
-    """Rows (n a feature) at features of one kind, and the features' table."""
+def rows(kind, one, n=60, seed=0, noise=0.0, fresh=0):
+    """Rows (n a feature) at features of one kind, and the features' table; ``fresh`` more are without noise."""
     rng = np.random.default_rng(seed)
     parts, known = [], []
     axes = frames.rotation_from_vector(np.array([0.3, -0.2, 0.5]))
@@ -95,53 +97,50 @@ def rows(kind, one, n=60, seed=0, noise=0.0):
         own = unknowns(kind, rng)
         if kind == "offset-on-tool":
             own["axes"] = axes
-        free = kind in ("radius", "angle", "pose")
-        seen = rng.uniform(-0.02, 0.02, (12 * n, 3)) if kind.startswith("offset") else None
-        value = rng.uniform(-0.01, 0.01, 12 * n) if kind == "gauge" else 0.0
-        if free:
-            q, v, xyz = arm().random_joints(n, seed + k) * 0.7, np.zeros(n), np.zeros((n, 3))
-        else:
-            q, v, xyz = contact(one, kind, own, n, rng, value, seen)
-        p, R = tip(one, q)
         name = f"{kind} {k}"
-        table = {"pose": [f"{name} {j}" for j in range(n)], "feature": name, "kind": kind}
-        table |= {f"q{j}_deg": column / DEG for j, column in enumerate(q.T, 1)}
-        if kind == "radius":
-            v = np.linalg.norm(p - own["centre"], axis=1) - own["offset"][0] + noise * rng.standard_normal(n)
-        if kind == "gauge":
-            v = v + noise * rng.standard_normal(n)
-        if kind == "angle":
-            s = np.einsum("mij,j,i->m", R, own["axis"][:, 2], own["up"][:, 2])
-            table["value_deg"] = (np.arcsin(s) + noise / 0.3 * rng.standard_normal(n)) / DEG
-        elif kind in ("radius", "gauge"):
-            table["value_mm"] = v / MM
-        if kind.startswith("offset"):
-            xyz = xyz + noise * rng.standard_normal(xyz.shape)
-        if kind == "pose":
-            table["feature"] = ""
-            T = world()
-            xyz = p @ T[:3, :3].T + T[:3, 3] + noise * rng.standard_normal(p.shape)
-            turned = (
-                T[:3, :3]
-                @ R
-                @ axes
-                @ np.array([frames.rotation_from_vector(w) for w in noise / 0.3 * rng.standard_normal((n, 3))])
-            )
-            table |= dict(zip(("qw", "qx", "qy", "qz"), frames.quaternion_from_matrix(turned).T, strict=True))
-        if kind.startswith("offset") or kind == "pose":
-            table |= {f"{axis}_mm": column / MM for axis, column in zip("xyz", xyz.T, strict=True)}
-        parts.append(pd.DataFrame(table))
+        for count, spread, label in ((n, noise, name), (fresh, 0.0, f"fresh {name}")):
+            if count:
+                parts.append(_rows(kind, one, own, count, rng, spread, axes).assign(feature=name))
+                parts[-1]["pose"] = [f"{label} {j}" for j in range(count)]
         known.append({"feature": name, "kind": kind, "radius_mm": 30.0 if kind == "sphere" else None})
-    return pd.concat(parts, ignore_index=True), pd.DataFrame(known)
+    table = pd.concat(parts, ignore_index=True)
+    return table.assign(feature="") if kind == "pose" else table, pd.DataFrame(known)
+
+
+def _rows(kind, one, own, n, rng, noise, axes):
+    seen = rng.uniform(-0.02, 0.02, (12 * n, 3)) if kind.startswith("offset") else None
+    value = rng.uniform(-0.01, 0.01, 12 * n) if kind == "gauge" else 0.0
+    if kind in ("radius", "angle", "pose"):
+        q, v, xyz = arm().random_joints(n, int(rng.integers(1 << 30))) * 0.7, np.zeros(n), np.zeros((n, 3))
+    else:
+        q, v, xyz = contact(one, kind, own, n, rng, value, seen, noise)
+    p, R = tip(one, q)
+    table = {"kind": kind} | {f"q{j}_deg": column / DEG for j, column in enumerate(q.T, 1)}
+    if kind == "radius":
+        v = np.linalg.norm(p - own["centre"], axis=1) - own["offset"][0] + noise * rng.standard_normal(n)
+    if kind == "angle":
+        s = np.einsum("mij,j,i->m", R, own["axis"][:, 2], own["up"][:, 2])
+        table["value_deg"] = (np.arcsin(s) + noise / LEVER * rng.standard_normal(n)) / DEG
+    elif kind in ("radius", "gauge"):
+        table["value_mm"] = v / MM
+    if kind == "pose":
+        T = world()
+        xyz = p @ T[:3, :3].T + T[:3, 3] + noise * rng.standard_normal(p.shape)
+        small = [frames.rotation_from_vector(w) for w in noise / LEVER * rng.standard_normal((n, 3))]
+        turned = T[:3, :3] @ R @ axes @ np.array(small)
+        table |= dict(zip(("qw", "qx", "qy", "qz"), frames.quaternion_from_matrix(turned).T, strict=True))
+    if kind.startswith("offset") or kind == "pose":
+        table |= {f"{axis}_mm": column / MM for axis, column in zip("xyz", xyz.T, strict=True)}
+    return pd.DataFrame(table)
 
 
 def world():
     return frames.transform(frames.rotation_from_vector(np.array([0.2, -0.4, 2.0])), [1.0, -2.0, 0.5])
 
 
-def seen(kind, one, n=60, seed=0, noise=0.0):
+def seen(kind, one, n=60, seed=0, noise=0.0, fresh=0):
     """Rows as read."""
-    table, known = rows(kind, one, n, seed, noise)
+    table, known = rows(kind, one, n, seed, noise, fresh)
     return features.read(table, known.fillna(""), arm())
 
 

@@ -8,6 +8,7 @@ import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification.constraint_fit import identify_features
+from irbcal.measurement import features
 
 KNOWN = pd.DataFrame([{"feature": f"point {k}", "kind": "point"} for k in range(3)])
 
@@ -48,20 +49,28 @@ def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
 
 
 def test_planes_alone_are_refused_and_make_a_robot_worse():
-    """SIMULATED: gears and gravity beside the geometry; a fit flattens the planes and bends the arm."""
-    nominal = cases.arm()
-    truth = cases.true_arm(nominal, 3)
-    table, known = cases.rows("plane", truth, 25, 1)
-    rng = np.random.default_rng(0)
-    joints = [f"q{k}_deg" for k in range(1, 7)]
-    table[joints] += np.degrees(3e-4) * rng.standard_normal((len(table), 6))
+    """SIMULATED: three plates that bend by 0.4 mm; a fit flattens them and bends the arm instead."""
+    nominal, rng, parts = cases.arm(), np.random.default_rng(0), []
+    truth = cases.true_arm(nominal, 3, scale=0.15)
+    for k, (spot, up) in enumerate(
+        (((0.8, 0, 0.4), (0, 0, 1)), ((1.0, 0, 0.5), (1, 0, 0)), ((0.8, 0.4, 0.5), (0, 1, 0)))
+    ):
+        own = {"centre": np.array(spot) - 300.0 * np.array(up), "radius": np.array([300.0])}
+        q, _, _ = cases.contact(truth, "sphere", own, 25, rng, noise=2e-5)
+        part = pd.DataFrame(np.degrees(q), columns=[f"q{j}_deg" for j in range(1, 7)])
+        parts.append(part.assign(pose=[f"{k} {j}" for j in range(25)], feature=f"plate {k}", kind="plane"))
+    table = pd.concat(parts, ignore_index=True)
+    known = pd.DataFrame([{"feature": f"plate {k}", "kind": "plane"} for k in range(3)])
     with pytest.raises(IdentificationError, match="may make the robot worse"):
-        irbcal.calibrate(table, "irb1600", features=known.fillna(""))
-    from irbcal.measurement import features
-
-    found = identify_features(nominal, features.read(table, known.fillna(""), nominal))
+        irbcal.calibrate(table, "irb1600", features=known)
+    found = identify_features(nominal, features.read(table, known, nominal))
     flat = [np.sqrt(np.mean(found.problem.residuals(state) ** 2)) for state in (found.nominal, found.state)]
-    assert flat[1] < flat[0]
+    q = nominal.random_joints(200, 5) * 0.8
+    tools = [state.own["tool", "ball"] for state in (found.nominal, found.state)]
+    arms = nominal, found.evidence.arm
+    tracker = [cases.apart(truth, arm, q, tool).mean() for arm, tool in zip(arms, tools, strict=True)]
+    assert flat[1] < 0.5 * flat[0]
+    assert tracker[1] > 1.5 * tracker[0]
 
 
 def test_options_of_other_ways_are_refused(contacts):

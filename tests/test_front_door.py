@@ -28,6 +28,7 @@ VERBS = {
     "filter": "correct",
     "urdf": "urdf_from_dh",
     "demo": None,  # calibrate with the shipped data
+    "fleet": None,  # has commands of its own
 }
 """Commands whose function has another name."""
 
@@ -36,6 +37,8 @@ ELSEWHERE = {
     "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
     "fk": {"joints": None},
     "ik": {"poses": None},
+    "simulate": {"device": "simulate_device", "noise": "simulate_device"},
+    "plan": {"device": "device_plan", "poses": "device_plan", "compare_devices": None},
     "ballbar": {"file": None, "magnify": None},
     "tracker": {"file": None},
     "iso9283": dict.fromkeys(("plane", "near", "center", "inset", "edge"), "iso9283_plan") | {"plan": None},
@@ -100,7 +103,9 @@ def test_import_and_version_load_nothing_heavy(what):
 
 
 def commands():
-    return sorted(get_command(app).commands.items())
+    every = get_command(app).commands
+    fleet = [(f"fleet_{name}", command) for name, command in every["fleet"].commands.items()]
+    return sorted([*every.items(), *fleet])
 
 
 @pytest.mark.parametrize(("name", "command"), commands(), ids=[name for name, _ in commands()])

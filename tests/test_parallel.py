@@ -16,6 +16,7 @@ import irbcal
 from irbcal import parallel
 from irbcal.errors import IrbcalError, OptionError
 from irbcal.identification import linearisation
+from irbcal.measurement import cleaning
 from irbcal.validation import bootstrap
 
 
@@ -82,14 +83,15 @@ def test_workers_and_threads_of_the_blas_change_no_byte_of_a_calibration(monkeyp
     monkeypatch.setattr(linearisation, "BLOCK", 20)
     monkeypatch.setattr(bootstrap, "BLOCK", 20_000)
     seen = pd.read_csv(irbcal.shipped.demo_file("demo_identification.csv"))
-    seen = seen[seen["pose"].isin(seen["pose"].unique()[:60])]
+    seen = seen[seen["pose"].isin(seen["pose"].unique()[:40])]
+    points = cleaning.clean(irbcal.read_measurements(seen)).points
+    arm = irbcal.read_urdf("irb1600").arm
 
     def found(jobs, threads):
-        with threadpool_limits(threads):
-            fit = irbcal.calibrate(seen, "irb1600", jobs=jobs).outcome.fit
-            with parallel.using(jobs):
-                intervals = bootstrap.intervals(np.abs(np.sin(np.arange(600))), np.arange(600) // 3)
-        return fit.covariance().tobytes(), fit.evidence.coefficients.tobytes(), intervals
+        with threadpool_limits(threads), parallel.using(jobs):
+            fit = irbcal.identify_evidence(arm, points)
+            intervals = bootstrap.intervals(np.abs(np.sin(np.arange(600))), np.arange(600) // 3)
+        return fit.covariance.tobytes(), fit.coefficients.tobytes(), intervals
 
     assert found(1, 1) == found(2, 2)
 

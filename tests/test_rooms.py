@@ -21,6 +21,7 @@ FLOORS = (
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer", "studies"),
     ("calibrating", "calibration", "feature_calibration", "gathering", "shipped"),
+    ("fleet",),
     ("practice",),
     ("cli",),
 )
@@ -31,6 +32,8 @@ LONG = {
     "cell/simulation.py: simulate": "the documentation of its options",
     "cli/calibrate.py: calibrate": "its options with their help",
     "cli/evaluate.py: evaluate": "its options with their help",
+    "cli/plan.py: plan": "its options",
+    "cli/simulate.py: simulate": "its options",
     "cli/iso9283.py: iso9283": "its options with their help",
     "cli/filter.py: filter_program": "its options with their help",
     "correction/filter.py: correct": "the documentation of its options",

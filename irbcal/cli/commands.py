@@ -16,6 +16,9 @@ PANELS: dict[str, dict[str, str]] = {
             "Look at the robot, measured and modelled points and magnified errors, pose by pose (served on "
             "127.0.0.1 only)."
         ),
+        "fleet": (
+            "Many robots, many years: calibrate by a list, keep in a store, see what changed and which stand out."
+        ),
         "report": "Write report.html again from calibration.json; its figures (PNG, SVG) and data (CSV) on request.",
     },
     "Prepare": {
@@ -79,5 +82,7 @@ ELSEWHERE = {
     "axes": ("joints", "joints"),
 }
 """Module and function of commands that are not the function of their name in the module of their name."""
+GROUPS = {"fleet"}
+"""Names that have commands of their own behind them: their module has a Typer ``app``."""
 HIDDEN = {"axes"}
 """Names of before, which still work."""

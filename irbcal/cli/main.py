@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from irbcal.cli.commands import COMMANDS, ELSEWHERE, HIDDEN, PANELS
+from irbcal.cli.commands import COMMANDS, ELSEWHERE, GROUPS, HIDDEN, PANELS
 from irbcal.cli.root import NAME, Root
 from irbcal.errors import IrbcalError
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     app: typer.Typer
 
 HELP = "Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."
+HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
 
 def _version(wanted: bool) -> None:
@@ -56,12 +57,15 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
         help=HELP,
         no_args_is_help=True,
         pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
+        context_settings=HELP_OPTIONS,
     )
     made.callback()(common)
     for panel, members in PANELS.items():
         for name, line in members.items():
-            if name in names:
+            if name in names and name in GROUPS and not summary:
+                group = import_module(f"irbcal.cli.{name}").app
+                made.add_typer(group, name=name, rich_help_panel=panel, context_settings=HELP_OPTIONS)
+            elif name in names:
                 call = _listed if summary else _function(name)
                 made.command(
                     name, help=line if summary else None, rich_help_panel=panel, hidden=name in HIDDEN, cls=Guarded

@@ -1,5 +1,6 @@
 """``irbcal plan``: which poses to measure, and the files that carry them out."""
 
+from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
@@ -41,7 +42,26 @@ class Language(str, Enum):
     val3, inform, kawasaki, csv = "val3", "inform", "kawasaki", "csv"
 
 
-_Out = Annotated[Path, typer.Option(help="Folder for the plan.", show_default=False)]
+_Out = Annotated[
+    Path | None, typer.Option(help="Folder for the plan; needed but for --compare-devices.", show_default=False)
+]
+_Device = Annotated[
+    str | None,
+    typer.Option(
+        help="Poses for a device in place of a tracker: balls, string, ballbar, two-balls, sockets, ball or plane.",
+        show_default=False,
+    ),
+]
+_Poses = Annotated[
+    int | None,
+    typer.Option(min=5, max=100_000, help="With --device and --compare-devices.", show_default="100; 25, 50 and 100"),
+]
+_Compare = Annotated[
+    bool,
+    typer.Option(
+        "--compare-devices", help="Predict what a tracker and each device would leave of the position error, and stop."
+    ),
+]
 _Robot = Annotated[
     str, typer.Option(help="URDF, a robot's name (see irbcal robots) or calibration folder.", show_default=False)
 ]
@@ -130,8 +150,11 @@ _Coupling = Annotated[
 
 
 def plan(
-    out: _Out,
     robot: _Robot,
+    out: _Out = None,
+    device: _Device = None,
+    poses: _Poses = None,
+    compare_devices: _Compare = False,
     axis: _Axis = None,
     cube: _Cube = None,
     all_range: _AllRange = None,
@@ -163,6 +186,17 @@ def plan(
     json: Json = False,
 ) -> None:
     """Plan measurements: poses that the robot reaches and the tracker sees, a robot program, and what they promise."""
+    links = {"base_link": base_link, "tip_link": tip_link, "coupling": coupling}
+    if compare_devices:
+        _compare(robot, poses, seed, json, links)
+        return
+    if out is None:
+        raise typer.BadParameter("missing", param_hint="--out")
+    if device is not None:
+        _device(robot, out, device, poses or 100, seed, margin, package_dirs or (), json, links)
+        return
+    if poses is not None:
+        raise typer.BadParameter("is for --device and --compare-devices", param_hint="--poses")
     place = _tracker(tracker)
     heights = _numbers(min_height, 2, "--min-height", "FRONT,BACK in mm")
     centre, edge = _cube(cube_centre, cube_edge)
@@ -202,6 +236,46 @@ def plan(
         tip_link=tip_link,
         coupling=coupling,
     )
+
+
+def _compare(robot: str, poses: int | None, seed: int, json: bool, links: dict[str, Any]) -> None:
+    """Tell what each device would leave."""
+    from irbcal.planning import device_comparison
+
+    counts = device_comparison.POSES if poses is None else (poses,)
+    with show.progress(9, quiet=json) as step:
+        found = device_comparison.compare_devices(robot, counts, seed=seed, progress=step, **links)
+    if json:
+        show.print_json(found.to_dict())
+    else:
+        show.tell(found.told())
+
+
+def _device(
+    robot: str,
+    out: Path,
+    device: str,
+    poses: int,
+    seed: int,
+    margin: float,
+    package_dirs: Sequence[Path],
+    json: bool,
+    links: dict[str, Any],
+) -> None:
+    """Choose poses at a device, write, tell."""
+    from irbcal.errors import OptionError
+    from irbcal.planning.device_plan import device_plan
+    from irbcal.units import DEG
+
+    try:
+        made = device_plan(robot, device, poses, seed=seed, margin=margin * DEG, package_dirs=package_dirs, **links)
+    except OptionError as error:
+        raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
+    files = [path.name for path in made.save(out)]
+    if json:
+        show.print_json({"out": str(out), "files": files, **made.to_dict()})
+    else:
+        show.tell([*made.told(), f"Written to {out}: {', '.join(files)}"])
 
 
 def _run(out: Path, json: bool, robot: str, **options: Any) -> None:

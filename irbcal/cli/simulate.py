@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -94,6 +94,18 @@ _Coupling = Annotated[
         show_default="that of the file beside the URDF",
     ),
 ]
+_Device = Annotated[
+    str | None,
+    typer.Option(
+        help="In place of a tracker: balls, string, ballbar, two-balls, sockets, ball or plane; with --random. Writes "
+        "NAME.features.csv, too, for irbcal calibrate --features.",
+        show_default=False,
+    ),
+]
+_Noise = Annotated[
+    float | None,
+    typer.Option("--noise-mm", min=0.0, help="With --device: standard deviation of a contact.", show_default="0.03"),
+]
 _List = Annotated[bool, typer.Option("--list", help="Name the effects and stop.")]
 
 
@@ -121,6 +133,8 @@ def simulate(
     base_link: _BaseLink = None,
     tip_link: _TipLink = None,
     coupling: _Coupling = None,
+    device: _Device = None,
+    noise: _Noise = None,
     list_: _List = False,
     json: Json = False,
 ) -> None:
@@ -132,6 +146,19 @@ def simulate(
         raise typer.BadParameter("missing", param_hint="--robot")
     if out is None:
         raise typer.BadParameter("missing", param_hint="--out")
+    if device is not None:
+        _with_device(
+            robot,
+            out,
+            device,
+            json,
+            {"payload": payload, "only": only, "without": without, "also": also, "wanted": wanted, "plan": plan},
+            {"random": random, "seed": seed, "robot_seed": robot_seed, "cell": cell, "coupling": coupling}
+            | {"noise": None if noise is None else noise * 1e-3, "base_link": base_link, "tip_link": tip_link},
+        )
+        return
+    if noise is not None:
+        raise typer.BadParameter("only --device has one: a tracker's noise is an effect", param_hint="--noise-mm")
     if (plan is None) == (random is None):
         raise typer.BadParameter("give either a program or plan, or --random", param_hint="PLAN")
     if only and without:
@@ -175,6 +202,29 @@ def simulate(
         show.print_json({"out": str(measured), "truth": str(truth), **simulated.to_dict()})
         return
     show.tell([*simulated.told(), f"Written to {measured}, the truth to {truth}"])
+
+
+def _with_device(
+    robot: str, out: Path, device: str, json: bool, foreign: dict[str, Any], options: dict[str, Any]
+) -> None:
+    """Measure with a device in place of a tracker, write, tell."""
+    from irbcal.cell.device_simulation import simulate_device
+    from irbcal.errors import OptionError
+
+    for name, value in foreign.items():
+        if value:
+            hint = "PLAN" if name == "plan" else f"--{name}"
+            raise typer.BadParameter("--device does not take it: its poses are at its features", param_hint=hint)
+    try:
+        found = simulate_device(robot, device, **{name: value for name, value in options.items() if value is not None})
+    except OptionError as error:
+        raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
+    rows, features, truth = found.save(out)
+    if json:
+        paths = {"out": str(rows), "features_out": str(features), "truth": str(truth)}
+        show.print_json({**paths, **found.to_dict()})
+        return
+    show.tell([*found.told(), f"Written to {rows}, what is known of the features to {features}, the truth to {truth}"])
 
 
 def _maker(program: Path | None) -> Maker | None:

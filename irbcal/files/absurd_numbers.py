@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from irbcal.errors import CalibrationError
 
 ARM = 50.0
@@ -55,6 +57,13 @@ def _look(value: Any, place: tuple[str, ...], most: float, file: Path) -> None:
             if name not in FREE:
                 _look(item, (*place, str(name)), _most(str(name), place, most), file)
     elif isinstance(value, (list, tuple)):
+        kinds = set(map(type, value))
+        if kinds <= {float, type(None)}:  # long columns
+            numbers = np.array([item for item in value if item is not None], dtype=float)
+            if (np.abs(numbers) <= most).all():
+                return
+        elif not kinds & {float, list, tuple, dict}:
+            return
         for k, item in enumerate(value):
             _look(item, (*place, str(k)), most, file)
 

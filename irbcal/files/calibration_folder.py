@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from irbcal.atomic import recover, write_together
 from irbcal.errors import CalibrationError
-from irbcal.files import joint_origins, seal, urdf
+from irbcal.files import beside, joint_origins, seal, urdf
 from irbcal.files.absurd_numbers import refuse_absurd
 from irbcal.files.consistency import contradictions
 from irbcal.files.schema import Record
@@ -85,20 +85,23 @@ def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) ->
     CalibrationError
         If the folder cannot be written.
     """
+    document, tables = beside.parted(record)
     write_together(
         folder,
         {
             URDF_NAME: urdf_bytes,
             ORIGINS_NAME: joint_origins.to_yaml(record).encode("utf-8"),
             REPORT_NAME: report.encode("utf-8"),
-            JSON_NAME: text_of(record),
+            **tables,
+            JSON_NAME: _text(seal.sealed(document)),
         },
     )
+    for name in beside.FILES.values():  # of a calibration that was here before
+        if name not in tables:
+            (Path(folder) / name).unlink(missing_ok=True)
 
 
-def text_of(record: Record) -> bytes:
-    """What stands in ``calibration.json``, sealed."""
-    document = seal.sealed(json.loads(record.model_dump_json()))
+def _text(document: dict[str, Any]) -> bytes:
     return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode("utf-8")
 
 
@@ -202,7 +205,7 @@ def reseal(folder: str | Path, why: str) -> str:
     if against:
         raise CalibrationError(f"this cannot be accepted: {'; '.join(against)}", file=folder / JSON_NAME)
     document = seal.resealed(content, comment(why))
-    write_together(folder, {JSON_NAME: (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode("utf-8")})
+    write_together(folder, {JSON_NAME: _text(document)})
     return str(document[seal.KEY]["changes"][-1])
 
 
@@ -211,15 +214,24 @@ def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:
     json_path, urdf_path = folder / JSON_NAME, folder / URDF_NAME
     try:
         data = read_bytes(json_path, CalibrationError, what=NOT_ONE)
-        record = Record.model_validate_json(data)
+        content, large = _content(data)
+        record = Record.model_validate(beside.joined(content, folder)) if large else Record.model_validate_json(data)
         urdf_bytes = read_bytes(urdf_path, CalibrationError, what=NOT_ONE)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the file"
         raise CalibrationError(f"{where}: {first['msg']}", file=json_path, parameter=where) from None
-    content = json.loads(data)
     refuse_absurd(record.model_dump(exclude={seal.KEY}), json_path)
     return Saved(folder, record, urdf_bytes), content
+
+
+def _content(data: bytes) -> tuple[dict[str, Any], bool]:
+    """A ``calibration.json`` as JSON has it, and whether it has tables beside it."""
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}, False
+    return content, isinstance(content, dict) and content.get("schema_name") == beside.WITH_TABLES
 
 
 def load(folder: str | Path) -> Record:

@@ -16,6 +16,7 @@ import numpy as np
 from irbcal import __version__
 from irbcal.arrays import FloatArray
 from irbcal.files import urdf, urdf_check
+from irbcal.files.beside import SCHEMA
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.frame_terms_section import FrameTermsSection
@@ -45,6 +46,7 @@ from irbcal.identification.history import History
 from irbcal.identification.level_certainty import certainty_of
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice as LevelChoice
+from irbcal.measurement import near
 from irbcal.measurement.blocks import MARK
 from irbcal.measurement.last_moves import last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
@@ -60,7 +62,6 @@ from irbcal.modeling.terms.situation import LOAD
 from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.units import DEG, MM
 
-SCHEMA = "irbcal-calibration-1"
 NORMAL_95 = 1.959964
 PLACE_DIGITS, JOINT_DIGITS, QUATERNION_DIGITS = 6, 9, 12
 """Decimals of measured places (mm), joints (degrees, mm) and quaternions: far below what is measured."""
@@ -258,6 +259,8 @@ def _point_table(outcome: Outcome) -> PointTable:
 
 
 def _known(values: FloatArray) -> list[float | None]:
+    if np.isfinite(values).all():
+        return values.tolist()
     return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
@@ -278,7 +281,8 @@ def _pose_table(outcome: Outcome) -> PoseTable:
         for name, value in points.load().items():
             width = {"payload_kg": (), "payload_place": (3,), "torques": (len(arm.joint_names),)}[name]
             loads[name].append(value if value is not None or points.poses else np.zeros((0, *width)))
-    came_from = ["".join("-0+"[int(sign) + 1] for sign in column) for column in np.concatenate(sides).T]
+    signs = np.frombuffer(b"-0+", dtype=np.uint8)[np.concatenate(sides).astype(int) + 1]
+    came_from = [column.tobytes().decode("ascii") for column in signs.T]
     known = [value for value in outcome.numbers if value is not None]
     columns["number"] = np.concatenate(known).tolist() if sum(map(len, known)) == len(columns["pose"]) else []
     kg, place, torques = (
@@ -302,15 +306,15 @@ def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
     groups = first["group"].to_numpy(dtype=object) if "group" in first else None
     q = measurements.joints()
     sign = np.sign(np.nan_to_num(last_moves(q, groups)))
-    found: dict[tuple[str, bytes], FloatArray] = {}
-    for name, joints, row in zip(first["pose"].astype(str), q, sign, strict=True):
-        key = (name, joints.tobytes())
-        # of poses with the same name and joints it is not known which one this is
-        found[key] = np.where(found.get(key, row) == row, row, 0.0)
-    moves = points.moves()  # of poses of an earlier calibration, which are not in the file
-    rows = enumerate(zip(points.pose_ids, points.q, strict=True))
-    came = [found.get((str(name), joints.tobytes()), np.sign(moves[k])) for k, (name, joints) in rows]
-    return np.array(came).reshape(points.poses, q.shape[1])
+    seen, mine = near.numbered((first["pose"].astype(str).to_numpy(), q), (points.pose_ids.astype(str), points.q))
+    size = 1 + max(seen.max(initial=-1), mine.max(initial=-1))
+    # of poses with the same name and joints it is not known which one this is
+    known, found = np.zeros(size, dtype=bool), np.zeros((size, q.shape[1]))
+    known[seen], found[seen] = True, sign
+    unlike = (found[seen] != sign).astype(float)
+    found[np.column_stack([np.bincount(seen, column, minlength=size) for column in unlike.T]) > 0] = 0.0
+    # those of an earlier calibration are not in the file
+    return np.where(known[mine, None], found[mine], np.sign(points.moves()))
 
 
 def software() -> dict[str, str]:

@@ -50,7 +50,7 @@ class FeaturesSection(Section):
     """Features, places and lengths.
 
     ``left_out`` is what was left out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
-    square lengths of what was not known of the tip's place, before the rows and after them.
+    square lengths of what was not known of the tool's place, before the rows and after them.
     """
 
     kinds: dict[str, int]

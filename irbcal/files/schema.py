@@ -414,7 +414,7 @@ class Record(Section):
         points = PointSet(
             np.array(p.joints, dtype=float).T[poses] * units,
             (np.cumsum(poses) - 1)[np.array(t.row, dtype=int)[mine]],
-            np.array([names.index(t.target[k]) for k in np.flatnonzero(mine)], dtype=int),
+            np.searchsorted(np.array(names), np.array(t.target)[mine]) if names else np.zeros(0, dtype=int),
             np.column_stack([t.x_mm, t.y_mm, t.z_mm])[mine] * MM,
             tuple(names),
             np.array(p.pose, dtype=object)[poses],
@@ -426,7 +426,8 @@ class Record(Section):
             payload_place=np.array(p.payload_place_mm, dtype=float).T[poses] * MM if p.payload_place_mm else None,
             torques=np.array(p.torques_nm, dtype=float).T[poses] if p.torques_nm else None,
         )
-        came_from = np.array([["-0+".index(sign) - 1.0 for sign in column] for column in p.came_from])
+        codes = np.array([np.frombuffer(column.encode("ascii"), dtype=np.uint8) for column in p.came_from])
+        came_from = np.where(codes == ord("+"), 1.0, np.where(codes == ord("-"), -1.0, 0.0))
         return points, came_from.T[poses]
 
     def tool_shape(self) -> dict[str, FloatArray]:

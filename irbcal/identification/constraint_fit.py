@@ -22,27 +22,33 @@ from irbcal.identification.constraint_problem import (
     Key,
     refuse_undetermined,
 )
-from irbcal.identification.constraints import DIMENSIONS, cross
+from irbcal.identification.constraints import DIMENSIONS, cross, length_misses
 from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.evidence import Compared, groups_of
 from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit
 from irbcal.identification.leave_one_out import single
 from irbcal.identification.mackay import Posterior
 from irbcal.identification.sums import Sums
-from irbcal.measurement.features import FeatureSet
+from irbcal.measurement.features import FeatureSet, Length
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.harmonics import LOW, order
+from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.warm_up import SHARES
 from irbcal.units import MM
 
 STEPS = 20
 """Gauss-Newton steps of the geometry at most."""
 
 HIGHEST = 12
-"""Highest order of harmonics that is compared: rows at features are too few and too narrow for longer series."""
+"""Highest order of harmonics compared where rows are no program: they are too few for longer series."""
 
 FEWEST = 10
 """Poses that are needed."""
+
+BETWEEN = 200
+"""Random joints between those of the rows, at which an unknown base follows the arm."""
 
 Progress = Callable[[str], None]
 
@@ -120,8 +126,12 @@ def identify_features(
             f"{seen.poses} poses at features are too few to identify a robot: at least {FEWEST} are needed, 50 or more "
             "are better"
         )
-    superset = dictionaries.superset(arm, terms, False, None, [])
-    superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
+    elapsed = seen.motion().elapsed
+    end = None if elapsed is None else float(elapsed.max())
+    taus = [] if elapsed is None else [share * float(np.ptp(elapsed)) for share in SHARES]
+    superset = dictionaries.superset(arm, terms, elapsed is not None, None, taus, end=end)
+    if not seen.programmed:
+        superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
     problem = ConstraintProblem(arm, seen, superset)
     say(f"placing tool and features of {seen.poses} poses")
     nominal = constraint_start.start(problem) if start is None else constraint_start.settle(problem, start)
@@ -130,18 +140,23 @@ def identify_features(
     t = min(1.0, 6.0 / problem.per_pose)
     state = _geometry(problem, nominal, t)
     sums = problem.sums(state)
-    offered = _choices(superset, terms, choices)
+    offered = _choices(superset, terms, choices, taus)
     say(f"comparing {len(offered)} choices of terms")
     compared = _compare(problem, sums, offered, t)
     say("averaging")
     return _average(problem, state, nominal, compared, t, terms, bare)
 
 
-def _choices(superset: Sequence[Term], kind: str, choices: Sequence[Sequence[str]] | None) -> list[Dictionary]:
+def _choices(
+    superset: Sequence[Term], kind: str, choices: Sequence[Sequence[str]] | None, taus: Sequence[float]
+) -> list[Dictionary]:
     if choices is None:
-        found = dictionaries.dictionaries(superset, kind, None)
+        each: list[float | None] = [*taus] or [None]
+        found = [one for tau in each for one in dictionaries.dictionaries(superset, kind, tau)]
+        longest = max((order(term) for term in superset if term.family == "harmonics"), default=0)
+        found = [one for one in found if one.highest <= longest]
     else:
-        found = [dictionaries.make(superset, list(names), LOW, None) for names in choices]
+        found = [dictionaries.make(superset, list(names), LOW, taus[-1] if taus else None) for names in choices]
     out: list[Dictionary] = []
     for one in found:  # without the longest series some are the same
         if all(not np.array_equal(one.terms, other.terms) for other in out):
@@ -335,7 +350,7 @@ def _evidence(
         gears=(),
         joint_ranges=np.array([seen.q.min(axis=0), seen.q.max(axis=0)]),
         kind=kind,
-        tau=None,
+        tau=dictionaries.tau_of(max(kept, key=lambda item: item.weight).dictionary, _superset_of(problem, kept)),
         poses=seen.poses,
     )
 
@@ -346,21 +361,21 @@ def _with_base(problem: ConstraintProblem, state: FeatureState, C: FloatArray, n
     Places are then those among the features: how the arm as a whole stands on its base link (its height along axis 1,
     its zero of joint 1) cannot be seen, and does not count as uncertainty of points.
     """
-    flat = len(C) - len(problem.terms)
+    flat, seen = len(C) - len(problem.terms), problem.seen
+    rng = np.random.default_rng(0)
+    one, other = (rng.integers(len(seen), size=BETWEEN) for _ in range(2))
+    q = seen.q[one] + rng.uniform(size=(BETWEEN, 1)) * (seen.q[other] - seen.q[one])
+    motion = Motion(q)
+    path = chain.walk(problem.arm_of(state), *problem.term_map(state).split(motion))
     B, J = [], []
-    for group in problem.groups:
-        if group.target not in names or not group.kind.pointed:
-            continue
-        path = problem.walk(state, group.rows)
-        seen = problem.seen_of(state, group, path.tip)
-        m = len(group.rows)
-        rigid = np.concatenate([-cross(seen.p), np.broadcast_to(np.eye(3), (m, 3, 3))], axis=2)
-        here = np.zeros((len(C), m, 3))
-        at = 6 + 3 * names.index(group.target)
-        here[at : at + 3] = path.tip[:3].transpose(0, 2, 1)
-        here[flat:] = problem.points_by_terms(path, seen.p, group.rows).transpose(0, 2, 1)
-        B.append(rigid.reshape(3 * m, 6))
-        J.append(here.reshape(len(C), 3 * m))
+    for k, name in enumerate(names):
+        p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], state.own[TOOL, name])
+        rigid = np.concatenate([-cross(p.T), np.broadcast_to(np.eye(3), (BETWEEN, 3, 3))], axis=2)
+        here = np.zeros((len(C), BETWEEN, 3))
+        here[6 + 3 * k : 9 + 3 * k] = path.tip[:3].transpose(0, 2, 1)
+        here[flat:] = problem.points_by_terms(path, p.T, motion).transpose(0, 2, 1)
+        B.append(rigid.reshape(-1, 6))
+        J.append(here.reshape(len(C), -1))
     follow = -np.linalg.pinv(np.concatenate(B), rcond=1e-9) @ np.concatenate(J, axis=1).T
     A = np.eye(len(C))
     A[:6] = follow
@@ -376,7 +391,9 @@ def _superset_of(problem: ConstraintProblem, kept: Sequence[Compared]) -> list[T
     return out
 
 
-def held_out(fit: FeatureFit, rows: FeatureSet, calibrated: bool = True) -> tuple[FloatArray, FloatArray]:
+def held_out(
+    fit: FeatureFit, rows: FeatureSet, calibrated: bool = True, lengths: Sequence[Length] = ()
+) -> tuple[FloatArray, dict[str, float]]:
     """What rows at features that the fit has not seen miss: only these features are placed anew.
 
     Parameters
@@ -385,13 +402,15 @@ def held_out(fit: FeatureFit, rows: FeatureSet, calibrated: bool = True) -> tupl
     rows : FeatureSet
     calibrated : bool
         The calibrated robot, or the nominal one with its own tool.
+    lengths : sequence of Length
+        Known lengths between these features, or from these to those of the fit.
 
     Returns
     -------
     misses : ndarray, shape (rows,)
         Metres.
-    lengths : ndarray
-        Found minus known lengths between them, metres.
+    lengths : dict of str to float
+        Found minus known, metres.
 
     Raises
     ------
@@ -405,4 +424,11 @@ def held_out(fit: FeatureFit, rows: FeatureSet, calibrated: bool = True) -> tupl
         raise IdentificationError(f"target {strange[0]} is measured in the left-out rows only: its place is not known")
     problem = ConstraintProblem(fit.problem.arm, rows, fit.problem.terms, mine, state.T_world_base)
     there = constraint_start.start_of_features(problem, state)
-    return problem.residuals(there), problem.length_errors(there)
+    centres = {key[1]: value for key, value in {**state.own, **there.own}.items() if key[0] == "centre"}
+    mine_too = [one for one in lengths if {one.first, one.second} & set(rows.features)]
+    errors = {
+        one.name: length_misses(centres[one.first], centres[one.second], one.length)[0]
+        for one in mine_too
+        if one.first in centres and one.second in centres
+    }
+    return problem.residuals(there), errors

@@ -171,6 +171,7 @@ class ConstraintProblem:
         self.others = TermMap(
             arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
         )
+        self.motion = seen.motion()
         u95 = np.where(np.isfinite(seen.u95), seen.u95, ROW_U95)
         self.typical = float(np.median(u95))
         self.weights: FloatArray = np.clip(self.typical / np.maximum(u95, 1e-9), 0.01, 100.0)
@@ -226,7 +227,7 @@ class ConstraintProblem:
 
     def walk(self, state: FeatureState, rows: IntArray, arm: Arm | None = None) -> chain.Walk:
         """The chain at some rows' joints."""
-        motion = Motion(self.seen.q[rows])
+        motion = self.motion.select(rows)
         arm = self.arm_of(state) if arm is None else arm
         if not self.others.terms or not state.coefficients[~self.geometry].any():
             return chain.walk(arm, motion.q)
@@ -320,7 +321,7 @@ class ConstraintProblem:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
         group, path, found = one.group, one.path, one.found
         pose = np.arange(len(group.rows))
-        here = Situation(self.arm, Motion(self.seen.q[group.rows]))
+        here = Situation(self.arm, self.motion.select(group.rows))
         out = np.zeros((len(chosen), *found.r.shape))
         for constant in (True, False):
             where = np.flatnonzero(self.geometry[chosen] == constant)
@@ -336,10 +337,10 @@ class ConstraintProblem:
                 out[where] += np.einsum("mki,cim->cmk", found.turn, turns, optimize=True)
         return out
 
-    def points_by_terms(self, path: chain.Walk, p: FloatArray, rows: IntArray) -> FloatArray:
-        """Derivative of points p (m, 3) of some rows by all terms, shape (terms, 3, m), SI units."""
-        pose, here = np.arange(len(rows)), Situation(self.arm, Motion(self.seen.q[rows]))
-        out = np.zeros((len(self.terms), 3, len(rows)))
+    def points_by_terms(self, path: chain.Walk, p: FloatArray, motion: Motion) -> FloatArray:
+        """Derivative of points p (m, 3) at some joints by all terms, shape (terms, 3, m), SI units."""
+        pose, here = np.arange(len(p)), Situation(self.arm, motion)
+        out = np.zeros((len(self.terms), 3, len(p)))
         for constant in (True, False):
             where = np.flatnonzero(self.geometry == constant)
             terms = [self.terms[k] for k in where]

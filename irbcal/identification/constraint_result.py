@@ -94,35 +94,41 @@ class FeaturedFit(AveragedFit):
         return bool(problem.seen.lengths or known or any(group.kind.metric for group in problem.groups))
 
     def left_open(self) -> tuple[float, float]:
-        """What is not known of the tip's place in the base link, before and after: root mean square lengths, metres.
+        """What is not known of where the tool's point is, before and after: root mean square lengths, metres.
 
         At joints between those of the rows: from the variances that the data gave the terms, and from what is left of
-        them. How the arm as a whole stands does not count.
+        them. How the arm as a whole stands does not count, nor before the rows where the point is on the tool.
         """
-        found, certainty = self.evidence, self.evidence.certainty
+        found = self.evidence
         q, rng = self.at_features.problem.seen.q, np.random.default_rng(0)
         one, other = (q[rng.integers(len(q), size=JOINTS)] for _ in range(2))
         motion = Motion(one + rng.uniform(size=(JOINTS, 1)) * (other - one))
         path = chain.walk(found.nominal, motion.q)
-        p, pose = path.tip[3], np.arange(JOINTS)
+        pose = np.arange(JOINTS)
         sizes = {group.name: group.size for group in found.groups}
         flat = len(found.covariance) - len(found.terms)
-        C = certainty.covariance[flat:, flat:]
-        J = np.zeros((len(found.terms), 3, JOINTS))
         constant = np.array([t.family == "geometry" for t in found.terms], dtype=bool)
         values = basis_values(found.terms, Situation(found.nominal, motion))
-        for part in (True, False):
-            rows = np.flatnonzero(constant == part)
-            terms = [found.terms[k] for k in rows]
-            J[rows] = term_columns(terms, chain.point_columns(path, p, pose, part), values[rows], pose)
-        B = np.concatenate([-cross(p.T), np.broadcast_to(np.eye(3), (JOINTS, 3, 3))], axis=2).reshape(-1, 6)
-        across = J.transpose(0, 2, 1).reshape(len(J), -1)
-        across = across - (across @ B) @ np.linalg.pinv(B)
-        J = across.reshape(len(J), JOINTS, 3).transpose(0, 2, 1)
         prior = np.array([(sizes.get(t.group, 0.0) * t.size) ** 2 for t in found.terms])
-        before = np.einsum("c,cim,cim->m", prior, J, J)
-        after = np.einsum("cd,cim,dim->m", C, J, J, optimize=True)
-        return float(np.sqrt(before.mean())), float(np.sqrt(after.mean()))
+        worst = 0.0, 0.0
+        for k, name in enumerate(found.free_targets or ("",)):
+            tool = found.targets.get(name, np.zeros(3))
+            p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], tool)
+            J = np.zeros((3 + len(found.terms), 3, JOINTS))
+            J[:3] = path.tip[:3] if found.free_targets else 0.0
+            for part in (True, False):
+                rows = np.flatnonzero(constant == part)
+                terms = [found.terms[j] for j in rows]
+                J[3 + rows] = term_columns(terms, chain.point_columns(path, p, pose, part), values[rows], pose)
+            B = np.concatenate([-cross(p.T), np.broadcast_to(np.eye(3), (JOINTS, 3, 3))], axis=2).reshape(-1, 6)
+            across = J.transpose(0, 2, 1).reshape(len(J), -1)
+            across = across - (across @ B) @ np.linalg.pinv(B)
+            G = across @ across.T / JOINTS
+            columns = np.r_[6 + 3 * k : 9 + 3 * k, flat : len(found.covariance)]
+            left = float(np.sqrt(np.sum(G * found.covariance[np.ix_(columns, columns)])))
+            if left >= worst[1]:
+                worst = float(np.sqrt(prior @ np.diagonal(G)[3:])), left
+        return worst
 
 
 def as_points(seen: FeatureSet) -> PointSet:

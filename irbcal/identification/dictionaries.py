@@ -72,6 +72,8 @@ class Dictionary:
         Variance of each term.
     bands : bool
         Whether it has long series of harmonics.
+    highest : int
+        Order of harmonics that it was offered.
     """
 
     name: str
@@ -79,6 +81,7 @@ class Dictionary:
     groups: tuple[str, ...]
     group: IntArray
     bands: bool = False
+    highest: int = 0
 
     @property
     def caps(self) -> FloatArray:
@@ -176,7 +179,7 @@ def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float |
     distinct = tuple(dict.fromkeys(groups))
     words = ["geometry", *(_word(n, highest) for n in names if n in present)]
     numbers = np.array([distinct.index(name) for name in groups], dtype=int)
-    return Dictionary(", ".join(words), np.array(places, dtype=int), distinct, numbers, highest > LOW)
+    return Dictionary(", ".join(words), np.array(places, dtype=int), distinct, numbers, highest > LOW, highest)
 
 
 def tau_of(dictionary: Dictionary, terms: Sequence[Term]) -> float | None:

@@ -14,6 +14,7 @@ from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.linearisation import Linearisation
 from irbcal.identification.mackay import Posterior
 from irbcal.identification.sums import Sums
+from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.gear import HIGHEST, LOWEST, gear_terms
 from irbcal.modeling.terms.term import revolute
 
@@ -120,7 +121,7 @@ class _Reduced:
     def _wave(self, place: int, cycles: int) -> tuple[int, FloatArray]:
         """Cosine and sine of a frequency of the joint at a place, shape (n, 2)."""
         angle = cycles * self.q[:, self.joints[place]]
-        return place, np.column_stack([np.cos(angle), np.sin(angle)])
+        return place, np.column_stack(cos_sin(angle))
 
     def extended(self, sums: Sums, pairs: list[tuple[int, int]]) -> Sums:
         """Sums with the columns cos, sin of some frequencies (place of the joint, cycles per turn) at the end."""

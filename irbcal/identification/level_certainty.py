@@ -23,6 +23,9 @@ from irbcal.modeling.terms.geometry import DHM_COLUMNS, SIZES
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.thesis import FAMILY as THESIS
 
+MOST_PLACES = 5000
+"""Places whose poses are left out to see how well the others foretell them."""
+
 AXIS_OF = {column: axis for axis, column in DHM_COLUMNS.items()}
 
 
@@ -70,38 +73,44 @@ def certainty_of(fit: Fit) -> Certainty:
         covariance=covariance,
         free_targets=tuple(names[k] for k in problem.free),
         coefficients=fit.solution.state.errors,
-        loo=of_targets(u[0], points),
-        loo_blocks=of_targets(u[1], points),
+        loo=of_targets(u[0], u[2]),
+        loo_blocks=of_targets(u[1], u[2]),
         ranges=np.array([points.q.min(axis=0), points.q.max(axis=0)]),
     )
 
 
-def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Leave-one-pose-out and leave-a-fifth-out residuals of the points, both of shape (points, 3), metres.
+def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray, PointSet]:
+    """Leave-one-pose-out and leave-a-fifth-out residuals, both of shape (points, 3), metres, and whose they are.
 
-    Repeats of one place (`irbcal.measurement.places.places`) are left out together.
+    Repeats of one place (`irbcal.measurement.places.places`) are left out together. Of more than `MOST_PLACES` places
+    those drawn at random tell; a fifth of them stands for a fifth of all.
     """
     problem, state = fit.problem, fit.solution.state
+    points, place = problem.points, places(problem.points)
+    count = int(place.max(initial=-1)) + 1
+    drawn = np.ones(count, dtype=bool)
+    if count > MOST_PLACES:
+        drawn = np.isin(np.arange(count), np.random.default_rng(0).permutation(count)[:MOST_PLACES])
+        problem = problem.of_poses(drawn[place])
+        points, place = problem.points, place[drawn[place]]
     weights = np.repeat(problem.weights, 3)
     J = problem.jacobian(state) * weights[:, None]
     e = problem.residuals(state).ravel() * weights
-    points = problem.points
-    pose = np.concatenate([points.pose, points.pose[points.oriented()]])
-    place = places(points)[pose]
+    place = place[np.concatenate([points.pose, points.pose[points.oriented()]])]
     order = np.argsort(place, kind="stable")
     rows = (3 * order[:, None] + np.arange(3)).ravel()
     back = np.argsort(order)[: len(points)]
     J, e, a = np.ascontiguousarray(J[rows].T), e[rows], fit.solution.information.sigma**-2.0
     single = leave_one_out.single(J, e, np.repeat(place[order], 3), covariance, a)
     blocks = np.repeat(leave_one_out.block_numbers(place)[order], 3)
-    several = e.copy()
+    several, share = e.copy(), a * count / int(drawn.sum())
     for part in np.unique(blocks):
         mine = blocks == part
         G = J[:, mine]
-        shift = np.linalg.solve(np.eye(len(J)) - a * covariance @ (G @ G.T), a * covariance @ (G @ e[mine]))
+        shift = np.linalg.solve(np.eye(len(J)) - share * covariance @ (G @ G.T), share * covariance @ (G @ e[mine]))
         several[mine] += shift @ G
     each = problem.weights[: len(points), None]
-    return single.reshape(-1, 3)[back] / each, several.reshape(-1, 3)[back] / each
+    return single.reshape(-1, 3)[back] / each, several.reshape(-1, 3)[back] / each, points
 
 
 def of_targets(u: FloatArray, points: PointSet) -> dict[str, float]:

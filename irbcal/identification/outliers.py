@@ -37,7 +37,7 @@ EQUATIONS = 3.0
 """Equations of that share for each unknown, below which a level is not tried."""
 
 MOST_POSES = 2000
-"""Poses that levels beyond the nominal one are fitted to, while gross errors are looked for."""
+"""Poses that robots are fitted to, while gross errors are looked for; of more, ones drawn at random."""
 
 TOO_FAR = 0.1
 """Median miss, as a fraction of the spread of the measured points, that no real robot shows."""
@@ -107,8 +107,14 @@ def find_gross_errors(
     IdentificationError
         If the robot does not fit the points at all.
     """
+    some = points
+    if points.poses > MOST_POSES:
+        mine = np.isin(np.arange(points.poses), np.random.default_rng(0).permutation(points.poses)[:MOST_POSES])
+        some = points.select(mine)
+        if len(np.unique(some.target)) < len(points.target_names):  # a target that few poses saw
+            some = points
     try:
-        robot = trimmed(arm, points)
+        robot = trimmed(arm, some)
     except IdentificationError as error:
         _refuse_slip(arm, points, np.inf, source, measurements)
         raise IdentificationError(str(error), file=source) from None
@@ -124,7 +130,7 @@ def find_gross_errors(
         )
     level: Level = "nominal"
     for closer in dict.fromkeys(("offsets", default_level(arm))):
-        found = _closer(arm, points, distance, closer)
+        found = _closer(arm, some, distances(robot, some), closer)
         nearer = None if found is None else distances(found, points)
         if found is not None and nearer is not None and np.median(nearer) < np.median(distance):
             robot, level, distance = found, closer, nearer
@@ -138,19 +144,14 @@ def limit(distance: FloatArray, level: Level) -> float:
 
 def _closer(arm: Arm, points: PointSet, distance: FloatArray, level: Level) -> Robot | None:
     """The robot of a level fitted to the good points; None where there are too few of them."""
-    some = points
-    if points.poses > MOST_POSES:
-        mine = np.zeros(points.poses, dtype=bool)
-        mine[np.random.default_rng(0).permutation(points.poses)[:MOST_POSES]] = True
-        some, distance = points.select(mine), distance[mine[points.pose]]
-    of_a_pose = min(3.0 * len(some) / some.poses, 6.0)
+    of_a_pose = min(3.0 * len(points) / points.poses, 6.0)
     unknowns = 6 + 3 * len(points.target_names) + len(level_parameters(level, arm))
-    if CORE * some.poses * of_a_pose < EQUATIONS * unknowns:
+    if CORE * points.poses * of_a_pose < EQUATIONS * unknowns:
         return None
     try:
-        robot = trimmed(arm, some, level, distance)
+        robot = trimmed(arm, points, level, distance)
         # what is good by now is more than the core, and gives a better robot
-        good = some.take((d := distances(robot, some)) <= limit(d, level)).without_empty_poses()
+        good = points.take((d := distances(robot, points)) <= limit(d, level)).without_empty_poses()
         better = identify(arm, good.with_seen_targets(), level).robot
     except IdentificationError:
         return None

@@ -25,6 +25,7 @@ base               rotation ``e x p``, translation ``e``
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -213,6 +214,17 @@ class Problem:
                 )
             )
         return blocks
+
+    def of_poses(self, keep: BoolArray) -> Problem:
+        """The same unknowns and weights with some of the poses, shape (n,)."""
+        part = copy(self)
+        own = keep[self.points.pose]
+        part.points = self.points.select(keep)
+        oriented = part.points.oriented()
+        part.rows = len(part.points) + int(oriented.sum())
+        part.weights = self.weights[np.concatenate([own, own[self.points.oriented()]])]
+        part._blocks = part._cut(part.points, oriented)
+        return part
 
     @property
     def unknowns(self) -> int:

@@ -15,6 +15,9 @@ from irbcal.errors import IdentificationError
 from irbcal.identification.residuals import Problem, State
 from irbcal.modeling import dhm, frames
 
+MOST_POSES = 5000
+"""Poses that a start is made from; of more, evenly chosen ones."""
+
 
 def closed_form(problem: Problem) -> tuple[State, float]:
     """First guess of base and targets from nominal kinematics.
@@ -38,6 +41,12 @@ def closed_form(problem: Problem) -> tuple[State, float]:
     """
     points, free = problem.points, problem.free
     unknowns = 12 + 3 * len(free)
+    if points.poses > MOST_POSES and not len(problem.framed):
+        some = problem.of_poses(
+            np.isin(np.arange(points.poses), np.linspace(0, points.poses - 1, MOST_POSES).astype(int))
+        )
+        if np.isin(free, some.points.target).all():
+            return closed_form(some)
     if 3 * len(points) < unknowns:
         raise IdentificationError(
             f"{len(points)} points of {points.poses} poses are too few to find base and tool: "

@@ -32,6 +32,7 @@ from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms.situation import Motion
 from irbcal.reading import read_bytes
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
@@ -168,6 +169,16 @@ class FeatureSet(Speaks):
             lengths=tuple(one for one in self.lengths if one.first in names and one.second in names),
         )
 
+    def motion(self) -> Motion:
+        """Joints of each row; with the last move and the order of its pose where the joints are a program's."""
+        if not self.programmed:
+            return Motion(self.q)
+        index, first, pose = np.unique(self.pose_index, return_index=True, return_inverse=True)
+        whole = Motion.in_order(self.q[first])
+        assert whole.move is not None
+        move = np.where((np.diff(index, prepend=index[0]) == 1)[:, None], whole.move, 0.0)
+        return Motion(self.q, move[pose], index[pose].astype(float))
+
     def as_measurements(self) -> MeasurementSet:
         """The rows as a table of measurements without places, with the joints that models take."""
         table = pd.DataFrame({"row": self.row, "pose": self.pose, "target": self.target})
@@ -185,8 +196,10 @@ class FeatureSet(Speaks):
         names, counts = np.unique(self.kind.astype(str), return_counts=True)
         return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
 
-    def places(self, column: str | None = None) -> NameArray:
+    def places(self, column: str | None = None, lengths: bool = True) -> NameArray:
         """What is held out together, for each row: a column's values, or features that lengths or poses tie together.
+
+        Where lengths tie all features, each is by itself: the lengths to the others then prove it, too.
 
         Raises
         ------
@@ -209,13 +222,15 @@ class FeatureSet(Speaks):
                 name = parent[name]
             return name
 
-        for one in self.lengths:
+        for one in self.lengths if lengths else ():
             parent[root(one.second)] = root(one.first)
         first: dict[int, str] = {}
         for number, name in zip(self.pose_index.tolist(), self.feature, strict=True):
             if name:
                 parent[root(name)] = root(first.setdefault(number, name))
         tied = {name: root(name) for name in parent}
+        if lengths and self.lengths and len(set(tied.values())) == 1:
+            return self.places(lengths=False)
         # a tracker's poses stand for themselves, unless they are at a feature, too
         return np.array(
             [

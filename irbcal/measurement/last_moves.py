@@ -28,13 +28,12 @@ def last_moves(q: ArrayLike, groups: NameArray | None = None) -> FloatArray:
         Radians, NaN where unknown.
     """
     q = np.asarray(q, dtype=float)
-    out = np.full(q.shape, np.nan)
-    fresh = np.zeros(len(q), dtype=bool) if groups is None else np.r_[True, groups[1:] != groups[:-1]]
-    change = np.diff(q, axis=0)
-    for k in range(1, len(q)):
-        if not fresh[k]:
-            out[k] = np.where(np.abs(change[k - 1]) > STILL, change[k - 1], out[k - 1])
-    return out
+    change = np.vstack([np.full((min(len(q), 1), q.shape[1]), np.nan), np.diff(q, axis=0)])
+    if groups is not None and len(q):
+        change[np.r_[True, groups[1:] != groups[:-1]]] = np.nan
+    told = ~(np.abs(change) <= STILL)
+    last = np.maximum.accumulate(np.where(told, np.arange(len(q))[:, None], 0), axis=0)
+    return np.take_along_axis(change, last, axis=0)
 
 
 def previous_stops(q: FloatArray, pose: IntArray, groups: NameArray) -> FloatArray:

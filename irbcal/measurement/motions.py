@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import MeasurementError
+from irbcal.measurement import near
 from irbcal.measurement.load_columns import PLACE
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
@@ -38,15 +39,10 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
         If several loads were carried and it is not told where which.
     """
     first = measurements.table.groupby("pose_index", sort=True)["pose"].first().astype(str)
-    stops: dict[tuple[str, bytes], list[int]] = {}
-    for row, (name, q) in enumerate(zip(first, measurements.joints(), strict=True)):
-        stops.setdefault((name, q.tobytes()), []).append(row)
-    elapsed = np.array(
-        [
-            np.mean(stops.get((str(name), np.asarray(q).tobytes()), [0]))
-            for name, q in zip(points.pose_ids, points.q, strict=True)
-        ]
-    )
+    stop, mine = near.numbered((first.to_numpy(), measurements.joints()), (points.pose_ids.astype(str), points.q))
+    size = max(stop.max(initial=-1), mine.max(initial=-1)) + 1
+    known = np.bincount(stop, minlength=size)
+    elapsed = (np.bincount(stop, np.arange(len(stop)), minlength=size) / np.maximum(known, 1))[mine]
     load, place = payload_of(points, measurements.source)
     return Motion(points.q, points.moves(), elapsed, load, not measurements.programmed, place, points.torques)
 
@@ -66,24 +62,23 @@ def times_of(whole: Sequence[PointSet], known: Sequence[tuple[PointSet, Motion]]
     list of ndarray, shape (n,), or None
         One for each of ``whole``: poses that are not known lie between their neighbours; None where none is known.
     """
-    times = {
-        key: float(time)
-        for points, motion in known
-        if motion.elapsed is not None
-        for key, time in zip(_identities(points), motion.elapsed, strict=True)
-    }
+    told_of = [(points, motion.elapsed) for points, motion in known if motion.elapsed is not None]
+    number = near.numbered(*(_identities(points) for points in (*whole, *(points for points, _ in told_of))))
+    times = np.full(1 + max((part.max(initial=-1) for part in number), default=-1), np.nan)
+    for part, (_, elapsed) in zip(number[len(whole) :], told_of, strict=True):
+        times[part] = elapsed
     out: list[FloatArray | None] = []
-    for points in whole:
-        found = np.array([times.get(key, np.nan) for key in _identities(points)])
+    for part in number[: len(whole)]:
+        found = times[part]
         told = np.flatnonzero(np.isfinite(found))
         out.append(np.interp(np.arange(len(found)), told, found[told]) if len(told) else None)
     return out
 
 
-def _identities(points: PointSet) -> list[tuple[str, str, bytes]]:
-    """What tells poses from one another: session, name and joints."""
-    sessions = [""] * points.poses if points.session is None else points.session
-    return [(str(s), str(p), q.tobytes()) for s, p, q in zip(sessions, points.pose_ids, points.q, strict=True)]
+def _identities(points: PointSet) -> tuple[NameArray, FloatArray]:
+    """What tells poses from one another: session and name, and joints."""
+    names = points.pose_ids.astype(str).astype(object)
+    return names if points.session is None else points.session.astype(str).astype(object) + "\n" + names, points.q
 
 
 def usual_load(loads: FloatArray | None) -> float | None:

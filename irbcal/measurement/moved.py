@@ -31,6 +31,10 @@ BLOCK_SHARE = 40
 """Blocks of neighbouring poses that are shuffled together: a program's neighbours have similar errors."""
 
 
+MOST_POSES = 10_000
+"""Poses that are looked at; of more, evenly chosen ones."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Moved(Speaks):
     """A change of tracker and base against each other while it was measured.
@@ -106,6 +110,9 @@ def moved(points: PointSet, residuals: FloatArray, R_world_base: FloatArray, see
     n = points.poses
     if n < FEWEST:
         return None
+    if n > MOST_POSES:
+        some = np.isin(np.arange(n), np.linspace(0, n - 1, MOST_POSES).astype(int))
+        return moved(points.select(some), residuals[some[points.pose]], R_world_base, seed)
     middle = points.xyz.mean(axis=0)
     H, g, yy = _sums(points.pose, points.xyz - middle, residuals, n)
     jump, k = _jump(H, g, yy)
@@ -158,10 +165,13 @@ def _sums(pose: IntArray, arm: FloatArray, residuals: FloatArray, n: int) -> tup
     for axis in range(3):  # turn about this axis: axis x arm
         i, j = (axis + 1) % 3, (axis + 2) % 3
         A[:, j, 3 + axis], A[:, i, 3 + axis] = arm[:, i], -arm[:, j]
+    order = np.argsort(pose, kind="stable")
+    seen, first = np.unique(pose[order], return_index=True)
     H, g, yy = np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n)
-    np.add.at(H, pose, np.einsum("mca,mcb->mab", A, A))
-    np.add.at(g, pose, np.einsum("mca,mc->ma", A, residuals))
-    np.add.at(yy, pose, (residuals**2).sum(axis=1))
+    A, residuals = A[order], residuals[order]
+    H[seen] = np.add.reduceat(A.transpose(0, 2, 1) @ A, first)
+    g[seen] = np.add.reduceat(np.einsum("mca,mc->ma", A, residuals), first)
+    yy[seen] = np.add.reduceat((residuals**2).sum(axis=1), first)
     return H, g, yy
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, NameArray
 
 FEW = 250_000
 """Pairs that are compared one by one."""
@@ -25,9 +25,52 @@ def pairs(x: FloatArray, radius: float) -> IntArray:
     if len(x) ** 2 <= FEW:
         close = np.all(np.abs(x[:, None] - x) <= radius, axis=2)
         return np.argwhere(np.triu(close, 1))
+    found = _in_order(x, radius)
+    if found is not None:
+        return found
     from scipy.spatial import cKDTree
 
     return cKDTree(x).query_pairs(radius, p=np.inf, output_type="ndarray")
+
+
+def _in_order(x: FloatArray, radius: float) -> IntArray | None:
+    """`pairs` among rows that are neighbours in one column; None where there are too many of these."""
+    column = int(np.argmax([len(np.unique(values)) for values in x.T]))
+    order = np.argsort(x[:, column])
+    sorted_ = x[order, column]
+    count = np.searchsorted(sorted_, sorted_ + radius, side="right") - np.arange(len(x)) - 1
+    if count.sum() > 20 * len(x):
+        return None
+    first = np.repeat(np.arange(len(x)), count)
+    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
+    one, other = order[first], order[second]
+    close = np.all(np.abs(x[one] - x[other]) <= radius, axis=1)
+    return np.column_stack([one[close], other[close]])
+
+
+def numbered(*tables: tuple[NameArray, FloatArray]) -> list[IntArray]:
+    """Numbers of rows by what they are: equal ones have one number in all tables.
+
+    Parameters
+    ----------
+    *tables : (ndarray of str, shape (n,); ndarray, shape (n, k))
+        Names and numbers of the rows.
+
+    Returns
+    -------
+    list of ndarray of int, shape (n,)
+        From 0 in the order in which they are first seen.
+    """
+    import pandas as pd
+
+    names = np.concatenate([np.asarray(name, dtype=object) for name, _ in tables])
+    values = np.concatenate([np.asarray(value, dtype=float) for _, value in tables])
+    number = pd.factorize(names)[0].astype(np.int64)
+    for column in values.T:
+        codes, uniques = pd.factorize(column, use_na_sentinel=False)
+        number = pd.factorize(number * np.int64(len(uniques)) + codes)[0]
+    ends = np.cumsum([len(name) for name, _ in tables])[:-1]
+    return list(np.split(number, ends))
 
 
 def nearest(x: FloatArray, to: FloatArray, radius: float, p: float = 2.0) -> IntArray:

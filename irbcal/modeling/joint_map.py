@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
+from irbcal.modeling.cos_sin import cos_sin
 from irbcal.units import MM
 
 FORMULA = "irbcal-joint-map-1"
@@ -328,8 +329,8 @@ class JointMap:
             out[:, range(joints), range(joints)] += self.gain
         if self.stiffness.any():
             A, B = self.stiffness
-            upper = A * np.cos(q[:, 1] + self.phases[0])
-            fore = B * np.cos(q[:, 1] + q[:, 2] + self.phases[1])
+            upper = A * cos_sin(q[:, 1] + self.phases[0])[0]
+            fore = B * cos_sin(q[:, 1] + q[:, 2] + self.phases[1])[0]
             out[:, 1, 1] += upper + fore
             out[:, 1, 2] += fore
             out[:, 2, 1] += fore
@@ -486,10 +487,10 @@ def stiffness_terms(q: FloatArray, phases: FloatArray) -> tuple[FloatArray, Floa
 
     They are the sines of the levers in Nubiola 2011, eqs. 5.9, 5.10 and 5.11.
     """
-    return np.sin(q[:, 1] + phases[0]), np.sin(q[:, 1] + q[:, 2] + phases[1])
+    return cos_sin(q[:, 1] + phases[0])[1], cos_sin(q[:, 1] + q[:, 2] + phases[1])[1]
 
 
 def fourier_terms(q: FloatArray) -> FloatArray:
     """The terms cos q6, sin q6, cos 2 q6, sin 2 q6 (Nubiola 2011, eq. 5.8) as an array (4, n); q (n, 6) in radians."""
-    q6 = q[:, 5]
-    return np.array([np.cos(q6), np.sin(q6), np.cos(2 * q6), np.sin(2 * q6)])
+    c, s = cos_sin(q[:, 5])
+    return np.array([c, s, (c - s) * (c + s), 2.0 * s * c])

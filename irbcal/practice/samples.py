@@ -63,12 +63,12 @@ def samples(folder: str | Path) -> Samples:
     --------
     >>> irbcal.samples("try-irbcal")  # doctest: +SKIP
     """
-    from irbcal.practice import checks, foreign, makers, measured, rail
+    from irbcal.practice import checks, fleet, foreign, makers, measured, rail, touched
 
     folder = Path(folder)
     if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
         raise CalibrationError("expected a new or empty folder for the samples", file=folder)
-    found = [sample for part in (measured, foreign, checks, rail, makers) for sample in part.files()]
+    found = [sample for part in (measured, foreign, checks, rail, touched, makers, fleet) for sample in part.files()]
     contents = {folder / sample.path: sample.content for sample in found}
     contents[folder / "README.txt"] = _readme({sample.tried: sample.about for sample in found if sample.tried})
     atomic.write_set(contents)

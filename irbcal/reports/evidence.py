@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.figures.pose_errors import ModelErrors, PoseErrors
 from irbcal.files.schema import Record, Statistics
@@ -19,6 +19,10 @@ from irbcal.modeling import frames
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
 from irbcal.validation.coverage import coverage
+
+MOST_POSES = 3000
+"""Poses of a set that are drawn, and that backlash is looked for in; of more, ones drawn at random and the worst."""
+WORST = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +38,15 @@ class PoseSet(PoseErrors):
     points : PointSet or None
         None for calibrations that were saved without the measured places.
     direction : ndarray, shape (n, joints), or None
+    of : int
+        How many poses the set has, of which these are drawn.
     """
 
     comparison: comparison.Comparison | None
     covers: float
     points: PointSet | None
     direction: FloatArray | None
+    of: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +131,17 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
     )
     assert compared is not None
     per_pose = {"nominal": compared.first, "calibrated": compared.second}
+    held = {model: bootstrap.intervals(errors[model], place[pose]) for model in statistics if name == "held-out"}
+    covers, count = accuracy.largest_covers(len(np.unique(place))), len(pose_names)
+    if points is not None and direction is not None and count > MOST_POSES:
+        drawn = _drawn(errors["calibrated"], pose, count)
+        mine, keep = drawn[pose], np.flatnonzero(drawn)
+        target = [target[k] for k in np.flatnonzero(mine)]
+        pose_names, groups = ([column[k] for k in keep] for column in (pose_names, groups))
+        errors = {model: values[mine] for model, values in errors.items()}
+        per_pose = {model: values[keep] for model, values in per_pose.items()}
+        points, direction = points.select(drawn), direction[keep]
+        pose = points.pose
     robots = {"nominal": c.robot_nominal(), "calibrated": c.robot_calibrated()}
     if c.model == "nominal":
         del robots["calibrated"]
@@ -134,14 +152,13 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
             statistics[model],
             errors[model],
             per_pose[model],
-            bootstrap.intervals(errors[model], place[pose]) if name == "held-out" else None,
+            held.get(model),
             None if points is None else accuracy.error_vectors(robot, points) @ T_base_world[:3, :3].T,
             None if points is None else accuracy.turns(robot, points),
         )
         for model, robot in robots.items()
     }
     seen_at = None if points is None else frames.apply(T_base_world, points.xyz)
-    covers = accuracy.largest_covers(len(np.unique(place)))
     return PoseSet(
         name,
         pose,
@@ -154,7 +171,15 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         covers,
         points,
         direction,
+        count,
     )
+
+
+def _drawn(error: FloatArray, pose: IntArray, n: int) -> BoolArray:
+    """Which of n poses are drawn."""
+    drawn = np.isin(np.arange(n), np.random.default_rng(0).permutation(n)[:MOST_POSES])
+    drawn[pose[np.argsort(-error, kind="stable")[:WORST]]] = True
+    return drawn
 
 
 def _runs(names: list[str], groups: list[str]) -> tuple[IntArray, list[str], list[str]]:

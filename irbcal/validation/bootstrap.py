@@ -5,6 +5,9 @@ sigma, mean + 3 sigma and rms are bias-corrected and accelerated (BCa; Efron 198
 out one pose at a time; those of percentiles are plain percentile intervals, since leaving out one pose says nothing
 about a percentile. There is none for the maximum: no resample can exceed it, see
 `irbcal.validation.accuracy.largest_covers`.
+
+Of more than `MOST_POSES` poses as many are drawn at random; intervals of n of N poses are narrowed by the root of n / N
+(Bickel, Goetze, van Zwet 1997, "Resampling fewer than n observations").
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irbcal import parallel
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.chance import normal_below, normal_quantile
 from irbcal.units import MM
 from irbcal.validation.accuracy import PERCENTILES
@@ -26,6 +29,8 @@ FEWEST_POSES = 10
 """Poses below which intervals would be far too narrow: none are given then."""
 
 MOMENTS = ("mean_mm", "sigma_mm", "mean_plus_3sigma_mm", "rms_mm")
+MOST_POSES = 2000
+"""Poses that resamples are made of at most."""
 BLOCK = 4_000_000
 """Numbers that are worked on at a time, in each thread."""
 NUMBER_S = 1e-8
@@ -80,6 +85,12 @@ def intervals(
     if n < FEWEST_POSES:
         return None
     d = np.asarray(distance, dtype=float) / MM
+    if n > MOST_POSES:
+        mine = _some(n, seed)[row]
+        part = intervals(distance_of_part := d[mine] * MM, row[mine], resamples, seed, level)
+        assert part is not None
+        near, whole = _statistics(distance_of_part / MM, row[mine]), _statistics(d, row)
+        return {name: _narrowed(ends, near[name], whole[name], n) for name, ends in part.items()}
     sums = _Sums.of(d, row, n)
     order = np.argsort(d, kind="stable")
     step = max(1, BLOCK // len(d))
@@ -123,6 +134,10 @@ def difference(
     n = len(v)
     if n < FEWEST_POSES:
         return None
+    if n > MOST_POSES:
+        part = v[_some(n, seed)]
+        ends = difference(part, resamples, seed, level)
+        return None if ends is None else _narrowed(ends, float(part.mean()), float(v.mean()), n)
     replicates = np.concatenate([count @ v / n for count in draws(n, resamples, seed)])
     return bca(replicates, v.mean(), (v.sum() - v) / (n - 1), level)
 
@@ -153,6 +168,27 @@ def bca(replicates: FloatArray, estimate: float, jackknife: FloatArray, level: f
     z = bias + normal_quantile([0.5 - level / 2, 0.5 + level / 2])
     ends = normal_below(bias + z / (1 - acceleration * z))
     return np.percentile(replicates, 100 * ends).tolist()
+
+
+def _some(n: int, seed: int) -> BoolArray:
+    """Which of n poses stand for all."""
+    return np.isin(np.arange(n), np.random.default_rng(seed).permutation(n)[:MOST_POSES])
+
+
+def _narrowed(ends: list[float], near: float, whole: float, n: int) -> list[float]:
+    """The interval of n poses from that of `MOST_POSES` of them, with the statistic of the part and of all."""
+    return [whole + (end - near) * float(np.sqrt(MOST_POSES / n)) for end in ends]
+
+
+def _statistics(d: FloatArray, row: IntArray) -> dict[str, float]:
+    """The statistics that have intervals, mm."""
+    used = np.unique(row, return_inverse=True)[1].ravel()
+    sums = _Sums.of(d, used, int(used.max()) + 1)
+    moments = sums.moments(*(s.sum() for s in sums.by_pose))
+    return {
+        **dict(zip(MOMENTS, moments.tolist(), strict=True)),
+        **{f"p{p}_mm": float(np.percentile(d, p)) for p in PERCENTILES},
+    }
 
 
 class _Sums:

@@ -15,6 +15,9 @@ from irbcal.units import MM
 EXPECTED = 0.95
 """Share of a coordinate's errors that an interval is made to hold."""
 
+MOST_POSES = 5000
+"""Poses whose intervals are counted; of more, ones drawn at random."""
+
 
 def predictions(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray] | None:
     """Where a calibrated robot expects measured points, and how well it knows that.
@@ -61,6 +64,9 @@ def coverage(robot: Robot, points: PointSet) -> dict[str, Any] | None:
         and for each target the number ``n`` of coordinates, the share ``inside`` and the median half-width ``u95_mm``.
         None where nothing is known of the robot's certainty.
     """
+    if points.poses > MOST_POSES:
+        drawn = np.random.default_rng(0).permutation(points.poses)[:MOST_POSES]
+        points = points.select(np.isin(np.arange(points.poses), drawn))
     found = predictions(robot, points)
     if found is None or robot.certainty is None:
         return None

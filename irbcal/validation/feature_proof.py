@@ -84,7 +84,12 @@ class FeatureProof:
     @property
     def lengths(self) -> dict[str, tuple[float, float]]:
         """Found minus known lengths, nominal and calibrated, metres."""
-        return {name: errors for one in self.places for name, errors in one.lengths.items()}
+        found: dict[str, list[tuple[float, float]]] = {}
+        for one in self.places:
+            for name, errors in one.lengths.items():
+                found.setdefault(name, []).append(errors)
+        # of a length between two places each was left out once: the larger error counts
+        return {name: max(pairs, key=lambda pair: abs(pair[1])) for name, pairs in found.items()}
 
 
 def labels(seen: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str, NameArray]:
@@ -176,21 +181,19 @@ def prove(
             progress(f"leaving out {title}")
         try:
             fit = identify_features(arm, seen.select(~mine), terms, bare=True)
-            pairs = [held_out(fit, seen.select(mine), calibrated) for calibrated in (False, True)]
+            pairs = [held_out(fit, seen.select(mine), which, seen.lengths) for which in (False, True)]
         except IdentificationError as error:
             raise IdentificationError(
                 f"without {by} {title} the rest does not do ({error}): measure at more places, or --leave-out none for "
                 "a calibration without proof"
             ) from None
-        here = seen.select(mine)
-        lengths = zip(here.lengths, *(errors for _, errors in pairs), strict=True)
         out.append(
             LeftOutPlace(
                 title,
                 np.flatnonzero(mine),
                 pairs[0][0],
                 pairs[1][0],
-                {one.name: (float(a), float(b)) for one, a, b in lengths},
+                {name: (before, pairs[1][1][name]) for name, before in pairs[0][1].items()},
             )
         )
     return FeatureProof(by, tuple(out))

@@ -2,6 +2,8 @@ import feature_cases as cases
 import numpy as np
 import pandas as pd
 import pytest
+from distance_cases import STANDS, heldout
+from evidence_cases import irb120
 
 from irbcal.errors import IdentificationError
 from irbcal.identification.constraint_fit import held_out, identify_features
@@ -86,3 +88,12 @@ def test_few_poses_are_refused(sockets):
     _, seen = sockets
     with pytest.raises(IdentificationError, match="9 poses at features are too few"):
         identify_features(cases.arm(), seen.select(np.arange(len(seen)) < 9))
+
+
+def test_real_points_as_distances_only_are_nearly_as_good_as_points(shared_data):
+    """One choice of terms, to be quick; scripts/distances_only compares all."""
+    measured = irb120(shared_data)
+    choices = [("gravity", "gain", "harmonics", "direction", "move", "warm_up")]
+    points, distances = (heldout(measured, stands, choices=choices).mean() for stands in (None, STANDS))
+    assert points < 0.08e-3
+    assert distances < 1.15 * points

@@ -72,7 +72,7 @@ def test_known_targets_and_orientations_have_their_columns():
 def test_left_out_residuals_are_those_of_fits_without_the_pose():
     nominal, _, points, _ = cell("26", poses=25)
     fit = identify(nominal, points, "26")
-    single, fifths = left_out(fit, fit.solution.information.covariance())
+    single, fifths, _ = left_out(fit, fit.solution.information.covariance())
     for k in (0, 7, 24):
         rest = identify(nominal, points.select(np.arange(25) != k), "26")
         expected = (points.xyz - points.predicted(rest.robot))[points.pose == k] @ rest.robot.T_world_base[:3, :3]
@@ -121,3 +121,24 @@ def test_intervals_hold_on_a_real_robot(shared_data, level):
     fit = identify(seen.model, seen.points.select(rows), level)
     parts = coverage(with_certainty(fit), seen.points.select(~rows))["parts"]
     assert 0.92 < parts["all"]["inside"] < 0.98
+
+
+def test_some_places_tell_what_all_do(monkeypatch):
+    nominal, _, points, _ = cell(poses=150)
+    fit = identify(nominal, points, "34")
+    whole = certainty_of(fit)
+    monkeypatch.setattr("irbcal.identification.level_certainty.MOST_PLACES", 75)
+    some = certainty_of(fit)
+    for name, value in whole.loo.items():
+        assert abs(some.loo[name] / value - 1.0) < 0.15
+        assert abs(some.loo_blocks[name] / whole.loo_blocks[name] - 1.0) < 0.15
+    with monkeypatch.context() as patch:
+        patch.setattr("irbcal.identification.level_certainty.MOST_PLACES", 149)
+        single, _, mine = left_out(fit, whole.covariance)
+        every = left_out_of_all(fit, whole.covariance, patch)
+        assert np.abs(single - every[np.isin(points.pose_ids, mine.pose_ids)[points.pose]]).max() < 1e-9
+
+
+def left_out_of_all(fit, covariance, patch):
+    patch.setattr("irbcal.identification.level_certainty.MOST_PLACES", 10**6)
+    return left_out(fit, covariance)[0]

@@ -64,3 +64,15 @@ def test_measured_orientations_and_uncertainties_come_back(calibration):
     assert points.oriented().tolist() == [k % 2 == 0 for k in range(len(points))]
     assert points.u95[1] == pytest.approx(5e-5)
     assert np.isnan(points.u95[0])
+
+
+def test_many_poses_are_told_by_some_and_the_worst(calibration, monkeypatch):
+    monkeypatch.setattr("irbcal.reports.evidence.MOST_POSES", 12)
+    monkeypatch.setattr("irbcal.reports.evidence.WORST", 1)
+    found = report_page.gather(calibration)
+    fitted = found.sets[-1]
+    assert fitted.of == calibration.poses_fit
+    assert len(fitted.pose_names) in (12, 13)
+    mine = [d for d, held in zip(calibration.points.calibrated_mm, calibration.points.heldout, strict=True) if not held]
+    assert fitted.models["calibrated"].distance.max() == pytest.approx(1e-3 * max(mine), abs=1e-12)
+    assert f"Statistics are of all {calibration.poses_fit} fitted poses" in report_page.render(calibration, found)

@@ -78,3 +78,17 @@ def test_equal_errors_have_an_interval_without_width():
     found = bootstrap.intervals(np.full(20, 1e-3), np.arange(20), 50)
     assert found["mean_mm"] == pytest.approx([1.0, 1.0])
     assert found["sigma_mm"] == pytest.approx([0.0, 0.0])
+
+
+def test_a_part_of_many_poses_tells_the_interval_of_all(monkeypatch):
+    rng = np.random.default_rng(3)
+    pose = np.repeat(np.arange(3000), 3)
+    d = np.abs(rng.normal(1e-4, 3e-5, len(pose)) + rng.normal(0, 2e-5, 3000)[pose])
+    monkeypatch.setattr(bootstrap, "MOST_POSES", 10**6)
+    whole, change = bootstrap.intervals(d, pose, 1000), bootstrap.difference(d[::3], 1000)
+    monkeypatch.setattr(bootstrap, "MOST_POSES", 500)
+    part, some = bootstrap.intervals(d, pose, 1000), bootstrap.difference(d[::3], 1000)
+    for name in ("mean_mm", "sigma_mm", "rms_mm", "p95_mm"):
+        width = whole[name][1] - whole[name][0]
+        assert np.abs(np.subtract(part[name], whole[name])).max() < 0.35 * width
+    assert np.abs(np.subtract(some, change)).max() < 0.35 * (change[1] - change[0])

@@ -17,6 +17,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.term import AXES
 
 
@@ -103,7 +104,7 @@ def walk(arm: Arm, effective: FloatArray, xi: FloatArray | None = None) -> Walk:
 
 def _turn(first: FloatArray, second: FloatArray, angle: FloatArray | float) -> tuple[FloatArray, FloatArray]:
     """Axes (first, second) turned towards one another."""
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = cos_sin(np.asarray(angle))
     return c * first + s * second, c * second - s * first
 
 

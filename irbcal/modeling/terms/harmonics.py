@@ -9,6 +9,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.situation import Situation
 from irbcal.modeling.terms.term import Basis, Family, Term, revolute
 
@@ -33,17 +34,17 @@ class Harmonic(Basis):
 
     def values(self, terms: Sequence[Term], here: Situation) -> FloatArray:
         """The wave, shape (terms, n)."""
-        return np.cos(self._phase(terms, here)[1])
+        return cos_sin(self._phase(terms, here)[1])[0]
 
     def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
         """Derivative by the own joint, shape (terms, n, joints)."""
         cycles, phase = self._phase(terms, here)
-        return _at_own_joint(terms, -cycles * np.sin(phase), here)
+        return _at_own_joint(terms, -cycles * cos_sin(phase)[1], here)
 
     def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
         """Derivative of the slopes along joint speeds (n, joints), shape (terms, n, joints)."""
         cycles, phase = self._phase(terms, here)
-        return _at_own_joint(terms, -(cycles**2) * np.cos(phase) * dq.T[[t.joint for t in terms]], here)
+        return _at_own_joint(terms, -(cycles**2) * cos_sin(phase)[0] * dq.T[[t.joint for t in terms]], here)
 
 
 def _at_own_joint(terms: Sequence[Term], values: FloatArray, here: Situation) -> FloatArray:

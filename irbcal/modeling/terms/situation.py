@@ -12,6 +12,7 @@ from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.cos_sin import cos_sin
 
 GRAVITY = (0.0, 0.0, -1.0)
 """Direction of gravity in the base link unless told otherwise."""
@@ -201,7 +202,7 @@ class Situation:
         """Axes of each link, the joint's frame turned by its offset and its angle, shape (joints, axis, 3, n)."""
         table = self.arm.table
         turned = np.where(table.prismatic, 0.0, 1.0)[:, None] * self.motion.q.T + table.theta[:, None]
-        c, s = np.cos(turned)[:, None], np.sin(turned)[:, None]
+        c, s = (value[:, None] for value in cos_sin(turned))
         x, y, z = self.before[:, 0], self.before[:, 1], self.before[:, 2]
         return np.stack([c * x + s * y, c * y - s * x, z], axis=1)
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
+from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.payload import as_levers, largest_torque
 from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
@@ -38,7 +39,7 @@ class _Waves:
     def sums(self, angle: FloatArray, order: int) -> FloatArray:
         """The series or its first or second derivative, shape (n,)."""
         phase = angle[:, None] * self.cycles
-        c, s = np.cos(phase), np.sin(phase)
+        c, s = cos_sin(phase)
         if order == 0:
             return c @ self.cosine + s @ self.sine
         if order == 1:

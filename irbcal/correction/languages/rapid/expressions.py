@@ -20,8 +20,8 @@ class Walker(Scanner):
         Names seen in expressions.
     """
 
-    def __init__(self, text: str, source: str) -> None:
-        super().__init__(text, source)
+    def __init__(self, text: str, source: str, most: int | None = None) -> None:
+        super().__init__(text, source, most)
         self.mentions: list[Mention] = []
         self.scope: Scope | None = None
         self.level = 0

@@ -7,9 +7,13 @@ from collections.abc import Sequence
 
 from irbcal.correction.languages.rapid.syntax import Reader
 from irbcal.correction.languages.rapid.tokens import decode
+from irbcal.errors import ProgramError
 
 MARK = "! irbcal: fake targets, calibration "
 """Begin of the line; the fingerprint of the calibration follows."""
+
+HEADER = 500
+"""Tokens and comments among which the line with ``MODULE`` is looked for first."""
 
 _MARK = re.compile(r"!\s*irbcal: fake targets(?:, calibration (\S+))?", re.IGNORECASE)
 
@@ -34,8 +38,12 @@ def mark(data: bytes, fingerprint: str, source: str = "program") -> bytes:
     if not fingerprint.isascii() or not fingerprint.isprintable() or fingerprint.split() != [fingerprint]:
         raise ValueError("expected a fingerprint of one word")
     text, encoding = decode(data, source)
-    reader = Reader(text, source)
-    end = reader.tokens[reader.header() - 1].end
+    try:
+        reader = Reader(text, source, HEADER)
+        end = reader.tokens[reader.header() - 1].end
+    except ProgramError:
+        reader = Reader(text, source)
+        end = reader.tokens[reader.header() - 1].end
     line_end = re.search(r"\r\n|\n|\r", text)
     newline = line_end[0] if line_end else "\n"
     rest = re.match(r"[ \t]*(?:![^\r\n]*)?(\r\n|\n|\r)", text[end:])

@@ -59,7 +59,10 @@ def _has_then(reader: Reader, i: int) -> bool:
 
 
 def stops(
-    reader: Reader, goals: Sequence[tuple[Move, list[tuple[list[Literal], bool]]]], numbers: Mapping[int, int]
+    reader: Reader,
+    goals: Sequence[tuple[Move, list[tuple[list[Literal], bool]]]],
+    numbers: Mapping[int, int],
+    places: Sequence[int],
 ) -> tuple[Stop, ...]:
     """The stops of a module in the order of its text.
 
@@ -70,12 +73,13 @@ def stops(
         For each move and each of its points the literals that it may stand for, and whether it may be another place.
     numbers : dict of int to int
         Number of each literal's target by its ``id``.
+    places : sequence of int
+        Of `breaks`.
 
     Returns
     -------
     tuple of Stop
     """
-    places = breaks(reader)
     out: list[Stop] = []
     before: int | None = None
     last = 0

@@ -7,16 +7,16 @@ piece: a speed, a predefined zone, tool and work object. Pieces are joined with 
 from __future__ import annotations
 
 import bisect
+import functools
 import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, locked
 from irbcal.correction.configurations import ConfData, configuration_of
 from irbcal.correction.cutting import CutPath, PathMove
-from irbcal.correction.languages.rapid.order import breaks
 from irbcal.correction.languages.rapid.parts import ABSENT, Arg, Literal, Move
 from irbcal.correction.languages.rapid.syntax import EXACT, PATTERNS, Reader
 from irbcal.correction.listing import Edit, Span
@@ -32,6 +32,8 @@ KEPT = ("v", "tload")
 """Optional arguments that each piece takes, too, behind the speed and at the end."""
 OF_THE_END = ("z", "inpos")
 """Optional arguments that belong to the end of the move."""
+
+_HERE = locked(np.eye(4))
 
 _STRAIGHT = re.compile("(?:Move|Trigg|Search)[LC]")
 
@@ -66,9 +68,9 @@ def paths(
     numbers: Mapping[int, int],
     targets: Sequence[Target],
     tools: Mapping[str, FloatArray],
+    places: Sequence[int],
 ) -> tuple[tuple[PathMove, PathText], ...]:
     """The straight and circular moves of a module in the order of its text; arguments as for `order.stops`."""
-    places = breaks(reader)
     out = []
     before: tuple[Move, int] | None = None
     last = 0
@@ -120,7 +122,7 @@ def _path(
         start,
         ends[0] if circular else None,
         ends[-1] if None not in ends else None,
-        np.eye(4) if T is None else T,
+        _HERE if T is None else T,
         (radii[0], radii[-1]),
         why,
     )
@@ -150,11 +152,14 @@ def _doubt(
         return "its points have different cfx"
     if any(target.configuration is None for target in poses):
         return "a configuration is computed"
-    axes = {re.sub(r"\s", "", target.external).lower() for target in targets}
-    values = [value for text in axes for value in text.strip("[]").split(",")]
-    if not all(_NUMBER.fullmatch(value) and abs(float(value)) >= ABSENT for value in values):
-        return "there are external axes"
-    return ""
+    return "" if all(_no_axes(target.external) for target in targets) else "there are external axes"
+
+
+@functools.lru_cache(maxsize=256)
+def _no_axes(external: str) -> bool:
+    """Whether the external axes of a target are all absent."""
+    values = re.sub(r"\s", "", external).lower().strip("[]").split(",")
+    return all(_NUMBER.fullmatch(value) and abs(float(value)) >= ABSENT for value in values)
 
 
 def _zone(reader: Reader, move: Move) -> float | None:

@@ -25,7 +25,7 @@ from irbcal.correction.languages.rapid.frames import given_frames, shared_frames
 from irbcal.correction.languages.rapid.literals import Literals
 from irbcal.correction.languages.rapid.marking import in_comments, mark
 from irbcal.correction.languages.rapid.needed_frames import needed_frames
-from irbcal.correction.languages.rapid.order import stops
+from irbcal.correction.languages.rapid.order import breaks, stops
 from irbcal.correction.languages.rapid.parts import ABSENT, Literal
 from irbcal.correction.languages.rapid.paths import PathText, insertions, paths
 from irbcal.correction.languages.rapid.syntax import Reader
@@ -197,6 +197,7 @@ class _Parsed:
         numbers = {id(literal): k for k, literal in enumerate(_in_file_order(literals.found))}
         found = needed_frames(reader, literals.found, self.given)
         targets = _targets(reader, literals.found)
+        places = breaks(reader)
         return Module(
             source=reader.source,
             text=self.text,
@@ -207,8 +208,8 @@ class _Parsed:
             uncorrected=tuple(sorted(literals.uncorrected, key=lambda entry: (entry.line, entry.column))),
             notes=_notes(reader, literals.found),
             fingerprint=in_comments(reader.comments),
-            order=stops(reader, self.uses.goals, numbers),
-            moves=paths(reader, self.uses.goals, numbers, targets, found["tooldata"]),
+            order=stops(reader, self.uses.goals, numbers, places),
+            moves=paths(reader, self.uses.goals, numbers, targets, found["tooldata"], places),
         )
 
 

@@ -42,8 +42,8 @@ class Reader(Walker):
         Lists of values in any other place.
     """
 
-    def __init__(self, text: str, source: str) -> None:
-        super().__init__(text, source)
+    def __init__(self, text: str, source: str, most: int | None = None) -> None:
+        super().__init__(text, source, most)
         self.data: Scope = {}
         self.scopes: list[Scope] = []
         self.moves: list[Move] = []

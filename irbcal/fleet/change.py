@@ -1,0 +1,200 @@
+"""What changed between two calibrations of a robot by more than their uncertainty.
+
+The difference of the parameters that both have is tested by chi-square on the directions that both have seen: what the
+poses do not show (such as joint 1's zero, which turns with the base) has no say. Which parameters explain it is found
+one after the other, each as the only change beside those found before: a crash or an exchanged motor changes few.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.fleet.store import Estimate, Stored
+from irbcal.fleet.words import amount, called
+
+ONE_SIDED = 1e-4
+"""A direction of which one calibration knows so much less variance than the other is held in one of them."""
+HELD = 1e-10
+"""Share of the largest variance below which a direction is held: what is left there is rounding."""
+CHANCE = 0.001
+"""Probability of a change to be told of where there is none."""
+MOST = 6
+"""Parameters that a change is explained by at most."""
+TIE = 9.0
+"""Chi-square by which one explanation must be better than another to be told from it. Where they are equal a zero is
+taken: zeros change more often than lengths."""
+
+
+@dataclass(frozen=True)
+class ParameterChange:
+    """A parameter that changed.
+
+    Attributes
+    ----------
+    name, unit : str
+    value, std : float
+        New minus old, SI units.
+    chi2 : float
+        By how much it explains the difference.
+    others : tuple of str
+        Parameters that would explain it about as well.
+    """
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    chi2: float
+    others: tuple[str, ...] = ()
+
+    def in_words(self, before: date, after: date) -> str:
+        """A sentence."""
+        what, why = called(self.name)
+        return (
+            f"{what[0].upper()}{what[1:]} moved by {amount(self.value, self.std, self.unit)} between {before} and "
+            f"{after}: {why}?{self._others_in_words()}"
+        )
+
+    def _others_in_words(self) -> str:
+        if not self.others:
+            return ""
+        first = " or ".join(called(name)[0] for name in self.others[:2])
+        return f" (Hardly to be told from {first}.)"
+
+
+@dataclass(frozen=True)
+class Change:
+    """Two calibrations of one robot compared.
+
+    Attributes
+    ----------
+    before, after : date
+    chi2 : float
+    directions : int
+        That both have seen: the degrees of freedom.
+    p : float
+        Probability of so large a difference by chance.
+    parameters : tuple of ParameterChange
+        The largest first; empty where it is chance.
+    left_p : float
+        Probability of what they leave unexplained.
+    """
+
+    before: date
+    after: date
+    chi2: float
+    directions: int
+    p: float
+    parameters: tuple[ParameterChange, ...]
+    left_p: float
+
+    @property
+    def real(self) -> bool:
+        """Whether it is beyond chance."""
+        return self.p < CHANCE
+
+    def in_words(self) -> list[str]:
+        """What changed, or that nothing did."""
+        test = f"chi-square {self.chi2:.1f} on {self.directions} directions that both have seen, p = {self.p:.2g}"
+        if not self.directions:
+            return [f"{self.before} to {self.after}: cannot be compared (no points saved, or nothing seen in common)."]
+        if not self.real:
+            return [f"{self.before} to {self.after}: no change beyond the uncertainty ({test})."]
+        out = [f"{self.before} to {self.after}: CHANGED ({test})."]
+        out += [item.in_words(self.before, self.after) for item in self.parameters]
+        if self.left_p < CHANCE:
+            out.append(f"That does not explain all of it (p = {self.left_p:.2g} of what is left): more has changed.")
+        return out
+
+
+def change(before: Stored, after: Stored) -> Change:
+    """Compare two calibrations of a robot, by the level that both have.
+
+    Averages of many error models cannot be compared parameter by parameter: what one of them explains by a wave
+    another explains by weight. The arm's own level, fitted to the points of both, has the same parameters in both.
+
+    Parameters
+    ----------
+    before, after : Stored
+
+    Returns
+    -------
+    Change
+    """
+    from scipy.special import chdtrc
+
+    dates = before.measured, after.measured
+    if before.level is None or after.level is None:
+        return Change(*dates, 0.0, 0, 1.0, (), 1.0)
+    names = [name for name in before.level.names if name in after.level.place]
+    d, W, seen = _difference(before.level, after.level, names)
+    chi2 = float(d @ W @ d)
+    p = float(chdtrc(seen, chi2)) if seen else 1.0
+    found: list[ParameterChange] = []
+    left, left_p = chi2, p
+    if p < CHANCE:
+        found, left = _explained(d, W, names, before.level)
+        left_p = float(chdtrc(max(seen - len(found), 1), left))
+    return Change(*dates, chi2, seen, p, tuple(found), left_p)
+
+
+def _difference(before: Estimate, after: Estimate, names: list[str]) -> tuple[FloatArray, FloatArray, int]:
+    """Differences in natural sizes, their weight on the directions that both have seen, and how many these are."""
+    rows = [[one.place[name] for name in names] for one in (before, after)]
+    size = before.natural[rows[0]]
+    d = (after.values[rows[1]] - before.values[rows[0]]) / size
+    C = [one.covariance[np.ix_(r, r)] / np.outer(size, size) for one, r in zip((before, after), rows, strict=True)]
+    values, vectors = np.linalg.eigh(C[0] + C[1])
+    own = np.array([np.einsum("ik,ij,jk->k", vectors, part, vectors) for part in C])
+    keep = (own.min(axis=0) > ONE_SIDED * own.max(axis=0)) & (values > HELD * values.max(initial=0.0))
+    U = vectors[:, keep]
+    return d, (U / values[keep]) @ U.T, int(keep.sum())
+
+
+def _explained(d: FloatArray, W: FloatArray, names: list[str], before: Estimate) -> tuple[list[ParameterChange], float]:
+    """Parameters whose change explains a difference, one after the other, and the chi-square that is left."""
+    from scipy.special import chdtri
+
+    limit = float(chdtri(1, CHANCE / max(len(names), 1)))
+    taken: list[int] = []
+    left = float(d @ W @ d)
+    values, stds, gains, others = np.zeros(0), np.zeros(0), list[float](), list[tuple[str, ...]]()
+    while len(taken) < MOST:
+        rests = {}
+        for k in range(len(names)):
+            if k not in taken and W[k, k] > 0.0 and (rest := _left(d, W, [*taken, k])) is not None:
+                rests[k] = rest[0]
+        best = min(rests, key=lambda k: rests[k], default=-1)
+        if best < 0 or left - rests[best] < limit:
+            break
+        equal = [k for k, rest in rests.items() if rest < rests[best] + TIE]
+        zeros = [k for k in equal if names[k].startswith("delta_theta")]
+        best = min(zeros or [best], key=lambda k: rests[k])
+        taken.append(best)
+        others.append(tuple(names[k] for k in sorted(equal, key=lambda k: rests[k]) if k != best))
+        gains.append(left - rests[best])
+        found = _left(d, W, taken)
+        assert found is not None
+        left, values, stds = found
+    out = []
+    for k, value, std, gain, other in zip(taken, values, stds, gains, others, strict=True):
+        row = before.place[names[k]]
+        size = before.natural[row]
+        out.append(ParameterChange(names[k], before.units[row], float(value * size), float(std * size), gain, other))
+    return out, left
+
+
+def _left(d: FloatArray, W: FloatArray, taken: list[int]) -> tuple[float, FloatArray, FloatArray] | None:
+    """Chi-square that is left where some parameters changed, by how much they did, and its standard deviations."""
+    N = W[np.ix_(taken, taken)]
+    scale = np.sqrt(np.diagonal(N))
+    scaled = N / np.outer(scale, scale)
+    if np.linalg.cond(scaled) > 1e6:  # cannot be told apart
+        return None
+    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+    values = inverse @ (W[taken] @ d)
+    return float(d @ W @ d - (W[taken] @ d) @ values), values, np.sqrt(np.diagonal(inverse))

@@ -1,0 +1,399 @@
+"""A store of calibrations: SQLite as a file, or PostgreSQL by its URL, by SQLAlchemy Core.
+
+A calibration is added in one transaction, whole or not at all, and once: a second time it is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import sqlalchemy as sql
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+
+from irbcal.arrays import FloatArray
+from irbcal.errors import CalibrationError, OptionError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from sqlalchemy.engine import Connection, Engine
+
+VERSION = 1
+"""Of the tables."""
+NOT_THERE = "no store of a fleet"
+DIALECTS = ("sqlite", "postgresql")
+
+tables = sql.MetaData()
+about = sql.Table("irbcal_fleet", tables, sql.Column("version", sql.Integer, primary_key=True))
+robots = sql.Table(
+    "robots",
+    tables,
+    sql.Column("id", sql.String(200), primary_key=True),
+    sql.Column("serial", sql.String(200), nullable=False),
+    sql.Column("type", sql.String(200), nullable=False, index=True),
+)
+calibrations = sql.Table(
+    "calibrations",
+    tables,
+    sql.Column("number", sql.Integer, primary_key=True),
+    sql.Column("robot", sql.ForeignKey("robots.id"), nullable=False, index=True),
+    sql.Column("fingerprint", sql.String(64), nullable=False),
+    sql.Column("measured", sql.Date, nullable=False),
+    sql.Column("created", sql.String(40), nullable=False),
+    sql.Column("added", sql.String(40), nullable=False),
+    sql.Column("folder", sql.Text, nullable=False),
+    sql.Column("model", sql.String(40), nullable=False),
+    sql.Column("method", sql.String(40), nullable=False),
+    sql.Column("simulated", sql.Boolean, nullable=False),
+    sql.Column("poses_fit", sql.Integer, nullable=False),
+    sql.Column("poses_heldout", sql.Integer, nullable=False),
+    sql.Column("nominal_mean_mm", sql.Float),
+    sql.Column("heldout_mean_mm", sql.Float),
+    sql.Column("heldout_sigma_mm", sql.Float),
+    sql.Column("heldout_max_mm", sql.Float),
+    sql.Column("trusted", sql.Boolean, nullable=False),
+    sql.Column("verdict", sql.Text, nullable=False),
+    sql.Column("json_sha256", sql.String(64), nullable=False),
+    sql.Column("urdf_sha256", sql.String(64), nullable=False),
+    sql.Column("nominal_urdf_sha256", sql.String(64), nullable=False),
+    sql.Column("fit_covariance", sql.LargeBinary, nullable=False),
+    sql.Column("level_covariance", sql.LargeBinary),
+    sql.UniqueConstraint("robot", "fingerprint", "measured"),
+)
+parameters = sql.Table(
+    "parameters",
+    tables,
+    sql.Column("calibration", sql.ForeignKey("calibrations.number"), primary_key=True),
+    sql.Column("part", sql.String(10), primary_key=True),
+    sql.Column("position", sql.Integer, primary_key=True),
+    sql.Column("name", sql.String(200), nullable=False, index=True),
+    sql.Column("value", sql.Float(53), nullable=False),
+    sql.Column("std", sql.Float(53)),
+    sql.Column("prior", sql.Float(53)),
+    sql.Column("natural", sql.Float(53)),
+    sql.Column("unit", sql.String(20), nullable=False),
+    sql.Column("state", sql.String(20), nullable=False),
+)
+files = sql.Table(
+    "files",
+    tables,
+    sql.Column("calibration", sql.ForeignKey("calibrations.number"), primary_key=True),
+    sql.Column("position", sql.Integer, primary_key=True),
+    sql.Column("name", sql.Text, nullable=False),
+    sql.Column("sha256", sql.String(64), nullable=False),
+)
+
+
+PARTS = ("fit", "level")
+"""Of the parameters: those of the calibration, and those of a level fitted to its points; ``other``: base, targets,
+what is held."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters with their covariance.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+    values, prior, natural : ndarray, shape (k,)
+        Their values, what was expected of them before (standard deviation; infinite for levels, which expect nothing)
+        and what is natural on an industrial arm, SI units.
+    covariance : ndarray, shape (k, k)
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    prior: FloatArray
+    natural: FloatArray
+    covariance: FloatArray
+    place: Mapping[str, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "place", {name: k for k, name in enumerate(self.names)})
+
+    def rows(self, part: str) -> list[dict[str, Any]]:
+        """As rows of the table ``parameters``."""
+        std = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        return [
+            {
+                "part": part,
+                "position": k,
+                "name": name,
+                "value": float(self.values[k]),
+                "std": float(std[k]),
+                "prior": float(self.prior[k]) if np.isfinite(self.prior[k]) else None,
+                "natural": float(self.natural[k]),
+                "unit": self.units[k],
+                "state": "identified",
+            }
+            for k, name in enumerate(self.names)
+        ]
+
+    @staticmethod
+    def of(rows: Sequence[Mapping[str, Any]], factor: bytes) -> Estimate:
+        """From rows and the covariance as `packed` gave it."""
+        L = np.zeros((len(rows), len(rows)))
+        L[np.tril_indices(len(rows))] = np.frombuffer(factor, "<f8")
+        return Estimate(
+            tuple(row["name"] for row in rows),
+            tuple(row["unit"] for row in rows),
+            np.array([row["value"] for row in rows]),
+            np.array([np.inf if row["prior"] is None else row["prior"] for row in rows]),
+            np.array([row["natural"] for row in rows]),
+            L @ L.T,
+        )
+
+    def packed(self) -> bytes:
+        """A factor L of the covariance ``L L'``, lower triangle row by row, little-endian floats of eight bytes."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]
+        return bytes(R.T[np.tril_indices(len(self.names))].astype("<f8").tobytes())
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """A calibration as the store has it.
+
+    Attributes
+    ----------
+    robot : dict
+        ``id``, ``serial`` and ``type``.
+    calibration : dict
+        The columns of the table ``calibrations``, covariances left out.
+    fit : Estimate
+        Error parameters and terms of the calibration.
+    level : Estimate or None
+        Those of the arm's own level, fitted to the calibration's points: the same parameters in every calibration;
+        None where the calibration was saved without its points.
+    other : tuple of dict
+        Base, targets and what is held: rows of the table ``parameters``.
+    files : tuple of (str, str)
+        Names and hashes of the data.
+    """
+
+    robot: Mapping[str, str]
+    calibration: Mapping[str, Any]
+    fit: Estimate
+    level: Estimate | None
+    other: tuple[Mapping[str, Any], ...] = ()
+    files: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def measured(self) -> date:
+        """When it was measured; when it was calibrated, where that was not told."""
+        return cast(date, self.calibration["measured"])
+
+
+class Store:
+    """A store that is open.
+
+    Parameters
+    ----------
+    engine : sqlalchemy.Engine
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+
+    def add(self, stored: Stored) -> bool:
+        """Add a calibration, whole or not at all.
+
+        Returns
+        -------
+        bool
+            Whether it was not there yet.
+
+        Raises
+        ------
+        CalibrationError
+            If its robot is there with another serial number or of another type.
+        """
+        with self.engine.begin() as link:
+            link.execute(self._insert(robots).values(**stored.robot).on_conflict_do_nothing())
+            there = link.execute(sql.select(robots).where(robots.c.id == stored.robot["id"])).mappings().one()
+            for what in ("serial", "type"):
+                if there[what] != stored.robot[what]:
+                    raise CalibrationError(
+                        f"robot {there['id']} is in the store with {what} {there[what]}, not {stored.robot[what]}",
+                        file=stored.calibration["folder"],
+                    )
+            made = link.execute(
+                self._insert(calibrations)
+                .values(
+                    **stored.calibration,
+                    fit_covariance=stored.fit.packed(),
+                    level_covariance=None if stored.level is None else stored.level.packed(),
+                )
+                .on_conflict_do_nothing()
+                .returning(calibrations.c.number)
+            ).scalar_one_or_none()
+            if made is None:
+                return False
+            rows = [*stored.fit.rows("fit"), *([] if stored.level is None else stored.level.rows("level"))]
+            link.execute(sql.insert(parameters), [{"calibration": made, **row} for row in (*rows, *stored.other)])
+            if stored.files:
+                named = [
+                    {"calibration": made, "position": k, "name": name, "sha256": sha256}
+                    for k, (name, sha256) in enumerate(stored.files)
+                ]
+                link.execute(sql.insert(files), named)
+            return True
+
+    def _insert(self, table: sql.Table) -> Any:
+        """An insertion that may find its row there already, in words of this database."""
+        if self.engine.dialect.name == "postgresql":
+            from sqlalchemy.dialects.postgresql import insert
+
+            return insert(table)
+        from sqlalchemy.dialects.sqlite import insert as insert_here
+
+        return insert_here(table)
+
+    def calibrations(self, robot: str | None = None, type: str | None = None) -> list[Stored]:
+        """All calibrations, of one robot or of one type, robots by their ids, each in the order of its dates."""
+        chosen = sql.select(robots.c.serial, robots.c.type, calibrations).join_from(calibrations, robots)
+        if robot is not None:
+            chosen = chosen.where(robots.c.id == robot)
+        if type is not None:
+            chosen = chosen.where(robots.c.type == type)
+        with self.engine.connect() as link:
+            heads = link.execute(chosen.order_by(calibrations.c.robot, calibrations.c.measured, calibrations.c.created))
+            found = [dict(row) for row in heads.mappings()]
+            numbers = [row["number"] for row in found]
+            of_parameters = self._by_calibration(link, parameters, numbers)
+            of_files = self._by_calibration(link, files, numbers)
+        return [
+            self._stored(row, of_parameters.get(row["number"], []), of_files.get(row["number"], [])) for row in found
+        ]
+
+    @staticmethod
+    def _by_calibration(link: Connection, table: sql.Table, numbers: Sequence[int]) -> dict[int, list[dict[str, Any]]]:
+        out: dict[int, list[dict[str, Any]]] = {}
+        for k in range(0, len(numbers), 500):
+            chosen = sql.select(table).where(table.c.calibration.in_(numbers[k : k + 500]))
+            for row in link.execute(chosen.order_by(table.c.calibration, table.c.position)).mappings():
+                out.setdefault(row["calibration"], []).append(dict(row))
+        return out
+
+    @staticmethod
+    def _stored(head: dict[str, Any], rows: list[dict[str, Any]], data: list[dict[str, Any]]) -> Stored:
+        robot = {"id": head["robot"], "serial": head.pop("serial"), "type": head.pop("type")}
+        factors = {part: head.pop(f"{part}_covariance") for part in PARTS}
+        parts = {part: [row for row in rows if row["part"] == part] for part in (*PARTS, "other")}
+        return Stored(
+            robot,
+            head,
+            Estimate.of(parts["fit"], factors["fit"]),
+            None if factors["level"] is None else Estimate.of(parts["level"], factors["level"]),
+            tuple(parts["other"]),
+            tuple((row["name"], row["sha256"]) for row in data),
+        )
+
+    def robots(self) -> list[dict[str, str]]:
+        """All robots by their ids."""
+        with self.engine.connect() as link:
+            return [dict(row) for row in link.execute(sql.select(robots).order_by(robots.c.id)).mappings()]
+
+    def table(self, name: str) -> pd.DataFrame:
+        """A table as it is: ``robots``, ``calibrations`` (without covariances), ``parameters`` or ``files``."""
+        import pandas as pd
+
+        chosen = [column for column in tables.tables[name].c if not column.name.endswith("_covariance")]
+        with self.engine.connect() as link:
+            found = link.execute(sql.select(*chosen).order_by(*tables.tables[name].primary_key.columns))
+            return pd.DataFrame([dict(row) for row in found.mappings()], columns=[column.name for column in chosen])
+
+
+@contextmanager
+def opened(store: str | Path, create: bool = False) -> Iterator[Store]:
+    """Open a store.
+
+    Parameters
+    ----------
+    store : str or Path
+        File of SQLite, or a URL such as ``postgresql+psycopg://USER@HOST/NAME``.
+    create : bool
+        Make its tables where there are none.
+
+    Raises
+    ------
+    CalibrationError
+        If it cannot be opened, is no store, or fails while it is used.
+    OptionError
+        If the URL is of another database.
+    """
+    engine, shown = _engine(store, create)
+    try:
+        _check(engine, shown, create)
+        yield Store(engine)
+    except DBAPIError as error:
+        raise CalibrationError(f"the store failed: {str(error.orig).strip().splitlines()[0]}", file=shown) from None
+    finally:
+        engine.dispose()
+
+
+def _engine(store: str | Path, create: bool) -> tuple[Engine, str]:
+    """The engine, and how messages call it: never with a password."""
+    text = str(store)
+    if "://" not in text:
+        path = Path(text)
+        if path.is_dir():
+            raise CalibrationError("expected a file for the store, found a folder", file=path)
+        if not create and not path.is_file():
+            raise CalibrationError(f"{NOT_THERE}: irbcal fleet add makes one", file=path)
+        if create:
+            try:
+                path.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise CalibrationError(f"cannot write to this folder: {error.strerror}", file=path.parent) from None
+        engine = sql.create_engine(sql.URL.create("sqlite", database=str(path)), connect_args={"timeout": 60})
+        sql.event.listen(engine, "connect", _for_sqlite)
+        return engine, text
+    try:
+        url = sql.make_url(text)
+        if url.get_backend_name() not in DIALECTS:
+            raise OptionError(
+                f"store: expected a file or postgresql+psycopg://USER@HOST/NAME, found {url.get_backend_name()}",
+                parameter="store",
+            )
+        return sql.create_engine(url, pool_pre_ping=True), url.render_as_string(hide_password=True)
+    except (ArgumentError, NoSuchModuleError):
+        raise OptionError("store: expected a file or postgresql+psycopg://USER@HOST/NAME", parameter="store") from None
+    except ModuleNotFoundError:
+        raise OptionError(
+            "store: PostgreSQL needs psycopg: pip install 'irbcal[postgres]'", parameter="store"
+        ) from None
+
+
+def _for_sqlite(link: Any, _: object) -> None:
+    """Keys are checked, and a commit is on the disk when it is done."""
+    for pragma in ("foreign_keys = on", "synchronous = full"):
+        link.execute(f"pragma {pragma}")
+
+
+def _check(engine: Engine, shown: str, create: bool) -> None:
+    """See that it is a store of this version; make it where that is wanted."""
+    if create:
+        with engine.begin() as link:
+            if engine.dialect.name == "postgresql":  # two that make it at a time wait for each other
+                link.execute(sql.text("select pg_advisory_xact_lock(74728)"))
+            there = set(sql.inspect(link).get_table_names())
+            if about.name not in there:
+                strangers = sorted(there & set(tables.tables))
+                if strangers:
+                    raise CalibrationError(f"{NOT_THERE}, but it has a table {strangers[0]}", file=shown)
+                tables.create_all(link)
+                link.execute(sql.insert(about).values(version=VERSION))
+    with engine.connect() as link:
+        if about.name not in sql.inspect(link).get_table_names():
+            raise CalibrationError(f"{NOT_THERE}: irbcal fleet add makes one", file=shown)
+        version = link.execute(sql.select(about.c.version)).scalar_one()
+    if version != VERSION:
+        raise CalibrationError(f"a store of version {version}, this irbcal reads {VERSION}", file=shown)

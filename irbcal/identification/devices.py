@@ -1,0 +1,339 @@
+"""Devices that stand in for a tracker: what features they are, where to put them about an arm, poses that touch them.
+
+Places are in the base link, scaled to the arm's reach. Poses are found by moving random joints of an arm until they
+meet what the device's kind asks for, so that a new kind needs nothing here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.errors import IdentificationError
+from irbcal.identification.constraint_kind import Seen, with_third
+from irbcal.identification.constraints import KINDS
+from irbcal.measurement.features import TARGET, Feature
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import chain
+from irbcal.units import DEG, MM
+
+BALL = (12.0 * MM, -7.0 * MM, 110.0 * MM)
+"""Where the ball or probe is on the tool, in the tip link."""
+
+TRIES, STEPS, LARGEST_STEP, THERE = 20, 25, 0.25, 1e-9
+"""Random joints tried for a pose, Newton steps and the largest of them (radians), and what counts as met, metres."""
+
+Keep = Callable[[FloatArray], BoolArray]
+Tips = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A feature of a device.
+
+    Attributes
+    ----------
+    name : str
+    at : tuple of three float
+        Place in shares of the arm's reach: out to the front, to the left, up.
+    shift : tuple of three float
+        Added to it, metres.
+    normal : tuple of three float
+        Of a plane.
+    """
+
+    name: str
+    at: tuple[float, float, float]
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device.
+
+    Attributes
+    ----------
+    name, words : str
+    kind : str
+        Of its rows, see `irbcal.identification.constraints`.
+    spots : tuple of Spot
+    lengths : bool
+        Whether the distances between its features are known.
+    bar : float or None
+        Length of a ballbar, in shares of the reach.
+    noise : float
+        Standard deviation of a coordinate that is plausible for it, metres.
+    """
+
+    name: str
+    words: str
+    kind: str
+    spots: tuple[Spot, ...]
+    lengths: bool = False
+    bar: float | None = None
+    noise: float = 0.03 * MM
+
+
+_FRONT = (0.55, 0.0, 0.30)
+_CORNERS = ((0.42, -0.32, 0.15), (0.42, 0.32, 0.15), (0.70, 0.0, 0.20), (0.50, 0.0, 0.55))
+_STATIONS = ((1.1, -0.9, 0.0), (1.1, 0.9, 0.0), (0.3, 0.0, 1.6))
+DEVICES: Mapping[str, Device] = {
+    one.name: one
+    for one in (
+        Device(
+            "balls",
+            "four balls or sockets, their distances known",
+            "point",
+            tuple(Spot(f"ball {k}", at) for k, at in enumerate(_CORNERS, 1)),
+            lengths=True,
+        ),
+        Device(
+            "string",
+            "three string encoders or laser distances",
+            "radius",
+            tuple(Spot(f"string {k}", at) for k, at in enumerate(_STATIONS, 1)),
+            noise=0.05 * MM,
+        ),
+        Device(
+            "ballbar",
+            "a ballbar about three centres, their distances known",
+            "radius",
+            tuple(Spot(f"centre {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
+            lengths=True,
+            bar=0.17,
+        ),
+        Device(
+            "two-balls",
+            "two balls 300 mm apart",
+            "point",
+            (Spot("ball 1", _FRONT, (0.0, -0.15, 0.0)), Spot("ball 2", _FRONT, (0.0, 0.15, 0.0))),
+            lengths=True,
+        ),
+        Device(
+            "sockets",
+            "two sockets 50 mm apart",
+            "point",
+            (Spot("socket 1", _FRONT, (0.0, -0.025, 0.0)), Spot("socket 2", _FRONT, (0.0, 0.025, 0.0))),
+            lengths=True,
+        ),
+        Device("ball", "one ball", "point", (Spot("ball 1", _FRONT),)),
+        Device(
+            "plane",
+            "three planes",
+            "plane",
+            (
+                Spot("floor", (0.55, 0.0, 0.1)),
+                Spot("front", (0.75, 0.0, 0.3), normal=(1.0, 0.0, 0.0)),
+                Spot("side", (0.55, 0.35, 0.3), normal=(0.0, 1.0, 0.0)),
+            ),
+        ),
+    )
+}
+"""Devices by name, as `irbcal.compare_devices` lists them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A device about an arm: its features' unknowns as they are.
+
+    Attributes
+    ----------
+    device : Device
+    own : dict of str to dict of str to ndarray
+        By feature: the unknowns of the device's kind.
+    bar : float
+        Metres; zero for other devices.
+    """
+
+    device: Device
+    own: Mapping[str, Mapping[str, FloatArray]]
+    bar: float
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def table(self) -> pd.DataFrame:
+        """What is known of the features, as the second file of `irbcal.measurement.features`."""
+        known = {"offset_mm": 0.0} if self.device.bar else {}
+        rows: list[dict[str, object]] = [
+            {"feature": name, "kind": self.device.kind, "target": TARGET, **known} for name in self.own
+        ]
+        if self.device.lengths:
+            for first, second in combinations(self.own, 2):
+                length = np.linalg.norm(self.own[first]["centre"] - self.own[second]["centre"])
+                ends = {"first": first, "second": second, "length_mm": round(float(length) / MM, 4), "u95_mm": 0.02}
+                rows.append({"feature": f"{first} to {second}", "kind": "distance", **ends})
+        return pd.DataFrame(rows).astype(object).where(lambda t: t.notna(), "")
+
+
+def reach_of(arm: Arm) -> float:
+    """How far the tip gets from the first axis's shoulder, metres."""
+    tips = arm.forward(arm.random_joints(2000, 0))[:, :3, 3]
+    return float(np.linalg.norm(tips - tips.mean(axis=0), axis=1).max())
+
+
+def placed(arm: Arm, device: Device) -> Placed:
+    """A device in front of an arm."""
+    reach = reach_of(arm)
+    own: dict[str, dict[str, FloatArray]] = {}
+    for spot in device.spots:
+        centre = reach * np.array(spot.at) + np.array(spot.shift)
+        if device.kind == "plane":
+            n = np.array(spot.normal)
+            own[spot.name] = {"normal": with_third(n), "height": np.array([n @ centre])}
+        else:
+            own[spot.name] = {"centre": centre}
+            if device.kind == "radius":
+                own[spot.name]["offset"] = np.array([0.0 if device.bar else 0.05 * reach])
+    return Placed(device, own, 0.0 if device.bar is None else round(reach * device.bar, 3))
+
+
+def met(
+    arm: Arm,
+    found: Placed,
+    feature: str,
+    q: FloatArray,
+    tips: Tips | None = None,
+    off: FloatArray | None = None,
+) -> tuple[FloatArray, BoolArray]:
+    """Joints moved until the tool meets a feature.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal; its Jacobian is taken.
+    found : Placed
+    feature : str
+    q : ndarray, shape (n, joints)
+        Where to begin.
+    tips : callable, optional
+        From joints to the real tip frames (n, 4, 4); the nominal arm's unless given.
+    off : ndarray, shape (n, k), optional
+        Residuals to end at: noise of the contact.
+
+    Returns
+    -------
+    q : ndarray, shape (n, joints)
+    good : ndarray of bool, shape (n,)
+    """
+    q = np.array(q, dtype=float)
+    good = np.zeros(len(q), dtype=bool)
+    for _ in range(STEPS):
+        r, J = _missed(arm, found, feature, q, tips)
+        r = r if off is None else r - off
+        good = np.abs(r).max(axis=1) < (THERE if tips is None else 1e-7)
+        if good.all():
+            break
+        step = (np.linalg.pinv(J, rcond=1e-3) @ r[..., None])[..., 0]
+        size = np.abs(step).max(axis=1, keepdims=True)
+        q = q - step * np.minimum(1.0, LARGEST_STEP / np.maximum(size, 1e-12))
+    return q, good
+
+
+def _missed(arm: Arm, found: Placed, feature: str, q: FloatArray, tips: Tips | None) -> tuple[FloatArray, FloatArray]:
+    """Residuals (n, k) and their derivative by the joints (n, k, joints)."""
+    path = chain.walk(arm, q)
+    T = chain.poses(path) if tips is None else tips(q)
+    n = len(q)
+    p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
+    nothing = np.full((n, 3), np.nan)
+    value = np.full(n, found.bar)
+    seen = Seen(Feature(feature, found.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
+    miss = KINDS[found.device.kind].misses(seen, found.own[feature])
+    pose = np.arange(n)
+    along = np.where(arm.table.prismatic, 5, 2)
+    moves = chain.point_columns(path, p.T, pose)[np.arange(len(along)), along].transpose(2, 1, 0)
+    J = miss.point @ moves
+    if miss.turn is not None:
+        J = J + miss.turn @ chain.turn_columns(path, pose)[np.arange(len(along)), along].transpose(2, 1, 0)
+    return miss.r, J
+
+
+def poses(arm: Arm, found: Placed, count: int, seed: int = 0, keep: Keep | None = None) -> tuple[FloatArray, IntArray]:
+    """Poses of the nominal arm at a device's features, shared out evenly.
+
+    Parameters
+    ----------
+    arm : Arm
+    found : Placed
+    count : int
+        In all.
+    seed : int
+    keep : callable, optional
+        Which joints (n, joints) may be used: no collision, and the like.
+
+    Returns
+    -------
+    q : ndarray, shape (count, joints)
+    feature : ndarray of int, shape (count,)
+        Number of the feature of each.
+
+    Raises
+    ------
+    IdentificationError
+        If too few are found.
+    """
+    names = list(found.own)
+    free = found.device.kind == "radius" and not found.bar
+    share = [count // len(names) + (k < count % len(names)) for k in range(len(names))]
+    margin = 2.0 * DEG * ~arm.table.prismatic
+    out, which = [], []
+    for k, (name, wanted) in enumerate(zip(names, share, strict=True)):
+        kept: list[FloatArray] = []
+        for attempt in range(4):
+            q = arm.random_joints(max(TRIES * wanted, 100), seed * 1000 + 10 * k + attempt)
+            good = np.ones(len(q), dtype=bool)
+            if free:
+                height = arm.forward(q)[:, 2, 3]
+                good = height > 0.0
+            else:
+                q, good = met(arm, found, name, q)
+            good &= ((q > arm.lower + margin) & (q < arm.upper - margin)).all(axis=1)
+            rows = np.flatnonzero(good)[: 6 * wanted]
+            rows = rows if keep is None else rows[keep(q[rows])]
+            kept.append(q[rows])
+            if sum(map(len, kept)) >= wanted:
+                break
+        q = np.concatenate(kept)[:wanted]
+        if len(q) < wanted:
+            raise IdentificationError(
+                f"{arm.name} reaches {name} of {found.device.words} in {len(q)} of {wanted} poses only: ask for fewer"
+            )
+        out.append(q)
+        which += [k] * wanted
+    return np.concatenate(out), np.array(which)
+
+
+def rows_table(arm: Arm, found: Placed, q: FloatArray, which: IntArray, value: FloatArray | None) -> pd.DataFrame:
+    """Poses at features as the first file of `irbcal.measurement.features`; ``value`` (n,) in metres."""
+    names = list(found.own)
+    table: dict[str, object] = {"pose": np.arange(1, len(q) + 1)}
+    units = arm.joint_units
+    joints = np.round(arm.to_controller(q) / units, 6) + 0.0
+    table |= {name: joints[:, j] for j, name in enumerate(arm.joint_columns)}
+    table["feature"] = [names[k] for k in which]
+    if KINDS[found.device.kind].needs:
+        table["value_mm"] = "" if value is None else np.round(value / MM, 4)
+    return pd.DataFrame(table)
+
+
+def values(arm: Arm, found: Placed, q: FloatArray, which: IntArray) -> FloatArray | None:
+    """What a device of values shows at poses of an arm, (n,), metres."""
+    T = arm.forward(q)
+    return distances(T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL), found, which)
+
+
+def distances(p: FloatArray, found: Placed, which: IntArray) -> FloatArray | None:
+    """What strings or a ballbar show with the tool's point at p (n, 3), metres; None of devices without values."""
+    if found.device.kind != "radius":
+        return None
+    names = list(found.own)
+    centre = np.array([found.own[names[k]]["centre"] for k in which])
+    offset = np.array([found.own[names[k]]["offset"][0] for k in which])
+    return np.asarray(np.linalg.norm(p - centre, axis=1) - offset)

@@ -1,0 +1,175 @@
+"""Whole processes for scripts/bench: user and system time and peak memory of commands, large files and programs."""
+
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+
+from irbcal.correction import languages, write_moves
+from irbcal.correction.moves import Move, Moves
+from irbcal.errors import ProgramError
+from irbcal.files import robots, urdf
+from irbcal.modeling import frames
+from irbcal.modeling.inverse import closed_form
+from irbcal.practice import makers
+
+PROGRAMS = 10_000
+ROWS = 100_000
+PULSES = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)
+"""Of a degree of each joint, for INFORM."""
+
+
+RUN = """
+import os, resource, subprocess, sys
+done = subprocess.run([sys.executable, "-m", "irbcal", *sys.argv[1:]], stdout=subprocess.DEVNULL)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+sys.exit(done.returncode)
+"""
+"""A small process that starts the command: a large one's memory would count as the command's."""
+
+
+def spent(*words, times=3):
+    """CPU seconds (the least of several runs) and peak memory in MiB of a command."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    best = (math.inf, math.inf)
+    for _ in range(times):
+        command = [sys.executable, "-c", RUN, *map(str, words)]
+        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        if done.returncode:
+            raise RuntimeError(f"irbcal {' '.join(map(str, words))}: {done.stderr[-500:]}")
+        seconds, memory = map(float, done.stdout.split())
+        best = min(best, (seconds, memory))
+    return best
+
+
+def measured_file(points, path):
+    """A measurement file (CSV) of points."""
+    table = {"pose": points.pose + 1}
+    for joint, column in enumerate(np.degrees(points.q)[points.pose].T, start=1):
+        table[f"q{joint}_deg"] = np.round(column, 6)
+    table["target"] = np.array(points.target_names)[points.target]
+    for name, column in zip("xyz", points.xyz.T, strict=True):
+        table[f"{name}_mm"] = np.round(1e3 * column, 4)
+    table["simulated"] = "yes"
+    pd.DataFrame(table).to_csv(path, index=False)
+    return path
+
+
+def commands(add, folder):
+    """Start-up, and the demonstration from file to report."""
+    demo = robots.demo_file("demo_identification.csv")
+    for what, limit in (("--version", 0.1), ("--help", 0.18)):
+        add(f"irbcal {what}", *spent(what, times=7), limit)
+    for model, limit in (("34", 0.9), ("auto", None)):
+        calibrate = ("calibrate", demo, "--robot", "irb1600", "--out", folder / model, "--force", "--model", model)
+        add(f"irbcal calibrate, demo, model {model}", *spent(*calibrate), limit)
+
+
+def large(add, folder, simulated, arm):
+    """Files of many poses with three targets each: seconds, and how they grow."""
+    before = {}
+    for poses in (1_000, 10_000, 100_000):
+        fit = measured_file(simulated(arm, poses), folder / f"fit{poses}.csv")
+        proof = measured_file(simulated(arm, poses, 9), folder / f"proof{poses}.csv")
+        out = folder / f"large{poses}"
+        words = {
+            "calibrate, model 34": ("calibrate", fit, "--robot", "irb1600", "--out", out, "--model", "34", "--force"),
+            "evaluate --intervals": ("evaluate", out, proof, "--intervals"),
+        }
+        for name, command in words.items():
+            seconds, memory = spent(*command, times=1)
+            slope = math.log10(seconds / before[name]) if name in before else None
+            limit = {"calibrate, model 34": 8.0, "evaluate --intervals": 5.0}[name] if poses == 100_000 else None
+            add(f"irbcal {name}, {poses:,} poses x 3", seconds, memory, limit, slope)
+            before[name] = seconds
+
+
+def rapid(arm, q):
+    """A RAPID module of poses."""
+    T = arm.forward(q)
+    numbers = np.column_stack([1e3 * T[:, :3, 3], frames.quaternion_from_matrix(T[:, :3, :3])])
+    quadrants = np.floor(q[:, [0, 3, 5]] / (np.pi / 2)).astype(int)
+    absent = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+    lines = ["MODULE many"]
+    for k, (row, (cf1, cf4, cf6)) in enumerate(zip(numbers, quadrants, strict=True)):
+        place, turn = (",".join(f"{value:.8f}" for value in part) for part in (row[:3], row[3:]))
+        lines.append(f"  CONST robtarget p{k}:=[[{place}],[{turn}],[{cf1},{cf4},{cf6},0],{absent}];")
+    lines.append("  PROC main()")
+    lines += [f"    MoveL p{k}, v100, fine, tool0;" for k in range(len(q))]
+    return "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])
+
+
+def away_from_singularities(arm, n):
+    """Joints of n poses that small corrections serve."""
+    q = 0.6 * arm.random_joints(4 * n, 3)
+    near = closed_form.branches(arm, arm.forward(q)).singular(wrist=0.15, shoulder=0.15, elbow=0.03)
+    return q[~(near["wrist"] | near["shoulder"] | near["elbow"]).any(axis=1)][:n]
+
+
+def programs(add, folder):
+    """Programs of many targets in every language, beyond the start of a program of ten."""
+    samples = {item.path: item.content for item in makers.files()}
+    arms = {"irb1600": urdf.read("irb1600").arm}
+    demo = robots.demo_file("demo_identification.csv")
+    spent("calibrate", demo, "--robot", "irb1600", "--out", folder / "irb1600", "--model", "34", times=1)
+    limits = {"RAPID, poses": 1.5, "CSV": 0.9}
+    for name in ("RAPID, poses", "CSV", *(one.NAME for one in languages.known() if one.write_moves is not None)):
+        robot = "irb1600"
+        if name not in ("RAPID, poses", "CSV", "RAPID"):
+            robot = of_maker(name, samples, arms, folder)
+        found, count = [], ROWS if name == "CSV" else PROGRAMS
+        for size in (10, count // 2, count):
+            q = away_from_singularities(arms[robot], size)
+            place = folder / f"{name}{size}".replace(", ", "").replace(" ", "")
+            file = program(name, arms[robot], q, place)
+            several = file.is_dir()
+            out = folder / f"{place.name}-out{'' if several else file.suffix}"
+            pulses = ("--pulses", ",".join(map(str, PULSES))) if "INFORM" in name else ()
+            found.append(spent("filter", folder / robot, file, "--out", out, "--allow-partial", *pulses, times=2))
+        (start, _), (half, _), (whole, memory) = found
+        slope = math.log2((whole - start) / max(half - start, 1e-3))
+        add(f"irbcal filter, {name}, {count:,} targets beyond start", whole - start, memory, limits.get(name), slope)
+
+
+def of_maker(name, samples, arms, folder):
+    """A SIMULATED robot of the samples that a language's controller could move, calibrated."""
+    language = next(one for one in languages.known() if name == one.NAME)
+    for file in (file for file in samples if file.endswith("/arm.urdf")):
+        maker = file.partition("/")[0]
+        arm = arms.setdefault(maker, urdf.from_bytes(samples[file], maker).arm)
+        try:
+            if language.MAKER is not None:
+                language.MAKER.check(arm, maker)
+        except ProgramError:
+            continue
+        if not (folder / maker).exists():
+            for part in ("arm.urdf", "measured.csv"):
+                (folder / f"{maker}-{part}").write_bytes(samples[f"{maker}/{part}"])
+            measured, robot = folder / f"{maker}-measured.csv", folder / f"{maker}-arm.urdf"
+            spent("calibrate", measured, "--robot", robot, "--out", folder / maker, "--model", "placement", times=1)
+        return maker
+    raise RuntimeError(f"no arm for {name}")
+
+
+def program(name, arm, q, folder):
+    """A program in a folder of its own."""
+    folder.mkdir(exist_ok=True)
+    if name == "CSV":
+        file = folder / "job.csv"
+        pd.DataFrame(np.round(np.degrees(q), 4), columns=[f"q{k}_deg" for k in range(1, 7)]).to_csv(file, index=False)
+        return file
+    if name == "RAPID, poses":
+        file = folder / "job.mod"
+        file.write_text(rapid(arm, q))
+        return file
+    language = next(one for one in languages.known() if name == one.NAME)
+    moves = (Move("", 0.0, 0.5, 1.0),) * len(q)
+    pulses = PULSES if "INFORM" in name else ()
+    files = write_moves.write(language, Moves(arm, q, moves, pulses=pulses))
+    for file, content in files.items():
+        (folder / file).write_bytes(content)
+    return folder / next(iter(files)) if len(files) == 1 else folder

@@ -1,0 +1,44 @@
+import json
+
+import numpy as np
+import pytest
+
+from irbcal.cell.device_simulation import simulate_device
+from irbcal.errors import OptionError
+from irbcal.identification.devices import BALL
+from irbcal.units import MM
+
+
+@pytest.fixture(scope="module")
+def balls():
+    return simulate_device("irb1600", "balls", 24, seed=3, noise=0.0)
+
+
+def test_the_real_robot_touches_the_balls(balls):
+    """The oracle is the cell's own truth of where the tip stood."""
+    T = balls.cell.measure(balls.q).T_base_tip
+    p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
+    centre = np.array([own["centre"] for own in balls.found.own.values()])[balls.which]
+    assert np.linalg.norm(p - centre, axis=1).max() < 0.02 * MM
+    nominal = balls.cell.arm.forward(balls.q)
+    away = nominal[:, :3, 3] + nominal[:, :3, :3] @ np.array(BALL) - centre
+    assert np.linalg.norm(away, axis=1).mean() > 0.3 * MM
+
+
+def test_files_say_that_they_are_simulated(balls, tmp_path):
+    rows, known, truth = balls.save(tmp_path / "b.csv")
+    assert "yes" in rows.read_text().splitlines()[1]
+    assert known.name == "b.features.csv"
+    assert json.loads(truth.read_text())["simulated"] is True
+    seen = balls.read()
+    assert seen.simulated
+    assert "SIMULATED" in str(balls.summary())
+    assert len(seen.lengths) == 6
+
+
+def test_strings_show_distances_with_their_noise():
+    exact, noisy = (simulate_device("irb1600", "string", 60, noise=noise) for noise in (0.0, 1e-4))
+    np.testing.assert_array_equal(exact.q, noisy.q)
+    assert np.std(noisy.value - exact.value) == pytest.approx(1e-4, rel=0.3)
+    with pytest.raises(OptionError, match="device"):
+        simulate_device("irb1600", "tape")

@@ -1,0 +1,145 @@
+"""The store gives back what was put in, once, whole or not at all: in SQLite and in PostgreSQL."""
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+import sqlalchemy as sql
+
+from irbcal.errors import CalibrationError, OptionError
+from irbcal.fleet import store as stores
+from irbcal.fleet.store import Estimate, opened
+
+
+def same(a, b):
+    assert a.robot == b.robot
+    for name in ("fingerprint", "measured", "model", "heldout_mean_mm", "json_sha256", "simulated"):
+        assert a.calibration[name] == b.calibration[name]
+    for one, other in ((a.fit, b.fit), (a.level, b.level)):
+        assert one.names == other.names
+        np.testing.assert_array_equal(one.values, other.values)
+        np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9, atol=1e-9 * one.covariance.max())
+    assert list(map(dict, a.other)) == [{k: v for k, v in row.items() if k != "calibration"} for row in b.other]
+    assert a.files == b.files
+
+
+def test_what_is_added_comes_back_and_once(place, stored):
+    with opened(place, create=True) as store:
+        assert [store.add(one) for one in stored] == [True] * len(stored)
+        assert [store.add(one) for one in stored] == [False] * len(stored)
+    with opened(place) as store:
+        found = store.calibrations()
+        assert len(store.calibrations(robot="R1")) == 1
+        assert store.calibrations(type="another") == []
+        assert [row["id"] for row in store.robots()] == [one.robot["id"] for one in stored]
+        assert len(store.table("parameters")) == sum(
+            len(one.fit.names) + len(one.level.names) + len(one.other) for one in stored
+        )
+    for one, back in zip(stored, found, strict=True):
+        same(one, back)
+
+
+def test_an_addition_that_is_cut_off_leaves_nothing(place, stored, monkeypatch):
+    with opened(place, create=True) as store:
+        store.add(stored[0])
+        monkeypatch.setattr(Estimate, "rows", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            store.add(stored[1])
+        monkeypatch.undo()
+        assert len(store.robots()) == 1
+        assert store.add(stored[1])
+
+
+def keep_adding(place, stored, ready):
+    with opened(place, create=True) as store:
+        for k in range(10_000):
+            for one in stored:
+                again = stores.Stored(
+                    one.robot, one.calibration | {"fingerprint": f"{k}"}, one.fit, one.level, one.other, one.files
+                )
+                store.add(again)
+            ready.set()
+
+
+def test_a_writer_that_is_killed_leaves_the_store_consistent(place, stored):
+    """Killed without warning in the middle of transactions; then another goes on."""
+    context = multiprocessing.get_context("spawn")
+    ready = context.Event()
+    writer = context.Process(target=keep_adding, args=(place, stored, ready), daemon=True)
+    writer.start()
+    assert ready.wait(60)
+    time.sleep(0.05)
+    os.kill(writer.pid, signal.SIGKILL)
+    writer.join()
+    with opened(place) as store:
+        found = store.calibrations()
+        assert len(found) >= len(stored)
+        by_id = {one.robot["id"]: one for one in stored}
+        assert len({(one.robot["id"], one.calibration["fingerprint"]) for one in found}) == len(found)
+        for one in found:
+            own = by_id[one.robot["id"]]
+            assert (one.fit.names, one.level.names) == (own.fit.names, own.level.names)
+            assert len(one.other) == len(own.other)
+            assert one.files == own.files
+        assert store.add(stored[0])
+
+
+def test_two_that_make_and_fill_a_store_at_a_time_fill_it_once(place, stored):
+    results = []
+
+    def fill():
+        with opened(place, create=True) as store:
+            results.extend(store.add(one) for one in stored)
+
+    threads = [threading.Thread(target=fill) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(results) == [False] * len(stored) + [True] * len(stored)
+
+
+def test_another_serial_number_is_refused(place, stored):
+    with opened(place, create=True) as store:
+        store.add(stored[0])
+        other = stores.Stored({**stored[0].robot, "serial": "SN-X"}, stored[0].calibration, stored[0].fit, None)
+        with pytest.raises(CalibrationError, match="robot R0 is in the store with serial SN-0, not SN-X"):
+            store.add(other)
+
+
+def test_what_is_no_store_is_refused(tmp_path):
+    with (
+        pytest.raises(CalibrationError, match="no store of a fleet: irbcal fleet add makes one"),
+        opened(tmp_path / "no.db"),
+    ):
+        pass
+    (tmp_path / "text.db").write_text("not a database, but long enough to look like one " * 20)
+    with (
+        pytest.raises(CalibrationError, match="the store failed: file is not a database"),
+        opened(tmp_path / "text.db"),
+    ):
+        pass
+    engine = sql.create_engine(f"sqlite:///{tmp_path}/other.db")
+    pd.DataFrame({"id": [1]}).to_sql("robots", engine, index=False)
+    engine.dispose()
+    with pytest.raises(CalibrationError, match="has a table robots"), opened(tmp_path / "other.db", create=True):
+        pass
+    for url in ("mysql://me@here/x", "nonsense://x", "://"):
+        with pytest.raises(OptionError, match=r"store: expected a file or postgresql\+psycopg"), opened(url):
+            pass
+    with pytest.raises(CalibrationError, match="found a folder"), opened(tmp_path):
+        pass
+
+
+def test_a_password_is_never_shown():
+    url = "postgresql+psycopg://me:secret@127.0.0.1:9/none"
+    pytest.importorskip("psycopg", reason="irbcal[postgres] is not installed")
+    with pytest.raises(CalibrationError) as caught, opened(url):
+        pass
+    assert "secret" not in str(caught.value)
+    assert "me:***@127.0.0.1" in str(caught.value)

@@ -1,0 +1,48 @@
+import feature_cases as cases
+import numpy as np
+import pytest
+
+from irbcal.errors import IdentificationError
+from irbcal.identification.devices import BALL, DEVICES, distances, met, placed, poses, rows_table
+from irbcal.measurement import features
+
+
+@pytest.mark.parametrize("name", DEVICES)
+def test_poses_are_at_the_features(name):
+    """The oracle is the nominal arm and plain geometry."""
+    arm = cases.arm()
+    found = placed(arm, DEVICES[name])
+    q, which = poses(arm, found, 12, seed=1)
+    T = arm.forward(q)
+    p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
+    assert len(q) == len(which) == 12
+    assert set(which) == set(range(len(DEVICES[name].spots)))
+    for k, own in enumerate(found.own.values()):
+        mine = p[which == k]
+        if name == "plane":
+            np.testing.assert_allclose(mine @ own["normal"][:, 2], own["height"][0], atol=1e-9)
+        elif name == "ballbar":
+            np.testing.assert_allclose(np.linalg.norm(mine - own["centre"], axis=1), found.bar, atol=1e-9)
+        elif name != "string":
+            np.testing.assert_allclose(mine, np.tile(own["centre"], (len(mine), 1)), atol=1e-9)
+    seen = features.read(rows_table(arm, found, q, which, distances(p, found, which)), found.table(), arm)
+    np.testing.assert_allclose(seen.q, q, atol=1e-8)
+    assert len(seen.lengths) == (len(found.own) * (len(found.own) - 1) // 2 if DEVICES[name].lengths else 0)
+
+
+def test_a_contact_is_met_with_the_real_tip_and_its_noise():
+    arm, truth = cases.arm(), cases.true_arm(cases.arm(), 2)
+    found = placed(arm, DEVICES["ball"])
+    q, _ = poses(arm, found, 8, seed=2)
+    off = 1e-4 * np.random.default_rng(0).standard_normal((8, 3))
+    q, good = met(arm, found, "ball 1", q, truth.forward, off)
+    T = truth.forward(q)
+    p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
+    assert good.all()
+    np.testing.assert_allclose(p - found.own["ball 1"]["centre"], off, atol=1e-7)
+
+
+def test_what_is_out_of_reach_is_told():
+    arm = cases.arm()
+    with pytest.raises(IdentificationError, match="reaches ball 1 of one ball in 0 of 5 poses only"):
+        poses(arm, placed(arm, DEVICES["ball"]), 5, keep=lambda q: np.zeros(len(q), dtype=bool))
