@@ -9,6 +9,7 @@ from irbcal.cli.main import app
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification.constraint_fit import identify_features
 from irbcal.measurement import features
+from irbcal.modeling import frames
 
 KNOWN = pd.DataFrame([{"feature": f"point {k}", "kind": "point"} for k in range(3)])
 
@@ -74,6 +75,25 @@ def test_planes_alone_are_refused_and_make_a_robot_worse():
     tracker = [cases.apart(truth, arm, q, tool).mean() for arm, tool in zip(arms, tools, strict=True)]
     assert flat[1] < 0.5 * flat[0]
     assert tracker[1] > 1.5 * tracker[0]
+
+
+def test_a_tracker_and_sockets_in_one_fit():
+    """The oracle is the arm that made both; the tracker's poses are left out in parts, each socket by itself."""
+    nominal, truth, T = cases.arm(), cases.true_arm(cases.arm(), 7), cases.world()
+    table, known = cases.rows("point", truth, 12, 2, 2e-5)
+    q = nominal.random_joints(24, 4) * 0.8
+    xyz = frames.apply(T, cases.tip(truth, q)[0]) * 1e3 + np.random.default_rng(0).normal(0, 0.02, (24, 3))
+    tracked = pd.DataFrame(np.degrees(q), columns=[f"q{j}_deg" for j in range(1, 7)])
+    tracked[["x_mm", "y_mm", "z_mm"]] = xyz
+    rows = pd.concat([table, tracked.assign(pose=[f"t{k}" for k in range(24)], feature="")]).astype(object)
+    found = irbcal.calibrate(rows.where(rows.notna(), ""), "irb1600", features=known.fillna(""))
+    assert [row.name for row in found.features.places][:3] == ["point 0", "point 1", "point 2"]
+    assert len(found.features.places) == 7
+    assert found.features.framed
+    assert found.features.scale == ""
+    fresh = nominal.random_joints(50, 9) * 0.8
+    away = found.robot_calibrated().points(fresh, "ball") - frames.apply(T, cases.tip(truth, fresh)[0])
+    assert np.linalg.norm(away, axis=1).mean() < 0.05e-3
 
 
 def test_options_of_other_ways_are_refused(contacts):

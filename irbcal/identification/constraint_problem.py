@@ -302,7 +302,7 @@ class ConstraintProblem:
             J *= w
             J *= sizes[:, None, None]
             y = np.einsum("c,cmk->mk", values, J[self.flat :]) - r * w
-            yield Dense(J.reshape(width, -1), y.ravel(), np.repeat(rows, r.shape[1]))
+            yield Dense(J.reshape(width, r.size), y.ravel(), np.repeat(rows, r.shape[1]))
         if self.lengths:
             yield self._of_lengths(state, width)
 
@@ -440,10 +440,12 @@ def refuse_undetermined(problem: ConstraintProblem, sums: Sums) -> None:
     IdentificationError
         With what is open.
     """
+    if not problem.flat:
+        return
     H = sums.H[: problem.flat, : problem.flat]
     scale = np.sqrt(np.maximum(np.diagonal(H), 1e-30))
     value, vector = np.linalg.eigh(H / np.outer(scale, scale))
-    if not len(value) or (value[0] > 1e-11 and scale.min() > 1e-12):
+    if value[0] > 1e-11 and scale.min() > 1e-12:
         return
     worst = int(np.argmax(np.abs(vector[:, 0] / scale)))
     starts = sorted((at, key) for key, (_, at) in problem.layout.items())
