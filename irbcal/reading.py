@@ -51,10 +51,12 @@ def read_bytes(
         raise error(what + words_of(fault), file=source) from None
     try:
         with open(handle, "rb") as stream:
-            mode = os.fstat(handle).st_mode
-            if not stat.S_ISREG(mode):
-                raise error(f"{what}expected a file, found {kind_of(mode)}", file=source)
-            data = stream.read(most + 1)
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode):
+                raise error(f"{what}expected a file, found {kind_of(status.st_mode)}", file=source)
+            # as many bytes as are asked for are reserved; some files (/proc) have more than they say
+            data = stream.read(min(most, status.st_size) + 1)
+            data += stream.read(most + 1) if len(data) == status.st_size + 1 <= most else b""
     except OSError as fault:
         found = "a folder" if isinstance(fault, IsADirectoryError) else None
         text = f"expected a file, found {found}" if found else words_of(fault)

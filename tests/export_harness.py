@@ -13,7 +13,7 @@ WARNINGS = ("-Wall", "-Wextra", "-Werror")
 COMPILERS = [name for name in ("g++", "clang++") if shutil.which(name)]
 
 
-def compiled(source, folder, compiler="g++", options=("-O1",), main=HARNESS):
+def compiled(source, folder, compiler="g++", options=("-O0",), main=HARNESS):
     """The harness around a source's header, or another program; with the header's name and namespace defined."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in cpp.files(source).items():

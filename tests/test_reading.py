@@ -1,5 +1,6 @@
 """Only regular files are read, and nothing that a file's name holds acts on the terminal."""
 
+import io
 import os
 import socket
 
@@ -15,6 +16,23 @@ def test_a_file_is_read_whole(tmp_path):
     assert read_bytes(tmp_path / "link", MeasurementError) == b"\x00\xff" * 1000
     with pytest.raises(MeasurementError, match="at most 1 KiB, found more"):
         read_bytes(tmp_path / "a", MeasurementError, most=1024)
+
+
+def test_no_more_is_reserved_than_there_is(tmp_path, monkeypatch):
+    (tmp_path / "a.csv").write_bytes(b"12345")
+    asked = []
+
+    class Stream(io.BytesIO):
+        def read(self, size=-1):
+            asked.append(size)
+            return super().read(size)
+
+    monkeypatch.setattr("builtins.open", lambda handle, mode: Stream(os.read(handle, 100)))
+    assert read_bytes(tmp_path / "a.csv", MeasurementError) == b"12345"
+    assert asked == [6]
+    status = os.stat(tmp_path / "a.csv")
+    monkeypatch.setattr(os, "fstat", lambda handle: os.stat_result((*status[:6], 0, *status[7:])))  # as /proc says
+    assert read_bytes(tmp_path / "a.csv", MeasurementError) == b"12345"
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")

@@ -34,6 +34,18 @@ def ik(
         typer.Option(help="Joints in degrees (mm): the nearest solution is taken.", show_default="zero, or near it"),
     ] = None,
     all_branches: Annotated[bool, typer.Option("--all-branches", help="Every branch within the joint limits.")] = False,
+    path: Annotated[
+        bool,
+        typer.Option(
+            "--path", help="The poses are a path: no jumps from one solution to another, singularities are told."
+        ),
+    ] = False,
+    redundancy: Annotated[
+        str | None,
+        typer.Option(
+            help="For more than six joints: limits (stay away from them) or near (--near).", show_default=False
+        ),
+    ] = None,
     nominal: Annotated[bool, typer.Option("--nominal", help="Nominal behaviour of a calibration.")] = False,
     payload: Payload = None,
     payload_place: PayloadPlace = None,
@@ -64,11 +76,15 @@ def ik(
             poses,
             near=start,
             all_branches=all_branches,
+            path=path,
+            redundancy=redundancy,
             payload=payload,
             payload_place=grid.metres(payload_place, "--payload-place"),
             jobs=jobs,
         )
     grid.write(found.to_frame(as_written=not json), json)
+    for place in found.singular:
+        print(f"irbcal: {place.in_words()}", file=sys.stderr)
     missing = len(found) - int(found.found.sum())
     if missing:
         print(f"irbcal: {missing} of {len(found)} poses have no joints, see the column note", file=sys.stderr)

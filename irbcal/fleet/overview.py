@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -89,9 +89,11 @@ def fleet_add(
             raise OptionError(f"{option}: it is of a single calibration, found {len(folders)}", parameter=option)
     added: list[str] = []
     there: list[str] = []
+    first = [stored(folder, id, serial, date) for folder in folders[:1]]  # no store is made for what is none
+    others = (stored(folder, id, serial, date) for folder in folders[1:])
     with opened(store, create=True) as held:
-        for folder in folders:
-            (added if held.add(stored(folder, id, serial, date)) else there).append(str(folder))
+        for folder, calibration in zip(folders, chain(first, others), strict=True):
+            (added if held.add(calibration) else there).append(str(folder))
             if progress is not None:
                 progress(f"{len(added) + len(there)} of {len(folders)} calibrations")
         name = held.engine.url.render_as_string(hide_password=True) if "://" in str(store) else str(store)

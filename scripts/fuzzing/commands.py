@@ -12,12 +12,12 @@ from random import Random
 from fuzzing import corpus
 from fuzzing.damage import NUMBERS, TEXTS, damaged
 
-KINDS = {".csv": "csv", ".json": "json", ".urdf": "xml", ".yaml": "yaml", ".txt": "csv"}
+KINDS = {".csv": "csv", ".json": "json", ".jsonl": "csv", ".urdf": "xml", ".yaml": "yaml", ".txt": "csv"}
 
 
 @dataclass
 class Call:
-    """A command with its options; ``@name`` stands for an input, ``>name`` for an output."""
+    """A command with its options; ``@name`` stands for an input, ``>name`` for an output, ``<name`` for its stdin."""
 
     words: list[str]
     checks: dict[str, str] = field(default_factory=dict)
@@ -45,7 +45,7 @@ def _fk(random: Random) -> list[str]:
 
 
 def _ik(random: Random) -> list[str]:
-    more = _some(random, ["--json"], ["--all-branches"], ["--nominal"], ["--near", "0,0,0,0,0,0"])
+    more = _some(random, ["--json"], ["--all-branches"], ["--nominal"], ["--near", "0,0,0,0,0,0"], ["--path"])
     more += _some(random, _load(random)) if random.random() < 0.3 else []
     return ["ik", random.choice(("@cal", "@robot.urdf", "@cal-map", "@cal-auto")), "--poses", "@p.csv", *more]
 
@@ -118,6 +118,9 @@ def _calibrate(random: Random) -> list[str]:
     if kind < 0.3:
         more = _some(random, ["--json"], ["--same-tool"], ["--payload-place", "0,0,60"], ["--terms", "all"])
         return ["calibrate", "@auto-m.csv", "--robot", "irb120", "--out", ">new", *more]
+    if kind < 0.45:
+        more = _some(random, ["--json"], ["--leave-out", "feature"], ["--leave-out", "none"])
+        return ["calibrate", "@f.csv", "--features", "@f.features.csv", "--robot", "irb1600", "--out", ">new", *more]
     robot = random.choice(("@robot.urdf", "@small.urdf", "irb1600"))
     return ["calibrate", "@m.csv", "--robot", robot, "--out", ">new", "--model", random.choice(("16", "26")), *more]
 
@@ -180,6 +183,9 @@ def _simulate(random: Random) -> list[str]:
     more = _some(
         random, ["--json"], ["--tracker", "3000,0,500"], ["--wait", "1"], ["--payload", "2"], ["--targets", "2"]
     )
+    if random.random() < 0.2:
+        device = ["--device", random.choice(("ball", "sockets", "plane", "string")), "--random", "12"]
+        return ["simulate", "--robot", robot, *device, "--out", ">sim.csv", *_some(random, ["--json"])]
     return ["simulate", "@j.csv", "--robot", robot, "--out", ">sim.csv", *more]
 
 
@@ -213,6 +219,39 @@ def _controller(random: Random) -> list[str]:
     return ["controller", "@c.csv", "--robot", robot, *_some(random, ["--json"], ["--out", ">arm.urdf"])]
 
 
+def _export(random: Random) -> list[str]:
+    calibration = random.choice(("@cal", "@cal-map", "@cal-auto"))
+    target = random.choice(("cpp", "python", "urdf", "mujoco", "drake", "ros"))
+    more = _some(random, ["--json"], ["--without-frame-terms"], ["--mesh-paths", "package"], _load(random))
+    return ["export", calibration, "--as", target, "--out", ">exported", *more]
+
+
+def _stream(random: Random) -> list[str]:
+    more = _some(random, ["--rate", "100"], ["--units", "rad"], _load(random))
+    return ["stream", random.choice(("@cal", "@cal-map", "@cal-auto")), *more, "--without-frame-terms", "<s.jsonl"]
+
+
+def _fleet(random: Random) -> list[str]:
+    json = _some(random, ["--json"])
+    return random.choice(
+        (
+            ["fleet", "calibrate", "@fleet.csv", "--out", ">fleet", "--jobs", "1", *json],
+            [
+                "fleet",
+                "add",
+                "@cal",
+                "--store",
+                ">new.db",
+                *json,
+                *_some(random, ["--id", "a"], ["--date", "2026-03-02"]),
+            ],
+            ["fleet", "list", "--store", "@fleet.db", *json, *_some(random, ["--report", ">fleet.html"])],
+            ["fleet", "drift", "a", "--store", "@fleet.db", *json],
+            ["fleet", "export", "--store", "@fleet.db", "--out", ">parameters.csv"],
+        )
+    )
+
+
 def _robots(random: Random) -> list[str]:
     return ["robots", *_some(random, ["--json"], ["--nothing"])]
 
@@ -220,7 +259,7 @@ def _robots(random: Random) -> list[str]:
 MAKERS: list[tuple[Maker, int]] = [
     (_fk, 10), (_ik, 5), (_filter, 34), (_verify, 10), (_evaluate, 8), (_calibrate, 1), (_view, 3), (_report, 1),
     (_import, 14), (_iso9283, 8), (_tracker, 12), (_ballbar, 3), (_joints, 2), (_simulate, 4), (_plan, 1), (_study, 1),
-    (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2),
+    (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2), (_export, 4), (_stream, 6), (_fleet, 4),
 ]  # fmt: skip
 NAMES = (
     "-",
@@ -252,7 +291,7 @@ def made(random: Random, good: Path, folder: Path) -> list[str]:
     """
     makers, weights = zip(*MAKERS, strict=True)
     words = random.choices(makers, weights)[0](random)
-    inputs = [word[1:] for word in words if word.startswith("@")]
+    inputs = [word[1:] for word in words if word[:1] in "@<" and word]
     for name in inputs:
         _copy(good, folder, name)
     target = random.choice(inputs) if inputs else None
@@ -260,7 +299,7 @@ def made(random: Random, good: Path, folder: Path) -> list[str]:
     place: dict[str, str] = {}
     if target is not None and kind < 0.80:
         _damage(folder, target, random)
-    elif target is not None and kind < 0.92:
+    elif target is not None and kind < 0.92 and f"<{target}" not in words:
         place[target] = _elsewhere(folder, target, random)
     else:
         words = _option(words, random)

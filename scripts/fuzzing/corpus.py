@@ -41,6 +41,9 @@ def write(folder: Path) -> None:
     _imports(folder)
     _programs(folder)
     _auto(folder)
+    _features(folder)
+    _lines_of_joints(folder)
+    _fleet(folder)
 
 
 @cache
@@ -155,6 +158,28 @@ def _auto(folder: Path) -> None:
     rows[~late].to_csv(folder / "auto-m.csv", index=False, float_format="%.5f")
     rows[late].to_csv(folder / "auto-v.csv", index=False, float_format="%.5f")
     irbcal.save(irbcal.calibrate(folder / "auto-m.csv", "irb120", "auto", terms="all"), folder / "cal-auto")
+
+
+def _features(folder: Path) -> None:
+    """Contacts with balls, and what is known of these: ``f.csv`` and ``f.features.csv``."""
+    irbcal.simulate_device("irb1600", "balls", 40, seed=1).save(folder / "f.csv")
+
+
+def _lines_of_joints(folder: Path) -> None:
+    """What ``irbcal stream`` reads: ``s.jsonl``."""
+    steps = [[0.01 * k, -0.01 * k, 0.0, 0.0, 30.0, 0.02 * k] for k in range(6)]
+    _lines(folder / "s.jsonl", [json.dumps({name: step}) for step in steps for name in ("joints", "model")])
+
+
+def _fleet(folder: Path) -> None:
+    """A list of robots, and a store that holds one: ``fleet.csv``, ``fleet.db``."""
+    rows = [
+        "id,serial,measurements,robot,date,options",
+        "a,1,m.csv,irb1600,2026-03-02,model=16",
+        "b,2,no.csv,irb1600,,",
+    ]
+    _lines(folder / "fleet.csv", rows)
+    irbcal.fleet_add([folder / "cal"], folder / "fleet.db", id="a", serial="1", date="2026-03-02")
 
 
 def _lines(path: Path, lines: list[str]) -> None:

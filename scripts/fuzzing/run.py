@@ -158,7 +158,8 @@ def _child(words: list[str], folder: Path, logs: tuple[Path, Path]) -> None:
         os.setsid()
         for number, log in enumerate(logs, 1):
             os.dup2(os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
-        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        given = next((word[1:] for word in words if word.startswith("<")), os.devnull)
+        os.dup2(os.open(given if os.path.isfile(given) else os.devnull, os.O_RDONLY), 0)
         have = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (have + MEMORY, have + MEMORY))
         used = resource.getrusage(resource.RUSAGE_SELF)
@@ -183,7 +184,7 @@ def _child(words: list[str], folder: Path, logs: tuple[Path, Path]) -> None:
 def _command(words: list[str]) -> int:
     from irbcal.cli.main import main
 
-    sys.argv = ["irbcal", *words]
+    sys.argv = ["irbcal", *(word for word in words if not word.startswith("<"))]
     try:
         main()
         code: object = 0
@@ -245,7 +246,7 @@ def _judged(words: list[str], code: int, out: str, err: str, before: dict[str, s
     new = [name for name in after if name not in before]
     if any(Path(name).name.startswith(".irbcal-") for name in new):
         return "half a file"
-    if code == 0 or (code == NOT_A_PASS and words[:1] == ["evaluate"]):
+    if code == 0 or (code == NOT_A_PASS and words[:1] in (["evaluate"], ["fleet"])):
         return _numbers_of(words, out, folder, new) or "done"
     if new:
         return f"half a file (exit {code}, wrote {new[0]})"
@@ -290,11 +291,32 @@ def _numbers_of(words: list[str], out: str, folder: Path, new: list[str]) -> str
             found = _in_table(out)
             return f"non-finite number in column {found}" if found else None
         texts = [line for text in texts for line in text.splitlines()]
+    if words[:1] == ["stream"]:
+        rate = words[words.index("--rate") + 1] if "--rate" in words[:-1] else "100"
+        return _in_stream(out, 5.0 if rate == "100" else float("inf"))
     for text in texts:
         try:
             json.loads(text, parse_constant=_refuse)
         except ValueError as error:
             return f"non-finite number or no JSON: {error}"
+    return None
+
+
+def _in_stream(out: str, least: float) -> str | None:
+    """A command that is not finite, or farther from the one before than any motor goes within a line."""
+    last: list[float] | None = None
+    for line in out.splitlines():
+        try:
+            joints = json.loads(line, parse_constant=_refuse)["joints"]
+        except (ValueError, KeyError, TypeError) as error:
+            return f"no command in a line: {error}"
+        if (
+            joints is not None
+            and last is not None
+            and max(abs(a - b) for a, b in zip(joints, last, strict=True)) > least
+        ):
+            return "a command jumps"
+        last = joints or last
     return None
 
 

@@ -15,6 +15,15 @@ from irbcal.exporting import casadi as target
 casadi = pytest.importorskip("casadi", reason="CasADi needs Python 3.11")
 
 
+@pytest.fixture(scope="module")
+def made(sources):
+    """Functions by the names of robots, made once."""
+    return {
+        name: target.functions(sources[name].parts, sources[name].vectors)
+        for name in ("irb1600", "ur10", "panda", "level")
+    }
+
+
 def numbers(source, robot, n, seed):
     """Inputs of the Functions as columns, and irbcal's situation."""
     q, (before, kg, place, torques) = situations(robot, n, seed)
@@ -26,9 +35,9 @@ def numbers(source, robot, n, seed):
 
 
 @pytest.mark.parametrize(("name", "poses"), [("irb1600", 10_000), ("ur10", 10_000), ("panda", 10_000), ("level", 500)])
-def test_functions_compute_what_irbcal_computes(sources, name, poses):
+def test_functions_compute_what_irbcal_computes(sources, made, name, poses):
     source = sources[name]
-    robot, made = source.robot, target.functions(source.parts, source.vectors)
+    robot, made = source.robot, made[name]
     q, situation, columns = numbers(source, robot, poses, 31)
     theta = robot.joint_map.effective(q, *situation)
     assert np.abs(np.array(made["effective"](*columns)).T - theta).max() < 1e-12
@@ -39,9 +48,9 @@ def test_functions_compute_what_irbcal_computes(sources, name, poses):
     assert np.abs(back - q[:200]).max() < 1e-12
 
 
-def test_derivatives(sources):
+def test_derivatives(sources, made):
     source = sources["irb1600"]
-    robot, made = source.robot, target.functions(source.parts, source.vectors)
+    robot, made = source.robot, made["irb1600"]
     q, _, columns = numbers(source, robot, 4, 5)
     for k in range(4):  # the first stop before is not known
         rest = [column[:, k] for column in columns[1:]]

@@ -25,19 +25,23 @@ def test_modules_compute_what_irbcal_computes(sources, name, poses):
     theta, T = robot.joint_map.effective(q, *situation), robot.forward(q, *situation)
     assert np.abs(batch.effective(q, *situation) - theta).max() < 1e-12
     assert np.abs(batch.forward(q, *situation) - T).max() < 1e-12
-    assert np.abs(batch.commanded(theta, *situation) - q).max() < 1e-12
-    few = slice(0, 40)
+    some = slice(0, 1000)
+    assert np.abs(batch.commanded(theta[some], *(part[some] for part in situation)) - q[some]).max() < 1e-12
+    few = slice(0, 20)
+    few_situation = [part[few] for part in situation]
     rows = [(x.tolist(), *(part.tolist() for part in rest)) for x, *rest in zip(q[few], *situation, strict=False)]
     assert np.abs(np.array([plain.effective(*row) for row in rows]) - theta[few]).max() < 1e-12
     assert np.abs(np.array([plain.forward(*row) for row in rows]) - T[few, :3]).max() < 1e-12
-    assert np.abs(np.array([plain.jacobian(*row) for row in rows]) - batch.jacobian(q, *situation)[few]).max() < 1e-12
-    J = batch.tip_jacobian(q, *situation)[few]
+    assert (
+        np.abs(np.array([plain.jacobian(*row) for row in rows]) - batch.jacobian(q[few], *few_situation)).max() < 1e-12
+    )
+    J = batch.tip_jacobian(q[few], *few_situation)
     assert np.abs(np.array([plain.tip_jacobian(*row) for row in rows]) - J).max() < 1e-12
     usual = q[few][~np.isnan(situation[0][few, 0])], situation[0][few][~np.isnan(situation[0][few, 0])]
     assert np.abs(batch.jacobian(*usual) - robot.joint_map.jacobian(*usual)).max() < 1e-12
-    back, found = batch.inverse(T[few], q[few] + 0.02, *(part[few] for part in situation))
+    back, found = batch.inverse(T[few], q[few] + 0.02, *few_situation)
     assert found.mean() > 0.9
-    assert np.abs(batch.forward(back, *(part[few] for part in situation)) - T[few])[found].max() < 5e-12
+    assert np.abs(batch.forward(back, *few_situation) - T[few])[found].max() < 5e-12
     for row, wanted in zip(rows, T[few].tolist(), strict=True):
         joints = plain.inverse(wanted, [x + 0.02 for x in row[0]], *row[1:])
         if joints is not None:

@@ -29,7 +29,7 @@ def test_xacro_makes_the_calibrated_robot(described, tmp_path, name):
     source = described[name]
     word, made = write(source, tmp_path)
     text = xacro.process_file(str(tmp_path / "urdf" / f"{word}.urdf.xacro")).toxml().encode()
-    q, situation = situations(source.robot, 10_000, 6)
+    q, situation = situations(source.robot, 500, 6)
     theta = source.robot.joint_map.effective(q, *situation)
     for data in (text, made[f"urdf/{word}.urdf"]):
         tips = urdf_check.poses(data, source.robot.arm, theta)

@@ -77,3 +77,10 @@ def test_wrong_calls_are_refused(store, calibrated, tmp_path):
         irbcal.fleet_add(calibrated.out, tmp_path / "s.db", serial="X")
     with pytest.raises(CalibrationError, match="the store has no calibrations of type none"):
         irbcal.fleet_list(store, type="none")
+
+
+def test_no_store_is_made_for_what_is_no_calibration(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(CalibrationError, match="calibration"):
+        irbcal.fleet_add(tmp_path / "empty", tmp_path / "new.db")
+    assert not (tmp_path / "new.db").exists()

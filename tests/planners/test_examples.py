@@ -17,15 +17,23 @@ from irbcal.planners.calibrated_model import CalibratedModel
 from irbcal.units import DEG, MM
 
 EXAMPLES = Path(__file__).parents[2] / "scripts" / "examples"
-PLANNERS = ("inverse_kinematics_with_pink", "reach_a_pose_with_crocoddyl")
+PLANNERS = ("inverse_kinematics_with_pink", "reach_a_pose_with_crocoddyl", "optimal_motion_with_casadi")
 COLLISIONS = "check_collisions_with_coal"
+OMPL = "plan_around_a_post_with_ompl"
+NEEDS = {PLANNERS[0]: "pink", PLANNERS[1]: "crocoddyl", PLANNERS[2]: "casadi", COLLISIONS: "coal", OMPL: "ompl"}
 
 
 @pytest.fixture(scope="module")
 def examples():
     """Imports an example by name, as its neighbours do when it is run as a script."""
     sys.path.insert(0, str(EXAMPLES))
-    yield importlib.import_module
+
+    def load(name):
+        if name in NEEDS:
+            pytest.importorskip(NEEDS[name], reason=f"the example {name} needs the package {NEEDS[name]}")
+        return importlib.import_module(name)
+
+    yield load
     sys.path.remove(str(EXAMPLES))
 
 
@@ -85,6 +93,32 @@ def test_the_motion_is_smooth_and_within_limits(examples, demo):
     assert not model.beyond_limits(q).any()
     T = model.placement(q[-1:], "target_smr1", "universe")[0]
     assert np.linalg.norm(T[:3, 3] - goal[:3, 3]) < 0.001 * MM
+
+
+def test_optimal_motions_keep_to_limits_between_their_nodes(examples, demo):
+    """Speeds and accelerations of the commands, as a controller interpolates them; at rest at both ends."""
+    example = examples(PLANNERS[2])
+    model = CalibratedModel.load(demo)
+    q = np.radians([[20, 5, -10, 30, 40, -50], [-30, -25, 20, 0, 60, 20]])
+    for motion in example.motions(model, "target_smr1", model.placement(q, "target_smr1", "universe")):
+        dense = motion.dense(50)
+        assert np.abs(dense.ddq).max() <= 1.02 * example.ACCELERATION + 1e-6
+        assert (np.abs(dense.dq) <= model.speed_limits + 1e-9).all()
+        assert not model.beyond_limits(dense.q).any()
+        assert np.abs(motion.dq[[0, -1]]).max() < 1e-9
+        assert np.abs(np.gradient(dense.q, dense.times, axis=0) - dense.dq)[1:-1].max() < 1e-3
+
+
+def test_a_way_around_the_post_touches_nothing_and_ends_where_it_should(examples, demo, capsys):
+    found, misses = examples(OMPL).main(demo, n=2)
+    for q, distances in found:
+        assert not distances.collisions()
+        assert distances.closest_to("post")[0] > 0.0
+        assert np.abs(np.diff(q, axis=0)).max() < 0.3
+    calibration = irbcal.load(demo)
+    assert misses["calibrated"].max() < calibration.heldout.all.max_mm
+    assert misses["nominal"].mean() > 2 * misses["calibrated"].mean()
+    assert "commands around the post" in capsys.readouterr().out
 
 
 def test_collisions_and_clearance(examples, demo, capsys):

@@ -74,7 +74,7 @@ def solve(
     H = newton.columns(T)
     usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0)
     good_seed = np.isfinite(seed).all(axis=1)
-    chain = newton.CalibratedChain(robot, _reach(nominal))
+    chain = newton.CalibratedChain(robot, reach(nominal))
     search = _Search(chain, nominal, H, seed, position, rotation)
     todo = np.flatnonzero(usable & good_seed)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -107,7 +107,7 @@ def solve(
     )
 
 
-def _reach(arm: Arm) -> float:
+def reach(arm: Arm) -> float:
     """Largest distance of the tip from the middle of its places at random joints, metres."""
     tip = arm.forward(arm.random_joints(200, 0))[:, :3, 3]
     return float(np.linalg.norm(tip - tip.mean(axis=0), axis=1).max())
