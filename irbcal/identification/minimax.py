@@ -120,10 +120,10 @@ def solve(
     """
     solver = cone_program.SOLVERS[checked("inner", inner, tuple(cone_program.SOLVERS))]
     state = solution.state if start is None else start
-    if problem.points.poses > MOST_POSES:
-        return _by_parts(problem, solution, state, tolerance, inner, record)
     basis = solution.information.basis()
     r = problem.residuals(state)
+    if len(r) > MOST_POSES and problem.points.poses > MOST_POSES:
+        return _by_parts(problem, solution, state, tolerance, inner, record)
     value = largest(r)
     history = [value]
     w: FloatArray | None = None
