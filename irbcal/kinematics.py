@@ -129,7 +129,7 @@ def _certain(
 
         heldout = opened.record.heldout
         found["std"] = position_std(opened.record, q, target, model)
-        if heldout is not None:
+        if heldout is not None and opened.record.features is None:
             found |= {"heldout_mean": heldout.all.mean_mm * MM, "heldout_rms": heldout.all.rms_mm * MM}
     if intervals:
         seen = model.predict_tip(q) if target is None else model.predict(q, target=target)

@@ -41,6 +41,7 @@ LONG = {
     "kinematics.py: inverse_kinematics": "the documentation of its options",
     "identification/methods.py: identify_by": "the documentation of its options",
     "planning/measuring_plan.py: plan": "the documentation of its options",
+    "validation/ballbar_check.py: ballbar": "the documentation of its options",
     "validation/evaluate.py: evaluate": "the documentation of its options",
     "validation/iso9283_check.py: iso9283": "the documentation of its options",
 }

@@ -35,6 +35,12 @@ def ballbar(
     run: Annotated[
         Run, typer.Option(help="What was run when FILE was measured: the nominal targets or the fake ones.")
     ] = Run.nominal,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(
+            help="The same circle measured earlier, a file like FILE: what changed since.", show_default=False
+        ),
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Polar plot to write (.png, .svg, .pdf).")] = None,
     magnify: Annotated[
         float | None, typer.Option(min=1e-3, help="Magnification of the errors.", show_default="a round number")
@@ -69,6 +75,7 @@ def ballbar(
             tilt=tilt * DEG,
             arcs=arcs,
             run=run.value,
+            baseline=baseline,
         )
     if plot is not None:
         result.plot(magnify).save(plot)

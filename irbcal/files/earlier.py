@@ -154,9 +154,10 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
         name = folder.resolve().name.replace(MARK, "-") or name
     used = [found for heldout in (False, True) if (found := record.used_points(heldout)) is not None]
     if not used:
-        raise CalibrationError(
-            "this calibration was saved without its measured points: nothing can be added to it", parameter="with"
+        what = (
+            "is from rows at features, which are calibrated together" if record.features else "has no measured points"
         )
+        raise CalibrationError(f"this calibration {what}: nothing can be added to it", parameter="with")
     sets = [points for points, _ in used if points.poses]
     names = [item.name for item in record.sessions] or [name]
     number = _numbers(record, [points.poses for points in sets])

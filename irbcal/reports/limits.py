@@ -20,6 +20,7 @@ NOISE_MM = 0.1
 HALF = 0.5
 """Share of the mean square error that a few poses hold where they are named."""
 ADDED = "(irbcal plan), and add them: irbcal calibrate NEW.csv --with DIR --out NEW_DIR."
+AT_FEATURES = "at more places (irbcal plan --device), and calibrate from all rows together."
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,11 @@ def _before_all(record: Record, first: PoseSet) -> list[Limit]:
     return out
 
 
+def _how(record: Record) -> str:
+    """What to do with more poses."""
+    return AT_FEATURES if record.features else ADDED
+
+
 def _corner(record: Record) -> list[Limit]:
     """Joints that went through a part of their limits only."""
     section = record.certainty.elsewhere if record.certainty is not None else None
@@ -97,7 +103,7 @@ def _corner(record: Record) -> list[Limit]:
         Limit(
             f"The poses cover a corner of the workspace: joint {worst + 1} went through {section.shares[worst]:.0%} of "
             f"its limits; {section.there_mm:.3f} mm (rms) must be expected elsewhere, {section.here_mm:.3f} mm here.",
-            f"Measure poses all over the workspace {ADDED}",
+            f"Measure poses all over the workspace {_how(record)}",
             2.0,
         )
     ]
@@ -112,7 +118,7 @@ def _few_poses(record: Record, rms: float, first: PoseSet) -> list[Limit]:
         Limit(
             f"Few poses: those that the fit never saw have {rms:.3f} mm (rms), the {record.poses_fit} fitted ones "
             f"{fitted:.3f} mm.",
-            f"Measure {record.poses_fit} more poses {ADDED}",
+            f"Measure {record.poses_fit} more poses {_how(record)}",
             1.0 - (fitted / rms) ** 2,
         )
     ]

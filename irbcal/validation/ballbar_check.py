@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -22,6 +22,7 @@ from irbcal.units import DEG, MM
 from irbcal.validation import ballbar_trace
 from irbcal.validation.ballbar_circle import circle
 from irbcal.validation.ballbar_circle import tool as tool_frame
+from irbcal.validation.ballbar_joints import Change, by_joints, minus, offsets
 from irbcal.validation.ballbar_prediction import Prediction, predict
 from irbcal.validation.ballbar_trace import MEASURED, Trace, explained
 from irbcal.validation.tables import is_simulated
@@ -54,6 +55,10 @@ class BallbarCheck(Speaks):
         Whether the calibration is from simulated data.
     simulated_readings : bool
         Whether the measured file says that it is simulated.
+    joints : dict of str to Change
+        Of each run: joint offsets that explain what the prediction does not.
+    since : dict of str to Change
+        Of each run that was measured earlier, too: joint offsets that explain what changed.
     """
 
     bar: float
@@ -62,6 +67,8 @@ class BallbarCheck(Speaks):
     measured: dict[str, Trace]
     simulated: bool
     simulated_readings: bool = False
+    joints: Mapping[str, Change] = field(default_factory=dict)
+    since: Mapping[str, Change] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         lock(self)
@@ -94,6 +101,8 @@ class BallbarCheck(Speaks):
                 **ballbar_trace.summary(trace),
                 "variation_rms_mm": before / MM,
                 "unexplained_rms_mm": after / MM,
+                "joints": _change(self.joints.get(name)),
+                "since_baseline": _change(self.since.get(name)),
             }
         return {
             "simulated": self.simulated,
@@ -135,6 +144,10 @@ class BallbarCheck(Speaks):
                 f"Run {name}: the readings vary by {before:.4f} mm rms; the prediction for the path of {targets} "
                 f"targets leaves {after:.4f} mm unexplained."
             )
+            if name in self.joints:
+                out.append(f"  That is {self.joints[name].in_words()}.")
+            if name in self.since:
+                out.append(f"  Since the baseline it has changed by {self.since[name].in_words()}.")
         turns = tuple((360 * r.s, r.angle / DEG, str(r.joint), r.kind) for r in self.prediction.reversals)
         if turns:
             out.append(
@@ -161,6 +174,17 @@ class BallbarCheck(Speaks):
         return DrawnFigure.of(plots.ballbar, self, magnify, size=(6.4, 7.0))
 
 
+def _change(change: Change | None) -> dict[str, Any] | None:
+    """What offsets of joints explain, ready for JSON; mm and degrees."""
+    if change is None:
+        return None
+    rows = [
+        {"joint": o.joint, "offset_deg": o.value / DEG, "std_deg": o.std / DEG, "seen": o.seen, "clear": o.clear}
+        for o in change.offsets
+    ]
+    return {"rms_mm": change.before / MM, "left_mm": change.after / MM, "offsets": rows}
+
+
 def ballbar(
     calibration: CalibrationLike,
     measured: TableLike | None = None,
@@ -174,6 +198,7 @@ def ballbar(
     tilt: float = 0.0,
     arcs: int = 6,
     run: Run = "nominal",
+    baseline: TableLike | None = None,
 ) -> BallbarCheck:
     """Radial errors of a circle as a ballbar shows them: nominal targets, fake targets, measured; joint reversals.
 
@@ -198,6 +223,8 @@ def ballbar(
         Arcs of the path of fake targets, two or more; 0: none.
     run : str
         What was run when it was measured: the ``nominal`` targets or the ``fake`` ones.
+    baseline : str, Path or DataFrame, optional
+        The same circle as it was measured earlier: what has changed since, and which joint's zero would explain it.
 
     Returns
     -------
@@ -229,5 +256,17 @@ def ballbar(
     path = circle(nominal, q, bar, T_tip_tcp, normal, start, height, tilt)
     found = predict(path, robot, nominal, q, arcs, T_tip_tcp)
     traces = {} if measured is None else ballbar_trace.read(measured, bar)
+    if baseline is not None and measured is None:
+        raise OptionError("a baseline is compared with what is measured now: name its file, too", parameter="baseline")
+    earlier = {} if baseline is None else ballbar_trace.read(baseline, bar)
+    if earlier and not set(earlier) & set(traces):
+        raise OptionError(
+            f"the baseline has other runs ({', '.join(earlier)}) than the measured file ({', '.join(traces)})",
+            parameter="baseline",
+        )
+    columns = {name: by_joints(path, robot, found.q, T_tip_tcp, trace.angle) for name, trace in traces.items()}
+    expected = found.corrected if run == "fake" and found.corrected is not None else found.uncorrected
+    joint_offsets = {name: offsets(minus(trace, expected), columns[name]) for name, trace in traces.items()}
+    since = {n: offsets(minus(trace, earlier[n]), columns[n]) for n, trace in traces.items() if n in earlier}
     told = measured is not None and is_simulated(readings.read(measured, ("angle_deg",)))
-    return BallbarCheck(bar, found, run, traces, saved.simulated, told)
+    return BallbarCheck(bar, found, run, traces, saved.simulated, told, joint_offsets, since)

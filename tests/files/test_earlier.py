@@ -52,5 +52,5 @@ def test_a_calibration_with_sessions_gives_them_back(earlier, tmp_path):
 
 def test_without_points_nothing_can_be_added(earlier):
     record = irbcal.load(earlier[0]).record
-    with pytest.raises(CalibrationError, match="saved without its measured points"):
+    with pytest.raises(CalibrationError, match="has no measured points"):
         earlier_of(record.model_copy(update={"poses": None}))
