@@ -29,7 +29,7 @@ from irbcal.units import DEG
 
 STRIDE = {True: 0.05, False: 5 * DEG}
 """Length of the move that stands for what came before a point of a path, metres (prismatic joints) or radians."""
-STEPS = 8
+STEPS = 2
 """Steps between two points, and more where the way between them is long."""
 LONGEST = 0.1 * DEG / STRIDE[False]
 """Share of a stride that a step is long, at most."""
@@ -82,7 +82,7 @@ def lean_along(joint_map: AnyJointMap, trajectory: Trajectory, previous: ArrayLi
         first = trajectory.q[0] - before if np.isfinite(before).all() else first
     way = np.abs(np.diff(trajectory.q, axis=0) / stride).max(initial=0.0)
     steps = STEPS + int(np.ceil(way / LONGEST))
-    fine = trajectory.dense(steps).q if len(trajectory) > 1 else trajectory.q
+    fine = trajectory.pieces(trajectory.times_between(steps)) if len(trajectory) > 1 else trajectory.q
     move = _faded(np.diff(fine, axis=0), stride, first)[::steps]
     lean: list[FloatArray] = [np.zeros(trajectory.q.shape) for _ in range(3)]
     longest = _move(d, move, stride)

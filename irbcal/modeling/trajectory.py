@@ -167,8 +167,12 @@ class Trajectory(Speaks):
         """The trajectory at its own times and at ``pieces - 1`` times between each two."""
         if len(self) == 1:
             return self.with_derivatives()
+        return self.at(self.times_between(pieces))
+
+    def times_between(self, pieces: int) -> FloatArray:
+        """Its own times and ``pieces - 1`` between each two, shape ((n - 1) * pieces + 1,)."""
         between = np.linspace(self.times[:-1], self.times[1:], pieces, endpoint=False, axis=1)
-        return self.at(np.r_[between.ravel(), self.times[-1]])
+        return np.append(between.ravel(), self.times[-1])
 
     def slowed(self, factor: float) -> Trajectory:
         """The same path, slower: all times after the first one are ``factor`` times as late.
