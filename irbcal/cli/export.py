@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import grid, show
+from irbcal.cli.shared_options import Calibration, Json, Payload, PayloadPlace
 
 
 class Target(str, Enum):
@@ -25,23 +26,16 @@ class Meshes(str, Enum):
 
 
 def export(
-    calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
+    calibration: Calibration,
     as_: Annotated[Target, typer.Option("--as", help="What to write.", show_default=False)],
     out: Annotated[Path, typer.Option(help="Folder to write to; an earlier export is replaced.", show_default=False)],
-    payload: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0, help="Mass carried where none is told, kg.", show_default="what most poses were measured with"
-        ),
-    ] = None,
-    payload_place: Annotated[
-        str | None, typer.Option(help="Its centre in the tip link: x,y,z in mm.", show_default="the calibration's")
-    ] = None,
+    payload: Payload = None,
+    payload_place: PayloadPlace = None,
     mesh_paths: Annotated[Meshes, typer.Option(help="How a URDF names its meshes.")] = Meshes.relative,
     without_frame_terms: Annotated[
         bool, typer.Option("--without-frame-terms", help="URDF and joint map alone where there is more.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")] = False,
+    json: Json = False,
 ) -> None:
     """Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside."""
     from irbcal.exporting.export import export as write

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from enum import Enum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from irbcal.cli import grid
+from irbcal.cli.shared_options import Calibration, Payload, PayloadPlace
 
 
 class Units(str, Enum):
@@ -19,25 +19,20 @@ class Units(str, Enum):
 
 
 def stream(
-    calibration: Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)],
+    calibration: Calibration,
     rate: Annotated[
         float, typer.Option(min=1.0, help="Lines per second: how far a joint may go in one line follows from it.")
     ] = 1000.0,
     units: Annotated[Units, typer.Option(help="Degrees and millimetres, or radians and metres.")] = Units.deg,
-    payload: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Mass carried, kg.", show_default="what most poses were measured with"),
-    ] = None,
-    payload_place: Annotated[
-        str | None, typer.Option(help="Its centre in the tip link: x,y,z in mm.", show_default="the calibration's")
-    ] = None,
+    payload: Payload = None,
+    payload_place: PayloadPlace = None,
     without_frame_terms: Annotated[
         bool, typer.Option("--without-frame-terms", help="URDF and joint map alone where there is more.")
     ] = False,
 ) -> None:
     """Correct wanted joints or poses, a line of JSON each, as they come; hold the last command where one is not safe.
 
-    Lines on standard input: {"joints": [...]}, {"pose": [x, y, z, qw, qx, qy, qz]} or {"model": [...]}.
+    Lines on standard input: {"joints": [...]}, {"pose": [...]} (x, y, z, qw, qx, qy, qz) or {"model": [...]}.
     """
     from irbcal.exporting.live import stream as open_stream
     from irbcal.exporting.running import run

@@ -17,11 +17,11 @@ least squares left them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import cone_program, least_squares
 from irbcal.identification.choices import ConeSolver
@@ -35,6 +35,9 @@ TOLERANCE = 1e-4
 
 FLOOR = 1e-9
 """Metres; a gap below this is closed, whatever the largest distance."""
+
+MOST_POSES, ADDED = 5000, 1000
+"""Poses that are solved for at once, and of more how many with the largest distances at first and at a time."""
 
 MAX_ITERATIONS = 50
 SUPPORT = 1e-3
@@ -119,6 +122,8 @@ def solve(
     state = solution.state if start is None else start
     basis = solution.information.basis()
     r = problem.residuals(state)
+    if len(r) > MOST_POSES and problem.points.poses > MOST_POSES:
+        return _by_parts(problem, solution, state, tolerance, inner, record)
     value = largest(r)
     history = [value]
     w: FloatArray | None = None
@@ -146,6 +151,60 @@ def solve(
         f"the largest distance stopped at {1e3 * value:.6g} mm, where only {1e3 * bound:.6g} mm are proved to be "
         "needed: start from a least-squares fit of the same points or allow a larger tolerance"
     )
+
+
+def _by_parts(
+    problem: Problem,
+    solution: least_squares.Solution,
+    state: State,
+    tolerance: float,
+    inner: ConeSolver,
+    record: least_squares.Record | None,
+) -> Minimax:
+    """The same for many poses: for those with the largest distances, and others as they come to be the largest.
+
+    What some of the points need at least all need at least: the bound of the part is one of the whole.
+    """
+    points, before, iterations = problem.points, problem.residuals(state), 0
+    first = largest(before)
+    rows = np.concatenate([points.pose, points.pose[points.oriented()]])
+    mine = _farthest(before, rows, points.poses, np.zeros(points.poses, dtype=bool))
+    while True:
+        part = solve(problem.of_poses(mine), solution, state, tolerance, inner, record)
+        state, iterations = part.state, iterations + part.iterations
+        r = problem.residuals(state)
+        value = largest(r)
+        if _closed(value, part.lower_bound, tolerance) or mine.sum() > MOST_POSES - ADDED:
+            break
+        mine = _farthest(r, rows, points.poses, mine)
+    if not _closed(value, part.lower_bound, tolerance):
+        raise IdentificationError(
+            f"the largest distance is {1e3 * value:.6g} mm, but only {1e3 * part.lower_bound:.6g} mm are proved to be "
+            f"needed by the {int(mine.sum())} poses with the largest ones: allow a larger tolerance"
+        )
+    multipliers = np.zeros((problem.rows, 3))
+    multipliers[mine[rows]] = part.multipliers
+    gap = max(value - part.lower_bound, 0.0) / value if value else 0.0
+    support = np.flatnonzero(np.linalg.norm(multipliers, axis=1) > SUPPORT)
+    return replace(
+        part,
+        value=value,
+        gap=gap,
+        iterations=iterations,
+        history=(first, *part.history[1:-1], value),
+        support=support,
+        multipliers=multipliers,
+    )
+
+
+def _farthest(r: FloatArray, rows: IntArray, n: int, mine: BoolArray) -> BoolArray:
+    """The poses of a part, and those of the others with the largest distances."""
+    worst = np.zeros(n)
+    np.maximum.at(worst, rows, np.linalg.norm(r, axis=1))
+    worst[mine] = -1.0
+    more = mine.copy()
+    more[np.argpartition(-worst, ADDED)[:ADDED]] = True
+    return more
 
 
 def _orthonormal(A: FloatArray, cut: float) -> tuple[FloatArray, FloatArray]:

@@ -131,12 +131,16 @@ def _newton(problem: Problem, state: State, basis: FloatArray, p: float) -> tupl
     if not top:
         return np.zeros(len(basis)), np.ones(len(r)), 0.0
     weights = (d / top) ** (p - 2.0)
-    A = (problem.jacobian(state) @ basis).reshape(len(r), 3, -1)
-    along = np.einsum("jk,jkn->jn", r / np.where(d > 0, d, 1.0)[:, None], A)
-    stack = np.concatenate([A.transpose(1, 0, 2), np.sqrt(p - 2.0) * along[None]])
-    stack = (np.sqrt(weights)[:, None] * stack).reshape(-1, basis.shape[1])
-    g = along.T @ (weights * d)
-    y = solved(stack.T @ stack, g)
+    unit = r / np.where(d > 0, d, 1.0)[:, None]
+    H, g = np.zeros((basis.shape[1], basis.shape[1])), np.zeros(basis.shape[1])
+    for rows, J in problem.jacobian_blocks(state):
+        A = (J.reshape(-1, len(basis)) @ basis).reshape(len(rows), 3, -1)
+        along = np.einsum("jk,jkn->jn", unit[rows], A)
+        stack = np.concatenate([A.transpose(1, 0, 2), np.sqrt(p - 2.0) * along[None]])
+        stack = (np.sqrt(weights[rows])[:, None] * stack).reshape(-1, basis.shape[1])
+        H += stack.T @ stack
+        g += along.T @ (weights[rows] * d[rows])
+    y = solved(H, g)
     return basis @ y, weights, float(g @ y / (weights @ d**2))
 
 

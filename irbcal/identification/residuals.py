@@ -24,7 +24,7 @@ base               rotation ``e x p``, translation ``e``
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 
@@ -288,11 +288,16 @@ class Problem:
 
         For small problems; least squares uses `normal_equations`.
         """
-        arm, joint_map = self.model(state)
         out = np.empty((self.rows, 3, self.unknowns))
-        for block in self._blocks:
-            out[block.rows] = self._derivatives(block, arm, joint_map, state)[1].transpose(2, 1, 0)
+        for rows, J in self.jacobian_blocks(state):
+            out[rows] = J
         return out.reshape(-1, self.unknowns)
+
+    def jacobian_blocks(self, state: State) -> Iterator[tuple[IntArray, FloatArray]]:
+        """Parts of the `jacobian`: rows (r,) and their derivatives (r, 3, unknowns), a block of poses at a time."""
+        arm, joint_map = self.model(state)
+        for block in self._blocks:
+            yield block.rows, self._derivatives(block, arm, joint_map, state)[1].transpose(2, 1, 0)
 
     def normal_equations(self, state: State, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float]:
         """Weighted sums over all rows, a block of poses at a time.

@@ -157,3 +157,20 @@ def test_real_robot(shared_data, level, least_squares_mm, certified_mm, heldout_
     mean = [np.linalg.norm(unused.residuals(state), axis=1).mean() for state in (start.state, found.state)]
     assert 1e3 * mean[1] == pytest.approx(heldout_mm, rel=0.06)
     assert mean[1] > 1.3 * mean[0]  # the smallest largest distance of the fit is paid for elsewhere
+
+
+def test_the_poses_with_the_largest_distances_tell_of_all(monkeypatch):
+    nominal, rng = arm(), np.random.default_rng(4)
+    points = measured(random_robot(nominal, "34", rng), nominal.random_joints(300, 4), 5e-5, rng)
+    problem, _ = fit.make_problem(nominal, points, "34")
+    first = least_squares.solve(problem, fit.first_state(problem))
+    whole = minimax.solve(problem, first)
+    monkeypatch.setattr(minimax, "MOST_POSES", 200)
+    monkeypatch.setattr(minimax, "ADDED", 40)
+    parts = minimax.solve(problem, first)
+    assert abs(parts.value / whole.value - 1.0) < 2 * minimax.TOLERANCE
+    assert parts.value == pytest.approx(np.linalg.norm(problem.residuals(parts.state), axis=1).max(), abs=1e-15)
+    assert parts.value - parts.lower_bound <= minimax.TOLERANCE * parts.value
+    assert np.linalg.norm(parts.multipliers, axis=1).sum() == pytest.approx(1.0, abs=1e-9)
+    basis = problem.jacobian(parts.state) @ first.information.basis()
+    assert np.abs(basis.T @ parts.multipliers.ravel()).max() < 1e-9 * np.abs(basis).max()

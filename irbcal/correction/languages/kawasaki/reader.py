@@ -13,12 +13,13 @@ from pathlib import Path
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.course import Course, State
-from irbcal.correction.languages.kawasaki.sections import Line, Sections, Tokens, keyed, numbers, read, split
+from irbcal.correction.languages.kawasaki.sections import Line, Sections, keyed, read, split
 from irbcal.correction.languages.kawasaki.writing import KAWASAKI, NO_WHERE, AsProgram, ends
 from irbcal.correction.listing import Listing, mark_in
 from irbcal.correction.maker_program import Found, frame, parts_of
 from irbcal.correction.program import Given, Note, read_bytes
 from irbcal.correction.text_program import Role
+from irbcal.correction.tokens import Tokens, numbers
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -29,6 +30,7 @@ BLOCKS = ("joint", "linear", "linear2", "cir1", "cir2")
 RELATIVE = ("jappro", "lappro", "jdepart", "ldepart", "draw", "tdraw", "drive", "align", "home", "home2")
 POSTURES = ("lefty", "righty", "above", "below", "uwrist", "dwrist")
 NULL = "null"
+LISTS = ("()", "[]")
 _BEGIN = re.compile(
     rb"(?:\A(?:\xef\xbb\xbf)?|[\r\n])\.(?:PROGRAM[ \t]|(?:TRANS|JOINTS)[ \t]*(?:[\r\n]|\Z))", re.IGNORECASE
 )
@@ -186,7 +188,7 @@ class _Reader:
             return [self.sections.locations[key] for key in keys], "" if keys else "it is not in these files"
         head = tokens[0].word if tokens else ""
         joint = head in ("#ppoint", "#")
-        values = numbers(tokens[1:]) if joint or head == "trans" else None
+        values = numbers(tokens[1:], LISTS) if joint or head == "trans" else None
         if values is None or len(values) < 6 or (len(values) > 6 and not joint):
             return [], "its target is computed"
         found = Found(name, "joint" if joint else "pose", tokens[0].start, values[:6])
@@ -212,7 +214,7 @@ class _Reader:
         """``TOOL`` and ``BASE``."""
         set_to = self.course.tool if word == "tool" else self.course.frame
         line = self.listing.line(at)
-        values = numbers(rest[1:]) if rest and rest[0].word == "trans" else None
+        values = numbers(rest[1:], LISTS) if rest and rest[0].word == "trans" else None
         if values is not None and len(values) == 6:
             name = f"of line {line}"
             self._literal_frames[name] = frame(KAWASAKI, [value.value for value in values])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from irbcal.correction.listing import Listing, Number
 from irbcal.correction.maker_program import Found
+from irbcal.correction.tokens import Token, Tokens
 
 _LINE = re.compile(r"[^\r\n]+")
 _SECTION = re.compile(
@@ -25,18 +25,6 @@ _TOKEN = re.compile(
     |(?P<symbol>.)""",
     re.VERBOSE,
 )
-
-
-class Token(NamedTuple):
-    """A word of a program; names in lower case."""
-
-    kind: str
-    word: str
-    start: int
-    end: int
-
-
-Tokens = Sequence[Token]
 
 
 class Line(NamedTuple):
@@ -137,29 +125,6 @@ def _location(out: Sections, text: str, start: int, section: str) -> None:
 def keyed(name: str, index: str | None) -> str:
     """Name and index of a location as they are looked up."""
     return name.lower() if index is None else f"{name.lower()}[{''.join(index.split())}]"
-
-
-def numbers(tokens: Tokens) -> list[Number] | None:
-    """Numbers of a list in brackets with commas between them; None where there is anything else."""
-    if len(tokens) < 3 or tokens[0].word + tokens[-1].word not in ("()", "[]"):
-        return None
-    out: list[Number] = []
-    k = 1
-    while k < len(tokens) - 1:
-        start, sign = tokens[k].start, 1.0
-        if tokens[k].word in ("-", "+"):
-            sign = -1.0 if tokens[k].word == "-" else 1.0
-            k += 1
-        if tokens[k].kind != "number":
-            return None
-        out.append(Number(sign * float(tokens[k].word), start, tokens[k].end))
-        k += 1
-        if k == len(tokens) - 1:
-            return out
-        if tokens[k].word != ",":
-            return None
-        k += 1
-    return None
 
 
 def split(tokens: Tokens) -> list[Tokens]:

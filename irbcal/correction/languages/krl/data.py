@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeAlias
 
-from irbcal.correction.languages.krl.tokens import END, Line, Token
+from irbcal.correction.languages.krl.tokens import END, Line
 from irbcal.correction.languages.krl.writing import integer, posture_of
 from irbcal.correction.listing import Listing, Number
 from irbcal.correction.maker_program import Found
+from irbcal.correction.tokens import Token
 
 TYPES = ("pos", "e6pos", "axis", "e6axis", "frame", "fdat")
 POSE, JOINTS = ("x", "y", "z", "a", "b", "c"), ("a1", "a2", "a3", "a4", "a5", "a6")

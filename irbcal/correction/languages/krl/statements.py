@@ -7,11 +7,12 @@ from itertools import pairwise
 from irbcal.arrays import FloatArray
 from irbcal.correction.course import Course, State
 from irbcal.correction.languages.krl.data import POSE, Data, Variable, aggregate, target
-from irbcal.correction.languages.krl.tokens import END, Line, Token, names_in
+from irbcal.correction.languages.krl.tokens import END, Line, names_in
 from irbcal.correction.languages.krl.writing import KUKA
 from irbcal.correction.listing import Listing
 from irbcal.correction.maker_program import Found, frame
 from irbcal.correction.text_program import Role
+from irbcal.correction.tokens import Token
 
 MOVES = {name.lower(): name for name in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL")}
 RELATIVE = {name.lower(): name for name in ("PTP_REL", "LIN_REL", "CIRC_REL", "SPTP_REL", "SLIN_REL", "SCIRC_REL")}

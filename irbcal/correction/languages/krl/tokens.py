@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from irbcal.correction.listing import BOM, Listing, Number
+from irbcal.correction.tokens import Token
 
 TOKEN = re.compile(
     r"""(?P<space>[ \t\f\v]+)
@@ -20,15 +20,6 @@ TOKEN = re.compile(
     |(?P<other>.)""",
     re.VERBOSE | re.DOTALL,
 )
-
-
-class Token(NamedTuple):
-    """A word of the program; names in lower case."""
-
-    kind: str
-    word: str
-    start: int
-    end: int
 
 
 END = Token("end", "", 0, 0)

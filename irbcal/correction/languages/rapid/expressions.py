@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from irbcal.correction.languages.rapid.parts import Index, Mention, Node, Scope
-from irbcal.correction.languages.rapid.tokens import OPERATORS, RESERVED, STRUCTURE, Scanner, Token
+from irbcal.correction.languages.rapid.tokens import OPERATORS, RESERVED, STRUCTURE, Scanner
+from irbcal.correction.tokens import Token
 
 CLOSING = {"(": ")", "{": "}"}
 DEEPEST = 12  # lists in lists

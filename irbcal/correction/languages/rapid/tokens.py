@@ -6,8 +6,8 @@ import bisect
 import re
 from functools import partial
 from itertools import islice
-from typing import NamedTuple
 
+from irbcal.correction.tokens import Token
 from irbcal.errors import ProgramError
 
 _WORDS = (
@@ -31,15 +31,6 @@ TOKEN = re.compile(
     |(?P<other>[^ \t\r\n\f\v]))""",
     re.VERBOSE,
 )
-
-
-class Token(NamedTuple):
-    """A word of the program; names in lower case."""
-
-    kind: str
-    word: str
-    start: int
-    end: int
 
 
 def decode(data: bytes, source: str) -> tuple[str, str]:

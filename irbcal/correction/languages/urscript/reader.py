@@ -14,12 +14,13 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.course import Course, State
-from irbcal.correction.languages.urscript.tokens import Token, Tokens, arguments, numbers, statements
+from irbcal.correction.languages.urscript.tokens import arguments, statements
 from irbcal.correction.languages.urscript.writing import UNIVERSAL_ROBOTS, ScriptProgram
 from irbcal.correction.listing import BOM, Listing, mark_in
 from irbcal.correction.maker_program import Found, frame, parts_of
 from irbcal.correction.program import Given, Note, read_bytes
 from irbcal.correction.text_program import Role
+from irbcal.correction.tokens import Token, Tokens, numbers
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import NamedTuple
 
-from irbcal.correction.listing import BOM, Listing, Number
+from irbcal.correction.listing import BOM, Listing
+from irbcal.correction.tokens import Token, Tokens
 
 TOKEN = re.compile(
     r"""(?P<space>[ \t\f\v]+)
@@ -21,18 +20,6 @@ TOKEN = re.compile(
     re.VERBOSE | re.DOTALL,
 )
 _MOST = 10_000  # tokens of a statement
-
-
-class Token(NamedTuple):
-    """A word of the program."""
-
-    kind: str
-    word: str
-    start: int
-    end: int
-
-
-Tokens = Sequence[Token]
 
 
 def statements(listing: Listing) -> tuple[list[list[Token]], list[str]]:
@@ -68,28 +55,6 @@ def statements(listing: Listing) -> tuple[list[list[Token]], list[str]]:
             raise listing.error(tokens[0].start, "the brackets of this statement are not closed")
         out.append(tokens)
     return out, comments
-
-
-def numbers(tokens: Tokens) -> list[Number] | None:
-    """Numbers of a whole list ``[a, b, …]``; None where it is none, or not all of plain numbers."""
-    if len(tokens) < 3 or tokens[0].word != "[" or tokens[-1].word != "]":
-        return None
-    out: list[Number] = []
-    k = 1
-    while k < len(tokens) - 1:
-        start, sign = tokens[k].start, 1.0
-        if tokens[k].word in ("-", "+"):
-            sign = -1.0 if tokens[k].word == "-" else 1.0
-            k += 1
-        if tokens[k].kind != "number":
-            return None
-        out.append(Number(sign * float(tokens[k].word), start, tokens[k].end))
-        k += 1
-        if tokens[k].word == "," and k < len(tokens) - 2:
-            k += 1
-        elif k != len(tokens) - 1:
-            return None
-    return out
 
 
 def arguments(tokens: Tokens) -> list[tuple[str, Tokens]]:

@@ -2,8 +2,9 @@
 
 import pytest
 
-from irbcal.correction.languages.urscript.tokens import arguments, numbers, statements
+from irbcal.correction.languages.urscript.tokens import arguments, statements
 from irbcal.correction.listing import Listing
+from irbcal.correction.tokens import numbers
 from irbcal.errors import ProgramError
 
 
