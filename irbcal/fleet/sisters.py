@@ -1,16 +1,14 @@
-"""Robots of one type beside each other: which stand out, and what to expect of the next one."""
+"""Robots of one type beside each other: which stand out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
-from irbcal.errors import CalibrationError
-from irbcal.fleet.store import Estimate, Store, Stored, opened
+from irbcal.arrays import FloatArray
+from irbcal.fleet.store import Store, Stored
 from irbcal.fleet.words import amount, called
 
 FEWEST = 5
@@ -19,10 +17,6 @@ STANDS_OUT = 5.0
 """Standard deviations (of sisters and of the identification) from the middle of the sisters."""
 MOST = 3
 """Parameters of a robot that are told of."""
-ROUNDS = 60
-"""Of the iteration to the mean and scatter of a type."""
-LEAST = 1e-3
-"""Smallest scatter of a type, in what was expected before."""
 
 
 @dataclass(frozen=True)
@@ -103,117 +97,3 @@ def _middle(values: FloatArray) -> tuple[float, float]:
     """Median, and standard deviation from the median of distances from it."""
     middle = float(np.median(values))
     return middle, 1.4826 * float(np.median(np.abs(values - middle)))
-
-
-@dataclass(frozen=True, eq=False)
-class TypePrior:
-    """What is known of a robot's parameters from its calibrated sisters.
-
-    Attributes
-    ----------
-    type : str
-    sisters : int
-    names : tuple of str
-    mean, std : ndarray, shape (k,)
-        SI units.
-    """
-
-    type: str
-    sisters: int
-    names: tuple[str, ...]
-    mean: FloatArray
-    std: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-    def of(self) -> dict[str, tuple[float, float]]:
-        """Name -> mean and standard deviation."""
-        return {n: (float(m), float(s)) for n, m, s in zip(self.names, self.mean, self.std, strict=True)}
-
-
-def prior_of(sisters: Sequence[Stored]) -> TypePrior:
-    """Mean and scatter of a type's parameters by empirical Bayes.
-
-    What each calibration's data alone say (its posterior without its own prior) is the observation; mean and scatter
-    of the type are iterated (EM) to what makes the observations most probable.
-
-    Parameters
-    ----------
-    sisters : sequence of Stored
-        One calibration by model ``auto`` of each robot.
-
-    Raises
-    ------
-    CalibrationError
-        If there are fewer than `FEWEST`.
-    """
-    sisters = [one for one in sisters if np.isfinite(one.fit.prior).all()]
-    if len(sisters) < FEWEST:
-        raise CalibrationError(
-            f"{len(sisters)} sisters calibrated by model auto are too few to say what is usual: {FEWEST} are needed"
-        )
-    count: dict[str, int] = {}
-    for one in sisters:
-        for name in one.fit.names:
-            count[name] = count.get(name, 0) + 1
-    names = tuple(name for name, n in count.items() if 2 * n >= len(sisters))
-    place = {name: k for k, name in enumerate(names)}
-    data = [_data_of(one.fit, place) for one in sisters]
-    first = np.array(
-        [np.mean([one.fit.prior[one.fit.place[name]] for one in sisters if name in one.fit.place]) for name in names]
-    )
-    mean, variance = np.zeros(len(names)), first**2
-    for _ in range(ROUNDS):
-        means, squares = np.zeros(len(names)), np.zeros(len(names))
-        posterior = []
-        for rows, precision, right in data:
-            inverse = np.linalg.inv(precision + np.diag(1.0 / variance[rows]))
-            c, v = mean.copy(), variance.copy()
-            c[rows] = inverse @ (right + mean[rows] / variance[rows])
-            v[rows] = np.diagonal(inverse)
-            means += c
-            posterior.append((c, v))
-        means /= len(data)
-        for c, v in posterior:
-            squares += (c - means) ** 2 + v
-        mean, variance = means, np.maximum(squares / len(data), (LEAST * first) ** 2)
-    return TypePrior(sisters[0].robot["type"], len(sisters), names, mean, np.sqrt(variance))
-
-
-def _data_of(one: Estimate, place: dict[str, int]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What the data alone say of the parameters of a type: their places, precision and precision times value."""
-    mine = np.array([k for k, name in enumerate(one.names) if name in place], dtype=int)
-    rows = np.array([place[one.names[k]] for k in mine], dtype=int)
-    size = one.prior[mine]
-    C = one.covariance[np.ix_(mine, mine)] / np.outer(size, size)
-    whole = np.linalg.inv(C + 1e-9 * np.eye(len(mine)))
-    values, vectors = np.linalg.eigh(whole - np.eye(len(mine)))
-    precision = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    right = whole @ (one.values[mine] / size)
-    return rows, precision / np.outer(size, size), right / size
-
-
-def prior_from(store: str | Path, type: str, without: str | None = None) -> TypePrior:
-    """The prior of a type from a store.
-
-    Parameters
-    ----------
-    store : str or Path
-    type : str
-        Name of the nominal robot.
-    without : str, optional
-        Id of the robot that it is for: its own earlier calibrations say nothing of its sisters.
-
-    Raises
-    ------
-    CalibrationError
-        If the store has too few robots of the type.
-    """
-    with opened(store) as held:
-        return prior_of(_sisters(held, type, without))
-
-
-def _sisters(store: Store, type: str, without: str | None) -> list[Stored]:
-    found = [one for one in store.calibrations(type=type) if one.calibration["model"] == "auto"]
-    return [one for one in latest(found) if one.robot["id"] != without]

@@ -354,7 +354,7 @@ def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
         )
     for name in LENGTHS:
         if name in cells.columns:
-            columns.numbers(cells, name, source, "a length in mm or nothing", lost=True)
+            _within(cells, name, columns.numbers(cells, name, source, "a length in mm or nothing", lost=True), source)
     return [
         {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
         for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
@@ -454,9 +454,18 @@ def _number(cells: pd.DataFrame, units: Mapping[str, float], source: str) -> Flo
     out = np.full(len(cells), np.nan)
     for name, unit in units.items():
         if name in cells.columns:
-            values = columns.numbers(cells, name, source, "a number or nothing", lost=True) * unit
+            values = columns.numbers(cells, name, source, "a number or nothing", lost=True)
+            _within(cells, name, values, source)
+            values = values * unit
             out = np.where(np.isfinite(out), out, values)
     return out
+
+
+def _within(cells: pd.DataFrame, name: str, values: FloatArray, source: str) -> None:
+    """Refuse a number in a column that no robot cell holds."""
+    most = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG
+    table = pd.DataFrame({"row": cells.index, name: values})
+    columns.refuse_outside(table, [(name, -most, most, f"a number within ±{most:g}")], source)
 
 
 def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, bool]:
@@ -469,7 +478,9 @@ def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, boo
             name = next((name for name in units if name in cells.columns), None)
             if name is None:
                 break
-            q.append(columns.numbers(cells, name, source, f"joint {k}") * units[name])
+            values = columns.numbers(cells, name, source, f"joint {k}")
+            _within(cells, name, values, source)
+            q.append(values * units[name])
         else:
             return arm.check_joints(arm.from_controller(np.column_stack(q))), letter == "c"
         if q:

@@ -1,11 +1,10 @@
-"""A robot unlike its sisters is named; what to expect of the next one comes from them."""
+"""A robot unlike its sisters is named."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from irbcal.errors import CalibrationError
 from irbcal.fleet import sisters
 from irbcal.fleet.store import Estimate
 
@@ -37,26 +36,11 @@ def many(stored):
                 level=estimate(seen, np.linalg.inv(precision), np.full(K, np.inf)),
             )
         )
-    return out, mean, scatter
-
-
-def test_mean_and_scatter_of_a_type_are_found(many):
-    robots, mean, scatter = many
-    found = sisters.prior_of(robots)
-    assert found.sisters == 40
-    np.testing.assert_allclose(found.mean, mean, atol=6e-5)
-    np.testing.assert_allclose(found.std, scatter, rtol=0.4)
-
-
-def test_too_few_sisters_are_refused(many):
-    with pytest.raises(
-        CalibrationError, match="4 sisters calibrated by model auto are too few to say what is usual: 5"
-    ):
-        sisters.prior_of(many[0][:4])
+    return out
 
 
 def test_a_robot_unlike_its_sisters_is_named(many):
-    robots, _, _ = many
+    robots = many
     assert sisters.standing_out(robots) == []
     values = np.array(robots[7].level.values)
     values[1] += 3e-3
