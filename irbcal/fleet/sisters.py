@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.fleet.store import Store, Stored
+from irbcal.fleet.store import Stored
 from irbcal.fleet.words import amount, called
 
 FEWEST = 5

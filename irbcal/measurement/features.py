@@ -354,7 +354,7 @@ def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
         )
     for name in LENGTHS:
         if name in cells.columns:
-            _within(cells, name, columns.numbers(cells, name, source, "a length in mm or nothing", lost=True), source)
+            _numbers(cells, name, source, "a length in mm or nothing", lost=True)
     return [
         {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
         for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
@@ -454,18 +454,18 @@ def _number(cells: pd.DataFrame, units: Mapping[str, float], source: str) -> Flo
     out = np.full(len(cells), np.nan)
     for name, unit in units.items():
         if name in cells.columns:
-            values = columns.numbers(cells, name, source, "a number or nothing", lost=True)
-            _within(cells, name, values, source)
-            values = values * unit
+            values = _numbers(cells, name, source, "a number or nothing", lost=True) * unit
             out = np.where(np.isfinite(out), out, values)
     return out
 
 
-def _within(cells: pd.DataFrame, name: str, values: FloatArray, source: str) -> None:
-    """Refuse a number in a column that no robot cell holds."""
+def _numbers(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bool = False) -> FloatArray:
+    """A column as numbers that a robot cell can hold."""
+    values = columns.numbers(cells, name, source, expected, lost)
     most = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG
-    table = pd.DataFrame({"row": cells.index, name: values})
-    columns.refuse_outside(table, [(name, -most, most, f"a number within ±{most:g}")], source)
+    bounds = (name, -most, most, f"a number within ±{most:g}")
+    columns.refuse_outside(pd.DataFrame({"row": cells.index, name: values}), [bounds], source)
+    return values
 
 
 def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, bool]:
@@ -478,9 +478,7 @@ def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, boo
             name = next((name for name in units if name in cells.columns), None)
             if name is None:
                 break
-            values = columns.numbers(cells, name, source, f"joint {k}")
-            _within(cells, name, values, source)
-            q.append(values * units[name])
+            q.append(_numbers(cells, name, source, f"joint {k}") * units[name])
         else:
             return arm.check_joints(arm.from_controller(np.column_stack(q))), letter == "c"
         if q:
