@@ -120,6 +120,8 @@ class FeatureSet(Speaks):
         Of the arm, in the order of its joints.
     source, sha256 : str
     simulated, programmed : bool
+    named : str
+        How columns name the feature of a row, as ``{place}/{socket}``; empty where the column ``feature`` does.
     """
 
     q: FloatArray
@@ -141,6 +143,7 @@ class FeatureSet(Speaks):
     sha256: str
     simulated: bool = False
     programmed: bool = False
+    named: str = ""
 
     def __post_init__(self) -> None:
         lock(self)
@@ -321,6 +324,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         sha256,
         simulated,
         programmed,
+        "" if "feature" in cells.columns else _pattern(given),
     )
 
 
@@ -384,13 +388,23 @@ def _filled(pattern: str, cells: pd.DataFrame, one: Mapping[str, str], source: s
     return out
 
 
+def _pattern(given: list[dict[str, str]]) -> str:
+    """The one name made of columns among the features; empty where there is none, or several."""
+    patterns = [one["feature"] for one in given if _BRACES.search(one["feature"]) and one["kind"] != DISTANCE]
+    return patterns[0] if len(patterns) == 1 else ""
+
+
+def columns_of(pattern: str) -> list[str]:
+    """Columns that a name is made of."""
+    return _BRACES.findall(pattern)
+
+
 def _names(cells: pd.DataFrame, given: list[dict[str, str]], source: str) -> NameArray:
     """Feature of each row."""
     if "feature" in cells.columns:
         return _text(cells, "feature", len(cells))
-    patterns = [one for one in given if _BRACES.search(one["feature"]) and one["kind"] != DISTANCE]
-    if len(patterns) == 1:
-        return _filled(patterns[0]["feature"], cells, patterns[0], source)
+    if pattern := _pattern(given):
+        return _filled(pattern, cells, next(one for one in given if one["feature"] == pattern), source)
     if not given and all(name in cells.columns for name in columns.POSITION):
         return np.full(len(cells), "", dtype=object)
     raise MeasurementError(
