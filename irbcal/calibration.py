@@ -78,7 +78,7 @@ class Calibration(Speaks):
 
     @property
     def record(self) -> Record:
-        """Content of ``calibration.json``; checked against Pinocchio when it is first asked for."""
+        """Content of ``calibration.json``; checked against Pinocchio and yourdfpy when it is first asked for."""
         return self._built[0]
 
     @property
@@ -407,7 +407,7 @@ def save(
     Raises
     ------
     CalibrationError
-        If the folder cannot be written, or Pinocchio disagrees with the URDF.
+        If the folder cannot be written, or Pinocchio or yourdfpy disagrees with the URDF.
     RobotError
         If a mesh file whose path is asked for is not found.
     """

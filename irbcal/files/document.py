@@ -319,7 +319,7 @@ def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
 
 def software() -> dict[str, str]:
     """Versions of what a result depends on."""
-    packages = {name: version(name) for name in ("numpy", "scipy", "pandas", "pin")}
+    packages = {name: version(name) for name in ("numpy", "scipy", "pandas", "pin", "yourdfpy")}
     return {"python": platform.python_version(), "irbcal": __version__, **packages}
 
 

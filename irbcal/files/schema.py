@@ -214,7 +214,7 @@ class DataFile(Section):
 
 
 class Check(Section):
-    """Largest disagreement with Pinocchio on the written URDF; earlier versions asked yourdfpy, too."""
+    """Largest disagreement with Pinocchio and yourdfpy on the written URDF."""
 
     position_m: float
     rotation_rad: float

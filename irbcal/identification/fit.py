@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -23,8 +24,10 @@ from irbcal.options import checked
 MIN_POSES = 3
 """Poses without which not even base and tool are looked for."""
 
-SPREAD = 1e-5
-"""Ratio of singular values below which the closed form leaves the start open."""
+SPREAD, CLEAR = 1e-5, 1e-3
+"""Ratios of singular values below which the closed form leaves the start open, and above which it is believed."""
+NEAR = 0.02
+"""In between it is believed where the nominal robot then fits to so much of how far the points lie apart."""
 
 
 def identify(
@@ -132,7 +135,7 @@ def first_state(problem: Problem) -> State:
         return _first_of_sessions(problem)
     state, spread = start.closed_form(problem)
     turned = start.hand_eye(problem)
-    if spread > SPREAD:
+    if spread > CLEAR:
         if turned is None:
             return state
         return min((state, turned), key=lambda one: float(np.sum(problem.residuals(one) ** 2)))
@@ -141,7 +144,12 @@ def first_state(problem: Problem) -> State:
     best: least_squares.Solution | None = None
     failure = IdentificationError("no start was found")
     shown = start.hand_eye(nominal)
-    for candidate in [first, *([] if shown is None else [shown]), *start.turned_starts(nominal, first)]:
+    apart = float(((problem.points.xyz - problem.points.xyz.mean(axis=0)) ** 2).sum())
+    own = [first] if shown is None else [first, shown]
+    turns = start.turned_starts(nominal, first, fitted=spread > SPREAD)
+    for number, candidate in enumerate(itertools.chain(own, turns)):
+        if number == len(own) and spread > SPREAD and best is not None and best.rss < NEAR**2 * apart:
+            break
         try:
             solution = least_squares.solve(nominal, candidate)
         except IdentificationError as error:

@@ -8,6 +8,8 @@ the least-squares ``W`` starts the fit.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from irbcal.arrays import FloatArray
@@ -74,19 +76,34 @@ def closed_form(problem: Problem) -> tuple[State, float]:
     keep = eigenvalues > 1e-12 * eigenvalues[-1]
     solution = V[:, keep] @ ((V[:, keep].T @ (M.T @ right.ravel())) / eigenvalues[keep])
     W = frames.nearest_rotation(solution[:9].reshape(3, 3) / size)
-    # with the rotation fixed, translation and targets again by least squares
-    left = M[:, 9:]
-    normal = left.T @ left
-    right_side = left.T @ (right - W @ (y - center)).ravel()
-    rest = np.linalg.lstsq(normal, right_side, rcond=1e-12)[0]
+    return placed(problem, W), float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
+
+
+def placed(problem: Problem, W: FloatArray) -> State:
+    """Base and targets by least squares where the inverse base rotation ``W`` is known."""
+    points, free, tip = problem.points, problem.free, nominal_tip(problem)
+    y = points.xyz.T
+    center = y.mean(axis=1, keepdims=True)
+    m, unknowns = len(points), 3 + 3 * len(free)
+    targets = np.zeros((len(points.target_names), 3))
+    for k, name in enumerate(points.target_names):
+        targets[k] = problem.known.get(name, targets[k])
+    right = tip[3] + np.einsum("kcm,mk->cm", tip[:3], targets[points.target]) - W @ (y - center)
+    rows = np.zeros((3, m, unknowns))
+    for k in range(3):
+        rows[k, :, k] = 1.0
+        for slot, t in enumerate(free):
+            mine = points.target == t
+            rows[k, mine, 3 + 3 * slot : 6 + 3 * slot] = -tip[:3, k, mine].T
+    left = rows.reshape(3 * m, unknowns)
+    rest = np.linalg.lstsq(left.T @ left, left.T @ right.ravel(), rcond=1e-12)[0]
     targets[free] = rest[3:].reshape(-1, 3)
-    state = State(
+    return State(
         frames.inverse(frames.transform(W, rest[:3] - W @ center[:, 0])),
         targets,
         np.zeros(len(problem.parameters)),
         _target_rotations(problem, tip, W),
     )
-    return state, float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
 
 
 def hand_eye(problem: Problem) -> State | None:
@@ -158,17 +175,26 @@ def _target_rotations(problem: Problem, tip: FloatArray, W: FloatArray) -> Float
     return rotations
 
 
-def turned_starts(problem: Problem, state: State) -> list[State]:
-    """Starts for every one of the 24 turns of a cube, for data on which `closed_form` is not determined."""
+def turned_starts(problem: Problem, state: State, *, fitted: bool = False) -> Iterator[State]:
+    """Starts for every one of the 24 turns of a cube, for data on which `closed_form` is not determined.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+        Of the closed form.
+    fitted : bool
+        Base and targets as in `placed`; else targets at the tip, the middles of tips and points in one place.
+    """
     tip = nominal_tip(problem)
     middle_base, middle_world = tip[3].mean(axis=1), problem.points.xyz.mean(axis=0)
-    states = []
     for permutation in ((0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (2, 1, 0), (1, 0, 2)):
         for signs in range(8):
             R = np.zeros((3, 3))
             R[range(3), permutation] = [1.0 if signs >> k & 1 else -1.0 for k in range(3)]
-            if np.linalg.det(R) > 0:
+            if np.linalg.det(R) > 0 and fitted:
+                yield placed(problem, R.T)
+            elif np.linalg.det(R) > 0:
                 T = frames.transform(R, middle_world - R @ middle_base)
                 targets = np.where(np.isin(range(len(state.targets)), problem.free)[:, None], 0.0, state.targets)
-                states.append(State(T, targets, state.errors, _target_rotations(problem, tip, R.T)))
-    return states
+                yield State(T, targets, state.errors, _target_rotations(problem, tip, R.T))

@@ -168,6 +168,7 @@ def _child(words: list[str], folder: Path, logs: tuple[Path, Path]) -> None:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         sys.stdout = io.TextIOWrapper(os.fdopen(1, "wb", closefd=False), encoding="utf-8", errors="surrogateescape")
         sys.stderr = io.TextIOWrapper(os.fdopen(2, "wb", closefd=False), encoding="utf-8", errors="backslashreplace")
+        sys.stdin = io.TextIOWrapper(os.fdopen(0, "rb", closefd=False), encoding="utf-8", errors="surrogateescape")
         os.environ.update(COLUMNS="200", NO_COLOR="1")
         code = _command(words)
     except BaseException:
