@@ -106,7 +106,7 @@ def record(scene: Scene) -> Recorder:
         if solid:
             _add(view, "/irbcal/features/solid", _painted(solid))
         if glass:
-            _add(view, "/irbcal/features/glass", _painted(glass), transparent=True, opacity=0.4)
+            _add(view, "/irbcal/features/glass", _painted(glass), transparent=True, opacity=0.35)
     if scene.path is not None:
         line = g.PointsGeometry(scene.path.T.astype(np.float32))
         colour = int(sum(int(255 * v) << s for v, s in zip(PATH, (16, 8, 0), strict=True)))

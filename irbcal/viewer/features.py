@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from string import Formatter
 from typing import Any
 
 import numpy as np
@@ -91,7 +92,9 @@ def shown(section: FeaturesSection, reach: float) -> tuple[ShownFeature, ...]:
         if row.kind == "sphere":
             size = abs((row.found | row.known)["radius"][0]) * MM
         elif row.kind in ("plane", "gauge", "line"):
-            size = max(1.5 * row.spread_mm * MM, 0.05 * reach)
+            size = float(
+                np.clip(1.5 * row.spread_mm * MM, 0.05 * reach, (0.25 if row.kind == "plane" else 0.5) * reach)
+            )
         out.append(ShownFeature(row.name, row.kind, f"{row.name} · {WORDS[row.kind]}", T, size))
     centres = {one.name: one.T_scene[:3, 3] for one in out}
     for length in section.lengths:
@@ -153,7 +156,7 @@ def bodies(features: tuple[ShownFeature, ...], reach: float) -> tuple[list[Any],
         elif one.kind == "plane":
             patch = shapes.box([2 * size, 2 * size, 0.6 * thin])
             glass.append((patch @ T[:3, :3].T + T[:3, 3], FLAT))
-            solid.append((shapes.rod(T[:3, 3], T[:3, 3] + 0.4 * size * T[:3, 2], 0.6 * thin), FLAT))
+            solid.append((shapes.rod(T[:3, 3], T[:3, 3] + 0.2 * size * T[:3, 2], 0.6 * thin), FLAT))
         elif one.kind == "gauge":
             parts.append((shapes.rod(T[:3, 3] - T[:3, 2] * size, T[:3, 3], thin), SOCKET))
         else:
@@ -195,8 +198,8 @@ def are_rows(record: Record, header: list[str]) -> bool:
     """Whether columns are those of rows at features of a calibration: they name one, by themselves or together."""
     if record.features is None:
         return False
-    named = feature_files.columns_of(record.features.named)
-    return "feature" in header or (bool(named) and set(named) <= set(header))
+    named = {column for _, column, *_ in Formatter().parse(record.features.named) if column}
+    return "feature" in header or (bool(named) and named <= set(header))
 
 
 def at_rows(record: Record, table: Any) -> AtFeatures:
