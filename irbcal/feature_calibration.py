@@ -186,6 +186,7 @@ def _section(fit: FeaturedFit, proof: FeatureProof | None, before: float, left: 
             )
             for one, error in zip(seen.lengths, fitted, strict=True)
         ],
+        named=seen.named,
     )
 
 
@@ -198,6 +199,14 @@ def as_groups(seen: FeatureSet) -> dict[str, str]:
 def _feature_rows(found: FeatureFit, places: dict[str, str]) -> list[FeatureRow]:
     problem, seen = found.problem, found.problem.seen
     misses = [problem.residuals(state) for state in (found.nominal, found.state)]
+    tool = np.zeros((len(seen), 3))
+    known: dict[str, dict[str, list[float]]] = {}
+    for one in problem.misses(found.state):
+        tool[one.group.rows] = one.seen.p
+        unknown, given = one.group.keys(), known.setdefault(one.group.feature.name, {})
+        for what, held in one.own.items():
+            if what not in unknown:
+                given[what] = (np.ravel(held) / MM).tolist()
     out = []
     for name, feature in seen.features.items():
         mine = seen.feature == name
@@ -228,6 +237,9 @@ def _feature_rows(found: FeatureFit, places: dict[str, str]) -> list[FeatureRow]
                 nominal_rms_mm=nominal,
                 found=values,
                 std=std,
+                known=known[name],
+                middle_mm=(tool[mine].mean(axis=0) / MM).tolist(),
+                spread_mm=float(np.sqrt(tool[mine].var(axis=0).sum())) / MM,
             )
         )
     return out

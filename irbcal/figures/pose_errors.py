@@ -6,7 +6,7 @@ A model has one colour in all of them. Names from the data stand in texts and ti
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -36,6 +36,9 @@ QUANTILES = 200
 """Ordered errors that a normal quantile plot shows at most, the largest `TAIL` always."""
 
 TAIL = 20
+
+POSITION, FROM_FEATURE = "position error", "distance from feature"
+"""What errors are: of a tracker's points, or of rows at features."""
 
 
 class DistanceStatistics(Protocol):
@@ -101,6 +104,8 @@ class PoseErrors:
         ``nominal`` and, but for the level of that name, ``calibrated``.
     place : ndarray, shape (m, 3), or None
         Measured place of each point in the base link, metres.
+    what : str
+        What the errors are: ``position error``, or ``distance from feature``.
     """
 
     name: str
@@ -110,12 +115,28 @@ class PoseErrors:
     target: tuple[str, ...]
     models: Mapping[str, ModelErrors]
     place: FloatArray | None
+    what: str = field(default=POSITION, kw_only=True)
 
     def __post_init__(self) -> None:
         lock(self)
 
     def __repr__(self) -> str:
         return f"<PoseErrors: {len(self.pose_names)} {self.name} poses, {len(self.pose)} points, {dict(self.models)!r}>"
+
+    @property
+    def plural(self) -> str:
+        """What the errors are, of several."""
+        return "distances from features" if self.what == FROM_FEATURE else f"{self.what}s"
+
+    @property
+    def axis(self) -> str:
+        """What stands at a short axis."""
+        return "error (mm)" if self.what == POSITION else "distance (mm)"
+
+    @property
+    def each(self) -> str:
+        """What has one error each."""
+        return "points" if self.what == POSITION else "rows"
 
     @property
     def proves(self) -> bool:
@@ -165,12 +186,12 @@ def _file(poses: PoseErrors) -> str:
 def before_and_after(poses: PoseErrors) -> Figure:
     """Mean, its interval and the largest error of both models, one above the other."""
     largest = up_to(max(model.statistics.max_mm for model in poses.models.values()))
-    caption = f"Position errors on the {poses.name} poses: bar to the mean, line to the largest"
+    caption = f"{poses.plural.capitalize()} on the {poses.name} poses: bar to the mean, line to the largest"
     bounded = any(model.intervals for model in poses.models.values())
     if bounded:
         caption += ", bracket: 95 % interval of the mean"
     drawing = Drawing(caption, 50.0 + 52.0 * len(poses.models))
-    panel = Panel(drawing, (0, largest), (0, len(poses.models)), "position error (mm)", "", plain=True)
+    panel = Panel(drawing, (0, largest), (0, len(poses.models)), f"{poses.what} (mm)", "", plain=True)
     for k, (name, model) in enumerate(reversed(list(poses.models.items()))):
         s, y = model.statistics, k + 0.36
         said = f"{name}: mean {fixed(s.mean_mm, 3)} mm, largest {fixed(s.max_mm, 3)} mm"
@@ -209,7 +230,7 @@ def _mark_size(n: int) -> float:
 
 def errors_by_pose(poses: PoseErrors, tolerance_mm: float | None = None) -> Figure:
     """A panel for each model, one above the other, so that neither hides the other; a tolerance as a dashed line."""
-    caption = f"Position error of each {poses.name} pose (mean of its points) in order of measurement"
+    caption = f"{poses.what.capitalize()} of each {poses.name} pose (mean of its points) in order of measurement"
     legend = _models_legend(poses)
     if tolerance_mm is not None:
         caption += "; dashed: the tolerance"
@@ -228,7 +249,7 @@ def _by_pose(poses: PoseErrors, caption: str, tolerance_mm: float | None) -> Dra
         last = k == len(poses.models) - 1
         place: dict[str, Any] = {"top": 106.0 * k, "bottom": drawing.height if last else 106.0 * k + 106.0}
         label = "pose, in order of measurement" if last else ""
-        panel = Panel(drawing, ends, (0, top), label, "error (mm)", whole_x=True, **place)
+        panel = Panel(drawing, ends, (0, top), label, poses.axis, whole_x=True, **place)
         y = model.per_pose / MM
         texts = [f"pose {pose}: {name} {error:.3f} mm" for pose, error in zip(poses.pose_names, y, strict=True)]
         _dots(panel, x, y, name, texts, _titled(y), size=_mark_size(n), opacity=0.75)
@@ -265,8 +286,8 @@ def turns_by_pose(poses: PoseErrors) -> Figure:
 def distribution(poses: PoseErrors) -> Figure:
     """Histogram, and ordered errors against normal quantiles."""
     caption = (
-        f"Distribution of the position errors of the {poses.name} points: histogram (dashed: mean), and ordered errors "
-        "against quantiles of the normal distribution (line: normal with the same mean and sigma)"
+        f"Distribution of the {poses.plural} of the {poses.name} {poses.each}: histogram (dashed: mean), and ordered "
+        "errors against quantiles of the normal distribution (line: normal with the same mean and sigma)"
     )
     drawings = [_histogram(poses), _quantiles(poses)]
     return Figure(f"distribution_{_file(poses)}", caption, drawings, _models_legend(poses))
@@ -276,9 +297,9 @@ def _histogram(poses: PoseErrors) -> Drawing:
     largest = up_to(max(model.distance.max() for model in poses.models.values()) / MM)
     edges = np.linspace(0.0, largest, BINS + 1)
     counts = {name: np.histogram(model.distance / MM, edges)[0] for name, model in poses.models.items()}
-    drawing = Drawing(f"Histogram of the position errors of the {poses.name} points")
+    drawing = Drawing(f"Histogram of the {poses.plural} of the {poses.name} {poses.each}")
     top = up_to(HEADROOM * max(count.max() for count in counts.values()))
-    panel = Panel(drawing, (0, largest), (0, top), "position error (mm)", "points", whole_y=True)
+    panel = Panel(drawing, (0, largest), (0, top), f"{poses.what} (mm)", poses.each, whole_y=True)
     for name, count in counts.items():
         some = count > 0
         low = np.zeros(some.sum())
@@ -299,8 +320,8 @@ def _quantiles(poses: PoseErrors) -> Drawing:
     found = {name: normal_quantiles(model.distance) for name, model in poses.models.items()}
     top = up_to(HEADROOM * max(value.max() for _, value in found.values()) / MM)
     reach = max(1.0, 1.08 * max(np.abs(quantile).max() for quantile, _ in found.values()))
-    drawing = Drawing(f"Ordered position errors of the {poses.name} points against normal quantiles")
-    panel = Panel(drawing, (-reach, reach), (0, top), "normal quantile (σ)", "position error (mm)")
+    drawing = Drawing(f"Ordered {poses.plural} of the {poses.name} {poses.each} against normal quantiles")
+    panel = Panel(drawing, (-reach, reach), (0, top), "normal quantile (σ)", f"{poses.what} (mm)")
     for name, (quantile, value) in found.items():
         s = poses.models[name].statistics
         z = np.array([-reach, reach])

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pydantic import Field
+
 from irbcal.files.section import Section
 
 
 class FeatureRow(Section):
     """A feature: what was known and what was found of it.
 
-    ``found`` has its unknowns in the base link (mm, degrees); ``rms_mm`` is what its rows miss in the fit.
+    ``found`` has its unknowns in the base link (mm, degrees), ``known`` what was given of it, likewise; ``rms_mm`` is
+    what its rows miss in the fit. At its rows the tool was about ``middle_mm``, within ``spread_mm`` (root mean
+    square). Files of earlier versions do not know the last three.
     """
 
     name: str
@@ -20,6 +24,9 @@ class FeatureRow(Section):
     nominal_rms_mm: float
     found: dict[str, list[float]]
     std: dict[str, list[float]]
+    known: dict[str, list[float]] = Field(default_factory=dict)
+    middle_mm: list[float] = Field(default_factory=list)
+    spread_mm: float = 0.0
 
 
 class PlaceRow(Section):
@@ -50,7 +57,8 @@ class FeaturesSection(Section):
     """Features, places and lengths.
 
     ``left_out`` is what was left out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
-    square lengths of what was not known of the tool's place, before the rows and after them.
+    square lengths of what was not known of the tool's place, before the rows and after them. ``named`` is how columns
+    name the feature of a row, empty where a column does, and in files of earlier versions.
     """
 
     kinds: dict[str, int]
@@ -62,6 +70,7 @@ class FeaturesSection(Section):
     features: list[FeatureRow]
     places: list[PlaceRow]
     lengths: list[LengthRow]
+    named: str = ""
 
     @property
     def scale(self) -> str:

@@ -118,7 +118,8 @@ class FeatureSet(Speaks):
     lengths : tuple of Length
     joint_columns : tuple of str
         Of the arm, in the order of its joints.
-    source, sha256 : str
+    source, sha256, named : str
+        ``named`` is how columns name the feature of a row, as ``{place}/{socket}``; empty where no columns do.
     simulated, programmed : bool
     """
 
@@ -141,6 +142,7 @@ class FeatureSet(Speaks):
     sha256: str
     simulated: bool = False
     programmed: bool = False
+    named: str = ""
 
     def __post_init__(self) -> None:
         lock(self)
@@ -270,7 +272,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
     cells, source, sha256 = columns.read(rows, ["pose"])
     given = [] if features is None else _given(features)
     name_of = "<features>" if not isinstance(features, (str, PathLike)) else str(features)
-    names = _names(cells, given, source)
+    names, named = _names(cells, given, source)
     known, lengths = _features(given, cells, names, source, name_of)
     kind, target = (_text(cells, column, len(cells)) for column in ("kind", "target"))
     for k, name in enumerate(names):
@@ -321,6 +323,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         sha256,
         simulated,
         programmed,
+        named,
     )
 
 
@@ -338,8 +341,7 @@ def _given(features: TableLike) -> list[dict[str, str]]:
             raise MeasurementError("expected a list of features, each with feature and kind", file=source)
         table = pd.DataFrame([{k: "" if v is None else str(v) for k, v in one.items()} for one in found]).fillna("")
         return _rows_of(table, source)
-    cells, source, _ = columns.read(features, ["feature", "kind"])
-    return _rows_of(cells, source)
+    return _rows_of(*columns.read(features, ["feature", "kind"])[:2])
 
 
 def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
@@ -352,9 +354,8 @@ def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
             file=source,
             row=columns.header_row(source),
         )
-    for name in LENGTHS:
-        if name in cells.columns:
-            _numbers(cells, name, source, "a length in mm or nothing", lost=True)
+    for name in [name for name in LENGTHS if name in cells.columns]:
+        _numbers(cells, name, source, "a length in mm or nothing", lost=True)
     return [
         {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
         for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
@@ -362,9 +363,8 @@ def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
 
 
 def _text(cells: pd.DataFrame, name: str, rows: int) -> NameArray:
-    if name not in cells.columns:
-        return np.full(rows, "", dtype=object)
-    return np.asarray(cells[name].astype(str).str.strip(), dtype=object)
+    found = cells[name].astype(str).str.strip() if name in cells.columns else [""] * rows
+    return np.asarray(found, dtype=object)
 
 
 def _filled(pattern: str, cells: pd.DataFrame, one: Mapping[str, str], source: str) -> NameArray:
@@ -384,15 +384,15 @@ def _filled(pattern: str, cells: pd.DataFrame, one: Mapping[str, str], source: s
     return out
 
 
-def _names(cells: pd.DataFrame, given: list[dict[str, str]], source: str) -> NameArray:
-    """Feature of each row."""
+def _names(cells: pd.DataFrame, given: list[dict[str, str]], source: str) -> tuple[NameArray, str]:
+    """Feature of each row, and how columns name it."""
     if "feature" in cells.columns:
-        return _text(cells, "feature", len(cells))
+        return _text(cells, "feature", len(cells)), ""
     patterns = [one for one in given if _BRACES.search(one["feature"]) and one["kind"] != DISTANCE]
     if len(patterns) == 1:
-        return _filled(patterns[0]["feature"], cells, patterns[0], source)
+        return _filled(patterns[0]["feature"], cells, patterns[0], source), patterns[0]["feature"]
     if not given and all(name in cells.columns for name in columns.POSITION):
-        return np.full(len(cells), "", dtype=object)
+        return np.full(len(cells), "", dtype=object), ""
     raise MeasurementError(
         "missing column feature: expected the name of the feature that each row is at, or one name made of columns, "
         "such as {place}/{socket}, among the features",

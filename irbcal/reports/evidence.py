@@ -10,7 +10,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.figures.pose_errors import ModelErrors, PoseErrors
+from irbcal.figures.pose_errors import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
 from irbcal.files.schema import Record, Statistics
 from irbcal.joint_behaviour import approach as joint_approach
 from irbcal.measurement.places import places
@@ -172,6 +172,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         points,
         direction,
         count,
+        what=POSITION if c.features is None else FROM_FEATURE,
     )
 
 

@@ -22,6 +22,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.thesis_setup import IRB1600_CUBE, IRB1600_P1
 from irbcal.units import MM
+from irbcal.viewer import features as feature_views
 from irbcal.viewer import points as point_sets
 from irbcal.viewer import robot as looks
 from irbcal.viewer.links import Link, links, reach
@@ -59,11 +60,15 @@ def build(
     if magnify is not None and not 0 < magnify <= LARGEST_MAGNIFICATION:
         raise OptionError(f"the magnification must be above 0 and at most 1e6, found {magnify:g}", parameter="magnify")
     opened = open_robot(source, base_link=base_link, tip_link=tip_link)
-    if plan is None and isinstance(measurements, (str, Path, pd.DataFrame)) and point_sets.is_plan(measurements):
-        measurements, plan = None, measurements
+    table = measurements if isinstance(measurements, (str, Path, pd.DataFrame)) else None
+    rows = opened.record is not None and feature_views.are_rows(opened.record, point_sets.header(table))
+    if plan is None and table is not None and not rows and point_sets.is_plan(table):
+        measurements, plan = None, table
     _check_request(opened, measurements is not None, plan is not None)
     urdf, shadow = _documents(opened)
-    shown = _shown(opened, measurements, plan, refit_base)
+    if rows and refit_base:
+        raise OptionError("rows at features do not place the base: leave refit_base out", parameter="refit_base")
+    shown = _at_features(opened, table) if rows else _shown(opened, measurements, plan, refit_base)
     points, T_scene_world = shown.points, frames.inverse(shown.robot.T_world_base)
     tree = links(urdf)
     ghost = None
@@ -77,6 +82,7 @@ def build(
     each = {} if points is None else {name: e for name in models if (e := points.distance(name)) is not None}
     errors = list(each.values()) or None
     size = reach(tree)
+    section = None if opened.record is None else opened.record.features
     return Scene(
         title=urdf.arm.name if opened.record is None else f"{urdf.arm.name}, model {opened.record.model}",
         simulated=shown.simulated,
@@ -93,7 +99,7 @@ def build(
         points=points,
         prismatic=np.array([_slides(tree, k) for k in range(len(shown.robot.arm.joint_names))]),
         T_scene_world=T_scene_world,
-        tracker=opened.record is not None and tracker_at_origin(T_scene_world, references, points),
+        tracker=opened.record is not None and section is None and tracker_at_origin(T_scene_world, references, points),
         references=references,
         cube=_cube(cube, opened.nominal),
         path=shown.path,
@@ -105,6 +111,8 @@ def build(
             for name, error in each.items()
         },
         fitted=shown.fitted,
+        features=() if section is None else feature_views.shown(section, size),
+        at_features=rows,
     )
 
 
@@ -206,6 +214,28 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
         points=point_sets.planned_points(with_targets, ghost, q, T_scene_world),
         path=point_sets.path_of(with_targets, q, T_scene_world),
         notes=point_sets.outside_limits(model.arm, q, ids),
+    )
+
+
+def _at_features(opened: Opened, table: str | Path | pd.DataFrame | None) -> _Shown:
+    """Rows at the features of a calibration."""
+    assert opened.record is not None
+    record, model = opened.record, opened.robot
+    there = feature_views.at_rows(record, table)
+    motion = there.motion
+    return _Shown(
+        mode="measured",
+        robot=model,
+        ghost=record.robot_nominal(),
+        targets=model.targets,
+        q=motion.q,
+        simulated=record.simulated or there.simulated,
+        ids=there.ids,
+        groups=there.groups,
+        points=there.points,
+        notes=there.notes,
+        effective=model.joint_map.effective(motion.q, None if motion.move is None else motion.q - motion.move),
+        fitted=there.fitted,
     )
 
 

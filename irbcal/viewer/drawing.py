@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irbcal.arrays import FloatArray
-from irbcal.viewer import shapes
+from irbcal.viewer import features, shapes
 from irbcal.viewer.scene import Scene
 
 with warnings.catch_warnings():
@@ -77,7 +77,7 @@ def record(scene: Scene) -> Recorder:
     """Draw a scene's still bodies.
 
     Nodes: ``/irbcal/robot/K`` (link K), ``/irbcal/tracker``, ``/irbcal/references``, ``/irbcal/cube``,
-    ``/irbcal/path``. Names from files are never part of a node's path.
+    ``/irbcal/features``, ``/irbcal/path``. Names from files are never part of a node's path.
 
     Parameters
     ----------
@@ -101,6 +101,12 @@ def record(scene: Scene) -> Recorder:
         _add(view, "/irbcal/references", _references(scene))
     if scene.cube is not None:
         _add(view, "/irbcal/cube", _cube(*scene.cube), opacity=0.9)
+    if scene.features:
+        solid, glass = features.bodies(scene.features, scene.reach)
+        if solid:
+            _add(view, "/irbcal/features/solid", _painted(solid))
+        if glass:
+            _add(view, "/irbcal/features/glass", _painted(glass), transparent=True, opacity=0.35)
     if scene.path is not None:
         line = g.PointsGeometry(scene.path.T.astype(np.float32))
         colour = int(sum(int(255 * v) << s for v, s in zip(PATH, (16, 8, 0), strict=True)))

@@ -132,6 +132,10 @@ def content(scene: Scene) -> dict[str, Any]:
         "world": scene.T_scene_world.T.ravel().tolist(),
         "tracker": scene.tracker,
         "references": [{"name": name, "place": place.tolist()} for name, place in scene.references.items()],
+        "features": [
+            {"label": one.label, "kind": one.kind, "place": one.T_scene[:3, 3].tolist()} for one in scene.features
+        ],
+        "at_features": scene.at_features,
         "cube": None if scene.cube is None else {"centre": scene.cube[0].tolist(), "edge": scene.cube[1]},
         "path": scene.path is not None,
         "scale": {

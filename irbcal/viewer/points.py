@@ -139,20 +139,24 @@ def _turns(robot: Robot, points: PointSet) -> FloatArray | None:
 
 def is_plan(table: object) -> bool:
     """Whether a file or a DataFrame has joint columns and no measured points: a plan, or a list of joints."""
+    names = header(table)
+    planned = "target" not in names or "expected_x_mm" in names  # a row for each target is to be measured
+    return bool(columns.joint_columns(names)) and planned and not set(columns.POSITION) & set(names)
+
+
+def header(table: object) -> list[str]:
+    """Names of the columns of a file or a DataFrame; none where it cannot be read."""
     import pandas as pd
 
     try:
         if isinstance(table, pd.DataFrame) or Path(str(table)).suffix == ".parquet":
             frame = table if isinstance(table, pd.DataFrame) else pd.read_parquet(str(table))
-            names = [str(name).strip() for name in frame.columns]
-        else:
-            lines = read_bytes(str(table), MeasurementError).decode("utf-8-sig").splitlines()
-            header = next((line for line in lines[:100] if line.strip()), "")
-            names = [name.strip().strip('"') for name in header.split(",")]
+            return [str(name).strip() for name in frame.columns]
+        lines = read_bytes(str(table), MeasurementError).decode("utf-8-sig").splitlines()
+        first = next((line for line in lines[:100] if line.strip()), "")
+        return [name.strip().strip('"') for name in first.split(",")]
     except Exception:  # whatever is wrong with the file, its reader says it better
-        return False
-    planned = "target" not in names or "expected_x_mm" in names  # a row for each target is to be measured
-    return bool(columns.joint_columns(names)) and planned and not set(columns.POSITION) & set(names)
+        return []
 
 
 def plan_joints(plan: PlanLike, arm: Arm) -> FloatArray:

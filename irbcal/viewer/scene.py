@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.modeling.robot import Robot
 from irbcal.viewer.links import Link, reach
 from irbcal.viewer.shapes import Mesh
+
+if TYPE_CHECKING:
+    from irbcal.viewer.features import ShownFeature
 
 Mode: TypeAlias = Literal["measured", "plan", "sliders"]
 Model: TypeAlias = Literal["calibrated", "nominal"]
@@ -128,6 +131,10 @@ class Scene:
         Magnification and end of the colours for the errors of each model alone.
     fitted : ndarray of bool, shape (n,), or None
         Which poses the calibration was fitted to: their errors prove nothing. None where that is not known.
+    features : tuple of ShownFeature
+        Of a calibration from rows at features.
+    at_features : bool
+        Whether the points are rows at features, and their errors distances from these.
     notes : tuple of str
     """
 
@@ -155,6 +162,8 @@ class Scene:
     notes: tuple[str, ...] = ()
     own_scales: Mapping[Model, tuple[float, float]] = field(default_factory=dict)
     fitted: BoolArray | None = None
+    features: tuple[ShownFeature, ...] = ()
+    at_features: bool = False
 
     def __post_init__(self) -> None:
         lock(self)

@@ -142,6 +142,8 @@ class View(Speaks):
             kind = "poses of a plan" if scene.mode == "plan" else "measured poses"
             what += f"{len(scene.q)} {kind}, {len(scene.points.pose)} points of {', '.join(scene.targets)}"
         told: list[Told] = [what]
+        if scene.features:
+            told.append(f"{len(scene.features)} features and known lengths stand at their fitted places")
         if scene.points is not None:
             told += _errors(scene)
         return told + [f"Note: {note}" for note in scene.notes]
@@ -259,6 +261,7 @@ def _errors(scene: Scene) -> list[Told]:
     if scene.fitted is not None and scene.fitted.any():
         fitted = scene.fitted[points.pose]
         kinds = {" of held-out poses": ~fitted, " of fitted poses": fitted}
+    what = "Distances of rows from their features" if scene.at_features else "Errors"
     told: list[Told] = []
     for kind, rows in kinds.items():
         words = [
@@ -266,5 +269,5 @@ def _errors(scene: Scene) -> list[Told]:
             for model, error in found.items()
             if len(error[rows])
         ]
-        told += [f"Errors{kind}: {'; '.join(words)}"] if words else []
+        told += [f"{what}{kind}: {'; '.join(words)}"] if words else []
     return told

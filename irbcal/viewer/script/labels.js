@@ -7,6 +7,8 @@ function label(text, place, layer) {
 }
 if (data.tracker) label("laser tracker", tracker.clone().add(new THREE.Vector3(0, 0, 0.14)), "tracker");
 for (const item of data.references) label(item.name, new THREE.Vector3(...item.place).add(new THREE.Vector3(0, 0, 0.06)), "references");
+for (const item of data.features)
+  label(item.label, new THREE.Vector3(...item.place).add(new THREE.Vector3(0, 0, item.kind === "distance" ? 0 : 0.012 * data.reach)), "features");
 if (data.cube) {
   const edge = data.cube.edge;
   label(`ISO 9283 cube, ${number(1e3 * edge, 0)} mm`, new THREE.Vector3(...data.cube.centre).add(new THREE.Vector3(0, 0, edge / 2)), "cube");
@@ -41,6 +43,7 @@ function hide_labels() {
 }
 function place_labels() {
   const w = pane.clientWidth;
+  const taken = []; // features may stand close together: what would cover another label waits until the watcher is nearer
   for (const one of labels) {
     const [x, y, z] = on_screen(one.place);
     const seen = state.layers.labels && state.layers[one.layer] && !one.hidden && z < 1 && x > 0 && x < w && y > 0 && y < pane.clientHeight;
@@ -48,7 +51,13 @@ function place_labels() {
     if (!seen) continue;
     one.half = one.half || one.node.offsetWidth / 2;
     const middle = Math.min(Math.max(x, one.half + 2), w - one.half - 2); // not cut off at the edge
-    one.node.style.transform = `translate(${middle.toFixed(1)}px, ${Math.max(y, 22).toFixed(1)}px) translate(-50%, -100%)`;
+    const bottom = Math.max(y, 22);
+    if (one.layer === "features" && taken.some(([at, low, half]) => Math.abs(at - middle) < half + one.half && Math.abs(low - bottom) < 18)) {
+      one.node.hidden = true;
+      continue;
+    }
+    taken.push([middle, bottom, one.half]);
+    one.node.style.transform = `translate(${middle.toFixed(1)}px, ${bottom.toFixed(1)}px) translate(-50%, -100%)`;
   }
 }
 const render = viewer.render.bind(viewer);

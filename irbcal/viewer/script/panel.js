@@ -21,9 +21,9 @@ function robot_colour() { // the mean of its largest link
 const LAYERS = [
   ["robot", data.ghost ? "calibrated robot" : "robot", true, [["robot"]], robot_colour(), true],
   ["ghost", "nominal robot", !!data.ghost, [["ghost"]], "#b7c9da", false],
-  ["measured", "measured points", measured, [["measured"]], both_kinds ? "linear-gradient(90deg, var(--held-out) 50%, var(--fitted) 50%)" : "var(--held-out)", true],
+  ["measured", data.at_features ? "places on features" : "measured points", measured, [["measured"]], both_kinds ? "linear-gradient(90deg, var(--held-out) 50%, var(--fitted) 50%)" : "var(--held-out)", true],
   ["modelled", measured ? "modelled points" : "expected points", !!points, [["modelled"]], measured ? "#fff" : "var(--held-out)", true],
-  ["vectors", "error vectors", measured, [["vectors"]], `linear-gradient(90deg, ${data.scale.colours.join(", ")})`, true],
+  ["vectors", data.at_features ? "distances from features" : "error vectors", measured, [["vectors"]], `linear-gradient(90deg, ${data.scale.colours.join(", ")})`, true],
   ["frames", "orientation errors", oriented.length > 0, [["frames"]], "linear-gradient(90deg, #d62728 33%, #2ca02c 33% 66%, #1f5fd6 66%)", true],
   ["shown", measured ? "targets of this pose" : has_tool ? "targets" : "tip", true, [["shown"]], "#ffd23f", true],
   ["tool", "flange to targets", has_tool, [["tool"]], "var(--tool)", true],
@@ -31,6 +31,7 @@ const LAYERS = [
   ["tracker", "laser tracker", data.tracker, [["tracker"]], "#3a4149", true],
   ["sight", "lines of sight", data.tracker, [["sight"]], "#d6002f", !measured],
   ["references", "reference points", data.references.length > 0, [["references"]], "#0b7a75", true],
+  ["features", "features", data.features.length > 0, [["features"]], "#c98a1b", true],
   ["cube", "ISO 9283 cube", !!data.cube, [["cube"]], "#7a4fa3", !measured],
   ["floor", "floor of the base", true, [["floor"]], "var(--grid)", true],
   ["labels", "labels", labels.length > 0, [], "transparent", true],
@@ -193,6 +194,10 @@ if (families.length) {
       else restyle();
     });
   }
+}
+if (data.at_features) {
+  byId("errors").textContent = "Distance of rows from their features, mm";
+  byId("meaning").textContent = "vectors (model’s point to its feature)";
 }
 if (measured) {
   byId("legend").hidden = byId("listed").hidden = false;

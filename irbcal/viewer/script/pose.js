@@ -85,7 +85,7 @@ function tell_pose() {
   if (measured) {
     const table = element("table");
     const head = table.insertRow();
-    head.append(element("th", "error, mm"));
+    head.append(element("th", data.at_features ? "distance, mm" : "error, mm"));
     for (const model of ["nominal", "calibrated"]) head.append(element("th", model_words(model), state.model === model ? "now" : ""));
     if (points.u95) head.append(element("th", "95 %")), (head.lastChild.title = U95);
     for (const row of rows) {
@@ -148,7 +148,7 @@ function tell_statistics() { // held-out and fitted poses apart
     const n = found[0].n;
     if (!n) return;
     const title = table.insertRow();
-    const words = `${n} points${poses.fitted ? `, ${k ? "fitted: no proof" : "held out"}` : ""}`;
+    const words = `${n} ${data.at_features ? "rows" : "points"}${poses.fitted ? `, ${k ? "fitted: no proof" : "held out"}` : ""}`;
     title.append(element("td", words, "kind"));
     title.lastChild.colSpan = 3;
     for (const [word, key] of [["mean", "mean"], ["largest", "most"]]) {

@@ -1,0 +1,317 @@
+"""Features of a calibration without a tracker in a scene: their bodies at the fitted places, and rows at them.
+
+A body is drawn where the fit found its feature; a row's error goes from the model's point to the nearest place of the
+feature that agrees with the row: the ball's centre, the foot in the plane, the point a string's length away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from string import Formatter
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.errors import IdentificationError, MeasurementError
+from irbcal.files.features_section import FeatureRow, FeaturesSection
+from irbcal.files.schema import Record
+from irbcal.identification import constraint_start
+from irbcal.identification.constraint_kind import with_third
+from irbcal.identification.constraint_problem import TOOL, ConstraintProblem, FeatureState, Key
+from irbcal.measurement import features as feature_files
+from irbcal.measurement.features import DISTANCE, FeatureSet, Length
+from irbcal.modeling import frames
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import Motion
+from irbcal.units import DEG, MM
+from irbcal.viewer import shapes
+from irbcal.viewer.scene import Points
+
+WORDS: Mapping[str, str] = {
+    "point": "socket",
+    "sphere": "sphere",
+    "radius": "anchor",
+    "plane": "plane",
+    "line": "line",
+    "gauge": "gauge",
+    "offset": "sensor",
+    "offset-on-tool": "ball",
+}
+"""What is drawn of a kind, as its label says; what is level (``angle``) has no place."""
+
+BALL, SOCKET, FLAT, LENGTH = (
+    np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    for text in ("#c98a1b", "#5b6570", "#5d8fbf", "#7a4fa3")
+)
+"""Colours of balls and anchors, of what carries them, of planes and lines, and of lengths."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShownFeature:
+    """A feature as it is drawn.
+
+    Attributes
+    ----------
+    name, kind : str
+    label : str
+    T_scene : ndarray, shape (4, 4)
+        Its place; z is a plane's normal, the direction of a line, or goes from one end of a length to the other.
+    size : float
+        Radius of a sphere, half the edge of a plane's patch, half the length of a line, metres.
+    """
+
+    name: str
+    kind: str
+    label: str
+    T_scene: FloatArray
+    size: float
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+def shown(section: FeaturesSection, reach: float) -> tuple[ShownFeature, ...]:
+    """Features and known lengths of a calibration, in its base link.
+
+    Parameters
+    ----------
+    section : FeaturesSection
+    reach : float
+        Scale of the robot, metres: sizes that nothing tells are parts of it.
+    """
+    out = []
+    small = float(np.clip(0.008 * reach, 0.005, 0.014))
+    for row in section.features:
+        T = _placed(row)
+        if T is None:
+            continue
+        size = small
+        if row.kind == "sphere":
+            size = abs((row.found | row.known)["radius"][0]) * MM
+        elif row.kind in ("plane", "gauge", "line"):
+            size = float(
+                np.clip(1.5 * row.spread_mm * MM, 0.05 * reach, (0.25 if row.kind == "plane" else 0.5) * reach)
+            )
+        out.append(ShownFeature(row.name, row.kind, f"{row.name} · {WORDS[row.kind]}", T, size))
+    centres = {one.name: one.T_scene[:3, 3] for one in out}
+    for length in section.lengths:
+        if length.first in centres and length.second in centres:
+            ends = centres[length.first], centres[length.second]
+            way = ends[1] - ends[0]
+            size = float(np.linalg.norm(way)) / 2
+            T = frames.transform(with_third(way / (2 * size)) if size else None, (ends[0] + ends[1]) / 2)
+            out.append(ShownFeature(length.name, DISTANCE, f"{length.length_mm:.10g} mm", T, size))
+    return tuple(out)
+
+
+def _placed(row: FeatureRow) -> FloatArray | None:
+    """Where a feature stands in the base link; None where it has no place, or an earlier version did not keep it."""
+    own, middle = _unknowns(row), np.array(row.middle_mm or [0.0, 0.0, 0.0]) * MM
+    if "centre" in own:
+        turn = own["axes"] if "axes" in row.found else None
+        return frames.transform(turn, own["centre"])
+    if "line" in own:
+        Q, a = own["line"][:, :3], own["line"][:, 3]
+        u = Q[:, 2]
+        return frames.transform(Q, a + u * (u @ (middle - a)) if row.middle_mm else a)
+    if "normal" in own and "height" in own:
+        n = own["normal"][:, 2]
+        foot = middle if row.kind == "gauge" and row.middle_mm else middle + n * (own["height"][0] - n @ middle)
+        return frames.transform(own["normal"], foot)
+    return None
+
+
+def _unknowns(row: FeatureRow) -> dict[str, FloatArray]:
+    """What was found and known of a feature as its kind takes it, SI units, in the base link."""
+    out: dict[str, FloatArray] = {}
+    for name, values in (row.known | row.found).items():
+        value = np.array(values)
+        if name in ("normal", "up"):
+            out[name] = with_third(value)
+        elif name == "line":
+            out[name] = np.column_stack([with_third(value), np.array(row.found["through"]) * MM])
+        elif name == "axes":
+            out[name] = frames.from_xyz_angles(np.r_[np.zeros(3), value * DEG])[:3, :3]
+        elif name in ("centre", "radius", "offset", "height"):
+            out[name] = value * MM
+    return out
+
+
+def bodies(features: tuple[ShownFeature, ...], reach: float) -> tuple[list[Any], list[Any]]:
+    """Triangles and colours of what is solid, and of what is seen through: spheres and planes."""
+    solid: list[tuple[FloatArray, FloatArray]] = []
+    glass: list[tuple[FloatArray, FloatArray]] = []
+    thin = 0.0018 * reach
+    for one in features:
+        parts, T, size = solid, one.T_scene, one.size
+        if one.kind in (DISTANCE, "line"):
+            half = T[:3, 2] * size
+            colour, width = (LENGTH, 0.6 * thin) if one.kind == DISTANCE else (FLAT, thin)
+            parts.append((shapes.rod(T[:3, 3] - half, T[:3, 3] + half, width), colour))
+        elif one.kind == "sphere":
+            glass.append((shapes.moved(shapes.sphere(size), T[:3, 3]), BALL))
+        elif one.kind == "plane":
+            patch = shapes.box([2 * size, 2 * size, 0.6 * thin])
+            glass.append((patch @ T[:3, :3].T + T[:3, 3], FLAT))
+            solid.append((shapes.rod(T[:3, 3], T[:3, 3] + 0.2 * size * T[:3, 2], 0.6 * thin), FLAT))
+        elif one.kind == "gauge":
+            parts.append((shapes.rod(T[:3, 3] - T[:3, 2] * size, T[:3, 3], thin), SOCKET))
+        else:
+            parts.append((shapes.moved(shapes.sphere(size), T[:3, 3]), BALL))
+            foot = shapes.cone(1.7 * size, 1.0 * size, -1.7 * size, -0.6 * size)
+            parts.append((shapes.moved(foot, T[:3, 3]), SOCKET))
+    return solid, glass
+
+
+# --- rows at features -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class AtFeatures:
+    """Rows at features in a scene.
+
+    Attributes
+    ----------
+    points : Points
+        Places on the features stand for measured ones.
+    motion : Motion
+        Of the poses.
+    ids, groups : ndarray of str, shape (n,)
+    fitted : ndarray of bool, shape (n,), or None
+    simulated : bool
+    notes : list of str
+    """
+
+    points: Points
+    motion: Motion
+    ids: NameArray
+    groups: NameArray
+    fitted: BoolArray | None
+    simulated: bool
+    notes: list[str]
+
+
+def are_rows(record: Record, header: list[str]) -> bool:
+    """Whether columns are those of rows at features of a calibration: they name one, by themselves or together."""
+    if record.features is None:
+        return False
+    named = {column for _, column, *_ in Formatter().parse(record.features.named) if column}
+    return "feature" in header or (bool(named) and named <= set(header))
+
+
+def at_rows(record: Record, table: Any) -> AtFeatures:
+    """Rows at the features of a calibration, and what both models say of them.
+
+    The calibrated robot is held against the fitted features, the nominal one against features placed anew about it, as
+    in the calibration's own figures; its error is drawn to the fitted feature.
+
+    Parameters
+    ----------
+    record : Record
+    table : str, Path or DataFrame
+
+    Raises
+    ------
+    MeasurementError
+        If rows are at a feature or of a target that the calibration does not know.
+    """
+    section = record.features
+    assert section is not None
+    calibrated, nominal = record.robot_calibrated(), record.robot_nominal()
+    seen = feature_files.read(table, _known(section), nominal.arm)
+    there_too = [one for one in section.lengths if {one.first, one.second} <= set(seen.features)]
+    lengths = tuple(Length(one.name, one.first, one.second, one.length_mm * MM) for one in there_too)
+    seen = replace(seen, lengths=lengths)
+    _refuse_strangers(seen, section, calibrated)
+    fitted: dict[Key, FloatArray] = {}
+    for row in section.features:
+        fitted |= {(name, row.name): value for name, value in _unknowns(row).items()}
+    there = FeatureState(_tools(calibrated) | fitted, np.zeros(0), calibrated.T_world_base)
+    found, drawn = _missed(calibrated, _problem(calibrated, seen), there)
+    anew = _problem(nominal, seen)
+    try:
+        begin = FeatureState(_tools(nominal), np.zeros(0), nominal.T_world_base)
+        placed = constraint_start.start_of_features(anew, begin)
+        before = _missed(nominal, anew, placed)[0]
+    except IdentificationError as error:
+        raise MeasurementError(
+            f"these rows do not place the features about the nominal robot: {error}", file=seen.source
+        ) from None
+    rows = np.isfinite(found).all(axis=1)
+    if not rows.any():
+        raise MeasurementError("these rows have angles only: nothing of them can be drawn", file=seen.source)
+    index, first, pose = np.unique(seen.pose_index, return_index=True, return_inverse=True)
+    names = list(calibrated.targets)
+    groups = seen.cells["place"].astype(str).to_numpy(dtype=object) if "place" in seen.cells.columns else seen.feature
+    own = any(one.sha256 == seen.sha256 for one in record.data)
+    return AtFeatures(
+        points=Points(
+            pose[rows],
+            np.array([names.index(str(name)) for name in seen.target])[rows],
+            drawn[rows],
+            (drawn + found)[rows],
+            (drawn + found - before)[rows],
+        ),
+        motion=seen.motion().select(first),
+        ids=seen.pose[first].astype(str),
+        groups=groups[first].astype(str),
+        fitted=np.ones(len(index), dtype=bool) if own else None,
+        simulated=seen.simulated,
+        notes=[
+            "Errors are distances of rows from their features, whose own places are fitted: how well the robot agrees "
+            "with itself, not its accuracy in a measuring frame."
+        ],
+    )
+
+
+def _known(section: FeaturesSection) -> pd.DataFrame:
+    """The features of a calibration as the second file of `irbcal.measurement.features` has them."""
+    rows = [{"feature": one.name, "kind": one.kind, "target": one.target} for one in section.features]
+    for one, row in zip(section.features, rows, strict=True):
+        row |= {f"{name}_mm": repr(one.known[name][0]) for name in ("radius", "offset") if name in one.known}
+    if section.named:
+        rows.insert(0, {"feature": section.named, "kind": section.features[0].kind, "target": ""})
+    return pd.DataFrame(rows).fillna("")
+
+
+def _refuse_strangers(seen: FeatureSet, section: FeaturesSection, robot: Robot) -> None:
+    known = {one.name for one in section.features} | {""}
+    for what, column, names in (("feature", seen.feature, known), ("target", seen.target, set(robot.targets))):
+        strange = np.flatnonzero(~np.isin(column.astype(str), list(names)))
+        if len(strange):
+            raise MeasurementError(
+                f"the calibration does not know the {what} {column[strange[0]]}: it has "
+                f"{', '.join(sorted(names - {''}))}",
+                file=seen.source,
+                row=int(seen.row[strange[0]]),
+                column=what,
+            )
+
+
+def _tools(robot: Robot) -> dict[Key, FloatArray]:
+    """What a robot knows of its targets."""
+    out: dict[Key, FloatArray] = {(TOOL, name): place for name, place in robot.targets.items()}
+    return out | {("axes", name): turn for name, turn in robot.target_rotations.items()}
+
+
+def _problem(robot: Robot, seen: FeatureSet) -> ConstraintProblem:
+    return ConstraintProblem(robot.arm, seen, [], _tools(robot), robot.T_world_base)
+
+
+def _missed(robot: Robot, problem: ConstraintProblem, state: FeatureState) -> tuple[FloatArray, FloatArray]:
+    """Ways (m, 3) from the model's points to their features, and these points, in the base link; NaN for angles."""
+    way, place = np.full((2, len(problem.seen), 3), np.nan)
+    for group in problem.groups:
+        if not group.kind.pointed:
+            continue
+        tip = robot.walk(problem.motion.select(group.rows)).tip
+        seen, own = problem.seen_of(state, group, tip), problem.own_of(state, group)
+        missed = group.kind.misses(seen, own)
+        way[group.rows] = -np.einsum("mki,mk->mi", missed.point[:, :3], missed.r[:, :3])
+        place[group.rows] = seen.p
+        if group.kind.name == "offset-on-tool":  # where the sensor says that the ball is
+            place[group.rows] = own["centre"] - way[group.rows]
+    return way, place
