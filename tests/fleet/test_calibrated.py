@@ -85,7 +85,7 @@ def test_an_interruption_keeps_what_is_done(listed, tmp_path):
 
 def workers_of(pid):
     """Processes that a program started, but joblib's tracker."""
-    found = subprocess.run(["ps", "--ppid", str(pid), "-o", "pid=,args="], capture_output=True, text=True).stdout
+    found = subprocess.run(["ps", "-ww", "--ppid", str(pid), "-o", "pid=,args="], capture_output=True, text=True).stdout
     return [
         int(line.split()[0]) for line in found.splitlines() if "resource_tracker" not in line and "popen_loky" in line
     ]
@@ -97,6 +97,7 @@ def test_a_killed_worker_and_a_killed_run_lose_nothing(listed, calibrated, tmp_p
     run = subprocess.Popen(list(map(str, command)), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + 120
     while not (workers := workers_of(run.pid)):
+        assert run.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.02)
     os.kill(workers[0], signal.SIGKILL)
