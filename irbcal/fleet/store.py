@@ -215,7 +215,7 @@ class Store:
         CalibrationError
             If its robot is there with another serial number or of another type.
         """
-        with self.engine.begin() as link:
+        with self.engine.execution_options(writes=True).begin() as link:
             link.execute(self._insert(robots).values(**stored.robot).on_conflict_do_nothing())
             there = link.execute(sql.select(robots).where(robots.c.id == stored.robot["id"])).mappings().one()
             for what in ("serial", "type"):
@@ -355,6 +355,7 @@ def _engine(store: str | Path, create: bool) -> tuple[Engine, str]:
                 raise CalibrationError(f"cannot write to this folder: {error.strerror}", file=path.parent) from None
         engine = sql.create_engine(sql.URL.create("sqlite", database=str(path)), connect_args={"timeout": 60})
         sql.event.listen(engine, "connect", _for_sqlite)
+        sql.event.listen(engine, "begin", _begin_sqlite)
         return engine, text
     try:
         url = sql.make_url(text)
@@ -373,15 +374,21 @@ def _engine(store: str | Path, create: bool) -> tuple[Engine, str]:
 
 
 def _for_sqlite(link: Any, _: object) -> None:
-    """Keys are checked, and a commit is on the disk when it is done."""
+    """Keys are checked, a commit is on the disk when it is done, and making tables is part of a transaction."""
+    link.isolation_level = None  # Python's module would begin none before tables are made
     for pragma in ("foreign_keys = on", "synchronous = full"):
         link.execute(f"pragma {pragma}")
+
+
+def _begin_sqlite(link: sql.Connection) -> None:
+    """Who writes waits for others before reading what there is; who reads waits for nobody."""
+    link.exec_driver_sql("begin immediate" if link.get_execution_options().get("writes") else "begin")
 
 
 def _check(engine: Engine, shown: str, create: bool) -> None:
     """See that it is a store of this version; make it where that is wanted."""
     if create:
-        with engine.begin() as link:
+        with engine.execution_options(writes=True).begin() as link:
             if engine.dialect.name == "postgresql":  # two that make it at a time wait for each other
                 link.execute(sql.text("select pg_advisory_xact_lock(74728)"))
             there = set(sql.inspect(link).get_table_names())

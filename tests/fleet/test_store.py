@@ -104,6 +104,25 @@ def test_two_that_make_and_fill_a_store_at_a_time_fill_it_once(place, stored):
     assert sorted(results) == [False] * len(stored) + [True] * len(stored)
 
 
+def test_a_store_that_many_make_at_a_time_is_whole_for_each(tmp_path):
+    failed = []
+
+    def make(place):
+        try:
+            with opened(place, create=True):
+                pass
+        except Exception as error:
+            failed.append(error)
+
+    for number in range(20):
+        threads = [threading.Thread(target=make, args=(tmp_path / f"{number}.db",)) for _ in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert failed == []
+
+
 def test_another_serial_number_is_refused(place, stored):
     with opened(place, create=True) as store:
         store.add(stored[0])
