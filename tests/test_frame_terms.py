@@ -144,7 +144,6 @@ def test_irb120(shared_data):
     data = shared_data / "irb120_laser_tracker" / "measurements_with_commands.csv"
     usable = irbcal.calibrate(data, "irb120", "nominal", holdout=0).poses_fit
     for poses, terms, mean, most in (
-        (200, "joint-map", 0.068, 0.30),
         (200, "all", 0.053, 0.28),
         (400, "joint-map", 0.058, 0.30),
         (400, "all", 0.055, 0.28),
