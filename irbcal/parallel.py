@@ -62,6 +62,22 @@ class Workers:
     address: str | None = None
 
 
+class Interrupted(KeyboardInterrupt):
+    """Work that was interrupted, what was done of it kept: the same call goes on from there.
+
+    Parameters
+    ----------
+    left : int
+        How much is still to be done.
+    what : str
+        Of what, such as "robots to calibrate".
+    """
+
+    def __init__(self, left: int, what: str) -> None:
+        self.left = left
+        super().__init__(f"interrupted with {left} {what}: the same call goes on from there")
+
+
 class WorkerLost(IrbcalError):
     """A task whose workers ended by themselves again and again."""
 

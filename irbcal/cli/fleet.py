@@ -12,8 +12,6 @@ from irbcal.cli.guarded import Guarded
 from irbcal.cli.shared_options import Engine, Jobs, Json
 from irbcal.cli.wrong_calls import path_to_write, wrong_calls
 
-INTERRUPTED = 130
-"""Exit code of a run that was interrupted."""
 FAILED = 3
 """Exit code of a run in which robots failed."""
 
@@ -45,11 +43,7 @@ def calibrate(
 
     steps = len(lists.read(manifest))
     with show.progress(steps + 1, quiet=json) as step, wrong_calls():
-        try:
-            found = calibrated.fleet_calibrate(manifest, out, jobs=jobs, engine=engine, progress=step)
-        except calibrated.Interrupted as stopped:
-            typer.echo(f"irbcal: {stopped}", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+        found = calibrated.fleet_calibrate(manifest, out, jobs=jobs, engine=engine, progress=step)
     if json:
         show.print_json(found.to_dict())
     else:

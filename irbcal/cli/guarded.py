@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import typer
 from typer.core import TyperCommand
 
 from irbcal.overwriting import refuse_overwriting
 
 OUTPUTS = ("out", "changes", "html", "plot", "plots", "figures", "data", "report", "csv", "latex")
 """Parameters that name files or folders to write, of every command: all others that name files are read."""
+INTERRUPTED = 130
+"""Exit code, as shells have it."""
 
 
 class Guarded(TyperCommand):
@@ -30,7 +33,15 @@ class Guarded(TyperCommand):
                 param.metavar = None
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command, unless an output is an input or another output."""
+        """Run the command, unless an output is an input or another output; say where it goes on if it is stopped."""
         outputs = {name: value for name, value in ctx.params.items() if name in OUTPUTS}
         refuse_overwriting(outputs, *(value for name, value in ctx.params.items() if name not in OUTPUTS))
-        return super().invoke(ctx)
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stopped:
+            from irbcal.parallel import Interrupted
+
+            if not isinstance(stopped, Interrupted):
+                raise
+            typer.echo(f"irbcal: {stopped}", err=True)
+            raise typer.Exit(INTERRUPTED) from None

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from irbcal.cli import program_words, show
-from irbcal.cli.shared_options import Json
+from irbcal.cli.shared_options import BaseLink, Coupling, Json, TipLink
 
 
 class Axis(str, Enum):
@@ -138,15 +138,6 @@ _PackageDirs = Annotated[
         show_default=False,
     ),
 ]
-_BaseLink = Annotated[str | None, typer.Option(help="Base link of a URDF.", show_default=False)]
-_TipLink = Annotated[str | None, typer.Option(help="Tip link of a URDF.", show_default=False)]
-_Coupling = Annotated[
-    str | None,
-    typer.Option(
-        help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
-        show_default="that of the file beside the URDF",
-    ),
-]
 
 
 def plan(
@@ -180,9 +171,9 @@ def plan(
     language: _Language = None,
     pulses: _Pulses = None,
     package_dirs: _PackageDirs = None,
-    base_link: _BaseLink = None,
-    tip_link: _TipLink = None,
-    coupling: _Coupling = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    coupling: Coupling = None,
     json: Json = False,
 ) -> None:
     """Plan measurements: poses that the robot reaches and the tracker sees, a robot program, and what they promise."""

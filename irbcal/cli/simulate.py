@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from irbcal.correction.maker import Maker
 
 from irbcal.cli import program_words, show
-from irbcal.cli.shared_options import Json
+from irbcal.cli.shared_options import BaseLink, Coupling, Json, TipLink
 
 _Plan = Annotated[
     Path | None,
@@ -85,15 +85,6 @@ _Where = Annotated[
     str | None,
     typer.Option(help="Joints and pose of one place, for poses of Kawasaki programs, as in irbcal filter."),
 ]
-_BaseLink = Annotated[str | None, typer.Option(help="Base link; base_link or the root by default.")]
-_TipLink = Annotated[str | None, typer.Option(help="Tip link; tool0, flange, ee_link or the last link by default.")]
-_Coupling = Annotated[
-    str | None,
-    typer.Option(
-        help="How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF.",
-        show_default="that of the file beside the URDF",
-    ),
-]
 _Device = Annotated[
     str | None,
     typer.Option(
@@ -130,9 +121,9 @@ def simulate(
     wobj: _Wobj = None,
     pulses: _Pulses = None,
     where: _Where = None,
-    base_link: _BaseLink = None,
-    tip_link: _TipLink = None,
-    coupling: _Coupling = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    coupling: Coupling = None,
     device: _Device = None,
     noise: _Noise = None,
     list_: _List = False,

@@ -17,9 +17,6 @@ Method = Enum(
 )
 Model = Enum("Model", {"34": "34", "26": "26", "16": "16", "11": "11"}, type=str)
 
-INTERRUPTED = 130
-"""Exit code of a study that was interrupted."""
-
 
 def study(
     out: Annotated[
@@ -65,24 +62,20 @@ def study(
 
     steps = runner.missing(Settings(sizes, each, curve, model.value, method.value, points, seed), out, only)
     with show.progress(steps + 1, quiet=json) as step, wrong_calls():
-        try:
-            found = runner.study(
-                out=out,
-                procedures=sizes,
-                each=each,
-                model=model.value,
-                method=method.value,
-                seed=seed,
-                points=points,
-                poses_curve=curve,
-                jobs=jobs,
-                engine=engine,
-                only=only,
-                progress=step,
-            )
-        except runner.Interrupted as stopped:
-            typer.echo(f"irbcal: {stopped}", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+        found = runner.study(
+            out=out,
+            procedures=sizes,
+            each=each,
+            model=model.value,
+            method=method.value,
+            seed=seed,
+            points=points,
+            poses_curve=curve,
+            jobs=jobs,
+            engine=engine,
+            only=only,
+            progress=step,
+        )
     if json:
         show.print_json(found.to_dict())
     else:

@@ -10,7 +10,6 @@ from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors
 from irbcal.exporting.source import Source, needed
 from irbcal.exporting.written import render
-from irbcal.files.mesh_paths import MeshPaths
 
 WHAT = "CasADi: Functions of joint map, inverse, tip and Jacobians, saved and as generated C"
 NEXT = "python {folder}/{word}_casadi.py     # are its numbers right here, too?"
@@ -20,20 +19,8 @@ SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_place": 3}
 """Inputs beside the joints, and how many numbers each has (None: one a joint)."""
 
 
-def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
-    """Saved Functions, C code, and a module that loads and checks them.
-
-    Parameters
-    ----------
-    source : Source
-    folder, mesh_paths
-        Other targets need them.
-
-    Returns
-    -------
-    dict of str to bytes
-        Names of the files and what is in them.
-    """
+def files(source: Source) -> dict[str, bytes]:
+    """Saved Functions, C code, and a module that loads and checks them."""
     ca = needed("casadi", "casadi")
     parts = source.parts
     made = functions(parts, source.vectors)

@@ -2,35 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.exporting.live import LONGEST_LINE, SLACK, known_speed
 from irbcal.exporting.source import Source
 from irbcal.exporting.written import render
-from irbcal.files.mesh_paths import MeshPaths
 from irbcal.units import DEG
 
 WHAT = "C++17: one header without dependencies, and a program for live correction"
 NEXT = "g++ -std=c++17 -O3 {folder}/{word}_check.cpp -o check && ./check     # are its numbers right here, too?"
 
 
-def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
-    """The header and two small programs.
-
-    Parameters
-    ----------
-    source : Source
-    folder, mesh_paths
-        Other targets need them.
-
-    Returns
-    -------
-    dict of str to bytes
-        Names of the files and what is in them.
-    """
+def files(source: Source) -> dict[str, bytes]:
+    """The header and two small programs."""
     parts, vectors = source.parts, source.vectors
     n, word = len(parts.joint_names), parts.identifier
     header, check, program = f"{word}_calibrated.hpp", f"{word}_check.cpp", f"{word}_stream.cpp"

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from irbcal.exporting.gathered import beside, gathered
+from irbcal.exporting.gathered import beside, gathered, in_words
 from irbcal.exporting.source import Source
 from irbcal.files import urdf_xml
-from irbcal.files.mesh_paths import MeshPaths
 
 WHAT = "Drake: a package (package.xml) with the calibrated URDF and its meshes as OBJ"
 NEXT = "parser.package_map().AddPackageXml('{folder}/package.xml')     # positions are effective joints"
@@ -25,32 +24,16 @@ PACKAGE = """<?xml version="1.0"?>
 """
 
 
-def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
-    """The package and the joint map.
-
-    Parameters
-    ----------
-    source : Source
-    folder, mesh_paths
-        Other targets need them.
-
-    Returns
-    -------
-    dict of str to bytes
-        Names of the files and what is in them.
-    """
+def files(source: Source) -> dict[str, bytes]:
+    """The package and the joint map."""
     from xml.sax.saxutils import escape
 
-    parts, found = source.parts, gathered(source, _as_obj)
-    name = f"{parts.identifier}_calibrated"
-    root = found.tree.getroot()
-    for mesh in root.iter("mesh"):
-        mesh.set("filename", f"package://{name}/{mesh.get('filename')}")
+    found = gathered(source, _as_obj)
+    name = f"{source.parts.identifier}_calibrated"
+    root = found.in_package(name)
     for element in list(root.iter(*UNREAD)):
         element.getparent().remove(element)
-    simulated = " from SIMULATED measurements" if parts.simulated else ""
-    what = f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
-    package = PACKAGE.format(name=name, what=escape(what)).encode()
+    package = PACKAGE.format(name=name, what=escape(in_words(source))).encode()
     return {"package.xml": package, f"{name}.urdf": urdf_xml.serialised(found.tree), **found.meshes, **beside(source)}
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
@@ -22,7 +22,25 @@ from irbcal.overwriting import refuse_overwriting
 from irbcal.summary import Speaks, Table, Told
 
 TARGETS = ("cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros")
-"""What a calibration can be exported as: each is a module of this package with ``WHAT``, ``files`` and ``NEXT``."""
+"""What a calibration can be exported as: each is a module of this package, see `Target`."""
+
+
+class Target(Protocol):
+    """What the module of a target offers."""
+
+    @property
+    def WHAT(self) -> str:
+        """What is written."""
+        ...
+
+    @property
+    def NEXT(self) -> str:
+        """What to do with it; ``{folder}`` and ``{word}`` (the robot's name in names of files) are filled in."""
+        ...
+
+    def files(self, source: Source) -> Mapping[str, bytes]:
+        """Names of the files and what is in them."""
+        ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,13 +154,14 @@ def export(
             "there is a calibration in this folder: name another one for the export", file=folder, parameter="out"
         )
     refuse_overwriting({"out": folder}, calibration)
-    source = Source.of(
-        calibration, payload=payload, payload_place=payload_place, without_frame_terms=without_frame_terms
+    source = replace(
+        Source.of(calibration, payload=payload, payload_place=payload_place, without_frame_terms=without_frame_terms),
+        out=folder,
+        mesh_paths=mesh_paths,
     )
-    module = import_module(f"irbcal.exporting.{target}")
-    make: Callable[..., Mapping[str, bytes]] = module.files
-    made = make(source, folder, mesh_paths)
+    module: Target = import_module(f"irbcal.exporting.{target}")
+    made = module.files(source)
     write_set({folder / name: content for name, content in made.items()})
     parts = source.parts
-    words = str(module.NEXT).format(folder=folder, word=parts.identifier)
+    words = module.NEXT.format(folder=folder, word=parts.identifier)
     return Exported(target, folder, tuple(made), parts.fingerprint, parts.simulated, source.miss, words, parts.notes)

@@ -12,7 +12,7 @@ from irbcal.exporting import python
 from irbcal.exporting.source import Source
 from irbcal.files import robots, urdf_xml
 from irbcal.files.mesh_paths import MESH_ENDINGS, MeshFolders, Problem
-from irbcal.files.urdf_xml import XmlTree
+from irbcal.files.urdf_xml import XmlElement, XmlTree
 
 FOLDER = "meshes"
 Convert = Callable[[Path], tuple[str, bytes] | None]
@@ -39,6 +39,13 @@ class Gathered:
 
     def __post_init__(self) -> None:
         lock(self)
+
+    def in_package(self, name: str) -> XmlElement:
+        """The document's root, whose meshes are named as those of a ROS package from now on."""
+        root = self.tree.getroot()
+        for mesh in root.iter("mesh"):
+            mesh.set("filename", f"package://{name}/{mesh.get('filename')}")
+        return root
 
 
 def gathered(source: Source, convert: Convert) -> Gathered:
@@ -101,6 +108,13 @@ def urdf_of(source: Source) -> bytes:
             parameter="calibration",
         )
     return source.urdf
+
+
+def in_words(source: Source) -> str:
+    """What an export is of, for descriptions and comments."""
+    parts = source.parts
+    simulated = " from SIMULATED measurements" if parts.simulated else ""
+    return f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
 
 
 def beside(source: Source) -> dict[str, bytes]:

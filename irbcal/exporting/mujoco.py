@@ -15,7 +15,6 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.gathered import Gathered, beside, gathered
 from irbcal.exporting.source import Source
-from irbcal.files.mesh_paths import MeshPaths
 from irbcal.files.urdf_xml import XmlElement
 from irbcal.modeling import frames
 
@@ -28,20 +27,8 @@ LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-12
 """Kilograms and kg m^2 of links whose URDF tells none: MuJoCo moves nothing that has none."""
 
 
-def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
-    """The model, its meshes and the joint map.
-
-    Parameters
-    ----------
-    source : Source
-    folder, mesh_paths
-        Other targets need them.
-
-    Returns
-    -------
-    dict of str to bytes
-        Names of the files and what is in them.
-    """
+def files(source: Source) -> dict[str, bytes]:
+    """The model, its meshes and the joint map."""
     found = gathered(source, _taken)
     return {f"{source.parts.identifier}.xml": mjcf(source, found), **found.meshes, **beside(source)}
 

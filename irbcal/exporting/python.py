@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from irbcal.arrays import FloatArray
 from irbcal.exporting.parts import Parts, Vectors
 from irbcal.exporting.written import render
-from irbcal.files.mesh_paths import MeshPaths
 
 if TYPE_CHECKING:
     from irbcal.exporting.source import Source
@@ -18,20 +16,8 @@ WHAT = "Python: a module on numpy alone, and the same on plain floats"
 NEXT = "python {folder}/{word}_calibrated.py     # are its numbers right here, too?"
 
 
-def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
-    """Two modules.
-
-    Parameters
-    ----------
-    source : Source
-    folder, mesh_paths
-        Other targets need them.
-
-    Returns
-    -------
-    dict of str to bytes
-        Names of the files and what is in them.
-    """
+def files(source: Source) -> dict[str, bytes]:
+    """Two modules."""
     parts, vectors, word = source.parts, source.vectors, source.parts.identifier
     return {
         f"{word}_calibrated.py": text(parts, vectors, "calibrated.py.j2", "numpy alone"),

@@ -6,12 +6,9 @@ enough; all others are replaced by the macro, whose joints are placed by the cal
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from irbcal.exporting.gathered import beside, gathered
+from irbcal.exporting.gathered import beside, gathered, in_words
 from irbcal.exporting.source import Source
 from irbcal.files import joint_origins, urdf_xml
-from irbcal.files.mesh_paths import MeshPaths
 
 WHAT = "ROS 2: an ament package with URDF, xacro macro, meshes and joint origins"
 NEXT = "xacro {folder}/urdf/{word}_calibrated.urdf.xacro     # or copy the folder into your workspace: docs/ros2.md"
@@ -56,32 +53,16 @@ NAMED = {"joint": ("name",), "link": ("name", "link"), "parent": ("link",), "chi
 """Attributes that hold names of links and joints."""
 
 
-def files(source: Source, folder: Path | None = None, mesh_paths: MeshPaths = "relative") -> dict[str, bytes]:
-    """The package and the joint map.
-
-    Parameters
-    ----------
-    source : Source
-    folder, mesh_paths
-        Other targets need them.
-
-    Returns
-    -------
-    dict of str to bytes
-        Names of the files and what is in them.
-    """
+def files(source: Source) -> dict[str, bytes]:
+    """The package and the joint map."""
     from xml.sax.saxutils import escape, quoteattr
 
     from lxml import etree
 
-    parts, found = source.parts, gathered(source, lambda path: (path.suffix, path.read_bytes()))
-    name = f"{parts.identifier}_calibrated"
-    root = found.tree.getroot()
-    for mesh in root.iter("mesh"):
-        mesh.set("filename", f"package://{name}/{mesh.get('filename')}")
-    simulated = " from SIMULATED measurements" if parts.simulated else ""
-    what = f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
-    words = {"name": name, "what": escape(what).replace("--", "- -"), "xacro": XACRO}
+    found = gathered(source, lambda path: (path.suffix, path.read_bytes()))
+    name = f"{source.parts.identifier}_calibrated"
+    root = found.in_package(name)
+    words = {"name": name, "what": escape(in_words(source)).replace("--", "- -"), "xacro": XACRO}
     made = {f"urdf/{name}.urdf": urdf_xml.serialised(found.tree)}
     for element in root.iter():
         if isinstance(element.tag, str):

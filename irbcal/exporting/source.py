@@ -16,6 +16,7 @@ from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors, vectors_of
 from irbcal.files import calibration_folder, urdf_xml
 from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.mesh_paths import MeshPaths
 from irbcal.files.opening import open_robot
 from irbcal.files.schema import Record
 from irbcal.modeling.arm import Arm
@@ -42,6 +43,10 @@ class Source:
         ``calibrated.urdf``.
     folder : Path or None
         Where the URDF's own relative names start.
+    out : Path
+        Where the export will lie.
+    mesh_paths : {"relative", "absolute", "package"}
+        How meshes are to stand in a URDF.
     """
 
     robot: Robot
@@ -51,6 +56,8 @@ class Source:
     record: Record | None = None
     urdf: bytes | None = None
     folder: Path | None = None
+    out: Path = Path()
+    mesh_paths: MeshPaths = "relative"
 
     def __post_init__(self) -> None:
         lock(self)

@@ -26,20 +26,6 @@ CALIBRATION_S = 2.0
 """Seconds that a calibration takes, about."""
 
 
-class Interrupted(KeyboardInterrupt):
-    """A fleet run that was interrupted: the same call goes on from there.
-
-    Attributes
-    ----------
-    left : int
-        Robots still to be calibrated.
-    """
-
-    def __init__(self, left: int) -> None:
-        self.left = left
-        super().__init__(f"interrupted with {left} robots to calibrate: the same call goes on from there")
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibratedFleet(Speaks):
     """What the folder of a fleet holds, and what the call has done.
@@ -164,7 +150,7 @@ def fleet_calibrate(
             found[left[place].id] = outcome
             say(f"{count} of {len(left)} robots")
     except KeyboardInterrupt:
-        raise Interrupted(sum(one is None for one in found.values())) from None
+        raise parallel.Interrupted(sum(one is None for one in found.values()), "robots to calibrate") from None
     robots = tuple(one for entry in entries if (one := found[entry.id]) is not None)
     seconds = time.perf_counter() - started
     made = sum(not robot.failed for robot in robots) - kept

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
@@ -92,7 +93,7 @@ class Misses:
     turn: FloatArray | None = None
 
 
-class Kind:
+class Kind(ABC):
     """What is known of the tool at a row.
 
     Attributes
@@ -127,13 +128,13 @@ class Kind:
         """Unknowns that are known of a feature, but for its centre."""
         return {}
 
+    @abstractmethod
     def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
         """Residuals and derivatives at values of the kind's unknowns."""
-        raise NotImplementedError
 
+    @abstractmethod
     def start(self, seen: Seen) -> dict[str, FloatArray]:
         """Unknowns of the kind where the tool's point is known, in closed form."""
-        raise NotImplementedError
 
     def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
         """The tool's point in the tip link where ``seen.p`` is the tip itself, in closed form, and how firmly.

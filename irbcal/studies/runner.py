@@ -35,20 +35,6 @@ HEADLINES = ("7.13", "curve")
 """Tables that are told of unless others are asked for."""
 
 
-class Interrupted(KeyboardInterrupt):
-    """A study that was interrupted: the same call goes on from there.
-
-    Attributes
-    ----------
-    left : int
-        Calibrations still to be done.
-    """
-
-    def __init__(self, left: int) -> None:
-        self.left = left
-        super().__init__(f"interrupted with {left} calibrations to do: the same call goes on from there")
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Study(Speaks):
     """What the folder of a study holds, and what the call has done.
@@ -228,7 +214,7 @@ def _do_missing(settings: Settings, folder: Path, wanted: Sequence[Repetition], 
         say("poses measured")
         _compute(stage, left, folder, say)
     except KeyboardInterrupt:
-        raise Interrupted(sum(not is_kept(folder, r) for r in wanted)) from None
+        raise parallel.Interrupted(sum(not is_kept(folder, r) for r in wanted), "calibrations to do") from None
     return len(left)
 
 

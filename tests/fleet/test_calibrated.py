@@ -11,7 +11,7 @@ import pytest
 
 import irbcal
 from irbcal.errors import CalibrationError
-from irbcal.fleet import calibrated as fleet
+from irbcal.parallel import Interrupted
 
 PASSING = ("created", "seconds", "history", "calibrated_urdf_sha256", "seal")
 
@@ -78,7 +78,7 @@ def test_an_interruption_keeps_what_is_done(listed, tmp_path):
         if text == "1 of 4 robots":
             signal.raise_signal(signal.SIGINT)
 
-    with pytest.raises(fleet.Interrupted, match="with 3 robots to calibrate: the same call goes on from there"):
+    with pytest.raises(Interrupted, match="with 3 robots to calibrate: the same call goes on from there"):
         irbcal.fleet_calibrate(listed, tmp_path / "out", jobs=1, progress=interrupt)
     assert (tmp_path / "out" / "R0" / "fleet.json").exists()
 

@@ -6,6 +6,7 @@ import pytest
 
 from irbcal import parallel
 from irbcal.errors import OptionError
+from irbcal.parallel import Interrupted
 from irbcal.studies import folder, runner
 from irbcal.studies.settings import COURSE, NOMINAL, repetitions
 from irbcal.studies.stage import Stage
@@ -80,7 +81,7 @@ def test_an_interruption_says_what_is_left(small, done, stage, tmp_path, monkeyp
     monkeypatch.setattr(runner, "_compute", interrupted)
     monkeypatch.setattr(Stage, "of", lambda settings: stage)
     said = []
-    with pytest.raises(runner.Interrupted, match="the same call goes on from there") as caught:
+    with pytest.raises(Interrupted, match="the same call goes on from there") as caught:
         runner.study(out=tmp_path, **OPTIONS, progress=said.append)
     assert caught.value.left == len(repetitions(small)) - 1
     assert said == ["poses measured"]
@@ -108,7 +109,7 @@ def test_an_interruption_of_one_job_waits_for_the_calibration_under_way(small, d
     monkeypatch.setattr(runner, "finished", interrupted)
     monkeypatch.setattr(Stage, "of", lambda settings: stage)
     before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(runner.Interrupted) as caught:
+    with pytest.raises(Interrupted) as caught:
         runner.study(out=tmp_path / "s", **OPTIONS, jobs=1, only=["7.13"])
     assert caught.value.left == 3
     assert signal.getsignal(signal.SIGINT) is before
