@@ -98,7 +98,7 @@ def undistorted(lens: FloatArray, uv: FloatArray) -> FloatArray:
 
 
 def boards(lens: FloatArray, corners: FloatArray) -> FloatArray:
-    """Pose of a flat board in camera axes, image by image, from its homography (Zhang 2000, section 3.1).
+    """Pose of a flat board in camera axes, image by image, from its homography (Zhang 2000).
 
     Parameters
     ----------
