@@ -22,6 +22,7 @@ LINE = 8
 
 K = TypeVar("K")
 V = TypeVar("V")
+S = TypeVar("S", bound=np.generic)
 
 
 def aligned(*shape: int) -> FloatArray:
@@ -37,7 +38,7 @@ def aligned(*shape: int) -> FloatArray:
     return whole[first : first + numbers].reshape(shape)
 
 
-def handed_on(array: FloatArray) -> FloatArray:
+def handed_on(array: NDArray[S]) -> NDArray[S]:
     """An array that nobody else has, read-only with all it is a part of: `lock` takes it without a copy."""
     owner: Any = array
     while isinstance(owner, np.ndarray):

@@ -27,7 +27,7 @@ from irbcal.modeling.cos_sin import cos_sin
 from irbcal.units import DEG, MM
 
 BLOCK = 5120
-"""Poses per block: their working set stays in the processor's cache. Rows shorter than 4096 numpy copies for broadcasting."""
+"""Poses per block: few enough for the cache; rows of 4096 or less would be copied by numpy before it broadcasts them."""
 
 FEW = 1000
 """Poses for which the number of steps counts, not their length."""
@@ -163,7 +163,7 @@ def _tilt(first: FloatArray, second: FloatArray, angle: float, spare: FloatArray
         _turn(first, second, cos(angle), sin(angle), spare)
         return first, second
     changed = first if sin(angle) > 0 else second
-    np.negative(changed, out=changed)
+    np.multiply(changed, -1.0, out=changed)
     return second, first
 
 
