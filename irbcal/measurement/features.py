@@ -6,6 +6,8 @@ of the features::
     pose,q1_deg,...,q6_deg,feature[,target,kind,value_mm,value_deg,u95_mm,u95_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz,...]
     feature,kind[,target,first,second,length_mm,radius_mm,offset_mm,x_mm,y_mm,z_mm,u95_mm]
 
+Corners of a board in images have more columns, see `irbcal.measurement.imaging`.
+
 What a row does not say, its feature does. A feature of kind ``distance`` is the known length between the features
 ``first`` and ``second``. Names in the second file may be made of columns of the first in braces: ``{place}/{socket}``
 is one feature for each place and socket, and where the rows have no column ``feature`` it names theirs. Rows that a
@@ -19,7 +21,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,69 +28,31 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
+from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import TableLike
+from irbcal.measurement.known_features import (
+    BRACES,
+    DISTANCE,
+    LENGTH_U95,
+    TARGET,
+    Feature,
+    Length,
+    filled,
+    given_rows,
+    known_features,
+    numbers_of,
+)
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Motion
-from irbcal.reading import read_bytes
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
 
-TARGET = "ball"
-"""What the tool's point is called unless a target is named."""
-
-DISTANCE = "distance"
-"""The kind of what is known between two features."""
+__all__ = ["DISTANCE", "LENGTH_U95", "POINT", "TARGET", "Feature", "FeatureSet", "Length", "read"]
 
 POINT = "point"
 """The kind of rows with a measured position and no feature."""
-
-TEXT = ("feature", "kind", "target", "first", "second")
-LENGTHS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm")
-LENGTH_U95 = 0.05 * MM
-"""How well a known length is known unless that is said, metres."""
-
-_BRACES = re.compile(r"\{([^{}]+)\}")
-
-
-@dataclass(frozen=True, eq=False)
-class Feature:
-    """A feature with what is known of it.
-
-    Attributes
-    ----------
-    name, kind, target : str
-    radius, offset : float or None
-        Metres.
-    centre : ndarray, shape (3,), or None
-        In the measuring frame, metres.
-    u95 : float or None
-        Of its rows, metres.
-    """
-
-    name: str
-    kind: str
-    target: str = TARGET
-    radius: float | None = None
-    offset: float | None = None
-    centre: FloatArray | None = None
-    u95: float | None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-
-@dataclass(frozen=True)
-class Length:
-    """A known distance of two features' centres, metres."""
-
-    name: str
-    first: str
-    second: str
-    length: float
-    u95: float = LENGTH_U95
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,6 +84,8 @@ class FeatureSet(Speaks):
     source, sha256, named : str
         ``named`` is how columns name the feature of a row, as ``{place}/{socket}``; empty where no columns do.
     simulated, programmed : bool
+    corners : ndarray, shape (m, n, 5), or None
+        Of images, see `irbcal.measurement.imaging.Images`: a row is a whole image.
     """
 
     q: FloatArray
@@ -143,6 +108,7 @@ class FeatureSet(Speaks):
     simulated: bool = False
     programmed: bool = False
     named: str = ""
+    corners: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -167,6 +133,7 @@ class FeatureSet(Speaks):
             **arrays,
             row=self.row[rows],
             cells=self.cells[rows],
+            corners=None if self.corners is None else self.corners[rows],
             features={name: one for name, one in self.features.items() if name in names},
             lengths=tuple(one for one in self.lengths if one.first in names and one.second in names),
         )
@@ -246,6 +213,8 @@ class FeatureSet(Speaks):
         """How many rows of which kinds at how many features."""
         rows = ", ".join(f"{count} of kind {kind}" for kind, count in self.kinds().items())
         lengths = f", {len(self.lengths)} known lengths" if self.lengths else ""
+        if self.corners is not None:
+            rows += f", {int(np.isfinite(self.corners[:, :, 2]).sum())} corners in all"
         made = "SIMULATED " if self.simulated else ""
         return [f"{made}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{lengths}"]
 
@@ -270,10 +239,10 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         If a file does not keep the format, or a row's feature is not known.
     """
     cells, source, sha256 = columns.read(rows, ["pose"])
-    given = [] if features is None else _given(features)
+    given = [] if features is None else given_rows(features)
     name_of = "<features>" if not isinstance(features, (str, PathLike)) else str(features)
     names, named = _names(cells, given, source)
-    known, lengths = _features(given, cells, names, source, name_of)
+    known, lengths = known_features(given, cells, names, source, name_of)
     kind, target = (_text(cells, column, len(cells)) for column in ("kind", "target"))
     for k, name in enumerate(names):
         one = known.get(name)
@@ -303,7 +272,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
     simulated = "simulated" in cells.columns and bool(
         (~cells["simulated"].astype(str).str.lower().isin(["", "no", "0", "false"])).any()
     )
-    return FeatureSet(
+    whole = FeatureSet(
         q,
         pose,
         _poses(cells, pose),
@@ -325,41 +294,28 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         programmed,
         named,
     )
+    return _with_images(whole, known)
 
 
-def _given(features: TableLike) -> list[dict[str, str]]:
-    """The features' file as rows of text, with its row under ``row``."""
-    if isinstance(features, (str, PathLike)) and Path(features).suffix in (".yaml", ".yml"):
-        import yaml
-
-        source = str(features)
-        try:
-            found = yaml.safe_load(read_bytes(features, MeasurementError).decode("utf-8"))
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise MeasurementError(f"expected YAML, found {str(error).splitlines()[0]}", file=source) from None
-        if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
-            raise MeasurementError("expected a list of features, each with feature and kind", file=source)
-        table = pd.DataFrame([{k: "" if v is None else str(v) for k, v in one.items()} for one in found]).fillna("")
-        return _rows_of(table, source)
-    return _rows_of(*columns.read(features, ["feature", "kind"])[:2])
-
-
-def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
-    strange = [str(name) for name in cells.columns if name not in (*TEXT, *LENGTHS)]
-    missing = [name for name in ("feature", "kind") if name not in cells.columns]
-    if strange or missing:
-        what = f"there is a column {strange[0]}" if strange else f"missing column {missing[0]}"
-        raise MeasurementError(
-            f"{what}: features have the columns {', '.join((*TEXT, *LENGTHS))}",
-            file=source,
-            row=columns.header_row(source),
-        )
-    for name in [name for name in LENGTHS if name in cells.columns]:
-        _numbers(cells, name, source, "a length in mm or nothing", lost=True)
-    return [
-        {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
-        for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
-    ]
+def _with_images(whole: FeatureSet, known: Mapping[str, Feature]) -> FeatureSet:
+    """Rows that are corners, gathered to images."""
+    source = whole.source
+    number, u, v, u95 = (_number(whole.cells, {name: 1.0}, source) for name in ("corner", "u_px", "v_px", "u95_px"))
+    keys = [whole.pose_index.astype(str), whole.feature, whole.target]
+    image = pd.factorize(pd.Series([" | ".join(map(str, key)) for key in zip(*keys, strict=True)]))[0]
+    corners = imaging.Corners(image, whole.kind, whole.feature, whole.target, number, u, v, u95, whole.xyz, whole.row)
+    views = {name: one.imaging for name, one in known.items()}
+    images = imaging.gathered(corners, views, {name: one.target for name, one in known.items()}, source)
+    if images is None:
+        return whole
+    kept = whole.select(images.keep)
+    mine = np.isfinite(images.corners[:, 0, 2])
+    return replace(
+        kept,
+        corners=images.corners,
+        u95=np.where(mine, imaging.u95_of(images.corners), kept.u95),
+        xyz=np.where(mine[:, None], np.nan, kept.xyz),
+    )
 
 
 def _text(cells: pd.DataFrame, name: str, rows: int) -> NameArray:
@@ -367,30 +323,13 @@ def _text(cells: pd.DataFrame, name: str, rows: int) -> NameArray:
     return np.asarray(found, dtype=object)
 
 
-def _filled(pattern: str, cells: pd.DataFrame, one: Mapping[str, str], source: str) -> NameArray:
-    """A name for each row of the measurements, from a pattern with columns in braces."""
-    out = np.full(len(cells), pattern, dtype=object)
-    for column in dict.fromkeys(_BRACES.findall(pattern)):
-        if column not in cells.columns:
-            raise MeasurementError(
-                f"{pattern} asks for the column {column}, which {source} does not have: it has "
-                f"{columns.listed(list(cells.columns))}",
-                file=one["source"],
-                row=int(one["row"]),
-                column="feature",
-            )
-        values = columns.names(cells, column, source)
-        out = np.array([a.replace(f"{{{column}}}", str(b)) for a, b in zip(out, values, strict=True)], dtype=object)
-    return out
-
-
 def _names(cells: pd.DataFrame, given: list[dict[str, str]], source: str) -> tuple[NameArray, str]:
     """Feature of each row, and how columns name it."""
     if "feature" in cells.columns:
         return _text(cells, "feature", len(cells)), ""
-    patterns = [one for one in given if _BRACES.search(one["feature"]) and one["kind"] != DISTANCE]
+    patterns = [one for one in given if BRACES.search(one["feature"]) and one["kind"] != DISTANCE]
     if len(patterns) == 1:
-        return _filled(patterns[0]["feature"], cells, patterns[0], source), patterns[0]["feature"]
+        return filled(patterns[0]["feature"], cells, patterns[0], source), patterns[0]["feature"]
     if not given and all(name in cells.columns for name in columns.POSITION):
         return np.full(len(cells), "", dtype=object), ""
     raise MeasurementError(
@@ -401,71 +340,14 @@ def _names(cells: pd.DataFrame, given: list[dict[str, str]], source: str) -> tup
     )
 
 
-def _features(
-    given: list[dict[str, str]], cells: pd.DataFrame, names: NameArray, source: str, name_of: str
-) -> tuple[dict[str, Feature], tuple[Length, ...]]:
-    """Features and lengths with all names filled in."""
-    known: dict[str, Feature] = {}
-    lengths: dict[str, Length] = {}
-    seen = set(names)
-    for one in given:
-        value = {name: float(one[name]) * MM if one.get(name) else None for name in LENGTHS}
-        if not one["feature"] or not one["kind"]:
-            raise MeasurementError("expected a feature and its kind", file=one["source"], row=int(one["row"]))
-        labels = _filled(one["feature"], cells, one, source) if _BRACES.search(one["feature"]) else [one["feature"]]
-        ends = [_filled(one.get(name, ""), cells, one, source) for name in ("first", "second")]
-        if one["kind"] == DISTANCE:
-            length = value["length_mm"]
-            if length is None or length <= 0.0 or not one.get("first") or not one.get("second"):
-                raise MeasurementError(
-                    "a distance needs first, second and length_mm", file=one["source"], row=int(one["row"])
-                )
-            triples = set(zip(labels if len(labels) > 1 else labels * len(cells), *ends, strict=True))
-            there = sorted(triple for triple in triples if triple[1] in seen and triple[2] in seen)
-            if not there and not any(_BRACES.search(one[key]) for key in ("first", "second")):
-                lost = one["first"] if one["first"] not in seen else one["second"]
-                raise MeasurementError(
-                    f"no row is at {lost}, between which and another {one['feature']} is known",
-                    file=one["source"],
-                    row=int(one["row"]),
-                )
-            for label, first, second in there:
-                lengths[label] = Length(label, first, second, length, value["u95_mm"] or LENGTH_U95)
-            continue
-        place = [value[f"{axis}_mm"] for axis in "xyz"]
-        if any(x is None for x in place) and any(x is not None for x in place):
-            raise MeasurementError("expected x_mm, y_mm and z_mm, all or none", file=one["source"], row=int(one["row"]))
-        centre = None if place[0] is None else np.array(place, dtype=float)
-        for label in dict.fromkeys(labels):
-            known[label] = Feature(
-                label,
-                one["kind"],
-                one.get("target") or TARGET,
-                value["radius_mm"],
-                value["offset_mm"],
-                centre,
-                value["u95_mm"],
-            )
-    return known, tuple(lengths.values())
-
-
 def _number(cells: pd.DataFrame, units: Mapping[str, float], source: str) -> FloatArray:
     """The first of some columns that a row has a number in, SI units; NaN where none has."""
     out = np.full(len(cells), np.nan)
     for name, unit in units.items():
         if name in cells.columns:
-            values = _numbers(cells, name, source, "a number or nothing", lost=True) * unit
+            values = numbers_of(cells, name, source, "a number or nothing", lost=True) * unit
             out = np.where(np.isfinite(out), out, values)
     return out
-
-
-def _numbers(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bool = False) -> FloatArray:
-    """A column as numbers that a robot cell can hold."""
-    values = columns.numbers(cells, name, source, expected, lost)
-    most = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG
-    bounds = (name, -most, most, f"a number within ±{most:g}")
-    columns.refuse_outside(pd.DataFrame({"row": cells.index, name: values}), [bounds], source)
-    return values
 
 
 def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, bool]:
@@ -478,7 +360,7 @@ def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, boo
             name = next((name for name in units if name in cells.columns), None)
             if name is None:
                 break
-            q.append(_numbers(cells, name, source, f"joint {k}") * units[name])
+            q.append(numbers_of(cells, name, source, f"joint {k}") * units[name])
         else:
             return arm.check_joints(arm.from_controller(np.column_stack(q))), letter == "c"
         if q:
