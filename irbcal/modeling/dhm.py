@@ -27,7 +27,7 @@ from irbcal.modeling.cos_sin import cos_sin
 from irbcal.units import DEG, MM
 
 BLOCK = 5120
-"""Poses per block: few enough for the cache; rows of 4096 or less would be copied by numpy before it broadcasts them."""
+"""Poses per block: few enough for the cache; rows of 4096 or less numpy would copy before it broadcasts them."""
 
 FEW = 1000
 """Poses for which the number of steps counts, not their length."""

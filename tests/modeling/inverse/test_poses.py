@@ -19,8 +19,9 @@ def test_rotations_are_told_from_other_matrices():
     T[4, 1, 1] = np.nan
     T[5, :3, :3] = np.diag([np.sqrt(3.0), 0.0, 0.0])
     T[6, 0, 2] += 1e-9
-    good = np.abs(T[:, :3, :3] @ T[:, :3, :3].swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) < 1e-6
-    good &= np.linalg.det(T[:, :3, :3]) > 0
+    rotations = np.where(np.isnan(T[:, :3, :3]), 0.0, T[:, :3, :3])
+    good = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) < 1e-6
+    good &= np.linalg.det(rotations) > 0
     assert is_rotation(newton.columns(T).reshape(12, -1)).tolist() == good.tolist()
     assert good.tolist() == [True, False, False, False, False, False, True, True]
 
