@@ -38,7 +38,7 @@ ELSEWHERE = {
     "fk": {"joints": None},
     "ik": {"poses": None},
     "simulate": {"device": "simulate_device", "noise": "simulate_device"},
-    "plan": {"device": "device_plan", "poses": "device_plan", "compare_devices": None},
+    "plan": {"device": "device_plan", "poses": "device_plan", "compare_devices": None, "prior": "compare_devices"},
     "ballbar": {"file": None, "magnify": None},
     "tracker": {"file": None},
     "iso9283": dict.fromkeys(("plane", "near", "center", "inset", "edge"), "iso9283_plan") | {"plan": None},

@@ -62,6 +62,17 @@ _Compare = Annotated[
         "--compare-devices", help="Predict what a tracker and each device would leave of the position error, and stop."
     ),
 ]
+_Prior = Annotated[
+    float | None,
+    typer.Option(
+        "--prior-mm",
+        min=0.001,
+        max=100.0,
+        help="With --device and --compare-devices: position error from the geometry before any measurement, root mean "
+        "square over the whole range.",
+        show_default="what natural sizes of its errors make",
+    ),
+]
 _Robot = Annotated[
     str, typer.Option(help="URDF, a robot's name (see irbcal robots) or calibration folder.", show_default=False)
 ]
@@ -146,6 +157,7 @@ def plan(
     device: _Device = None,
     poses: _Poses = None,
     compare_devices: _Compare = False,
+    prior: _Prior = None,
     axis: _Axis = None,
     cube: _Cube = None,
     all_range: _AllRange = None,
@@ -179,7 +191,7 @@ def plan(
     """Plan measurements: poses that the robot reaches and the tracker sees, a robot program, and what they promise."""
     links = {"base_link": base_link, "tip_link": tip_link, "coupling": coupling}
     if compare_devices:
-        _compare(robot, poses, seed, json, links)
+        _compare(robot, poses, prior, seed, json, links)
         return
     if out is None:
         raise typer.BadParameter("missing", param_hint="--out")
@@ -229,13 +241,15 @@ def plan(
     )
 
 
-def _compare(robot: str, poses: int | None, seed: int, json: bool, links: dict[str, Any]) -> None:
+def _compare(robot: str, poses: int | None, prior: float | None, seed: int, json: bool, links: dict[str, Any]) -> None:
     """Tell what each device would leave."""
     from irbcal.planning import device_comparison
+    from irbcal.units import MM
 
     counts = device_comparison.POSES if poses is None else (poses,)
     with show.progress(9, quiet=json) as step:
-        found = device_comparison.compare_devices(robot, counts, seed=seed, progress=step, **links)
+        size = None if prior is None else prior * MM
+        found = device_comparison.compare_devices(robot, counts, prior=size, seed=seed, progress=step, **links)
     if json:
         show.print_json(found.to_dict())
     else:

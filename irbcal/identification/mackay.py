@@ -57,6 +57,8 @@ class Posterior:
         At these variances.
     iterations : int
     temper : float
+    freedom : float
+        Coordinates that ``s2`` rests on, what was known of it before included.
     """
 
     c: FloatArray
@@ -67,6 +69,7 @@ class Posterior:
     log_evidence: float
     iterations: int
     temper: float
+    freedom: float = np.inf
 
 
 def fit(
@@ -80,6 +83,7 @@ def fit(
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
     give_up: float = -np.inf,
+    noise: float = NOISE,
 ) -> Posterior:
     """Iterate to the variances that make the data most probable.
 
@@ -101,6 +105,8 @@ def fit(
     iterations : int
     give_up : float
         Log evidence; a fit that is below it after `EARLY` iterations is not brought to its end.
+    noise : float
+        Standard deviation of a coordinate that is plausible before anything is measured, mm.
 
     Returns
     -------
@@ -135,10 +141,12 @@ def fit(
             break
         last = evidence
         v = np.minimum((np.bincount(group, c[flat:] ** 2, len(caps)) + PRIOR_C2) / (gammas + PRIOR_GAMMA), caps)
-        s2 = (t * rss + NOISE_COUNT * NOISE**2) / (max(spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
+        freedom = max(spare - float(gammas.sum()), 0.0) + NOISE_COUNT
+        s2 = (t * rss + NOISE_COUNT * noise**2) / freedom
     covariance = whitened.T @ whitened
     covariance *= np.outer(scale, scale)
-    return Posterior(c, covariance, v, gammas, float(s2), float(evidence), iteration, t)
+    freedom = max(spare - float(gammas.sum()), 0.0) + NOISE_COUNT
+    return Posterior(c, covariance, v, gammas, float(s2), float(evidence), iteration, t, freedom)
 
 
 def _start_variance(sums: Sums, flat: int, spare: float, t: float) -> float:
