@@ -16,7 +16,7 @@ COMPILERS = [name for name in ("g++", "clang++") if shutil.which(name)]
 def compiled(source, folder, compiler="g++", options=("-O0",), main=HARNESS):
     """The harness around a source's header, or another program; with the header's name and namespace defined."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, content in cpp.files(source).items():
+    for name, content in cpp.files(source).files.items():
         (folder / name).write_bytes(content)
     word = source.parts.identifier
     call = [compiler, "-std=c++17", *options, *WARNINGS, f"-I{folder}", f'-DHEADER="{word}_calibrated.hpp"']

@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from irbcal.exporting import python
+from irbcal.exporting.made import Made
 from irbcal.exporting.parts import Parts, Vectors
 from irbcal.exporting.source import Source, needed
 from irbcal.exporting.written import render
@@ -19,7 +20,7 @@ SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_place": 3}
 """Inputs beside the joints, and how many numbers each has (None: one a joint)."""
 
 
-def files(source: Source) -> dict[str, bytes]:
+def files(source: Source) -> Made:
     """Saved Functions, C code, and a module that loads and checks them."""
     ca = needed("casadi", "casadi")
     parts = source.parts
@@ -37,7 +38,7 @@ def files(source: Source) -> dict[str, bytes]:
             head = f"/* {parts.name.replace('*', ' ')}, {parts.version}, calibration {parts.fingerprint} */\n"
             out[f"{word}.{ending}"] = head.encode() + Path(place, f"{word}.{ending}").read_bytes()
     words = {"needs": "casadi", "names": list(made), "inputs": list(_inputs(parts))}
-    return out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **words)}
+    return Made(out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **words)})
 
 
 def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.exporting.live import LONGEST_LINE, SLACK, known_speed
+from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
 from irbcal.exporting.written import render
 from irbcal.units import DEG
@@ -14,7 +15,7 @@ WHAT = "C++17: one header without dependencies, and a program for live correctio
 NEXT = "g++ -std=c++17 -O3 {folder}/{word}_check.cpp -o check && ./check     # are its numbers right here, too?"
 
 
-def files(source: Source) -> dict[str, bytes]:
+def files(source: Source) -> Made:
     """The header and two small programs."""
     parts, vectors = source.parts, source.vectors
     n, word = len(parts.joint_names), parts.identifier
@@ -41,7 +42,7 @@ def files(source: Source) -> dict[str, bytes]:
         "reach": parts.reach,
     }
     made = {header: "calibrated.hpp.j2", check: "check.cpp.j2", program: "stream.cpp.j2"}
-    return {name: render(template, parts, vectors, **words) for name, template in made.items()}
+    return Made({name: render(template, parts, vectors, **words) for name, template in made.items()})
 
 
 def _even(rows: FloatArray) -> FloatArray:

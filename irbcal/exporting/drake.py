@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from irbcal.exporting.gathered import beside, gathered, in_words
+from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
 from irbcal.files import urdf_xml
 
@@ -24,7 +25,7 @@ PACKAGE = """<?xml version="1.0"?>
 """
 
 
-def files(source: Source) -> dict[str, bytes]:
+def files(source: Source) -> Made:
     """The package and the joint map."""
     from xml.sax.saxutils import escape
 
@@ -34,7 +35,8 @@ def files(source: Source) -> dict[str, bytes]:
     for element in list(root.iter(*UNREAD)):
         element.getparent().remove(element)
     package = PACKAGE.format(name=name, what=escape(in_words(source))).encode()
-    return {"package.xml": package, f"{name}.urdf": urdf_xml.serialised(found.tree), **found.meshes, **beside(source)}
+    made = {"package.xml": package, f"{name}.urdf": urdf_xml.serialised(found.tree)}
+    return Made(made | found.meshes | beside(source), found.notes)
 
 
 def _as_obj(path: Path) -> tuple[str, bytes] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import lock
 from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError
+from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
 from irbcal.files.calibration_folder import JSON_NAME, CalibrationLike
 from irbcal.files.mesh_paths import CHOICES, MeshPaths
@@ -38,8 +39,8 @@ class Target(Protocol):
         """What to do with it; ``{folder}`` and ``{word}`` (the robot's name in names of files) are filled in."""
         ...
 
-    def files(self, source: Source) -> Mapping[str, bytes]:
-        """Names of the files and what is in them."""
+    def files(self, source: Source) -> Made:
+        """The files."""
         ...
 
 
@@ -63,6 +64,7 @@ class Exported(Speaks):
     next : str
         What to do with it.
     notes : tuple of str
+        What the files lack that the calibration or its URDF has.
     """
 
     target: str
@@ -161,7 +163,8 @@ def export(
     )
     module: Target = import_module(f"irbcal.exporting.{target}")
     made = module.files(source)
-    write_set({folder / name: content for name, content in made.items()})
+    write_set({folder / name: content for name, content in made.files.items()})
     parts = source.parts
     words = module.NEXT.format(folder=folder, word=parts.identifier)
-    return Exported(target, folder, tuple(made), parts.fingerprint, parts.simulated, source.miss, words, parts.notes)
+    notes = (*parts.notes, *made.notes)
+    return Exported(target, folder, tuple(made.files), parts.fingerprint, parts.simulated, source.miss, words, notes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from irbcal.arrays import lock
 from irbcal.errors import CalibrationError, RobotError
@@ -31,14 +31,29 @@ class Gathered:
         Content of the files by these names.
     left_out : tuple of str
         Mesh files that are not taken: their shapes are gone from the document.
+    textures : tuple of str
+        Images that surfaces were drawn with: none is taken.
     """
 
     tree: XmlTree
     meshes: dict[str, bytes]
     left_out: tuple[str, ...]
+    textures: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         lock(self)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is not taken, in words."""
+        told = []
+        if self.left_out:
+            which = f"{len(self.left_out)} meshes are" if len(self.left_out) > 1 else "one mesh is"
+            names = ", ".join(self.left_out)
+            told.append(f"{which} left out with the shapes made of them, for only STL and OBJ are taken: {names}")
+        if self.textures:
+            told.append(f"textures are left out: {', '.join(self.textures)}")
+        return tuple(told)
 
     def in_package(self, name: str) -> XmlElement:
         """The document's root, whose meshes are named as those of a ROS package from now on."""
@@ -89,9 +104,11 @@ def gathered(source: Source, convert: Convert) -> Gathered:
             shape.getparent().remove(shape)
         else:
             mesh.set("filename", name)
-    for texture in list(root.iter("texture")):
+    textures = list(root.iter("texture"))
+    for texture in textures:
         texture.getparent().remove(texture)
-    return Gathered(tree, meshes, tuple(left_out))
+    names = dict.fromkeys(PurePosixPath(texture.get("filename", "unnamed")).name for texture in textures)
+    return Gathered(tree, meshes, tuple(left_out), tuple(names))
 
 
 def urdf_of(source: Source) -> bytes:

@@ -14,6 +14,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.gathered import Gathered, beside, gathered
+from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
 from irbcal.files.urdf_xml import XmlElement
 from irbcal.modeling import frames
@@ -27,10 +28,11 @@ LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-12
 """Kilograms and kg m^2 of links whose URDF tells none: MuJoCo moves nothing that has none."""
 
 
-def files(source: Source) -> dict[str, bytes]:
+def files(source: Source) -> Made:
     """The model, its meshes and the joint map."""
     found = gathered(source, _taken)
-    return {f"{source.parts.identifier}.xml": mjcf(source, found), **found.meshes, **beside(source)}
+    made = {f"{source.parts.identifier}.xml": mjcf(source, found)}
+    return Made(made | found.meshes | beside(source), found.notes)
 
 
 def _taken(path: Path) -> tuple[str, bytes] | None:
@@ -51,8 +53,7 @@ def mjcf(source: Source, found: Gathered) -> bytes:
     top = etree.Element("mujoco", model=parts.identifier)
     simulated = " from SIMULATED measurements" if parts.simulated else ""
     words = f" {parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint} "
-    left = f"; left out, for MuJoCo reads STL and OBJ: {', '.join(found.left_out)} " if found.left_out else ""
-    top.append(etree.Comment((words + left).replace("--", "- -")))
+    top.append(etree.Comment((words + "".join(f"; {note} " for note in found.notes)).replace("--", "- -")))
     bounds = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
     etree.SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", **bounds)
     asset, world = etree.SubElement(top, "asset"), etree.SubElement(top, "worldbody")

@@ -6,6 +6,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from irbcal.arrays import FloatArray
+from irbcal.exporting.made import Made
 from irbcal.exporting.parts import Parts, Vectors
 from irbcal.exporting.written import render
 
@@ -16,13 +17,15 @@ WHAT = "Python: a module on numpy alone, and the same on plain floats"
 NEXT = "python {folder}/{word}_calibrated.py     # are its numbers right here, too?"
 
 
-def files(source: Source) -> dict[str, bytes]:
+def files(source: Source) -> Made:
     """Two modules."""
     parts, vectors, word = source.parts, source.vectors, source.parts.identifier
-    return {
-        f"{word}_calibrated.py": text(parts, vectors, "calibrated.py.j2", "numpy alone"),
-        f"{word}_calibrated_plain.py": text(parts, vectors, "plain.py.j2", "nothing but Python itself"),
-    }
+    return Made(
+        {
+            f"{word}_calibrated.py": text(parts, vectors, "calibrated.py.j2", "numpy alone"),
+            f"{word}_calibrated_plain.py": text(parts, vectors, "plain.py.j2", "nothing but Python itself"),
+        }
+    )
 
 
 def text(parts: Parts, vectors: Vectors, template: str, needs: str) -> bytes:

@@ -7,6 +7,7 @@ enough; all others are replaced by the macro, whose joints are placed by the cal
 from __future__ import annotations
 
 from irbcal.exporting.gathered import beside, gathered, in_words
+from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
 from irbcal.files import joint_origins, urdf_xml
 
@@ -53,7 +54,7 @@ NAMED = {"joint": ("name",), "link": ("name", "link"), "parent": ("link",), "chi
 """Attributes that hold names of links and joints."""
 
 
-def files(source: Source) -> dict[str, bytes]:
+def files(source: Source) -> Made:
     """The package and the joint map."""
     from xml.sax.saxutils import escape, quoteattr
 
@@ -82,4 +83,4 @@ def files(source: Source) -> dict[str, bytes]:
     }
     if source.record is not None:
         made["config/joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
-    return made | found.meshes | beside(source)
+    return Made(made | found.meshes | beside(source), found.notes)

@@ -72,7 +72,7 @@ def test_derivatives(sources, made):
 
 def test_files_run_alone_and_the_c_code_is_the_same(sources, tmp_path):
     source = sources["level"]
-    for name, content in target.files(source).items():
+    for name, content in target.files(source).files.items():
         (tmp_path / name).write_bytes(content)
     (module,) = tmp_path.glob("*_casadi.py")
     done = subprocess.run([sys.executable, "-I", module], capture_output=True, text=True)

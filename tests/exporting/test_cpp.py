@@ -42,7 +42,7 @@ def test_the_header_computes_what_irbcal_computes(sources, tmp_path, compiler, n
 
 def test_the_check_sees_a_wrong_number(sources, tmp_path):
     source = sources["irb1600"]
-    for name, content in cpp.files(source).items():
+    for name, content in cpp.files(source).files.items():
         (tmp_path / name).write_bytes(content)
     (check,) = tmp_path.glob("*_check.cpp")
     call = [

@@ -18,7 +18,7 @@ def test_the_same_poses_without_a_warning(described, tmp_path, name, caplog):
     from pydrake.multibody.plant import MultibodyPlant
 
     source = described[name]
-    for file, content in target.files(source).items():
+    for file, content in target.files(source).files.items():
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).write_bytes(content)
     plant = MultibodyPlant(0.0)

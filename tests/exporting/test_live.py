@@ -115,7 +115,7 @@ def test_fuzzed_lines_never_make_a_wild_or_jumping_command(sources, name):
 @pytest.mark.skipif(not COMPILERS, reason="no C++ compiler")
 def test_the_exported_program_says_the_same(sources, tmp_path):
     source = sources["panda"]
-    for name, content in cpp.files(source).items():
+    for name, content in cpp.files(source).files.items():
         (tmp_path / name).write_bytes(content)
     call = [COMPILERS[0], "-std=c++17", "-O0", *WARNINGS, *tmp_path.glob("*_stream.cpp"), "-o", tmp_path / "stream"]
     subprocess.run(call, check=True)

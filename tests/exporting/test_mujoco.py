@@ -16,7 +16,7 @@ ROBOTS = pytest.mark.parametrize("name", ["irb1600", "ur10", "panda"])
 
 
 def write(source, folder):
-    for name, content in target.files(source).items():
+    for name, content in target.files(source).files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
     return str(folder / f"{source.parts.identifier}.xml")

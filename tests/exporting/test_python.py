@@ -49,7 +49,7 @@ def test_modules_compute_what_irbcal_computes(sources, name, poses):
 
 
 def test_they_run_without_irbcal(sources, tmp_path):
-    for name, content in python.files(sources["irb1600"]).items():
+    for name, content in python.files(sources["irb1600"]).files.items():
         (tmp_path / name).write_bytes(content)
         call = [sys.executable, "-I", "-W", "error", "-X", "importtime", name]
         done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)

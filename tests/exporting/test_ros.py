@@ -17,7 +17,7 @@ from irbcal.files import urdf_check
 
 
 def write(source, folder):
-    made = target.files(source)
+    made = target.files(source).files
     for name, content in made.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)

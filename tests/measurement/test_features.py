@@ -47,18 +47,6 @@ def test_names_are_made_of_columns():
     assert set(left.features) == {"left/0", "left/1"}
 
 
-def test_yaml_says_the_same(tmp_path):
-    (tmp_path / "features.yaml").write_text(
-        "- {feature: A, kind: sphere, radius_mm: 12.5, x_mm: 1, y_mm: 2, z_mm: 3}\n"
-    )
-    seen = features.read(table(feature="A"), tmp_path / "features.yaml", cases.arm())
-    assert seen.features["A"].radius == 0.0125
-    np.testing.assert_allclose(seen.features["A"].centre, [1e-3, 2e-3, 3e-3])
-    (tmp_path / "features.yaml").write_text("A: sphere\n")
-    with pytest.raises(MeasurementError, match="expected a list of features"):
-        features.read(table(feature="A"), tmp_path / "features.yaml", cases.arm())
-
-
 def test_radians_programmed_joints_and_poses():
     rows = table(feature=["A", "A", "A", "B"], kind="point").rename(columns=lambda c: c.replace("_deg", "_rad"))
     rows[[f"q{k}_rad" for k in range(1, 7)]] = np.arange(24).reshape(4, 6) / 20

@@ -1,0 +1,182 @@
+"""What is known of features: balls, planes, known lengths, in a file beside the rows.
+
+The format is that of `irbcal.measurement.features`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import FloatArray, NameArray, lock
+from irbcal.errors import MeasurementError
+from irbcal.measurement import columns
+from irbcal.measurement.columns import TableLike
+from irbcal.reading import read_bytes
+from irbcal.units import MM
+
+TARGET = "ball"
+"""What the tool's point is called unless a target is named."""
+
+DISTANCE = "distance"
+"""The kind of what is known between two features."""
+
+TEXT = ("feature", "kind", "target", "first", "second")
+LENGTHS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm")
+LENGTH_U95 = 0.05 * MM
+"""How well a known length is known unless that is said, metres."""
+
+BRACES = re.compile(r"\{([^{}]+)\}")
+
+
+@dataclass(frozen=True, eq=False)
+class Feature:
+    """A feature with what is known of it.
+
+    Attributes
+    ----------
+    name, kind, target : str
+    radius, offset : float or None
+        Metres.
+    centre : ndarray, shape (3,), or None
+        In the measuring frame, metres.
+    u95 : float or None
+        Of its rows, metres.
+    """
+
+    name: str
+    kind: str
+    target: str = TARGET
+    radius: float | None = None
+    offset: float | None = None
+    centre: FloatArray | None = None
+    u95: float | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+@dataclass(frozen=True)
+class Length:
+    """A known distance of two features' centres, metres."""
+
+    name: str
+    first: str
+    second: str
+    length: float
+    u95: float = LENGTH_U95
+
+
+def given_rows(features: TableLike) -> list[dict[str, str]]:
+    """The features' file as rows of text, with its row under ``row``."""
+    if isinstance(features, (str, PathLike)) and Path(features).suffix in (".yaml", ".yml"):
+        import yaml
+
+        source = str(features)
+        try:
+            found = yaml.safe_load(read_bytes(features, MeasurementError).decode("utf-8"))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise MeasurementError(f"expected YAML, found {str(error).splitlines()[0]}", file=source) from None
+        if not isinstance(found, list) or not all(isinstance(one, dict) for one in found):
+            raise MeasurementError("expected a list of features, each with feature and kind", file=source)
+        table = pd.DataFrame([{k: "" if v is None else str(v) for k, v in one.items()} for one in found]).fillna("")
+        return _rows_of(table, source)
+    return _rows_of(*columns.read(features, ["feature", "kind"])[:2])
+
+
+def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
+    strange = [str(name) for name in cells.columns if name not in (*TEXT, *LENGTHS)]
+    missing = [name for name in ("feature", "kind") if name not in cells.columns]
+    if strange or missing:
+        what = f"there is a column {strange[0]}" if strange else f"missing column {missing[0]}"
+        raise MeasurementError(
+            f"{what}: features have the columns {', '.join((*TEXT, *LENGTHS))}",
+            file=source,
+            row=columns.header_row(source),
+        )
+    for name in [name for name in LENGTHS if name in cells.columns]:
+        numbers_of(cells, name, source, "a length in mm or nothing", lost=True)
+    return [
+        {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
+        for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
+    ]
+
+
+def filled(pattern: str, cells: pd.DataFrame, one: Mapping[str, str], source: str) -> NameArray:
+    """A name for each row of the measurements, from a pattern with columns in braces."""
+    out = np.full(len(cells), pattern, dtype=object)
+    for column in dict.fromkeys(BRACES.findall(pattern)):
+        if column not in cells.columns:
+            raise MeasurementError(
+                f"{pattern} asks for the column {column}, which {source} does not have: it has "
+                f"{columns.listed(list(cells.columns))}",
+                file=one["source"],
+                row=int(one["row"]),
+                column="feature",
+            )
+        values = columns.names(cells, column, source)
+        out = np.array([a.replace(f"{{{column}}}", str(b)) for a, b in zip(out, values, strict=True)], dtype=object)
+    return out
+
+
+def known_features(
+    given: list[dict[str, str]], cells: pd.DataFrame, names: NameArray, source: str, name_of: str
+) -> tuple[dict[str, Feature], tuple[Length, ...]]:
+    """Features and lengths with all names filled in."""
+    known: dict[str, Feature] = {}
+    lengths: dict[str, Length] = {}
+    seen = set(names)
+    for one in given:
+        value = {name: float(one[name]) * MM if one.get(name) else None for name in LENGTHS}
+        if not one["feature"] or not one["kind"]:
+            raise MeasurementError("expected a feature and its kind", file=one["source"], row=int(one["row"]))
+        labels = filled(one["feature"], cells, one, source) if BRACES.search(one["feature"]) else [one["feature"]]
+        ends = [filled(one.get(name, ""), cells, one, source) for name in ("first", "second")]
+        if one["kind"] == DISTANCE:
+            length = value["length_mm"]
+            if length is None or length <= 0.0 or not one.get("first") or not one.get("second"):
+                raise MeasurementError(
+                    "a distance needs first, second and length_mm", file=one["source"], row=int(one["row"])
+                )
+            triples = set(zip(labels if len(labels) > 1 else labels * len(cells), *ends, strict=True))
+            there = sorted(triple for triple in triples if triple[1] in seen and triple[2] in seen)
+            if not there and not any(BRACES.search(one[key]) for key in ("first", "second")):
+                lost = one["first"] if one["first"] not in seen else one["second"]
+                raise MeasurementError(
+                    f"no row is at {lost}, between which and another {one['feature']} is known",
+                    file=one["source"],
+                    row=int(one["row"]),
+                )
+            for label, first, second in there:
+                lengths[label] = Length(label, first, second, length, value["u95_mm"] or LENGTH_U95)
+            continue
+        place = [value[f"{axis}_mm"] for axis in "xyz"]
+        if any(x is None for x in place) and any(x is not None for x in place):
+            raise MeasurementError("expected x_mm, y_mm and z_mm, all or none", file=one["source"], row=int(one["row"]))
+        centre = None if place[0] is None else np.array(place, dtype=float)
+        for label in dict.fromkeys(labels):
+            known[label] = Feature(
+                label,
+                one["kind"],
+                one.get("target") or TARGET,
+                value["radius_mm"],
+                value["offset_mm"],
+                centre,
+                value["u95_mm"],
+            )
+    return known, tuple(lengths.values())
+
+
+def numbers_of(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bool = False) -> FloatArray:
+    """A column as numbers that a robot cell can hold."""
+    values = columns.numbers(cells, name, source, expected, lost)
+    most = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG
+    bounds = (name, -most, most, f"a number within ±{most:g}")
+    columns.refuse_outside(pd.DataFrame({"row": cells.index, name: values}), [bounds], source)
+    return values
