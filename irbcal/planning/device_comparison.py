@@ -1,8 +1,8 @@
 """What each device would leave of a robot's position error, before anything is bought.
 
 A calculation, no measurement (``irbcal plan --compare-devices``): the arm is uncertain by its natural sizes, each
-device shows what its rows show with its noise, and the rest stays as it was. Twice: as if the geometry were all, and with what
-model ``auto`` fits beside it (gain, gravity, harmonics of the joints).
+device shows what its rows show with its noise, and the rest stays as it was. Twice: as if the geometry were all, and
+with what model ``auto`` fits beside it (gain, gravity, harmonics of the joints).
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ class DeviceComparison(Speaks):
             f"{self.before_with_joints / MM:.2f} mm with what joints err beyond it (root mean square over the whole "
             "range; gain, gravity and harmonics in their natural sizes)",
             Table("Predicted position error that each device leaves, mm", columns, (before, *cells)),
-            f"Columns with poses alone: as if the geometry were all that errs. {counts[-1]}, joints: the joints err beyond "
-            "it, as those of real robots do; devices that keep the arm in one place do not tell such errors elsewhere.",
+            f"Columns with poses alone: as if the geometry were all that errs. {counts[-1]}, joints: the joints err "
+            "beyond it, as those of real robots do; a device that keeps the arm in one place does not tell them all.",
             "Calculated, not measured: what no error model describes is not in it, and remains.",
             *(f"Note: {text}" for text in self.missing),
         ]
