@@ -96,7 +96,8 @@ def _parquet(table: Section) -> bytes:
         elif values:
             columns[name] = pa.array(values)
     buffer = BytesIO()
-    parquet.write_table(pa.table(columns), buffer, compression="zstd")
+    names = [name for name, column in columns.items() if not pa.types.is_floating(column.type)]
+    parquet.write_table(pa.table(columns), buffer, compression="zstd", use_dictionary=names)
     return buffer.getvalue()
 
 

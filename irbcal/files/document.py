@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from irbcal import __version__
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.files import urdf, urdf_check
 from irbcal.files.beside import SCHEMA
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection
@@ -233,9 +233,9 @@ def _point_table(outcome: Outcome) -> PointTable:
     turned = any(points.oriented().any() for points, _ in sets)
     before = 0
     for points, heldout in sets:
-        columns["pose"] += [str(value) for value in points.pose_ids[points.pose]]
-        columns["group"] += [str(value) for value in points.groups[points.pose]]
-        columns["target"] += [str(value) for value in points.names()]
+        columns["pose"] += _texts(points.pose_ids)[points.pose].tolist()
+        columns["group"] += _texts(points.groups)[points.pose].tolist()
+        columns["target"] += points.names().tolist()
         columns["heldout"] += [heldout] * len(points)
         columns["row"] += (points.pose + before).tolist()
         before += points.poses
@@ -258,6 +258,11 @@ def _point_table(outcome: Outcome) -> PointTable:
     return PointTable(**columns)
 
 
+def _texts(names: NameArray) -> NameArray:
+    """Names as text."""
+    return np.array([str(name) for name in names.tolist()], dtype=object)
+
+
 def _known(values: FloatArray) -> list[float | None]:
     if np.isfinite(values).all():
         return values.tolist()
@@ -267,15 +272,19 @@ def _known(values: FloatArray) -> list[float | None]:
 def _pose_table(outcome: Outcome) -> PoseTable:
     arm = outcome.urdf.arm
     columns: dict[str, list[Any]] = {"pose": [], "group": [], "heldout": []}
-    joints, sides, before = [], [], []
+    joints, before = [], []
+    sets = (outcome.fit_points, False), (outcome.heldout_points, True)
+    both = [points for points, _ in sets]
+    if outcome.verification is None:
+        sides = _came_from(outcome.measurements, both)
+    else:
+        sides = [_came_from(outcome.measurements, both[:1])[0], _came_from(outcome.verification, both[1:])[0]]
     loads: dict[str, list[FloatArray | None]] = {name: [] for name in LOAD}
-    for points, heldout in ((outcome.fit_points, False), (outcome.heldout_points, True)):
-        seen = outcome.verification if heldout and outcome.verification is not None else outcome.measurements
-        columns["pose"] += [str(value) for value in points.pose_ids]
-        columns["group"] += [str(value) for value in points.groups]
+    for points, heldout in sets:
+        columns["pose"] += _texts(points.pose_ids).tolist()
+        columns["group"] += _texts(points.groups).tolist()
         columns["heldout"] += [heldout] * points.poses
         joints.append(np.round(points.q / arm.joint_units, JOINT_DIGITS))
-        sides.append(_came_from(seen, points))
         stops = np.full(points.q.shape, np.nan) if points.previous is None else points.previous
         before.append(np.round(stops / arm.joint_units, JOINT_DIGITS))
         for name, value in points.load().items():
@@ -300,21 +309,24 @@ def _pose_table(outcome: Outcome) -> PoseTable:
     )
 
 
-def _came_from(measurements: MeasurementSet, points: PointSet) -> FloatArray:
-    """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints)."""
-    first = measurements.table.groupby("pose_index", sort=True).first()
+def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:
+    """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints), of each set."""
+    table = measurements.table
+    first = table.groupby("pose_index", sort=True)[[name for name in ("pose", "group") if name in table]].first()
     groups = first["group"].to_numpy(dtype=object) if "group" in first else None
     q = measurements.joints()
     sign = np.sign(np.nan_to_num(last_moves(q, groups)))
-    seen, mine = near.numbered((first["pose"].astype(str).to_numpy(), q), (points.pose_ids.astype(str), points.q))
-    size = 1 + max(seen.max(initial=-1), mine.max(initial=-1))
+    names = first["pose"].astype(str).to_numpy()
+    seen, *numbers = near.numbered((names, q), *((_texts(points.pose_ids), points.q) for points in sets))
+    size = 1 + max(part.max(initial=-1) for part in (seen, *numbers))
     # of poses with the same name and joints it is not known which one this is
     known, found = np.zeros(size, dtype=bool), np.zeros((size, q.shape[1]))
     known[seen], found[seen] = True, sign
     unlike = (found[seen] != sign).astype(float)
     found[np.column_stack([np.bincount(seen, column, minlength=size) for column in unlike.T]) > 0] = 0.0
     # those of an earlier calibration are not in the file
-    return np.where(known[mine, None], found[mine], np.sign(points.moves()))
+    pairs = zip(numbers, sets, strict=True)
+    return [np.where(known[mine, None], found[mine], np.sign(points.moves())) for mine, points in pairs]
 
 
 def software() -> dict[str, str]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
 from irbcal.arrays import FloatArray
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection, in_metres, matrix_of
@@ -222,6 +222,18 @@ class Check(Section):
     yourdfpy_poses: int = 0
 
 
+class Kept(dict[bool, tuple[PointTable, PoseTable, PointSet, FloatArray]]):
+    """Points of a record that were computed already; no part of what it says, so records are equal without it."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Kept)
+
+    __hash__ = None
+
+    def __reduce__(self) -> tuple[type, tuple[()]]:
+        return Kept, ()
+
+
 class Record(Section):
     """Content of ``calibration.json``.
 
@@ -286,6 +298,8 @@ class Record(Section):
     seconds: float
     seal: Seal | None = None
 
+    _used: Kept = PrivateAttr(default_factory=Kept)
+
     def __repr__(self) -> str:
         kind = "SIMULATED, " if self.simulated else ""
         proof = "nothing held out" if self.heldout is None else f"held-out mean {self.heldout.all.mean_mm:.3f} mm"
@@ -306,11 +320,11 @@ class Record(Section):
     @model_validator(mode="after")
     def _points_of_known_poses(self) -> Record:
         p, rows = self.poses, self.points.row
-        if p is not None and any(
-            not 0 <= row < len(p.pose) or p.heldout[row] != heldout
-            for row, heldout in zip(rows, self.points.heldout, strict=False)
-        ):
-            raise ValueError("a point belongs to a pose that is not among the poses")
+        if p is not None and rows:
+            row, aside = np.array(rows), np.array(self.points.heldout, dtype=bool)
+            there = ((row >= 0) & (row < len(p.pose))).all()
+            if not there or (np.array(p.heldout, dtype=bool)[row] != aside).any():
+                raise ValueError("a point belongs to a pose that is not among the poses")
         if p is not None and len(p.joints) != len(self.robot.joint_names):
             raise ValueError(f"poses have {len(p.joints)} joints, the robot has {len(self.robot.joint_names)}")
         return self
@@ -405,16 +419,26 @@ class Record(Section):
         t, p = self.points, self.poses
         if p is None or not t.x_mm:
             return None
+        kept = self._used.get(heldout)
+        if kept is None or kept[0] is not t or kept[1] is not p:
+            kept = self._used[heldout] = (t, p, *self._points_of(t, p, heldout))
+        return kept[2:]
+
+    def _points_of(self, t: PointTable, p: PoseTable, heldout: bool) -> tuple[PointSet, FloatArray]:
         poses = np.array(p.heldout, dtype=bool) == heldout
         mine = np.array(t.heldout, dtype=bool) == heldout
         slides = [kind == "prismatic" for kind in self.robot.joint_types]
         units = np.where(slides, MM, DEG)
-        names = sorted(set(np.array(t.target, dtype=object)[mine]))
+        labels = np.array(t.target, dtype=object)[mine]
+        names = sorted(set(labels))
+        target = np.zeros(len(labels), dtype=int)
+        for k, name in enumerate(names):
+            target[labels == name] = k
         u95 = np.array(t.u95_mm, dtype=float)[mine] * MM if t.u95_mm else None
         points = PointSet(
             np.array(p.joints, dtype=float).T[poses] * units,
             (np.cumsum(poses) - 1)[np.array(t.row, dtype=int)[mine]],
-            np.searchsorted(np.array(names), np.array(t.target)[mine]) if names else np.zeros(0, dtype=int),
+            target,
             np.column_stack([t.x_mm, t.y_mm, t.z_mm])[mine] * MM,
             tuple(names),
             np.array(p.pose, dtype=object)[poses],
@@ -427,8 +451,9 @@ class Record(Section):
             torques=np.array(p.torques_nm, dtype=float).T[poses] if p.torques_nm else None,
         )
         codes = np.array([np.frombuffer(column.encode("ascii"), dtype=np.uint8) for column in p.came_from])
-        came_from = np.where(codes == ord("+"), 1.0, np.where(codes == ord("-"), -1.0, 0.0))
-        return points, came_from.T[poses]
+        came_from = np.where(codes == ord("+"), 1.0, np.where(codes == ord("-"), -1.0, 0.0)).T[poses]
+        came_from.flags.writeable = False
+        return points, came_from
 
     def tool_shape(self) -> dict[str, FloatArray]:
         """Places of the reflectors that make up the tool's pose, dict of arrays (3,), metres; empty if none do."""

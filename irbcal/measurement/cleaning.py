@@ -264,7 +264,7 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
     return PointSet(
         measurements.joints()[used],
         number,
-        np.array([names.index(name) for name in rows.target[kept]]),
+        _numbers(rows.target[kept], names),
         rows.xyz[kept],
         tuple(names),
         table["pose"].to_numpy(dtype=object)[first][used],
@@ -278,14 +278,23 @@ def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names
     )
 
 
+def _numbers(target: NameArray, names: Sequence[str]) -> IntArray:
+    """Place of each target among the names."""
+    out = np.zeros(len(target), dtype=int)
+    for k, name in enumerate(names):
+        out[target == name] = k
+    return out
+
+
 def by_pose(pose: IntArray, target: NameArray, xyz: FloatArray, use: BoolArray, names: Sequence[str]) -> FloatArray:
     """Positions as an array (poses, names, 3), NaN where absent; repeated points are averaged."""
-    total = np.zeros((pose.max() + 1, len(names), 3))
-    count = np.zeros((pose.max() + 1, len(names), 1))
+    n = pose.max() + 1
+    total, count = np.zeros((n, len(names), 3)), np.zeros((n, len(names), 1))
     for k, name in enumerate(names):
         rows = np.flatnonzero(use & (target == name))
-        np.add.at(total[:, k], pose[rows], xyz[rows])
-        np.add.at(count[:, k], pose[rows], 1.0)
+        for axis in range(3):
+            total[:, k, axis] = np.bincount(pose[rows], xyz[rows, axis], n)
+        count[:, k, 0] = np.bincount(pose[rows], minlength=n)
     with np.errstate(invalid="ignore"):
         return total / np.where(count > 0, count, np.nan)
 

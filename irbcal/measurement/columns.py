@@ -13,7 +13,7 @@ import csv
 import hashlib
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from io import BytesIO, StringIO
 from os import PathLike
 from pathlib import Path
@@ -24,7 +24,7 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
-from irbcal.modeling import frames
+from irbcal.measurement import plain_csv
 from irbcal.names import fault_of, from_cell
 from irbcal.options import shown
 from irbcal.reading import STDIN, read_bytes, stdin_bytes
@@ -50,6 +50,7 @@ _PROGRAMMED = re.compile(r"c([1-9]\d?)_(?:deg|mm)")
 _ABSENT = ["", "nan", "<na>", "none"]
 _LONGEST_NAME, _MOST_NAMES = 40, 40
 
+IsNumber: TypeAlias = Callable[[str], bool]
 TableLike: TypeAlias = str | PathLike[str] | pd.DataFrame
 """A CSV or Parquet file, or a DataFrame with the same columns."""
 
@@ -72,7 +73,7 @@ class Cells(NamedTuple):
     sha256: str
 
 
-def read(table: TableLike, required: Sequence[str], stdin: bool = False) -> Cells:
+def read(table: TableLike, required: Sequence[str], stdin: bool = False, typed: IsNumber | None = None) -> Cells:
     """Read a table as text.
 
     Parameters
@@ -83,6 +84,9 @@ def read(table: TableLike, required: Sequence[str], stdin: bool = False) -> Cell
         Columns that must be there; `ALL_JOINTS` stands for those of the joints, however many.
     stdin : bool
         Take the file ``-`` as standard input, as CSV.
+    typed : callable, optional
+        Tells by its name whether a column is one of numbers. These may then come as numbers, NaN where nothing stands,
+        if the file is as plain as it should be: long files are read so in a quarter of the time.
 
     Returns
     -------
@@ -102,16 +106,16 @@ def read(table: TableLike, required: Sequence[str], stdin: bool = False) -> Cell
     source = str(path)
     data = _bytes(path, source, stdin)
     if path.suffix != ".parquet":
-        return parse(data, source, required)
+        return parse(data, source, required, typed)
     return Cells(_with_rows(_parse_parquet(data, source, required), source), source, _digest(data))
 
 
-def parse(data: bytes, source: str, required: Sequence[str]) -> Cells:
+def parse(data: bytes, source: str, required: Sequence[str], typed: IsNumber | None = None) -> Cells:
     """As `read`, from the content of a CSV file."""
-    return Cells(_with_rows(parse_csv(data, source, required), source), source, _digest(data))
+    return Cells(_with_rows(parse_csv(data, source, required, typed), source), source, _digest(data))
 
 
-def parse_csv(data: bytes, source: str, required: Sequence[str] = ()) -> pd.DataFrame:
+def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsNumber | None = None) -> pd.DataFrame:
     """Cells of a CSV file: text as it stands, blank lines left out; there may be no rows.
 
     Parameters
@@ -120,6 +124,8 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = ()) -> pd.Data
     source : str
         File name for messages.
     required : sequence of str
+        As for `read`.
+    typed : callable, optional
         As for `read`.
 
     Returns
@@ -133,7 +139,7 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = ()) -> pd.Data
         If it is no such table.
     """
     text = _decoded(data, source)
-    header = next(line for line in re.split(r"\r\n|\r|\n", text) if line.strip())  # as pandas ends lines
+    header = next(line[0] for line in re.finditer(r"[^\r\n]+", text) if line[0].strip())  # as pandas ends lines
     if "," not in header and (";" in header or "\t" in header):
         found = "semicolons" if ";" in header else "tabs"
         raise MeasurementError(f"expected commas between the columns, found {found}", file=source, row=1)
@@ -142,6 +148,10 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = ()) -> pd.Data
     except csv.Error as error:  # a cell beyond 131,072 characters
         raise MeasurementError(f"expected column names, found what is none: {error}", file=source, row=1) from None
     check_header(names, required, source)
+    if typed is not None:
+        plain = plain_csv.parse(data, names, typed)
+        if plain is not None:
+            return plain
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -213,6 +223,11 @@ def header_row(source: str) -> int | None:
 def listed(names: Sequence[str]) -> str:
     """Column names for messages: the first ones, long ones cut."""
     return ", ".join(name if len(name) < _LONGEST_NAME else name[:_LONGEST_NAME] + "…" for name in names[:_MOST_NAMES])
+
+
+def is_joint(name: str) -> bool:
+    """Whether a column is one of joints, read or programmed."""
+    return bool(_JOINT.fullmatch(name) or _PROGRAMMED.fullmatch(name))
 
 
 def joint_columns(names: Iterable[str]) -> list[str]:
@@ -299,6 +314,12 @@ def numbers(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bo
     MeasurementError
         For the first cell that is no number.
     """
+    if cells[name].dtype == np.float64:  # read as numbers already, see `irbcal.measurement.plain_csv`
+        given = cells[name]
+        if lost or not given.isna().any():
+            return given.to_numpy()
+        row = given.index[given.isna()][0]
+        raise MeasurementError(f"expected {expected}, found nothing", file=source, row=int(row), column=name)
     text = cells[name].str.strip()
     values = pd.to_numeric(text, errors="coerce")
     absent = text.str.lower().isin(_ABSENT)
@@ -320,12 +341,15 @@ def names(cells: pd.DataFrame, name: str, source: str) -> Any:
     MeasurementError
         For the first cell that is none.
     """
-    values = cells[name].astype(str).str.strip().map(from_cell)
-    if (values == "").any():
-        row = values.index[values == ""][0]
-        raise MeasurementError("expected a name, found nothing", file=source, row=int(row), column=name)
-    refuse_control_characters(values, name, source)
-    return values.to_numpy()
+    codes, written = pd.factorize(cells[name].astype(str))
+    unlike = pd.Series(np.asarray(written, dtype=object)).str.strip().map(from_cell).to_numpy(dtype=object)
+    values = unlike[codes]
+    for k, value in enumerate(unlike.tolist()):
+        fault = "expected a name, found nothing" if value == "" else fault_of(value)
+        if fault is not None:
+            row = cells.index[codes == k][0]
+            raise MeasurementError(fault, file=source, row=int(row), column=name)
+    return values
 
 
 def refuse_control_characters(values: pd.Series, name: str, source: str) -> None:
@@ -395,52 +419,6 @@ def refuse_outside(table: pd.DataFrame, bounds: Sequence[tuple[str, float, float
             k = int(np.flatnonzero(bad)[0])
             row = int(table["row"].iloc[k])
             raise MeasurementError(f"expected {expected}, found {values[k]:g}", file=source, row=row, column=name)
-
-
-def check_quaternions(table: pd.DataFrame, source: str) -> None:
-    """Refuse orientations that are neither whole unit quaternions nor absent; the table's are made exactly unit.
-
-    Parameters
-    ----------
-    table : DataFrame
-        Numbers, with the rows for messages in a column ``row``; changed in place.
-    source : str
-        File name for messages.
-
-    Raises
-    ------
-    MeasurementError
-        For the first such row, or if there are some of the four columns only.
-    """
-    present = [name for name in QUATERNION if name in table.columns]
-    if not present:
-        return
-    if len(present) < 4:
-        missing = ", ".join(name for name in QUATERNION if name not in present)
-        raise MeasurementError(
-            f"missing column {missing}; an orientation needs qw, qx, qy, qz", file=source, row=header_row(source)
-        )
-    q = table[QUATERNION].to_numpy()
-    given = np.isfinite(q)
-    norm = np.linalg.norm(np.where(given, q, 0.0), axis=1)
-    bad = (given.any(axis=1) & ~given.all(axis=1)) | (given.all(axis=1) & (np.abs(norm - 1) > 1e-3))
-    if bad.any():
-        k = int(np.flatnonzero(bad)[0])
-        found = ", ".join(f"{value:g}" for value in q[k])
-        raise MeasurementError(
-            f"expected a unit quaternion or nothing, found {found}",
-            file=source,
-            row=int(table["row"].iloc[k]),
-            column=QUATERNION,
-        )
-    table[QUATERNION] = q / np.where(norm > 0, norm, 1.0)[:, None]
-
-
-def rotations(table: pd.DataFrame) -> FloatArray | None:
-    """Orientations of a table's rows, shape (rows, 3, 3), NaN where there is none; None without quaternion columns."""
-    if QUATERNION[0] not in table.columns:
-        return None
-    return frames.matrix_from_quaternion(table[QUATERNION].to_numpy(dtype=float))
 
 
 # --- where the cells come from ------------------------------------------------------------------------------

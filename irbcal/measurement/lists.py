@@ -7,7 +7,7 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
+from irbcal.measurement import columns, quaternion_columns
 from irbcal.measurement.columns import JOINTS, POSITION, QUATERNION, TableLike
 from irbcal.names import from_cell
 from irbcal.units import MM
@@ -120,10 +120,10 @@ def poses_with_cells(table: TableLike) -> tuple[FloatArray, pd.DataFrame]:
     for name in QUATERNION:
         values[name] = columns.numbers(cells, name, source, "a quaternion's number")
     columns.refuse_outside(values, columns.POSITION_BOUNDS, source)
-    columns.check_quaternions(values, source)
+    quaternion_columns.check(values, source)
     T = np.zeros((len(values), 4, 4))
     T[:, 3, 3] = 1.0
-    T[:, :3, :3] = columns.rotations(values)
+    T[:, :3, :3] = quaternion_columns.rotations(values)
     T[:, :3, 3] = values[POSITION].to_numpy() * MM
     return T, cells
 

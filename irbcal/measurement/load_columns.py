@@ -19,6 +19,11 @@ LARGEST_PAYLOAD_KG, LARGEST_PLACE_MM, LARGEST_TORQUE_NM = 5e3, 1e4, 1e6
 _TORQUE = re.compile(r"tau([1-9]\d?)_nm")
 
 
+def is_torque(name: str) -> bool:
+    """Whether a column is one of torques."""
+    return bool(_TORQUE.fullmatch(name))
+
+
 def torque_columns(names: Iterable[str], source: str) -> list[str]:
     """Columns of measured joint torques (``tau1_nm`` …) among column names, in the order of the joints; none or all.
 

@@ -8,6 +8,10 @@ from irbcal.arrays import FloatArray, IntArray, NameArray
 
 FEW = 250_000
 """Pairs that are compared one by one."""
+NEIGHBOURS = 200
+"""Rows that are near in one column, of each row on average, beyond which a tree is quicker."""
+LOOKED_AT = 5_000
+"""Rows that tell which column tells most rows apart."""
 
 
 def pairs(x: FloatArray, radius: float) -> IntArray:
@@ -35,17 +39,59 @@ def pairs(x: FloatArray, radius: float) -> IntArray:
 
 def _in_order(x: FloatArray, radius: float) -> IntArray | None:
     """`pairs` among rows that are neighbours in one column; None where there are too many of these."""
-    column = int(np.argmax([len(np.unique(values)) for values in x.T]))
-    order = np.argsort(x[:, column])
-    sorted_ = x[order, column]
+    columns = _telling(x)
+    order = np.argsort(x[:, columns[0]])
+    sorted_ = x[order, columns[0]]
     count = np.searchsorted(sorted_, sorted_ + radius, side="right") - np.arange(len(x)) - 1
-    if count.sum() > 20 * len(x):
+    if count.sum() > NEIGHBOURS * len(x):
         return None
-    first = np.repeat(np.arange(len(x)), count)
-    second = first + 1 + np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)
-    one, other = order[first], order[second]
-    close = np.all(np.abs(x[one] - x[other]) <= radius, axis=1)
-    return np.column_stack([one[close], other[close]])
+    second = x[order, columns[1 % len(columns)]]
+    found, row, step = [np.zeros((0, 2), dtype=int)], np.flatnonzero(count), 1
+    while len(row):  # each row with the one so many places behind it
+        close = row[np.abs(second[row + step] - second[row]) <= radius]
+        one, other = order[close], order[close + step]
+        close = np.all(np.abs(x[one] - x[other]) <= radius, axis=1)
+        found.append(np.column_stack([one[close], other[close]]))
+        step += 1
+        row = row[count[row] >= step]
+    return np.concatenate(found)
+
+
+def _telling(x: FloatArray) -> list[int]:
+    """Columns, those first whose values tell most rows apart."""
+    some = x[:: max(1, len(x) // LOOKED_AT)]
+    return sorted(range(x.shape[1]), key=lambda k: -len(np.unique(some[:, k])))
+
+
+def between(x: FloatArray, to: FloatArray, radius: float) -> IntArray | None:
+    """Pairs of rows of two tables that differ by less than a radius in every column.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n, k)
+    to : ndarray, shape (m, k)
+    radius : float
+
+    Returns
+    -------
+    ndarray of int, shape (p, 2), or None
+        None where too many rows are near in one column: a tree is quicker then.
+    """
+    columns = _telling(to) if len(to) else [0]
+    order = np.argsort(to[:, columns[0]])
+    sorted_ = to[order, columns[0]]
+    first = np.searchsorted(sorted_, x[:, columns[0]] - radius, side="right")
+    count = np.searchsorted(sorted_, x[:, columns[0]] + radius, side="left") - first
+    if count.sum() > NEIGHBOURS * (len(x) + len(to)):
+        return None
+    found, row, step = [np.zeros((0, 2), dtype=int)], np.flatnonzero(count > 0), 0
+    while len(row):
+        other = order[first[row] + step]
+        close = np.all(np.abs(x[row] - to[other]) < radius, axis=1)
+        found.append(np.column_stack([row[close], other[close]]))
+        step += 1
+        row = row[count[row] > step]
+    return np.concatenate(found)
 
 
 def numbered(*tables: tuple[NameArray, FloatArray]) -> list[IntArray]:

@@ -14,6 +14,8 @@ from irbcal.measurement import near
 from irbcal.measurement.points import PointSet
 from irbcal.units import DEG
 
+MANY = 2000
+"""Poses from which time matters."""
 SAME_PLACE = 0.01 * DEG
 """Joints that all agree within this are one place, radians (metres for prismatic joints)."""
 
@@ -32,8 +34,9 @@ def places(points: PointSet) -> IntArray:
     ndarray of int, shape (n,)
         Number of each pose's place, from 0 in the order in which they are first seen.
     """
-    sessions = np.zeros(points.poses) if points.session is None else points.session
-    names = [f"{session}\n{name}" for session, name in zip(sessions, points.pose_ids, strict=True)]
+    if points.session is None:
+        return of_joints(points.q, points.pose_ids)
+    names = [f"{session}\n{name}" for session, name in zip(points.session, points.pose_ids, strict=True)]
     return of_joints(points.q, np.array(names, dtype=object))
 
 
@@ -43,11 +46,11 @@ def of_joints(q: FloatArray, names: np.ndarray | None = None) -> IntArray:
     if not n:
         return np.zeros(0, dtype=int)
     # exact copies first: many of them would make very many pairs
-    single, copy_of = np.unique(q, axis=0, return_inverse=True)
-    copy_of = copy_of.ravel()
+    copy_of, first = _equal(q)
+    single = q[first]
     edges = [near.pairs(single, SAME_PLACE)]
     if names is not None:
-        _, called = np.unique(names.astype(str), return_inverse=True)
+        called = _called(names)
         leader = np.zeros(called.max() + 1, dtype=int)
         leader[called[::-1]] = copy_of[::-1]
         edges.append(np.column_stack([copy_of, leader[called]]))
@@ -58,9 +61,33 @@ def of_joints(q: FloatArray, names: np.ndarray | None = None) -> IntArray:
     return rank[number.ravel()]
 
 
+def _equal(q: FloatArray) -> tuple[IntArray, IntArray]:
+    """Number of each row, the same for equal rows, and the first row of each number."""
+    order = np.lexsort(q.T[::-1]) if len(q) < MANY else np.argsort(q @ np.sqrt(np.arange(2.0, 2.0 + q.shape[1])))
+    new = np.r_[True, (q[order[1:]] != q[order[:-1]]).any(axis=1)]
+    number = np.empty(len(q), dtype=int)
+    number[order] = np.cumsum(new) - 1
+    return number, order[new]
+
+
+def _called(names: np.ndarray) -> IntArray:
+    """Number of each name, from 0."""
+    if len(names) < MANY:
+        return np.unique(names.astype(str), return_inverse=True)[1].ravel()
+    import pandas as pd
+
+    return np.asarray(pd.factorize(names)[0])
+
+
 def copies(points: PointSet) -> int:
     """Number of points that stand in the data before with the same joints and position, to the last digit."""
-    rows = np.column_stack([points.joints(), points.target, points.xyz])
+    order = np.lexsort([points.target, *points.xyz.T])  # equal rows beside one another: pose by pose they differ
+    pose, target, xyz = points.pose[order], points.target[order], points.xyz[order]
+    alike = np.flatnonzero((target[1:] == target[:-1]) & (xyz[1:] == xyz[:-1]).all(axis=1))
+    if not len(alike):
+        return 0
+    mine = np.unique([alike, alike + 1])
+    rows = np.column_stack([points.q[pose[mine]], target[mine], xyz[mine]])
     return len(rows) - len(np.unique(rows, axis=0))
 
 

@@ -128,8 +128,11 @@ class PointSet(Speaks):
                     f"unknown target {self.target_names[k]!r}: this robot has {', '.join(robot.targets) or 'none'}"
                 )
             local[k] = robot.targets[self.target_names[k]]
-        T = self.tips(robot)[self.pose]
-        base = np.einsum("mij,mj->mi", T[:, :3, :3], local[self.target]) + T[:, :3, 3]
+        tips = self.tips(robot)
+        base = np.empty((len(self), 3))
+        for k in np.unique(self.target):
+            rows = np.flatnonzero(self.target == k)
+            base[rows] = (np.einsum("nij,j->ni", tips[:, :3, :3], local[k]) + tips[:, :3, 3])[self.pose[rows]]
         return base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
 
     def predicted_rotations(self, robot: Robot) -> FloatArray:

@@ -6,7 +6,7 @@ import pandas as pd
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
+from irbcal.measurement import columns, quaternion_columns
 from irbcal.measurement.columns import POSITION, QUATERNION, TableLike
 
 LARGEST_NUMBER = 1e12
@@ -50,7 +50,7 @@ def read(
             out[name] = columns.numbers(cells, name, source, "a number or nothing", lost=True)
         else:
             out[name] = cells[name].to_numpy()
-    columns.check_quaternions(out, source)
+    quaternion_columns.check(out, source)
     _refuse_absurd(out, source)
     out.attrs["source"] = source
     return out
@@ -102,4 +102,4 @@ def rotations(table: pd.DataFrame) -> FloatArray | None:
     """Orientations of a table's rows, shape (rows, 3, 3); None without quaternion columns or with gaps in them."""
     if QUATERNION[0] not in table.columns or table[QUATERNION].isna().any(axis=None):
         return None
-    return columns.rotations(table)
+    return quaternion_columns.rotations(table)

@@ -42,19 +42,26 @@ def by_shape(seen: FloatArray) -> list[tuple[int, IntArray]]:
     n, k, _ = seen.shape
     if not 3 <= k <= MOST_TARGETS or n < 3:
         return []
-    D = np.linalg.norm(seen[:, :, None] - seen[:, None], axis=3)
-    full = np.flatnonzero(np.isfinite(D).all(axis=(1, 2)))
+    i, j = np.triu_indices(k, 1)
+    D = np.stack([np.linalg.norm(seen[:, a] - seen[:, b], axis=1) for a, b in zip(i, j, strict=True)])
+    full = np.flatnonzero(np.isfinite(D).all(axis=0))
     if len(full) < 3:
         return []
-    tried = full[np.unique(np.linspace(0, len(full) - 1, CANDIDATES).astype(int))]
-    alike = np.array([np.count_nonzero(np.abs(D[full] - D[c]).max(axis=(1, 2)) < SAME) for c in tried])
-    shape = D[tried[np.argmax(alike)]]
-    mine = full[np.abs(D[full] - shape).max(axis=(1, 2)) < SAME]
-    shape = np.median(D[mine], axis=0)
+    D = D[:, full]
+
+    def off_from(shape: FloatArray) -> FloatArray:
+        return np.abs(D - shape[:, None]).max(axis=0)
+
+    tried = np.unique(np.linspace(0, len(full) - 1, CANDIDATES).astype(int))
+    alike = np.array([np.count_nonzero(off_from(D[:, c]) < SAME) for c in tried])
+    shape = np.median(D[:, off_from(D[:, tried[np.argmax(alike)]]) < SAME], axis=1)
+    whole = np.zeros((k, k))
+    whole[i, j] = whole[j, i] = shape
     out = []
-    for p in full[np.abs(D[full] - shape).max(axis=(1, 2)) > OTHER]:
+    for row in np.flatnonzero(off_from(shape) > OTHER):
+        p = full[row]
         orders = [np.array(order) for order in permutations(range(k))]
-        off = [np.abs(D[p] - shape[np.ix_(order, order)]).max() for order in orders]
+        off = [np.abs(D[:, row] - whole[np.ix_(order, order)][i, j]).max() for order in orders]
         if min(off) < SAME:
             out.append((int(p), orders[int(np.argmin(off))]))
     return out

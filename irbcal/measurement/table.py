@@ -25,7 +25,7 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns, load_columns
+from irbcal.measurement import columns, load_columns, quaternion_columns
 from irbcal.measurement.columns import ALL_JOINTS, POSITION, QUATERNION, TableLike
 from irbcal.measurement.own_tables import OwnTables
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
@@ -191,7 +191,7 @@ class MeasurementSet(OwnTables, Speaks):
 
     def rotations(self) -> FloatArray | None:
         """Measured orientations of all rows, shape (rows, 3, 3), NaN where there is none; None without columns."""
-        return columns.rotations(self._rows)
+        return quaternion_columns.rotations(self._rows)
 
     def uncertainties(self) -> FloatArray | None:
         """Expanded uncertainties of all rows, shape (rows,), metres, NaN where not given; None without a column."""
@@ -267,7 +267,7 @@ def read(source: MeasurementsLike) -> MeasurementSet:
             )
         return source.measurements()
     try:
-        return _checked(*columns.read(source, REQUIRED))
+        return _checked(*columns.read(source, REQUIRED, typed=_of_numbers))
     except MeasurementError as error:
         raise _with_proposal(error, source) from None
 
@@ -311,7 +311,12 @@ def parse(data: bytes, source: str) -> MeasurementSet:
     MeasurementError
         If it does not keep the format.
     """
-    return _checked(*columns.parse(data, source, REQUIRED))
+    return _checked(*columns.parse(data, source, REQUIRED, _of_numbers))
+
+
+def _of_numbers(name: str) -> bool:
+    """Whether a column of a measurement file is one of numbers."""
+    return name in POSITION or name in NUMERIC_EXTRAS or columns.is_joint(name) or load_columns.is_torque(name)
 
 
 def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
@@ -335,7 +340,7 @@ def _checked(cells: pd.DataFrame, source: str, sha256: str) -> MeasurementSet:
     table["pose_index"] = _pose_index(table, source)
     columns.check_sizes(table, source)
     load_columns.check(table, source)
-    columns.check_quaternions(table, source)
+    quaternion_columns.check(table, source)
     return MeasurementSet(table, source, sha256)
 
 

@@ -113,10 +113,10 @@ T = TypeVar("T")
 
 def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Statistics]) -> PoseSet:
     table = c.points
-    rows = [k for k, value in enumerate(table.heldout) if value == heldout]
+    rows = np.flatnonzero(np.array(table.heldout, dtype=bool) == heldout)
 
     def of(column: list[T]) -> list[T]:
-        return [column[k] for k in rows]
+        return [column[k] for k in rows.tolist()]
 
     points, direction = c.used_points(heldout) or (None, None)
     target = of(table.target)
@@ -125,7 +125,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
     else:
         pose, pose_names, groups = _runs(of(table.pose), of(table.group))
     place = np.arange(len(pose_names)) if points is None else places(points)
-    errors = {model: np.array(of(getattr(table, f"{model}_mm"))) * MM for model in statistics}
+    errors = {model: np.array(getattr(table, f"{model}_mm"))[rows] * MM for model in statistics}
     compared: comparison.Comparison | None = comparison.compare(
         errors["nominal"], errors["calibrated"], pose, np.array(pose_names, dtype=object), place=place
     )

@@ -96,7 +96,7 @@ def intervals(
     step = max(1, BLOCK // len(d))
 
     def of_block(count: NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
-        parts = [_percentiles(d[order], count[k : k + step, row[order]]) for k in range(0, len(count), step)]
+        parts = [_percentiles(d[order], count[k : k + step], row[order]) for k in range(0, len(count), step)]
         return sums.moments(*(count @ s for s in sums.by_pose)), np.concatenate(parts, axis=1)
 
     blocks = list(parallel.threads(of_block, draws(n, resamples, seed), NUMBER_S * resamples * len(d)))
@@ -212,13 +212,33 @@ class _Sums:
         return np.array([mean, sigma, mean + 3 * sigma, np.sqrt(variance / s0 + mean**2)])
 
 
-def _percentiles(d: FloatArray, count: NDArray[np.int32]) -> FloatArray:
-    """Linear percentiles of sorted values (m,) that occur ``count`` (k, m) times, shape (percentiles, k)."""
-    until = np.cumsum(count, axis=1, dtype=np.int32)
+def _percentiles(d: FloatArray, count: NDArray[np.int32], pose: IntArray) -> FloatArray:
+    """Linear percentiles of resamples, shape (percentiles, k).
+
+    Parameters
+    ----------
+    d : ndarray, shape (m,)
+        Sorted values.
+    count : ndarray of int, shape (k, poses)
+        How often each pose is in each resample.
+    pose : ndarray of int, shape (m,)
+        Pose of each value.
+    """
+    m, width = len(d), max(1, int(np.sqrt(len(d))))
+    parts = -(-m // width)
+    in_part = np.zeros((count.shape[1], parts), dtype=np.float32)  # values of each pose in stretches of sorted ones
+    np.add.at(in_part, (pose, np.arange(m) // width), 1.0)
+    until = np.cumsum(np.rint(count.astype(np.float32) @ in_part).astype(np.int32), axis=1)
     last = until[:, -1:] - 1
     place = last * (np.array(PERCENTILES) / 100)
     low = np.floor(place)
-    wanted = np.hstack([low, np.minimum(low + 1, last)])
-    ends = d[np.array([np.searchsorted(row, k, side="right") for row, k in zip(until, wanted, strict=True)])]
+    wanted = np.hstack([low, np.minimum(low + 1, last)]).astype(np.int32)
+    row = np.arange(len(count))[:, None]
+    part = (until[:, None, :] <= wanted[:, :, None]).sum(axis=2)
+    before = np.where(part > 0, until[row, part - 1], 0)
+    within = part[:, :, None] * width + np.arange(width)
+    there = within < m
+    seen = count[row[:, :, None], pose[np.minimum(within, m - 1)]] * there
+    ends = d[part * width + (before[:, :, None] + np.cumsum(seen, axis=2) <= wanted[:, :, None]).sum(axis=2)]
     first, second = np.hsplit(ends, 2)
     return (first + (place - low) * (second - first)).T

@@ -51,9 +51,10 @@ def without_fitted(ready: Prepared, record: Record, include: bool = False) -> Pr
     elif count:
         note = f"{count} of these {len(seen)} poses were fitted and are counted out; --include-fitted keeps them."
         ready = replace(ready.select(~seen), notes=(*ready.notes, note), counted_out=count)
+        seen = seen[~seen]
     at_fitted = fitted.places_of(ready.points, fit)
     ready = replace(ready, at_fitted=at_fitted)
-    again = int((at_fitted & ~fitted.rows_of(ready.points, fit)).sum())
+    again = int((at_fitted & ~seen).sum())
     if again:
         note = (
             f"{again} of the {ready.points.poses} poses are at joints that were fitted, measured anew: they show "

@@ -106,21 +106,6 @@ def test_sizes_that_no_cell_holds(column, value, expected):
     assert str(error).endswith(expected)
 
 
-def test_quaternions_are_made_exactly_unit_or_refused():
-    table = pd.DataFrame({"row": [2, 3], "qw": [1.0005, np.nan], "qx": 0.0, "qy": 0.0, "qz": 0.0})
-    table.loc[1, columns.QUATERNION] = np.nan
-    columns.check_quaternions(table, "s")
-    assert table["qw"][0] == 1.0
-    R = columns.rotations(table)
-    assert np.array_equal(R[0], np.eye(3))
-    assert np.isnan(R[1]).all()
-    table.loc[1, "qw"] = 1.01
-    table.loc[1, ["qx", "qy", "qz"]] = 0.0
-    error = refused(columns.check_quaternions, table, "s")
-    assert (error.row, error.column) == (3, "qw, qx, qy, qz")
-    assert columns.rotations(table[["row"]]) is None
-
-
 def test_lost_points():
     xyz = np.array([[1.0, 2, 3], [0, 0, 0], [0, 0, 1], [np.nan, 1, 2]])
     assert columns.lost_points(xyz).tolist() == [False, True, False, True]

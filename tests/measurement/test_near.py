@@ -31,6 +31,18 @@ def test_pairs_and_nearest(both, radius):
     assert np.array_equal(near.nearest(x, y[:0], radius), np.full(120, -1))
 
 
+@pytest.mark.parametrize("radius", [0.02, 0.3])
+def test_pairs_between_two_tables_are_those_of_all_rows(radius, monkeypatch):
+    rng = np.random.default_rng(7)
+    x, y = np.round(rng.uniform(size=(80, 3)), 1), rng.uniform(size=(60, 3))
+    expected = np.argwhere((np.abs(x[:, None] - y) < radius).all(axis=2))
+    found = near.between(x, y, radius)
+    assert {tuple(pair) for pair in found} == {tuple(pair) for pair in expected}
+    assert len(near.between(x, y[:0], radius)) == len(near.between(x[:0], y, radius)) == 0
+    monkeypatch.setattr(near, "NEIGHBOURS", 0)
+    assert near.between(x, y, 0.3) is None, "a tree is quicker"
+
+
 def test_parts(both):
     rng = np.random.default_rng(6)
     for edges in (

@@ -29,6 +29,15 @@ def test_joints_within_a_hundredth_of_a_degree_are_one_place():
     assert places.places(points_at(q)).tolist() == [0, 0, 1, 2]
 
 
+def test_many_poses_are_numbered_as_few_are(monkeypatch):
+    q = arm().random_joints(40, 3)[np.random.default_rng(3).integers(0, 40, 90)]
+    q[::7] += 0.5 * HUNDREDTH
+    points = points_at(q, [f"P{k % 50}" for k in range(90)])
+    few = places.places(points)
+    monkeypatch.setattr(places, "MANY", 0)
+    assert np.array_equal(places.places(points), few)
+
+
 def test_cycles_of_one_name_are_one_place_in_one_session_only():
     q = arm().random_joints(5, 1)
     points = points_at(q, ["P1", "P2", "P1", "P3", "P2"])

@@ -6,6 +6,7 @@ A point stands in the frame that it names as its father, whose place is in the d
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -29,6 +30,8 @@ _QUIET = re.compile(r"\b(?:open|close)\s*\(\s*[A-Za-z_]\w*(?:\[\s*\d+\s*\])?\s*\
 _FLOW = re.compile(
     r"\b(?:if|else|elseIf|endIf|while|endWhile|for|endFor|do|until|switch|case|default|endSwitch|call|return)\b"
 )
+MENTIONS = 3
+"""Lines that use a datum in another way, and are named."""
 _HEAD = re.compile(r"(?:\xef\xbb\xbf)?\s*<\?xml[^<>]*\?>")
 
 
@@ -99,8 +102,20 @@ class _Application:
                 one.reasons.append("there are two of this name")
                 seen[one.name].reasons.append("there are two of this name")
             seen[one.name] = one
+        self.named: dict[str, list[tuple[Value, Found]]] = {}
+        self.single: dict[tuple[str, str], list[tuple[Value, Found]]] = {}
+        for pair in self.targets:
+            self.named.setdefault(pair[0].name, []).append(pair)
+            self.single.setdefault((pair[0].name, pair[0].key), []).append(pair)
+        self.own = {_shown(value.name, value.key): value for value in values if value.type == "frame"}
+        self.inside: dict[str, list[Found]] = {}
+        for value, one in self.targets:
+            if value.type == "pointRx":
+                for frame_name in self._fathers(value):
+                    self.inside.setdefault(frame_name, []).append(one)
         self.names = {value.name for value in values}
         self._touched: dict[str, str] = {}
+        self._mentions: Counter[str] = Counter()
 
     def follow(self, code: Code) -> None:
         """Take the text of a program."""
@@ -125,19 +140,21 @@ class _Application:
     def _mention(self, at: int, text: str) -> None:
         for name in set(_NAME.findall(text)) & self.names:
             why = f"line {self.listing.line(at)} uses {name} in another way"
-            for value, one in self.targets:
-                if value.name == name or (value.type == "pointRx" and f"{name.lower()}[" in self._fathers(value)):
-                    one.reasons.append(why)
             self._touched[name.lower()] = why
+            self._mentions[name] += 1
+            if self._mentions[name] > MENTIONS:
+                continue
+            ones = [*(one for _, one in self.named.get(name, ())), *self.inside.get(name.lower(), ())]
+            for one in {id(one): one for one in ones}.values():
+                one.reasons.append(why)
 
-    def _fathers(self, value: Value) -> str:
-        """Names of all frames that a point stands in."""
-        own = {_shown(other.name, other.key): other for other in self.values if other.type == "frame"}
-        at, seen = self._father(value), ""
-        while f" {at} " not in f" {seen} ":
-            seen = f"{seen} {at}"
-            at = self._father(own[at]) if at in own else at
-        return seen
+    def _fathers(self, value: Value) -> set[str]:
+        """Names of all frames that a point stands in, without index."""
+        at, seen = self._father(value), set()
+        while at not in seen:
+            seen.add(at)
+            at = self._father(self.own[at]) if at in self.own else at
+        return {place.partition("[")[0] for place in seen}
 
     def conclude(self) -> None:
         """Tell the targets of tools that the programs use in another way."""
@@ -176,8 +193,7 @@ class _Application:
         if item is None:
             return [], "its target is computed"
         index = item[2] or "0"
-        named = [pair for pair in self.targets if pair[0].name == item[1]]
-        found = [pair for pair in named if pair[0].key == index or not index.isdecimal()]
+        found = self.single.get((item[1], index), []) if index.isdecimal() else self.named.get(item[1], [])
         return found, "" if found else "it is not declared in this application"
 
     def tools(self) -> dict[str, FloatArray]:
@@ -192,8 +208,7 @@ class _Application:
 
     def frames(self) -> dict[str, FloatArray]:
         """Frames by name, in the world."""
-        own = {_shown(value.name, value.key): value for value in self.values if value.type == "frame"}
-        out = {"world[0]": frames.transform()}
+        own, out = self.own, {"world[0]": frames.transform()}
         for name in own:
             T, at, seen = np.eye(4), name, set()
             while at in own and at not in seen:

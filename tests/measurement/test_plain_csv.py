@@ -1,0 +1,74 @@
+"""Plain files read fast are what they are cell by cell; all others are left to the slow way, which can name a fault."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from irbcal.errors import MeasurementError
+from irbcal.measurement import plain_csv, table
+
+HEAD = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,target,x_mm,y_mm,z_mm,u95_mm,note\n"
+ROWS = "a1,1.5,-2,3e-1, 4,5,6,smr1,1,2,3,0.1,x y\n'=b,0,0,0,0,0,0,sm\u00e9,,,,,\n'=b,0,0,0,0,0,0,smr1,0,0,0,,7\n"
+
+
+def both(text, monkeypatch):
+    """Measurements read fast and slow; the sentence where they are refused."""
+
+    def read():
+        try:
+            return table.parse(text.encode(), "m.csv")
+        except MeasurementError as error:
+            return str(error)
+
+    fast = read()
+    monkeypatch.setattr(plain_csv, "parse", lambda *_: None)
+    slow = read()
+    monkeypatch.undo()
+    return fast, slow
+
+
+def plain(text):
+    names = HEAD.strip().split(",")
+    return plain_csv.parse(text.encode(), names, lambda name: name.endswith(("_deg", "_mm")))
+
+
+@pytest.mark.parametrize("start", ["", "\ufeff"])
+@pytest.mark.parametrize("end", ["", "a9,1,1,1,1,1,1,smr1,123.456789,0.1,1e-3,0.2,last"])
+def test_plain_files_are_read_alike(monkeypatch, start, end):
+    assert plain(start + HEAD + ROWS + end) is not None
+    fast, slow = both(start + HEAD + ROWS + end, monkeypatch)
+    pd.testing.assert_frame_equal(fast.table, slow.table, check_exact=True)
+    assert fast.sha256 == slow.sha256
+    assert fast.table["pose"].tolist()[:3] == ["a1", "=b", "=b"]
+    assert np.isnan(fast.positions()[1:3]).all()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        HEAD + "\n" + ROWS,  # a blank line
+        "\n" + HEAD + ROWS,
+        HEAD + "," * 12 + "\n" + ROWS,  # a line of commas
+        HEAD + ROWS.replace("x y", '"x, y"'),
+        HEAD.replace("\n", "\r\n") + ROWS,
+        HEAD + ROWS.replace("1.5", "inf"),
+        HEAD + ROWS.replace("0.1", "NaN"),
+        HEAD + ROWS.replace("1.5", "1.5x"),
+        HEAD + ROWS.replace("1.5,", ""),
+        HEAD + ROWS.replace("1.5", "1_5"),
+    ],
+)
+def test_other_files_are_read_cell_by_cell(monkeypatch, text):
+    assert plain(text) is None
+    fast, slow = both(text, monkeypatch)
+    assert isinstance(fast, str) or fast.table.equals(slow.table)
+    assert not isinstance(fast, str) or fast == slow
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("1.5", ""), ("1.5", "nan"), ("a1", " "), ("smr1", "\x1b[2J"), ("1.5", "1e9"), ("0.1", "-1")]
+)
+def test_a_fault_is_named_alike(monkeypatch, old, new):
+    fast, slow = both(HEAD + ROWS.replace(old, new, 1), monkeypatch)
+    assert fast == slow
+    assert "m.csv: row 2, column" in fast
