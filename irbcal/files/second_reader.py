@@ -1,7 +1,7 @@
 """yourdfpy, the second reader of every written URDF, without the library of meshes that it names in its signatures.
 
-That library (trimesh, with what it brings of scipy and networkx) takes half a second to load and is for scenes. Reading a
-URDF and the transforms of its joints need its `transformations` alone. It is loaded where anybody asks for more of it.
+That library (trimesh, with what it brings of scipy and networkx) takes half a second to load and is for scenes. Reading
+a URDF and the transforms of its joints need its `transformations` alone. All of it is loaded where anybody asks for it.
 """
 
 from __future__ import annotations
