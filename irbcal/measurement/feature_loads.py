@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, load_columns
 from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, LARGEST_PLACE_MM, MASS, PLACE
@@ -43,9 +43,10 @@ def payloads(cells: pd.DataFrame, source: str) -> tuple[FloatArray | None, Float
     expected = "a place in the tip link in mm"
     place = [_column(cells, name, -LARGEST_PLACE_MM, LARGEST_PLACE_MM, expected, source) * MM for name in PLACE]
     found = np.column_stack(place)
-    lost = ~np.isfinite(found).all(axis=1)
-    if (lost & (load > 0.0)).any():
-        row = int(cells.index[np.flatnonzero(lost & (load > 0.0))[0]])
+    lost: BoolArray = np.asarray(~np.isfinite(found).all(axis=1))
+    bad = np.flatnonzero(lost & (load > 0.0))
+    if len(bad):
+        row = int(cells.index[bad[0]])
         raise MeasurementError(
             "expected the place of the payload, found nothing", file=source, row=row, column=PLACE[0]
         )

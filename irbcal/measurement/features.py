@@ -142,25 +142,23 @@ class FeatureSet(Speaks):
             **arrays,
             row=self.row[rows],
             cells=self.cells[rows],
-            **{name: None if value is None else value[rows] for name, value in self._more().items()},
+            corners=_some(self.corners, rows),
+            payload_kg=_some(self.payload_kg, rows),
+            payload_place=_some(self.payload_place, rows),
             features={name: one for name, one in self.features.items() if name in names},
             lengths=tuple(one for one in self.lengths if one.first in names and one.second in names),
         )
 
-    def _more(self) -> dict[str, FloatArray | None]:
-        """What not every set of rows has."""
-        return {name: getattr(self, name) for name in ("corners", "payload_kg", "payload_place")}
-
     def motion(self) -> Motion:
         """Joints and load of each row; with the last move and the order of its pose where joints are a program's."""
-        load = {"payload_kg": self.payload_kg, "payload_place": self.payload_place}
+        load, place = self.payload_kg, self.payload_place
         if not self.programmed:
-            return Motion(self.q, **load)
+            return Motion(self.q, payload_kg=load, payload_place=place)
         index, first, pose = np.unique(self.pose_index, return_index=True, return_inverse=True)
         whole = Motion.in_order(self.q[first])
         assert whole.move is not None
         move = np.where((np.diff(index, prepend=index[0]) == 1)[:, None], whole.move, 0.0)
-        return Motion(self.q, move[pose], index[pose].astype(float), **load)
+        return Motion(self.q, move[pose], index[pose].astype(float), load, payload_place=place)
 
     def as_measurements(self) -> MeasurementSet:
         """The rows as a table of measurements without places, with the joints that models take."""
@@ -335,6 +333,10 @@ def _with_images(whole: FeatureSet, known: Mapping[str, Feature]) -> FeatureSet:
         u95=np.where(mine, imaging.u95_of(images.corners), kept.u95),
         xyz=np.where(mine[:, None], np.nan, kept.xyz),
     )
+
+
+def _some(values: FloatArray | None, rows: BoolArray) -> FloatArray | None:
+    return None if values is None else values[rows]
 
 
 def _text(cells: pd.DataFrame, name: str, rows: int) -> NameArray:
