@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
@@ -266,7 +265,9 @@ def _average(
 
 def _wider(fit: Posterior) -> float:
     """Student's factor on deviations from few rows, which tell their own noise but roughly: 1.96 of them hold 95 %."""
-    return float(student.ppf(0.975, fit.freedom)) / 1.96
+    from scipy.special import stdtrit
+
+    return float(stdtrit(fit.freedom, 0.975)) / 1.96
 
 
 def _left_out(
