@@ -95,25 +95,31 @@ def import_files(
 
     Try any of them with --dry-run first.
     """
-    from irbcal.errors import OptionError
-    from irbcal.measurement.imports import feature_rows
-    from irbcal.measurement.imports.reader import import_measurements
+    from irbcal.measurement.imports.feature_rows import is_of_features
 
     if out is None and not dry_run:
         raise typer.BadParameter("expected a file to write to, or --dry-run", param_hint="--out")
-    if feature_rows.is_of_features(as_):
-        _features(sources, as_, out, joints, set_ or (), dry_run, json)
-        return
+    understand = _features if is_of_features(as_) else _points
+    understand(sources, as_, out, joints, set_ or (), dry_run, json)
+    if dry_run and not json:
+        show.say("Nothing was written: this was a dry run")
+
+
+def _points(
+    sources: list[Path], as_: str, out: Path | None, joints: Path | None, set_: Sequence[str], dry_run: bool, json: bool
+) -> None:
+    """Understand points, write, tell."""
+    from irbcal.errors import OptionError
+    from irbcal.measurement.imports.reader import import_measurements
+
     try:
-        found = import_measurements(*sources, as_=as_, out=out, joints=joints, set_=set_ or (), dry_run=dry_run)
+        found = import_measurements(*sources, as_=as_, out=out, joints=joints, set_=set_, dry_run=dry_run)
     except OptionError as error:
         raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
     if json:
         show.print_json(_summary(found, dry_run))
-        return
-    show.tell(found.told())
-    if dry_run:
-        show.say("Nothing was written: this was a dry run")
+    else:
+        show.tell(found.told())
 
 
 def _features(
@@ -127,10 +133,8 @@ def _features(
     found = import_features(*sources, as_=as_, out=out, set_=set_, dry_run=dry_run)
     if json:
         show.print_json(found.to_dict())
-        return
-    show.tell(found.told())
-    if dry_run:
-        show.say("Nothing was written: this was a dry run")
+    else:
+        show.tell(found.told())
 
 
 def _summary(found: Imported, dry_run: bool) -> dict[str, Any]:

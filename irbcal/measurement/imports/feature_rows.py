@@ -260,37 +260,43 @@ def _understood(text: TextTable, wanted: FeatureMap, before: int) -> tuple[pd.Da
     shared: dict[str, Any] = {SOURCE: text.source, ROW: text.lines, "pose": (np.arange(count) + before + 1).astype(str)}
     shared |= joint_values(text, joints, units.joints)
     shared |= joint_values(text, asked, units.joints, "c") if asked else {}
-    for key, name in (("pose", "pose"), ("target", "target"), ("kind", "kind"), ("feature", "feature")):
-        column = getattr(columns, key)
-        if column is not None:
-            shared[name] = text.text(text.find(column, f"the {key}")).to_numpy()
-    for new, column in columns.keep.items():
-        shared[new] = text.text(text.find(column, new)).to_numpy()
-    for key, name in (("u95", "u95_mm"), ("payload", "payload_kg")):
-        column = getattr(columns, key)
-        if column is not None:
-            k = text.find(column, f"the {key}")
-            shared[name] = text.numbers(k, "a number or nothing", _gone(text, k, wanted))
+    shared |= _beside(text, wanted)
     if position:
         factor = _length(wanted, text.source)
         for axis, k in zip("xyz", position, strict=True):
             shared[f"{axis}_mm"] = text.numbers(k, "a position or nothing", _gone(text, k, wanted)) * factor
-    shared |= {name: value for name, value in wanted.fixed.model_dump().items() if value is not None}
     frame = joint_rules_applied(pd.DataFrame(shared, index=range(count)), wanted.joints)
     frames, lost = [], 0
     places: dict[str, int | None] = {**(readings or single)} or {"": None}
-    for name, k in places.items():
+    for name, place in places.items():
         own = frame if not name else frame.assign(feature=name)
-        if k is not None:
-            gone = _gone(text, k, wanted)
+        if place is not None:
+            gone = _gone(text, place, wanted)
             column, factor = _value(wanted, text.source)
-            own = own.assign(**{column: text.numbers(k, "a value or nothing", gone) * factor})[~gone]
+            own = own.assign(**{column: text.numbers(place, "a value or nothing", gone) * factor})[~gone]
             lost += int(gone.sum())
         frames.append(own)
     rows = pd.concat(frames).sort_index(kind="stable")
     first = ["pose", *(name for name in rows.columns if name[0] in "qc" and name.endswith(("_deg", "_mm")))]
     first += [name for name in ("target", "feature", "kind", "value_mm", "value_deg") if name in rows.columns]
     return rows[[*first, *(name for name in rows.columns if name not in first)]], lost, count
+
+
+def _beside(text: TextTable, wanted: FeatureMap) -> dict[str, Any]:
+    """Columns beside joints and readings, and values that the file does not hold."""
+    columns, out = wanted.columns, dict[str, Any]()
+    for name in ("pose", "target", "kind", "feature"):
+        column = getattr(columns, name)
+        if column is not None:
+            out[name] = text.text(text.find(column, f"the {name}")).to_numpy()
+    for new, column in columns.keep.items():
+        out[new] = text.text(text.find(column, new)).to_numpy()
+    for key, name in (("u95", "u95_mm"), ("payload", "payload_kg")):
+        column = getattr(columns, key)
+        if column is not None:
+            k = text.find(column, f"the {key}")
+            out[name] = text.numbers(k, "a number or nothing", _gone(text, k, wanted))
+    return out | {name: value for name, value in wanted.fixed.model_dump().items() if value is not None}
 
 
 def _gone(text: TextTable, k: int, wanted: FeatureMap) -> BoolArray:
