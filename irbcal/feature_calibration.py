@@ -19,12 +19,14 @@ from irbcal.files.features_section import FeatureRow, FeaturesSection, LengthRow
 from irbcal.files.nominal import calibration_at, read_nominal
 from irbcal.files.outcome import AtFeatures, Outcome, PlacedRobot
 from irbcal.identification.constraint_fit import FeatureFit, identify_features
+from irbcal.identification.constraint_kind import SHOWN
+from irbcal.identification.constraint_problem import ConstraintProblem, Key
 from irbcal.identification.constraint_result import FeaturedFit, as_points, frames_of, shape_only
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
-from irbcal.units import DEG, MM
+from irbcal.units import MM
 from irbcal.validation.feature_proof import FeatureProof, prove
 
 if TYPE_CHECKING:
@@ -83,7 +85,7 @@ def run(
     proof = prove(urdf.arm, seen, options.leave_out, options.terms, options.seed, say)
     before, left = fit.left_open()
     section = _section(fit, proof, before, left)
-    doubts = _doubts(section)
+    doubts = [*_doubts(section), *fit.doubts()]
     points = as_points(seen)
     rows = len(seen)
     missed = found.problem.residuals(found.nominal), found.problem.residuals(found.state)
@@ -187,6 +189,7 @@ def _section(fit: FeaturedFit, proof: FeatureProof | None, before: float, left: 
             for one, error in zip(seen.lengths, fitted, strict=True)
         ],
         named=seen.named,
+        scale_from=fit.scale_from,
     )
 
 
@@ -206,18 +209,16 @@ def _feature_rows(found: FeatureFit, places: dict[str, str]) -> list[FeatureRow]
         unknown, given = one.group.keys(), known.setdefault(one.group.feature.name, {})
         for what, held in one.own.items():
             if what not in unknown:
-                given[what] = (np.ravel(held) / MM).tolist()
+                given[what] = (np.ravel(held) / SHOWN[one.group.kind.own[what].unit]).tolist()
     out = []
     for name, feature in seen.features.items():
         mine = seen.feature == name
         nominal, own = (float(np.sqrt(np.mean(miss[mine] ** 2))) / MM for miss in misses)
         values: dict[str, list[float]] = {}
         std: dict[str, list[float]] = {}
-        for key, (shape, _) in problem.layout.items():
-            if key[1] != name or key[0] in ("tool", "base"):
-                continue
+        for key, unit in _unknowns(problem, name).items():
+            shape = problem.layout[key][0]
             value, deviation = found.state.own[key], found.std(key)
-            unit = MM if shape in ("place", "number") else DEG
             if shape in ("axis", "line"):
                 values[key[0]] = value[:, 2].tolist()
                 if shape == "line":
@@ -240,9 +241,25 @@ def _feature_rows(found: FeatureFit, places: dict[str, str]) -> list[FeatureRow]
                 known=known[name],
                 middle_mm=(tool[mine].mean(axis=0) / MM).tolist(),
                 spread_mm=float(np.sqrt(tool[mine].var(axis=0).sum())) / MM,
+                imaging={} if feature.imaging is None else feature.imaging.columns(),
             )
         )
     return out
+
+
+def _unknowns(problem: ConstraintProblem, feature: str) -> dict[Key, float]:
+    """What was unknown of a feature, and numbers of what looked at it, with the units they are shown in."""
+    owns = {
+        key: group.kind.own[name]
+        for group in problem.groups
+        if group.feature.name == feature
+        for name, key in group.keys().items()
+    }
+    return {
+        key: SHOWN[owns[key].unit]
+        for key in problem.layout
+        if key in owns and (owns[key].of == "feature" or owns[key].shape == "number")
+    }
 
 
 def _place_rows(proof: FeatureProof) -> list[PlaceRow]:

@@ -6,10 +6,11 @@ import numpy as np
 import pandas as pd
 
 from irbcal.files.nominal import read_nominal
-from irbcal.identification.constraint_kind import LEVER
+from irbcal.identification.constraint_kind import LEVER, with_third
 from irbcal.identification.constraints import KINDS, Seen
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
+from irbcal.measurement.imaging import FITTED, LENS, TARGETS
 from irbcal.modeling import frames
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
@@ -17,6 +18,8 @@ from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 from irbcal.units import DEG, MM
 
 TOOL = np.array([0.06, -0.03, 0.15])
+LENS_OF = (1400.0, 1402.0, 955.0, 610.0, -0.12, 0.08, 5e-4, -4e-4, -0.01)
+SEEN_SIZE, SQUARES, SQUARE = (1920, 1200), (8, 6), 0.03
 COUNTS = {"angle": 1, "pose": 1, "radius": 2, "line": 4}
 EMPTY = np.full((1, 3, 3), np.nan)
 
@@ -44,6 +47,15 @@ def tip(one, q, tool=TOOL):
 def unknowns(kind, rng):
     """True unknowns of a feature, within reach."""
     centre = np.array([rng.uniform(0.7, 1.0), rng.uniform(-0.5, 0.5), rng.uniform(0.3, 0.9)])
+    if kind in TARGETS:
+        lens = {name: np.array([value]) for name, value in zip(FITTED, LENS_OF, strict=False)}
+        axes = frames.rotation_from_vector(np.array([0.3, -0.2, 0.5]))
+        at = np.array([2.2, rng.uniform(-0.6, 0.6), rng.uniform(0.6, 1.2)]) if kind == "image" else centre
+        way = (
+            np.array([0.8, 0.0, 0.6]) - at if kind == "image" else np.array([0.0, 0.0, 1.0]) + rng.uniform(-0.4, 0.4, 3)
+        )
+        facing = with_third(way / np.linalg.norm(way))
+        return {"centre": at, "attitude": facing, "axes": axes, **lens}
     turn = frames.rotation_from_vector(rng.standard_normal(3))
     if kind == "line":
         return {"line": np.column_stack([turn, centre])}
@@ -60,6 +72,69 @@ def unknowns(kind, rng):
     if kind == "angle":
         own = {"axis": turn, "up": frames.rotation_from_vector(np.array([0.01, -0.02, 0.0]))}
     return own
+
+
+def in_image(lens, y):
+    """Pixels of points in camera axes (..., 3), as the manual of OpenCV writes it."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = lens
+    x, v = y[..., 0] / y[..., 2], y[..., 1] / y[..., 2]
+    r2 = x**2 + v**2
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    there = x * radial + 2 * p1 * x * v + p2 * (r2 + 2 * x**2), v * radial + p1 * (r2 + 2 * v**2) + 2 * p2 * x * v
+    return np.stack([fx * there[0] + cx, fy * there[1] + cy], axis=-1)
+
+
+def corners():
+    """Inner corners of the board, (n, 3), metres."""
+    y, x = np.mgrid[1 : SQUARES[1], 1 : SQUARES[0]]
+    return SQUARE * np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
+
+
+def before_camera(kind, p, R, own):
+    """Corners in camera axes (m, n, 3)."""
+    M = R @ own["axes"]
+    if kind == "image":
+        return (p[:, None] + corners() @ M.transpose(0, 2, 1) - own["centre"]) @ own["attitude"]
+    return (own["centre"] + corners() @ own["attitude"].T - p[:, None]) @ M
+
+
+def in_view(y, uv):
+    """Whether all corners are within the image, near enough and not seen from the side."""
+    inside = ((uv > 20) & (uv < np.array(SEEN_SIZE) - 20)).all(axis=(1, 2))
+    normal = np.cross(y[:, 1] - y[:, 0], y[:, SQUARES[0] - 1] - y[:, 0])
+    steep = np.abs(np.einsum("mi,mi->m", normal, y[:, 0]))
+    steep /= np.linalg.norm(normal, axis=1) * np.linalg.norm(y[:, 0], axis=1)
+    return inside & (y[..., 2] > 0.2).all(axis=1) & (y[..., 2] < 2.5).all(axis=1) & (steep > 0.5)
+
+
+def images(kind, one, own, n, rng, noise=0.0):
+    """Rows of corners: a tenth of a pixel of noise for 0.05 mm."""
+    q = np.zeros((0, 6))
+    for _ in range(50):
+        more = arm().random_joints(max(500 * n, 3000), int(rng.integers(1 << 30))) * 0.9
+        y = before_camera(kind, *tip(one, more), own)
+        y[..., 2] = np.maximum(y[..., 2], 0.1)
+        q = np.concatenate([q, more[in_view(y, in_image(LENS_OF, y))]])[:n]
+        if len(q) == n:
+            break
+    assert len(q) == n, (kind, len(q))
+    uv = in_image(LENS_OF, before_camera(kind, *tip(one, q), own))
+    uv = uv + noise / (0.5 * MM) * rng.standard_normal(uv.shape)
+    count = uv.shape[1]
+    table = {
+        "kind": kind,
+        "corner": np.tile(np.arange(count), n),
+        "u_px": uv[..., 0].ravel(),
+        "v_px": uv[..., 1].ravel(),
+    }
+    return pd.DataFrame(table | {f"q{j}_deg": np.repeat(column / DEG, count) for j, column in enumerate(q.T, 1)})
+
+
+def camera(**more):
+    """What the features' file says of camera and board."""
+    size = {"width_px": SEEN_SIZE[0], "height_px": SEEN_SIZE[1]}
+    board = {"squares_x": SQUARES[0], "squares_y": SQUARES[1], "square_mm": SQUARE / MM}
+    return dict(zip(LENS, LENS_OF, strict=True)) | size | board | more
 
 
 def contact(one, kind, own, n, rng, value=0.0, xyz=None, noise=0.0):
@@ -88,7 +163,7 @@ def contact(one, kind, own, n, rng, value=0.0, xyz=None, noise=0.0):
     return q[out], v[out], places[out]
 
 
-def rows(kind, one, n=60, seed=0, noise=0.0, fresh=0):
+def rows(kind, one, n=60, seed=0, noise=0.0, fresh=0, fit=""):
     """Rows (n a feature) at features of one kind, and the features' table; ``fresh`` more are without noise."""
     rng = np.random.default_rng(seed)
     parts, known = [], []
@@ -101,13 +176,17 @@ def rows(kind, one, n=60, seed=0, noise=0.0, fresh=0):
         for count, spread, label in ((n, noise, name), (fresh, 0.0, f"fresh {name}")):
             if count:
                 parts.append(_rows(kind, one, own, count, rng, spread, axes).assign(feature=name))
-                parts[-1]["pose"] = [f"{label} {j}" for j in range(count)]
+                each = len(parts[-1]) // count
+                parts[-1]["pose"] = [f"{label} {j}" for j in range(count) for _ in range(each)]
         known.append({"feature": name, "kind": kind, "radius_mm": 30.0 if kind == "sphere" else None})
+        known[-1] |= camera(target="ball", fit=fit) if kind in TARGETS else {}
     table = pd.concat(parts, ignore_index=True)
     return table.assign(feature="") if kind == "pose" else table, pd.DataFrame(known)
 
 
 def _rows(kind, one, own, n, rng, noise, axes):
+    if kind in TARGETS:
+        return images(kind, one, own, n, rng, noise)
     seen = rng.uniform(-0.02, 0.02, (12 * n, 3)) if kind.startswith("offset") else None
     value = rng.uniform(-0.01, 0.01, 12 * n) if kind == "gauge" else 0.0
     if kind in ("radius", "angle", "pose"):
@@ -138,9 +217,9 @@ def world():
     return frames.transform(frames.rotation_from_vector(np.array([0.2, -0.4, 2.0])), [1.0, -2.0, 0.5])
 
 
-def seen(kind, one, n=60, seed=0, noise=0.0, fresh=0):
+def seen(kind, one, n=60, seed=0, noise=0.0, fresh=0, fit=""):
     """Rows as read."""
-    table, known = rows(kind, one, n, seed, noise, fresh)
+    table, known = rows(kind, one, n, seed, noise, fresh, fit)
     return features.read(table, known.fillna(""), arm())
 
 

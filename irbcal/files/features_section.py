@@ -12,7 +12,8 @@ class FeatureRow(Section):
 
     ``found`` has its unknowns in the base link (mm, degrees), ``known`` what was given of it, likewise; ``rms_mm`` is
     what its rows miss in the fit. At its rows the tool was about ``middle_mm``, within ``spread_mm`` (root mean
-    square). Files of earlier versions do not know the last three.
+    square). ``imaging`` has what was given of camera and board, as in the features' file. Files of earlier versions do
+    not know the last four.
     """
 
     name: str
@@ -27,6 +28,7 @@ class FeatureRow(Section):
     known: dict[str, list[float]] = Field(default_factory=dict)
     middle_mm: list[float] = Field(default_factory=list)
     spread_mm: float = 0.0
+    imaging: dict[str, str] = Field(default_factory=dict)
 
 
 class PlaceRow(Section):
@@ -58,7 +60,8 @@ class FeaturesSection(Section):
 
     ``left_out`` is what was left out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
     square lengths of what was not known of the tool's place, before the rows and after them. ``named`` is how columns
-    name the feature of a row, empty where a column does, and in files of earlier versions.
+    name the feature of a row, empty where a column does, and in files of earlier versions; ``scale_from`` is what gives
+    the robot its scale where that is a part of the features, as the squares of a board.
     """
 
     kinds: dict[str, int]
@@ -71,10 +74,13 @@ class FeaturesSection(Section):
     places: list[PlaceRow]
     lengths: list[LengthRow]
     named: str = ""
+    scale_from: str = ""
 
     @property
     def scale(self) -> str:
         """Where the scale of the robot comes from, in a sentence; empty where lengths were measured."""
+        if self.scale_from:
+            return f"the scale rests on {self.scale_from}: were these 0.1 % longer, the robot would be, too"
         return "" if self.scale_measured else "no length was measured: the scale rests on nominal link lengths"
 
     def length_error(self) -> tuple[float, float] | None:

@@ -394,7 +394,7 @@ def _superset_of(problem: ConstraintProblem, kept: Sequence[Compared]) -> list[T
 def held_out(
     fit: FeatureFit, rows: FeatureSet, calibrated: bool = True, lengths: Sequence[Length] = ()
 ) -> tuple[FloatArray, dict[str, float]]:
-    """What rows at features that the fit has not seen miss: only these features are placed anew.
+    """What rows that the fit has not seen miss: features that it has not seen either are placed anew, others stay.
 
     Parameters
     ----------
@@ -418,7 +418,8 @@ def held_out(
         If their tool is not that of the fit.
     """
     state = fit.state if calibrated else fit.nominal
-    mine = {key: value for key, value in state.own.items() if key[0] == TOOL or key[1] in set(fit.problem.seen.target)}
+    stay = {*fit.problem.seen.target, *fit.problem.seen.features}
+    mine = {key: value for key, value in state.own.items() if key[0] == TOOL or key[1] in stay}
     strange = sorted(set(rows.target.astype(str)) - {key[1] for key in mine})
     if strange:
         raise IdentificationError(f"target {strange[0]} is measured in the left-out rows only: its place is not known")

@@ -12,6 +12,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.measurement.features import Feature
 from irbcal.modeling import frames
+from irbcal.units import DEG, MM
 
 LEVER = 0.3
 """Metres per radian: a turn counts as the motion of a point this far away."""
@@ -21,6 +22,12 @@ Shape: TypeAlias = Literal["place", "number", "turn", "axis", "line"]
 through a place (3, 4)."""
 
 DIMENSIONS: Mapping[Shape, int] = {"place": 3, "number": 1, "turn": 3, "axis": 2, "line": 4}
+
+STEPS: Mapping[str, float] = {"m": MM, "rad": 1e-3, "px": 1.0, "": 1e-3}
+"""Step of an unknown by its unit, that of one column of the linear model."""
+
+SHOWN: Mapping[str, float] = {"m": MM, "rad": DEG, "px": 1.0, "": 1.0}
+"""Unit in which an unknown is shown: millimetres, degrees, pixels."""
 
 
 @dataclass(frozen=True)
@@ -32,13 +39,13 @@ class Own:
     shape : str
     of : str
         Whether each ``feature`` has its own, or each ``target`` of the tool.
-    length : bool
-        Whether its steps are metres; radians otherwise.
+    unit : str
+        Of its steps: ``m``, ``rad``, ``px``, or nothing for numbers without one; see `STEPS`.
     """
 
     shape: Shape
     of: Literal["feature", "target"] = "feature"
-    length: bool = True
+    unit: Literal["m", "rad", "px", ""] = "m"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +67,10 @@ class Seen:
     rotation : ndarray, shape (m, 3, 3)
         Measured orientations, NaN likewise.
     T_world_base : ndarray, shape (4, 4)
+    corners : ndarray, shape (m, n, 5), or None
+        Of images, see `irbcal.measurement.imaging.Images`.
+    known : dict of str to ndarray
+        Unknowns of the kind that are known already, for a start of the others.
     """
 
     feature: Feature
@@ -69,6 +80,16 @@ class Seen:
     xyz: FloatArray
     rotation: FloatArray
     T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
+    corners: FloatArray | None = None
+    known: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What is known of an unknown beforehand: a value and how well it is known, SI units or pixels."""
+
+    value: FloatArray
+    u95: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,12 +106,15 @@ class Misses:
         By the kind's unknowns.
     turn : ndarray, shape (m, k, 3), optional
         By a turn of the tool about its point.
+    size : ndarray, shape (m,), optional
+        How far a row is from what was seen, metres; the length of its first three residuals unless given.
     """
 
     r: FloatArray
     point: FloatArray
     own: Mapping[str, FloatArray]
     turn: FloatArray | None = None
+    size: FloatArray | None = None
 
 
 class Kind(ABC):
@@ -104,7 +128,7 @@ class Kind(ABC):
     own : dict of str to Own
         Its unknowns; ``centre`` may be known instead, in the measuring frame.
     needs : tuple of str
-        What each row must have: ``value``, ``xyz``, ``rotation``.
+        What each row must have: ``value``, ``xyz``, ``rotation``, ``corners``.
     metric : bool
         Whether it measures a length of the size of the arm.
     shape_only : bool
@@ -127,6 +151,18 @@ class Kind(ABC):
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """Unknowns that are known of a feature, but for its centre."""
         return {}
+
+    def expected(self, feature: Feature) -> dict[str, Expected]:
+        """What is known of unknowns beforehand, with its uncertainty."""
+        return {}
+
+    def scale_of(self, feature: Feature) -> str:
+        """The known length that gives the robot its scale, where it is a part of the feature."""
+        return ""
+
+    def doubt(self, seen: Seen, found: Misses) -> str:
+        """What speaks against what is known of the feature, in a sentence; nothing where nothing does."""
+        return ""
 
     @abstractmethod
     def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:

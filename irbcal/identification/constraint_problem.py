@@ -149,19 +149,19 @@ class ConstraintProblem:
         if self.framed and base is None:
             self.layout[BASE] = None, 0
             units.append(np.r_[np.full(3, RAD), np.full(3, MM)])
-        shapes: dict[Key, tuple[Shape, bool]] = {}
+        shapes: dict[Key, tuple[Shape, str]] = {}
         for group in self.groups:
             if group.kind.pointed:
-                shapes.setdefault((TOOL, group.target), ("place", True))
+                shapes.setdefault((TOOL, group.target), ("place", "m"))
             for name, key in group.keys().items():
                 own = group.kind.own[name]
-                shapes.setdefault(key, (own.shape, own.length))
+                shapes.setdefault(key, (own.shape, own.unit))
         for key in sorted(shapes, key=lambda key: (key[0] != TOOL, key[0] != "axes")):
             if key in self.held:
                 continue
-            shape, length = shapes[key]
+            shape, unit = shapes[key]
             self.layout[key] = shape, int(sum(map(len, units)))
-            size = np.full(constraints.DIMENSIONS[shape], MM if length else RAD)
+            size = np.full(constraints.DIMENSIONS[shape], constraints.STEPS[unit])
             if shape == "line":
                 size[:2] = RAD
             units.append(size)
@@ -177,6 +177,12 @@ class ConstraintProblem:
         self.weights: FloatArray = np.clip(self.typical / np.maximum(u95, 1e-9), 0.01, 100.0)
         self.lengths = [one for one in seen.lengths if ("centre", one.first) in self.layout]
         self.lengths = [one for one in self.lengths if ("centre", one.second) in self.layout]
+        self.expected = {
+            key: group.kind.expected(group.feature)[name]
+            for group in self.groups
+            for name, key in group.keys().items()
+            if key in self.layout and name in group.kind.expected(group.feature)
+        }
 
     def _in_world(self, group: Group) -> bool:
         """Whether rows of a group tie the base to the measuring frame."""
@@ -239,7 +245,17 @@ class ConstraintProblem:
         R = tip[:3].transpose(2, 1, 0)
         rows, seen = group.rows, self.seen
         p = tip[3].T + R @ tool
-        return Seen(group.feature, p, R, seen.value[rows], seen.xyz[rows], seen.rotation[rows], state.T_world_base)
+        return Seen(
+            group.feature,
+            p,
+            R,
+            seen.value[rows],
+            seen.xyz[rows],
+            seen.rotation[rows],
+            state.T_world_base,
+            None if seen.corners is None else seen.corners[rows],
+            {name: state.own[key] for name, key in group.keys().items() if key in state.own},
+        )
 
     def own_of(self, state: FeatureState, group: Group) -> dict[str, FloatArray]:
         """The unknowns of a group's kind; a centre that is known in the measuring frame is brought to the base link."""
@@ -263,7 +279,8 @@ class ConstraintProblem:
         """Size of what each row misses, metres, shape (rows,): the distance of places; turns are left out."""
         out = np.full(len(self.seen), np.nan)
         for one in self.misses(state):
-            out[one.group.rows] = np.linalg.norm(one.found.r[:, :3], axis=1)
+            size = one.found.size
+            out[one.group.rows] = np.linalg.norm(one.found.r[:, :3], axis=1) if size is None else size
         return out
 
     def length_errors(self, state: FeatureState) -> FloatArray:
@@ -305,6 +322,8 @@ class ConstraintProblem:
             yield Dense(J.reshape(width, r.size), y.ravel(), np.repeat(rows, r.shape[1]))
         if self.lengths:
             yield self._of_lengths(state, width)
+        if self.expected:
+            yield self._of_expected(state, width)
 
     def sums(self, state: FeatureState, columns: IntArray | None = None) -> Sums:
         """Normal equations of the linear model; columns as `dense`."""
@@ -382,6 +401,15 @@ class ConstraintProblem:
             y[k] = -miss * w
         return Dense(J, y, np.full(len(self.lengths), -1))
 
+    def _of_expected(self, state: FeatureState, width: int) -> Dense:
+        """What is known of unknowns beforehand as rows."""
+        J, y = np.zeros((width, len(self.expected))), np.zeros(len(self.expected))
+        for k, (key, one) in enumerate(self.expected.items()):
+            at, w = self.layout[key][1], self.typical / MM / one.u95
+            J[at, k] = w * self.sizes[at]
+            y[k] = w * float(one.value[0] - state.own[key][0])
+        return Dense(J, y, np.full(len(self.expected), -1))
+
 
 def _groups(seen: FeatureSet) -> list[Group]:
     """Rows by kind, feature and target, in parts of `BLOCK` rows; refused where something is missing."""
@@ -420,7 +448,7 @@ def _check(seen: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> None:
             column="feature",
         )
     columns = {"value": "value_mm" if kind.pointed else "value_deg", "xyz": "x_mm", "rotation": "qw"}
-    for need in needs:
+    for need in [need for need in needs if need in columns]:  # images are whole as they are read
         bad = ~np.isfinite(getattr(seen, need)[rows].reshape(len(rows), -1)).all(axis=1)
         if bad.any():
             raise MeasurementError(

@@ -22,6 +22,9 @@ from irbcal.modeling.terms.term_map import basis_values, term_columns
 
 BASE_REASON = "nothing ties the features to a measuring frame: places are those of the base link"
 
+TOO_LARGE = 2e-3
+"""Share by which a robot may come out larger than nominal before what gave the scale is doubted."""
+
 JOINTS = 200
 """Random joints on which it is asked what the rows leave open."""
 
@@ -92,6 +95,42 @@ class FeaturedFit(AveragedFit):
         problem = self.at_features.problem
         known = [group for group in problem.groups if group.feature.centre is not None or group.measured]
         return bool(problem.seen.lengths or known or any(group.kind.metric for group in problem.groups))
+
+    @property
+    def scale_from(self) -> str:
+        """What gives the robot its scale where nothing but parts of features does, in words."""
+        problem = self.at_features.problem
+        metric = [group for group in problem.groups if group.kind.metric]
+        words = list(dict.fromkeys(group.kind.scale_of(group.feature) for group in metric))
+        others = [group for group in problem.groups if group.feature.centre is not None or group.measured]
+        return "" if problem.seen.lengths or others or "" in words else " and ".join(words)
+
+    def doubts(self) -> list[str]:
+        """What speaks against what was known beforehand of features: their own doubts, and fitted numbers far away."""
+        problem, state = self.at_features.problem, self.at_features.state
+        found = [one.group.kind.doubt(one.seen, one.found) for one in problem.misses(state)]
+        for (name, of), known in problem.expected.items():
+            value = float(state.own[name, of][0])
+            if abs(value - known.value[0]) > 2.0 * known.u95:
+                found.append(
+                    f"{name} of {of} comes out at {value:.6g}, {known.value[0]:.6g} was said: images and poses that "
+                    "do not belong together, or a lens that is another."
+                )
+        larger = self._larger()
+        if self.scale_from and abs(larger) > TOO_LARGE:
+            found.append(
+                f"The robot comes out {abs(larger):.2%} {'larger' if larger > 0 else 'smaller'} than nominal, and its "
+                f"scale rests on {self.scale_from}: measure these."
+            )
+        return [text for text in dict.fromkeys(found) if text]
+
+    def _larger(self) -> float:
+        """Share by which the calibrated arm is larger than the nominal one."""
+        nominal, own = self.at_features.problem.arm, self.evidence.arm
+        q = nominal.random_joints(JOINTS, 0)
+        a, b = (arm.forward(q)[:, :3, 3] for arm in (nominal, own))
+        a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+        return float(np.linalg.svd(a.T @ b, compute_uv=False).sum() / (a**2).sum()) - 1.0
 
     def left_open(self) -> tuple[float, float]:
         """What is not known of where the tool's point is, before and after: root mean square lengths, metres.

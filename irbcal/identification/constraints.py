@@ -5,7 +5,7 @@ it touches a ball, lies in a plane, is so far from a point. Each kind has residu
 the tool's rotation and by unknowns of its own, and a start of these in closed form. All places are in the base link;
 what is known in the measuring frame comes with its derivative by the base.
 
-A kind is added by a class here and its name in `KINDS`; nothing else names kinds.
+A kind is added by a class here, or in a file of its own, and its name in `KINDS`; nothing else names kinds.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from irbcal.arrays import FloatArray
 from irbcal.identification.constraint_kind import (
     DIMENSIONS,
     LEVER,
+    STEPS,
     Kind,
     Misses,
     Own,
@@ -37,10 +38,11 @@ from irbcal.identification.constraint_kind import (
     vectors,
     with_third,
 )
+from irbcal.identification.images import Image, ImageOnTool
 from irbcal.measurement.features import Feature
 from irbcal.modeling import frames
 
-__all__ = ["DIMENSIONS", "KINDS", "Kind", "Misses", "Own", "Seen", "Shape", "cross", "length_misses", "moved"]
+__all__ = ["DIMENSIONS", "KINDS", "STEPS", "Kind", "Misses", "Own", "Seen", "Shape", "cross", "length_misses", "moved"]
 
 
 class Point(Kind):
@@ -123,7 +125,7 @@ class Plane(Kind):
     """The tool's point is in a plane: a probe touches a table, the side of a cube."""
 
     name, size = "plane", 1
-    own: ClassVar[Mapping[str, Own]] = {"normal": Own("axis", length=False), "height": Own("number")}
+    own: ClassVar[Mapping[str, Own]] = {"normal": Own("axis", unit="rad"), "height": Own("number")}
     shape_only, spread = True, True
 
     def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
@@ -234,7 +236,7 @@ class Offset(Kind):
     """A ball on the tool, seen in the axes of a sensor in the hall: laser fans, three dial gauges in a nest."""
 
     name, size = "offset", 3
-    own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", length=False)}
+    own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", unit="rad")}
     needs = ("xyz",)
 
     def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
@@ -259,7 +261,7 @@ class OffsetOnTool(Kind):
     """A ball in the hall, seen in the axes of a sensor on the tool: cameras or laser fans that the arm carries."""
 
     name, size = "offset-on-tool", 3
-    own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", of="target", length=False)}
+    own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", of="target", unit="rad")}
     needs = ("xyz",)
 
     def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
@@ -289,7 +291,7 @@ class Pose(Kind):
     """The tool's place and attitude are measured: a tracker with a probe of six degrees of freedom, a camera."""
 
     name, size = "pose", 6
-    own: ClassVar[Mapping[str, Own]] = {"axes": Own("turn", of="target", length=False)}
+    own: ClassVar[Mapping[str, Own]] = {"axes": Own("turn", of="target", unit="rad")}
     needs, metric, spread = ("xyz", "rotation"), True, True
 
     def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
@@ -318,7 +320,7 @@ class Angle(Kind):
     """An axis of the tool against the horizontal: an inclinometer; the feature is what is level."""
 
     name, size = "angle", 1
-    own: ClassVar[Mapping[str, Own]] = {"axis": Own("axis", of="target", length=False), "up": Own("axis", length=False)}
+    own: ClassVar[Mapping[str, Own]] = {"axis": Own("axis", of="target", unit="rad"), "up": Own("axis", unit="rad")}
     needs, spread, pointed = ("value",), True, False
 
     def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
@@ -346,7 +348,20 @@ class Angle(Kind):
 
 KINDS: Mapping[str, Kind] = {
     kind.name: kind
-    for kind in (Point(), Sphere(), Radius(), Plane(), Line(), Gauge(), Offset(), OffsetOnTool(), Pose(), Angle())
+    for kind in (
+        Point(),
+        Sphere(),
+        Radius(),
+        Plane(),
+        Line(),
+        Gauge(),
+        Offset(),
+        OffsetOnTool(),
+        Pose(),
+        Angle(),
+        Image(),
+        ImageOnTool(),
+    )
 }
 """Kinds of rows by name."""
 

@@ -6,6 +6,8 @@ of the features::
     pose,q1_deg,...,q6_deg,feature[,target,kind,value_mm,value_deg,u95_mm,u95_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz,...]
     feature,kind[,target,first,second,length_mm,radius_mm,offset_mm,x_mm,y_mm,z_mm,u95_mm]
 
+Corners of a board in images have more columns, see `irbcal.measurement.imaging`.
+
 What a row does not say, its feature does. A feature of kind ``distance`` is the known length between the features
 ``first`` and ``second``. Names in the second file may be made of columns of the first in braces: ``{place}/{socket}``
 is one feature for each place and socket, and where the rows have no column ``feature`` it names theirs. Rows that a
@@ -26,7 +28,7 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
+from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.known_features import (
     BRACES,
@@ -82,6 +84,8 @@ class FeatureSet(Speaks):
     source, sha256, named : str
         ``named`` is how columns name the feature of a row, as ``{place}/{socket}``; empty where no columns do.
     simulated, programmed : bool
+    corners : ndarray, shape (m, n, 5), or None
+        Of images, see `irbcal.measurement.imaging.Images`: a row is a whole image.
     """
 
     q: FloatArray
@@ -104,6 +108,7 @@ class FeatureSet(Speaks):
     simulated: bool = False
     programmed: bool = False
     named: str = ""
+    corners: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -128,6 +133,7 @@ class FeatureSet(Speaks):
             **arrays,
             row=self.row[rows],
             cells=self.cells[rows],
+            corners=None if self.corners is None else self.corners[rows],
             features={name: one for name, one in self.features.items() if name in names},
             lengths=tuple(one for one in self.lengths if one.first in names and one.second in names),
         )
@@ -207,6 +213,8 @@ class FeatureSet(Speaks):
         """How many rows of which kinds at how many features."""
         rows = ", ".join(f"{count} of kind {kind}" for kind, count in self.kinds().items())
         lengths = f", {len(self.lengths)} known lengths" if self.lengths else ""
+        if self.corners is not None:
+            rows += f", {int(np.isfinite(self.corners[:, :, 2]).sum())} corners in all"
         made = "SIMULATED " if self.simulated else ""
         return [f"{made}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{lengths}"]
 
@@ -264,7 +272,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
     simulated = "simulated" in cells.columns and bool(
         (~cells["simulated"].astype(str).str.lower().isin(["", "no", "0", "false"])).any()
     )
-    return FeatureSet(
+    whole = FeatureSet(
         q,
         pose,
         _poses(cells, pose),
@@ -285,6 +293,28 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         simulated,
         programmed,
         named,
+    )
+    return _with_images(whole, known)
+
+
+def _with_images(whole: FeatureSet, known: Mapping[str, Feature]) -> FeatureSet:
+    """Rows that are corners, gathered to images."""
+    source = whole.source
+    number, u, v, u95 = (_number(whole.cells, {name: 1.0}, source) for name in ("corner", "u_px", "v_px", "u95_px"))
+    keys = [whole.pose_index.astype(str), whole.feature, whole.target]
+    image = pd.factorize(pd.Series([" | ".join(map(str, key)) for key in zip(*keys, strict=True)]))[0]
+    corners = imaging.Corners(image, whole.kind, whole.feature, whole.target, number, u, v, u95, whole.xyz, whole.row)
+    views = {name: one.imaging for name, one in known.items()}
+    images = imaging.gathered(corners, views, {name: one.target for name, one in known.items()}, source)
+    if images is None:
+        return whole
+    kept = whole.select(images.keep)
+    mine = np.isfinite(images.corners[:, 0, 2])
+    return replace(
+        kept,
+        corners=images.corners,
+        u95=np.where(mine, imaging.u95_of(images.corners), kept.u95),
+        xyz=np.where(mine[:, None], np.nan, kept.xyz),
     )
 
 

@@ -16,8 +16,9 @@ import pandas as pd
 
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
+from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import TableLike
+from irbcal.measurement.imaging import Imaging
 from irbcal.reading import read_bytes
 from irbcal.units import MM
 
@@ -27,7 +28,7 @@ TARGET = "ball"
 DISTANCE = "distance"
 """The kind of what is known between two features."""
 
-TEXT = ("feature", "kind", "target", "first", "second")
+TEXT = ("feature", "kind", "target", "first", "second", imaging.FIT)
 LENGTHS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm")
 LENGTH_U95 = 0.05 * MM
 """How well a known length is known unless that is said, metres."""
@@ -48,6 +49,8 @@ class Feature:
         In the measuring frame, metres.
     u95 : float or None
         Of its rows, metres.
+    imaging : Imaging or None
+        Camera and board, of images.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Feature:
     offset: float | None = None
     centre: FloatArray | None = None
     u95: float | None = None
+    imaging: Imaging | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -91,17 +95,19 @@ def given_rows(features: TableLike) -> list[dict[str, str]]:
 
 
 def _rows_of(cells: pd.DataFrame, source: str) -> list[dict[str, str]]:
-    strange = [str(name) for name in cells.columns if name not in (*TEXT, *LENGTHS)]
+    strange = [str(name) for name in cells.columns if name not in (*TEXT, *LENGTHS, *imaging.NUMBERS)]
     missing = [name for name in ("feature", "kind") if name not in cells.columns]
     if strange or missing:
         what = f"there is a column {strange[0]}" if strange else f"missing column {missing[0]}"
         raise MeasurementError(
-            f"{what}: features have the columns {', '.join((*TEXT, *LENGTHS))}",
+            f"{what}: features have the columns {', '.join((*TEXT, *LENGTHS, *imaging.NUMBERS))}",
             file=source,
             row=columns.header_row(source),
         )
     for name in [name for name in LENGTHS if name in cells.columns]:
         numbers_of(cells, name, source, "a length in mm or nothing", lost=True)
+    for name in [name for name in imaging.NUMBERS if name in cells.columns]:
+        numbers_of(cells, name, source, "a number or nothing", lost=True)
     return [
         {str(k): str(v).strip() for k, v in one.items()} | {"row": str(row), "source": source}
         for row, one in zip(cells.index, cells.to_dict("records"), strict=True)
@@ -132,6 +138,7 @@ def known_features(
     known: dict[str, Feature] = {}
     lengths: dict[str, Length] = {}
     seen = set(names)
+    imaging.shared(given)
     for one in given:
         value = {name: float(one[name]) * MM if one.get(name) else None for name in LENGTHS}
         if not one["feature"] or not one["kind"]:
@@ -169,6 +176,7 @@ def known_features(
                 value["offset_mm"],
                 centre,
                 value["u95_mm"],
+                imaging.imaging_of(one) if one["kind"] in imaging.TARGETS else None,
             )
     return known, tuple(lengths.values())
 
@@ -176,7 +184,7 @@ def known_features(
 def numbers_of(cells: pd.DataFrame, name: str, source: str, expected: str, lost: bool = False) -> FloatArray:
     """A column as numbers that a robot cell can hold."""
     values = columns.numbers(cells, name, source, expected, lost)
-    most = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG
+    most = columns.LARGEST_ANGLE_DEG if name.endswith("_deg") else columns.LARGEST_POSITION_MM
     bounds = (name, -most, most, f"a number within ±{most:g}")
     columns.refuse_outside(pd.DataFrame({"row": cells.index, name: values}), [bounds], source)
     return values

@@ -29,7 +29,8 @@ MOST = 12
 TRACKER, PARTS = "tracker", 4
 """Poses that only a tracker saw are left out in so many parts."""
 
-LENGTHS = "lengths"
+POSES = "part of the poses"
+"""What is left out where there is one feature, whose rows tell more than its place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,8 @@ def labels(seen: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str,
     OptionError
         If it is the pose, which is no place.
     """
-    if leave_out in ("pose", "row"):
+    spread = all(KINDS[kind].spread for kind in set(seen.kind) if kind in KINDS)
+    if leave_out == "row" or (leave_out == "pose" and not spread):
         raise OptionError(
             "leave_out: rows at one feature prove nothing about each other: name a column of whole places",
             parameter="leave_out",
@@ -116,6 +118,8 @@ def labels(seen: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str,
         number = dict(zip(poses.tolist(), part.tolist(), strict=True))
         for k in alone:
             out[k] = f"{TRACKER} {number[int(seen.pose_index[k])] + 1}"
+        if spread and len(set(out)) == 1 and seen.corners is not None:
+            return POSES, _parts(seen)
         return "features", out
     for name in seen.features:
         mine = seen.feature == name
@@ -130,6 +134,12 @@ def labels(seen: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str,
                 column=column,
             )
     return column, out
+
+
+def _parts(seen: FeatureSet) -> NameArray:
+    """Poses in `PARTS` parts, by turns: where all rows are at one feature, it stays where the others put it."""
+    number = np.unique(seen.pose_index, return_inverse=True)[1] % PARTS
+    return np.array([f"part {k + 1} of {PARTS}" for k in number], dtype=object)
 
 
 def prove(

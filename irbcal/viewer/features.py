@@ -21,8 +21,10 @@ from irbcal.files.schema import Record
 from irbcal.identification import constraint_start
 from irbcal.identification.constraint_kind import with_third
 from irbcal.identification.constraint_problem import TOOL, ConstraintProblem, FeatureState, Key
+from irbcal.identification.constraints import KINDS
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.features import DISTANCE, FeatureSet, Length
+from irbcal.measurement.imaging import FITTED
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
@@ -39,6 +41,8 @@ WORDS: Mapping[str, str] = {
     "gauge": "gauge",
     "offset": "sensor",
     "offset-on-tool": "ball",
+    "image": "camera",
+    "image-on-tool": "board",
 }
 """What is drawn of a kind, as its label says; what is level (``angle``) has no place."""
 
@@ -91,6 +95,11 @@ def shown(section: FeaturesSection, reach: float) -> tuple[ShownFeature, ...]:
         size = small
         if row.kind == "sphere":
             size = abs((row.found | row.known)["radius"][0]) * MM
+        elif row.kind == "image-on-tool" and "squares_x" in row.imaging:
+            edges = np.array([float(row.imaging[name]) for name in ("squares_x", "squares_y")])
+            edges *= float(row.imaging["square_mm"]) * MM
+            T = T @ frames.transform(None, np.r_[0.5 * edges, 0.0])
+            size = float(edges.mean()) / 2
         elif row.kind in ("plane", "gauge", "line"):
             size = float(
                 np.clip(1.5 * row.spread_mm * MM, 0.05 * reach, (0.25 if row.kind == "plane" else 0.5) * reach)
@@ -111,7 +120,7 @@ def _placed(row: FeatureRow) -> FloatArray | None:
     """Where a feature stands in the base link; None where it has no place, or an earlier version did not keep it."""
     own, middle = _unknowns(row), np.array(row.middle_mm or [0.0, 0.0, 0.0]) * MM
     if "centre" in own:
-        turn = own["axes"] if "axes" in row.found else None
+        turn = own["axes"] if "axes" in row.found else own.get("attitude")
         return frames.transform(turn, own["centre"])
     if "line" in own:
         Q, a = own["line"][:, :3], own["line"][:, 3]
@@ -133,10 +142,12 @@ def _unknowns(row: FeatureRow) -> dict[str, FloatArray]:
             out[name] = with_third(value)
         elif name == "line":
             out[name] = np.column_stack([with_third(value), np.array(row.found["through"]) * MM])
-        elif name == "axes":
+        elif name in ("axes", "attitude"):
             out[name] = frames.from_xyz_angles(np.r_[np.zeros(3), value * DEG])[:3, :3]
         elif name in ("centre", "radius", "offset", "height"):
             out[name] = value * MM
+        elif name in FITTED:
+            out[name] = value
     return out
 
 
@@ -153,7 +164,11 @@ def bodies(features: tuple[ShownFeature, ...], reach: float) -> tuple[list[Any],
             parts.append((shapes.rod(T[:3, 3] - half, T[:3, 3] + half, width), colour))
         elif one.kind == "sphere":
             glass.append((shapes.moved(shapes.sphere(size), T[:3, 3]), BALL))
-        elif one.kind == "plane":
+        elif one.kind == "image":  # a camera with the way it looks
+            cone = shapes.cone(0.4 * size, 1.8 * size, 0.0, 2.5 * size)
+            body = shapes.box([2.4 * size, 2.4 * size, 3.0 * size]) - np.array([0.0, 0.0, 1.5 * size])
+            parts += [(part @ T[:3, :3].T + T[:3, 3], SOCKET) for part in (cone, body)]
+        elif one.kind in ("plane", "image-on-tool"):
             patch = shapes.box([2 * size, 2 * size, 0.6 * thin])
             glass.append((patch @ T[:3, :3].T + T[:3, 3], FLAT))
             solid.append((shapes.rod(T[:3, 3], T[:3, 3] + 0.2 * size * T[:3, 2], 0.6 * thin), FLAT))
@@ -228,7 +243,9 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
     _refuse_strangers(seen, section, calibrated)
     fitted: dict[Key, FloatArray] = {}
     for row in section.features:
-        fitted |= {(name, row.name): value for name, value in _unknowns(row).items()}
+        of_target = {name for name, item in KINDS[row.kind].own.items() if item.of == "target"}
+        for name, value in _unknowns(row).items():
+            fitted[name, row.target if name in of_target else row.name] = value
     there = FeatureState(_tools(calibrated) | fitted, np.zeros(0), calibrated.T_world_base)
     found, drawn = _missed(calibrated, _problem(calibrated, seen), there)
     anew = _problem(nominal, seen)
@@ -272,6 +289,7 @@ def _known(section: FeaturesSection) -> pd.DataFrame:
     rows = [{"feature": one.name, "kind": one.kind, "target": one.target} for one in section.features]
     for one, row in zip(section.features, rows, strict=True):
         row |= {f"{name}_mm": repr(one.known[name][0]) for name in ("radius", "offset") if name in one.known}
+        row |= one.imaging
     if section.named:
         rows.insert(0, {"feature": section.named, "kind": section.features[0].kind, "target": ""})
     return pd.DataFrame(rows).fillna("")
@@ -310,7 +328,8 @@ def _missed(robot: Robot, problem: ConstraintProblem, state: FeatureState) -> tu
         tip = robot.walk(problem.motion.select(group.rows)).tip
         seen, own = problem.seen_of(state, group, tip), problem.own_of(state, group)
         missed = group.kind.misses(seen, own)
-        way[group.rows] = -np.einsum("mki,mk->mi", missed.point[:, :3], missed.r[:, :3])
+        across = np.linalg.pinv(missed.point, rcond=0.3)  # along the view images tell little: that is left out
+        way[group.rows] = -np.einsum("mik,mk->mi", across, missed.r)
         place[group.rows] = seen.p
         if group.kind.name == "offset-on-tool":  # where the sensor says that the ball is
             place[group.rows] = own["centre"] - way[group.rows]

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import feature_cases as cases
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from irbcal.identification.constraint_problem import ConstraintProblem
 from irbcal.identification.constraint_start import start
 from irbcal.identification.constraints import DIMENSIONS, KINDS, Seen
 from irbcal.measurement.features import Feature
+from irbcal.measurement.imaging import FITTED, TARGETS, Imaging
 from irbcal.modeling import frames
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 
@@ -26,7 +29,22 @@ def some(kind, seed=0):
         np.array([frames.rotation_from_vector(w) for w in rng.standard_normal((4, 3))]),
         cases.world(),
     )
-    return seen, cases.unknowns(kind, rng)
+    own = cases.unknowns(kind, rng)
+    if kind not in TARGETS:
+        return seen, own
+    # images are reduced to as many residuals as they tell: their derivatives are exact where corners fit
+    before = [own["centre"] + rng.uniform(-0.1, 0.1, 3) - own["attitude"][:, 2] * 0.9 for _ in range(4)]
+    facing = [own["attitude"] @ frames.rotation_from_vector(0.2 * rng.standard_normal(3)) for _ in range(4)]
+    if kind == "image":  # the board before the camera
+        before = [2.0 * own["centre"] - p for p in before]
+    R = np.array(facing) @ own["axes"].T
+    corners = np.full((4, len(cases.corners()), 5), 0.2)
+    corners[:, :, :2] = cases.corners()[:, :2]
+    corners[:, :, 2:4] = cases.in_image(cases.LENS_OF, cases.before_camera(kind, np.array(before), R, own))
+    corners[1, 20:] = np.nan
+    corners[2, ::2, 4] = 0.3
+    feature = Feature("f", kind, imaging=Imaging(np.array(cases.LENS_OF), FITTED))
+    return replace(seen, feature=feature, p=np.array(before), R=R, corners=corners), own
 
 
 def moved(seen, p=0.0, turn=None, base=None):
@@ -34,7 +52,7 @@ def moved(seen, p=0.0, turn=None, base=None):
     T = seen.T_world_base
     if base is not None:
         T = T @ frames.transform(frames.rotation_from_vector(base[:3]), base[3:])
-    return Seen(seen.feature, seen.p + p, R, seen.value, seen.xyz, seen.rotation, T)
+    return replace(seen, p=seen.p + p, R=R, T_world_base=T)
 
 
 def slope(function, size):
@@ -45,9 +63,10 @@ def slope(function, size):
 def test_derivatives_are_those_of_central_differences(name):
     kind, (seen, own) = KINDS[name], some(name)
     found = kind.misses(seen, own)
-    assert found.r.shape == (4, kind.size)
+    size = kind.size + len(kind.expected(seen.feature))
+    assert found.r.shape == (4, size)
     np.testing.assert_allclose(found.point, slope(lambda h: kind.misses(moved(seen, h), own).r, 3), atol=1e-8)
-    turn = np.zeros((4, kind.size, 3)) if found.turn is None else found.turn
+    turn = np.zeros((4, size, 3)) if found.turn is None else found.turn
     np.testing.assert_allclose(turn, slope(lambda h: kind.misses(moved(seen, turn=h), own).r, 3), atol=1e-8)
     for key, item in kind.own.items():
 
@@ -66,7 +85,7 @@ def test_truth_without_noise_is_found_without_a_guess(name):
     metric, nominal = KINDS[name].metric, cases.arm()
     truth = cases.true_arm(nominal, 1, lengths=metric)
     terms = [term for term in GEOMETRY.terms(nominal) if metric or term.axis[0] == "r"]
-    problem = ConstraintProblem(nominal, cases.seen(name, truth), terms)
+    problem = ConstraintProblem(nominal, cases.seen(name, truth, 20 if name in TARGETS else 60), terms)
     state = start(problem)
     assert problem.residuals(state).max() > 0.5e-3  # of the nominal robot
     for _ in range(12):

@@ -1,0 +1,195 @@
+"""Corners of a flat board in images: a camera in the hall that sees a board on the tool, or the other way round.
+
+An image tells six numbers of the tool, and its corners repeat them: an image's residuals are what its corners miss,
+orthogonally reduced to as many (and as many more as numbers of the lens are fitted). The sum of squares that is
+reduced away is what no place of the tool explains. Residuals are in metres: pixels times what a pixel is at the board
+(`irbcal.measurement.imaging.per_pixel`), divided by the square root of the corners' count, so that one is the shift of
+a whole image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.identification import camera
+from irbcal.identification.constraint_kind import Expected, Kind, Misses, Own, Seen, cross, eliminated, ones
+from irbcal.measurement.features import Feature
+from irbcal.measurement.imaging import FITTED, Imaging, per_pixel
+from irbcal.modeling import frames
+from irbcal.units import MM
+
+FOCAL_U95, MIDDLE_U95, DISTORTION_U95 = 0.02, 0.02, 0.1
+"""How well fitted numbers of a lens are known before: shares of the focal length; k1."""
+
+TOO_FAR = 4.0
+"""Times its standard deviation that a corner may miss within an image before lens and board are doubted."""
+
+NO_ROBOT = 1.0 * MM
+"""What images may miss in a fit of the robot before they are doubted, metres."""
+
+
+class Image(Kind):
+    """Corners of a board on the tool, seen by a camera in the hall; the tool's point is the board's origin."""
+
+    name, size, on_tool = "image", 6, False
+    needs, metric, spread = ("corners",), True, True
+    own: ClassVar[Mapping[str, Own]] = {
+        "centre": Own("place"),
+        "attitude": Own("turn", unit="rad"),
+        "axes": Own("turn", of="target", unit="rad"),
+        **{name: Own("number", unit="px" if name != "k1" else "") for name in FITTED},
+    }
+
+    def fixed(self, feature: Feature) -> dict[str, FloatArray]:
+        """Numbers of the lens that are not fitted."""
+        view = _view(feature)
+        return {name: view.lens[k : k + 1] for k, name in enumerate(FITTED) if name not in view.fit}
+
+    def expected(self, feature: Feature) -> dict[str, Expected]:
+        """What the features' file says of the numbers that are."""
+        view = _view(feature)
+        f = float(view.lens[0])
+        size = {"fx": FOCAL_U95 * f, "fy": FOCAL_U95 * f, "cx": MIDDLE_U95 * f, "cy": MIDDLE_U95 * f}
+        return {
+            name: Expected(view.lens[k : k + 1], size.get(name, DISTORTION_U95))
+            for k, name in enumerate(FITTED)
+            if name in view.fit
+        }
+
+    def scale_of(self, feature: Feature) -> str:
+        """The board's squares."""
+        square = _view(feature).square
+        return f"squares of {square / MM:.6g} mm" if square else "places of the corners on the board"
+
+    def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
+        """What corners miss, image by image; see the module."""
+        view, corners = _view(seen.feature), _corners(seen)
+        lens = view.lens.copy()
+        for k, name in enumerate(FITTED):
+            lens[k] = own[name][0]
+        there = np.isfinite(corners[:, :, 2])
+        x = np.where(there[..., None], corners[:, :, :2], 0.0)
+        x = np.concatenate([x, np.zeros((*x.shape[:2], 1))], axis=2)
+        by_p, by_turn, uv, by_lens = self._seen(seen, own, x, lens)
+        m, n = there.shape
+        count = there.sum(axis=1)
+        pixel = per_pixel(corners)
+        typical = np.nanmedian(corners[:, :, 4], axis=1)
+        w = np.where(there, typical[:, None] / np.where(there, corners[:, :, 4], 1.0), 0.0)
+        w *= (pixel / np.sqrt(count))[:, None]
+        e = np.where(there[..., None], uv - corners[:, :, 2:4], 0.0)
+        fitted = [k for k, name in enumerate(FITTED) if name in view.fit]
+        A: FloatArray = (
+            np.concatenate([by_p, by_turn, by_lens[..., fitted], e[..., None]], axis=3) * w[:, :, None, None]
+        )
+        A = A.reshape(m, 2 * n, A.shape[3])
+        k = A.shape[2] - 1
+        if 2 * n <= k:
+            A = np.concatenate([A, np.zeros((m, k + 1 - 2 * n, k + 1))], axis=1)
+        A = np.asarray(np.linalg.qr(A, mode="r"))[:, :k]
+        A = A * np.where(np.diagonal(A, axis1=1, axis2=2) < 0.0, -1.0, 1.0)[:, :, None]
+        point, turn, r = A[:, :, :3], A[:, :, 3:6], A[:, :, k]
+        by = {
+            "centre": -point,
+            "attitude": point @ cross(seen.p - own["centre"]) - turn,
+            "axes": turn @ seen.R,
+        }
+        by |= {FITTED[at]: A[:, :, [6 + column]] for column, at in enumerate(fitted)}
+        size = pixel * np.sqrt((e**2).sum(axis=(1, 2)) / count)
+        return Misses(r, point, by, turn, size)
+
+    def doubt(self, seen: Seen, found: Misses) -> str:
+        """Corners that no place of camera and board explains, or no robot: a lens or a board that is another."""
+        assert found.size is not None
+        corners = _corners(seen)
+        count = np.isfinite(corners[:, :, 2]).sum(axis=1)
+        expected = float(np.nanmedian(corners[:, :, 4])) / 1.96
+        spare = np.maximum(2 * count - found.r.shape[1], 1)
+        left = np.maximum(found.size**2 - (found.r**2).sum(axis=1), 0.0) * count / spare
+        pixel = per_pixel(corners)
+        within, whole = (float(np.median(np.sqrt(one) / pixel)) for one in (left, found.size**2 / 2.0))
+        if within < TOO_FAR * expected and (np.median(found.size) < NO_ROBOT or whole < TOO_FAR * expected):
+            return ""
+        what = f"{within:.2f} px from where any place of camera and board has them"
+        if within < TOO_FAR * expected:
+            what = f"{whole:.1f} px ({np.median(found.size) / MM:.1f} mm) from where any robot like this has them"
+        return (
+            f"Corners of {seen.feature.name} are {what} ({expected:.2f} px expected): lens or board are not what was "
+            "said of them, or joints and images do not belong together; give the camera's distortion, or fit: fx fy cx "
+            "cy k1."
+        )
+
+    def _seen(
+        self, seen: Seen, own: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Derivatives of corners (m, n, 2, 3) by the tool's point and its turn, where they are, and by the lens."""
+        m, n = x.shape[:2]
+        on_tool = x @ (seen.R @ own["axes"]).transpose(0, 2, 1)
+        F = own["attitude"]
+        uv, P, by_lens = camera.project(lens, (seen.p[:, None] - own["centre"] + on_tool) @ F)
+        by_p = P @ F.T
+        by_turn = -by_p @ cross(on_tool.reshape(-1, 3)).reshape(m, n, 3, 3)
+        return by_p, by_turn, uv, by_lens
+
+    def poses(self, seen: Seen) -> FloatArray:
+        """The frame on the tool in that in the hall, image by image, (m, 4, 4); closed form."""
+        T = camera.boards(_view(seen.feature).lens, _corners(seen))
+        if not self.on_tool:
+            return T
+        R = T[:, :3, :3].transpose(0, 2, 1)
+        out = np.tile(np.eye(4), (len(T), 1, 1))
+        out[:, :3, :3], out[:, :3, 3] = R, -np.einsum("mij,mj->mi", R, T[:, :3, 3])
+        return out
+
+    def start(self, seen: Seen) -> dict[str, FloatArray]:
+        """From the board's pose in each image; the axes on the tool from ``R_i A = F D_i`` where they are not known."""
+        D = self.poses(seen)
+        A = seen.known.get("axes")
+        if A is None:
+            found = camera.hand_eye(seen.R, D[:, :3, :3])
+            A = np.eye(3) if found is None else found[0]
+        F = np.asarray(frames.nearest_rotation((seen.R @ A @ D[:, :3, :3].transpose(0, 2, 1)).mean(axis=0)))
+        lens = {name: np.array([value]) for name, value in zip(FITTED, _view(seen.feature).lens, strict=False)}
+        return {"axes": A, "attitude": F, "centre": (seen.p - D[:, :3, 3] @ F.T).mean(axis=0), **lens}
+
+    def tool(self, seen: Seen) -> tuple[FloatArray, FloatArray] | None:
+        """From ``R t - c = F d - p``, which is linear once the rotations are known."""
+        D = self.poses(seen)
+        found = camera.hand_eye(seen.R, D[:, :3, :3])
+        if found is None:
+            return None
+        return eliminated(seen.R, [-ones(len(D))], D[:, :3, 3] @ found[1].T - seen.p)
+
+
+class ImageOnTool(Image):
+    """Corners of a board in the hall, seen by a camera on the tool; the tool's point is the camera's centre."""
+
+    name, on_tool = "image-on-tool", True
+    own: ClassVar[Mapping[str, Own]] = {
+        name: Own(item.shape, "target" if name in FITTED else item.of, item.unit) for name, item in Image.own.items()
+    }
+
+    def _seen(
+        self, seen: Seen, own: Mapping[str, FloatArray], x: FloatArray, lens: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        m, n = x.shape[:2]
+        way = x @ own["attitude"].T + own["centre"] - seen.p[:, None]
+        M = seen.R @ own["axes"]
+        uv, P, by_lens = camera.project(lens, way @ M)
+        by_p = -P @ M.transpose(0, 2, 1)[:, None]
+        by_turn = -by_p @ cross(way.reshape(-1, 3)).reshape(m, n, 3, 3)
+        return by_p, by_turn, uv, by_lens
+
+
+def _view(feature: Feature) -> Imaging:
+    assert feature.imaging is not None
+    return feature.imaging
+
+
+def _corners(seen: Seen) -> FloatArray:
+    assert seen.corners is not None
+    return seen.corners

@@ -1,0 +1,353 @@
+"""Corners of a flat board in images: what is known of camera and board, and all corners of an image as one row.
+
+Features of the kinds in `TARGETS` may have more columns::
+
+    fx_px,fy_px,cx_px,cy_px[,k1,k2,p1,p2,k3,width_px,height_px,fit]      the camera
+    squares_x,squares_y,square_mm                                        the board
+
+What one feature says of a camera or a board, all of that camera or board have. ``fit`` names numbers of the camera
+(`FITTED`, with spaces between them) that are uncertain and fitted. A row is one corner in one image: ``u_px``, ``v_px``
+(OpenCV's convention: the middle of the first pixel is 0, 0), and ``corner``, its number on the board, or ``x_mm``,
+``y_mm`` in the board's axes. Inner corners of a board are numbered as OpenCV's ChArUco boards do: along x first, the
+first one a square's side from both edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.errors import MeasurementError
+from irbcal.units import MM
+
+TARGETS: Mapping[str, str] = {"image": "board", "image-on-tool": "camera"}
+"""Kinds of rows that are images, and what the tool carries."""
+
+LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
+BOARD = ("squares_x", "squares_y", "square_mm")
+SIZE = ("width_px", "height_px")
+NUMBERS = (*LENS, *SIZE, *BOARD, "u95_px")
+FIT = "fit"
+FITTED = ("fx", "fy", "cx", "cy", "k1")
+"""Numbers of a camera that may be fitted, in the order of `LENS`."""
+
+PIXEL_U95 = 0.2
+"""Uncertainty of a corner that tells none, pixels."""
+
+FEWEST = 4
+"""Corners that an image needs: fewer do not tell where the board is."""
+
+OUTSIDE = 1.0
+"""Pixels that a corner may lie beyond the image."""
+
+
+@dataclass(frozen=True, eq=False)
+class Imaging:
+    """What is known of a camera and of the board that it sees.
+
+    Attributes
+    ----------
+    lens : ndarray, shape (9,)
+        Pinhole with Brown's distortion as `LENS` names it: pixels, and numbers of normalised coordinates.
+    fit : tuple of str
+        Which of `FITTED` are uncertain.
+    squares : (int, int) or None
+        Along x and y.
+    square : float or None
+        Side, metres.
+    size : (float, float) or None
+        Width and height of images, pixels.
+    u95 : float
+        Of a corner, pixels.
+    """
+
+    lens: FloatArray
+    fit: tuple[str, ...] = ()
+    squares: tuple[int, int] | None = None
+    square: float | None = None
+    size: tuple[float, float] | None = None
+    u95: float = PIXEL_U95
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def corners(self) -> FloatArray:
+        """Inner corners of the board in its axes, shape (n, 2), metres."""
+        if self.squares is None or self.square is None:
+            return np.zeros((0, 2))
+        y, x = np.mgrid[1 : self.squares[1], 1 : self.squares[0]]
+        return self.square * np.column_stack([x.ravel(), y.ravel()]).astype(float)
+
+    def columns(self) -> dict[str, str]:
+        """As the columns of a features' file."""
+        out = {name: repr(float(value)) for name, value in zip(LENS, self.lens, strict=True)} | {
+            FIT: " ".join(self.fit)
+        }
+        if self.size is not None:
+            out |= {name: repr(float(value)) for name, value in zip(SIZE, self.size, strict=True)}
+        if self.squares is not None and self.square is not None:
+            out |= {"squares_x": str(self.squares[0]), "squares_y": str(self.squares[1])}
+            out |= {"square_mm": repr(round(self.square / MM, 9))}
+        return out | {"u95_px": repr(self.u95)}
+
+
+def shared(given: Sequence[dict[str, str]]) -> None:
+    """Fill in what other features say of the same camera or board.
+
+    Raises
+    ------
+    MeasurementError
+        If two say different things.
+    """
+    known: dict[tuple[str, str, str], str] = {}
+    mine = [one for one in given if one["kind"] in TARGETS]
+    for again in (False, True):
+        for one in mine:
+            one["target"] = one.get("target") or TARGETS[one["kind"]]
+            camera, board = (one["target"], one["feature"])[:: 1 if one["kind"] == "image-on-tool" else -1]
+            owner = [("camera", camera, name) for name in (*LENS, *SIZE, FIT)] + [("board", board, n) for n in BOARD]
+            for key in owner:
+                value = one.get(key[2], "")
+                if again:
+                    one[key[2]] = value or known.get(key, "")
+                elif value and known.setdefault(key, value) != value:
+                    raise MeasurementError(
+                        f"{key[0]} {key[1]} has {key[2]} {known[key]} in one row and {value} in another",
+                        file=one["source"],
+                        row=int(one["row"]),
+                        column=key[2],
+                    )
+
+
+def imaging_of(one: Mapping[str, str]) -> Imaging:
+    """What a row of the features' file says of camera and board.
+
+    Raises
+    ------
+    MeasurementError
+        If something is missing or cannot be.
+    """
+
+    def refuse(words: str, column: str) -> MeasurementError:
+        return MeasurementError(words, file=one["source"], row=int(one["row"]), column=column)
+
+    camera = one["target"] if one["kind"] == "image-on-tool" else one["feature"]
+    value = {name: float(one[name]) for name in NUMBERS if one.get(name)}
+    for name in ("fx_px", "cx_px", "cy_px"):
+        if name not in value:
+            raise refuse(
+                f"nothing is known of the lens of {camera}: a camera needs fx_px, fy_px, cx_px and cy_px", name
+            )
+    value.setdefault("fy_px", value["fx_px"])
+    for name in ("fx_px", "fy_px", *SIZE, *BOARD, "u95_px"):
+        if name in value and value[name] <= 0.0:
+            raise refuse(f"expected a number above zero, found {value[name]:g}", name)
+    for names in (SIZE, BOARD):
+        missing = [name for name in names if name not in value]
+        if 0 < len(missing) < len(names):
+            raise refuse(f"expected {', '.join(names)}, all or none", missing[0])
+    fit = tuple(one.get(FIT, "").split())
+    strange = [name for name in fit if name not in FITTED]
+    if strange:
+        raise refuse(f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted", FIT)
+    for name in BOARD[:2]:
+        if name in value and (value[name] < 3 or value[name] != int(value[name])):
+            raise refuse(f"a board has 3 squares or more along each side, found {value[name]:g}", name)
+    return Imaging(
+        np.array([value.get(name, 0.0) for name in LENS]),
+        tuple(name for name in FITTED if name in fit),
+        (int(value["squares_x"]), int(value["squares_y"])) if "squares_x" in value else None,
+        value["square_mm"] * MM if "square_mm" in value else None,
+        (value["width_px"], value["height_px"]) if "width_px" in value else None,
+        value.get("u95_px", PIXEL_U95),
+    )
+
+
+def per_pixel(corners: FloatArray) -> FloatArray:
+    """What a pixel is at the board, about: spread of corners on the board by that in the image, (m,), metres.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (m, n, 5)
+        See `Images`.
+    """
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # rows without corners
+        spread = np.nanvar(corners[:, :, :4], axis=1)
+        return np.asarray(np.sqrt(spread[:, :2].sum(axis=1) / spread[:, 2:].sum(axis=1)))
+
+
+def u95_of(corners: FloatArray) -> FloatArray:
+    """How well images tell the board's place across the view, (m,), metres: all corners together."""
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        count = np.isfinite(corners[:, :, 4]).sum(axis=1)
+        return np.asarray(np.nanmedian(corners[:, :, 4], axis=1) * per_pixel(corners) / np.sqrt(np.maximum(count, 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """Corners gathered image by image.
+
+    Attributes
+    ----------
+    keep : ndarray of bool, shape (rows,)
+        Rows of the file that stay: the first of each image, and those that are no corners.
+    corners : ndarray, shape (kept, n, 5)
+        x and y on the board in metres, u, v and the uncertainty in pixels; NaN beyond an image's corners.
+    """
+
+    keep: BoolArray
+    corners: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Corners:
+    """Corners row by row, as the file has them.
+
+    Attributes
+    ----------
+    image : ndarray of int, shape (rows,)
+        Rows with one number are of one pose at one feature with one target.
+    kind, feature, target : ndarray of str, shape (rows,)
+    number, u, v, u95 : ndarray, shape (rows,)
+        Pixels; NaN where there is none.
+    xyz : ndarray, shape (rows, 3)
+        In the board's axes, metres, where the file has them.
+    row : ndarray of int, shape (rows,)
+        In the file.
+    """
+
+    image: IntArray
+    kind: NameArray
+    feature: NameArray
+    target: NameArray
+    number: FloatArray
+    u: FloatArray
+    v: FloatArray
+    u95: FloatArray
+    xyz: FloatArray
+    row: IntArray
+
+
+def gathered(
+    seen: Corners, known: Mapping[str, Imaging | None], targets: Mapping[str, str], source: str
+) -> Images | None:
+    """Images of corners; None where no row is a corner.
+
+    Parameters
+    ----------
+    seen : Corners
+    known : dict of str to Imaging or None
+        By feature.
+    targets : dict of str to str
+        Target of each feature.
+    source : str
+        For messages.
+
+    Raises
+    ------
+    MeasurementError
+        If a corner is not on its board, or an image has too few.
+    """
+    mine = np.isin(seen.kind.astype(str), list(TARGETS))
+    if not mine.any():
+        return None
+    rows = np.flatnonzero(mine)
+
+    def refuse(k: int, words: str, column: str) -> MeasurementError:
+        return MeasurementError(words, file=source, row=int(seen.row[k]), column=column)
+
+    lost = rows[~(np.isfinite(seen.u[rows]) & np.isfinite(seen.v[rows]))]
+    if len(lost):
+        k = int(lost[0])
+        name = "u_px" if not np.isfinite(seen.u[k]) else "v_px"
+        raise refuse(k, f"a row of kind {seen.kind[k]} needs u_px and v_px, where the corner is in the image", name)
+    xy, u95 = seen.xyz[:, :2].copy(), seen.u95.copy()
+    for name in dict.fromkeys(seen.feature[rows]):
+        of = rows[seen.feature[rows] == name]
+        one = known.get(str(name))
+        if one is None:
+            raise refuse(int(of[0]), f"a row of kind {seen.kind[of[0]]} needs fx_px … of its camera", "feature")
+        other = of[seen.target[of] != targets[str(name)]]
+        if len(other):
+            k, what = int(other[0]), TARGETS[str(seen.kind[other[0]])]
+            raise refuse(k, f"unknown {what} {seen.target[k]}: {name} is seen with {targets[str(name)]}", "target")
+        xy[of] = _on_board(seen, one, of, refuse)
+        u95[of] = np.where(np.isfinite(u95[of]), u95[of], one.u95)
+        if one.size is not None:
+            far = [(seen.u[of], one.size[0], "u_px"), (seen.v[of], one.size[1], "v_px")]
+            for value, most, column in far:
+                out = of[(value < -OUTSIDE) | (value > most + OUTSIDE)]
+                if len(out):
+                    k = int(out[0])
+                    found = (seen.u if column == "u_px" else seen.v)[k]
+                    raise refuse(k, f"expected a place within the image of {most:g} pixels, found {found:g}", column)
+    return _by_image(seen, rows, np.column_stack([xy, seen.u, seen.v, u95]), mine, refuse)
+
+
+def _on_board(seen: Corners, one: Imaging, of: IntArray, refuse: Callable[..., MeasurementError]) -> FloatArray:
+    """Places of corners on their board, (rows, 2), metres."""
+    numbered, places = np.isfinite(seen.number[of]), seen.xyz[of]
+    out: FloatArray = places[:, :2].copy()
+    there = one.corners
+    if numbered.any():
+        if not len(there):
+            k = int(of[numbered][0])
+            raise refuse(k, f"the feature {seen.feature[k]} needs {', '.join(BOARD)} to number its corners", "corner")
+        number = seen.number[of]
+        off = numbered & ((number < 0) | (number >= len(there)) | (number != np.floor(number)))
+        if off.any():
+            k = int(of[off][0])
+            assert one.squares is not None
+            raise refuse(
+                k,
+                f"corner {seen.number[k]:g} is not on the board: {seen.feature[k]} has {one.squares[0]} × "
+                f"{one.squares[1]} squares, so corners 0 to {len(there) - 1}",
+                "corner",
+            )
+        out[numbered] = there[number[numbered].astype(int)]
+    nowhere = ~np.isfinite(out).all(axis=1)
+    if nowhere.any():
+        raise refuse(int(of[nowhere][0]), "a corner needs its number, or x_mm and y_mm on the board", "corner")
+    high = ~numbered & (np.nan_to_num(places[:, 2]) != 0.0)
+    if high.any():
+        raise refuse(int(of[high][0]), "boards are flat: expected z_mm 0 or nothing", "z_mm")
+    return out
+
+
+def _by_image(
+    seen: Corners, rows: IntArray, values: FloatArray, mine: BoolArray, refuse: Callable[..., MeasurementError]
+) -> Images:
+    """Rows of corners by their image; checked."""
+    order = rows[np.argsort(seen.image[rows], kind="stable")]
+    _, first, counts = np.unique(seen.image[order], return_index=True, return_counts=True)
+    heads = np.array([order[a : a + n].min() for a, n in zip(first, counts, strict=True)])
+    keep = ~mine
+    keep[heads] = True
+    place = np.cumsum(keep) - 1
+    corners = np.full((int(keep.sum()), int(counts.max()), 5), np.nan)
+    for head, a, n in zip(heads, first, counts, strict=True):
+        own = order[a : a + n]
+        corners[place[head], :n] = values[own]
+        xy = values[own, :2]
+        twice = pd.DataFrame(np.round(xy, 9)).duplicated().to_numpy()
+        if twice.any():
+            raise refuse(int(own[twice][0]), "this corner is in its image twice", "corner")
+        flat = np.linalg.svd(xy - xy.mean(axis=0), compute_uv=False)
+        if n < FEWEST or flat[1] < 1e-3 * flat[0]:
+            raise refuse(
+                int(head),
+                f"an image needs at least {FEWEST} corners that are not on one line, found {n}",
+                "corner",
+            )
+    return Images(keep, corners)

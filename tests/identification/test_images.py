@@ -1,0 +1,130 @@
+"""Images; derivatives and truth without noise of both kinds are in test_constraints.py."""
+
+import re
+
+import feature_cases as cases
+import numpy as np
+import pytest
+
+from irbcal.identification.constraint_fit import identify_features
+from irbcal.identification.constraint_problem import ConstraintProblem
+from irbcal.identification.constraint_result import FeaturedFit
+from irbcal.identification.constraint_start import start
+from irbcal.measurement.imaging import FITTED, TARGETS
+from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
+
+TRUTH = cases.true_arm(cases.arm(), 3)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """SIMULATED images with 0.1 px of noise, and a fit of robot and lens."""
+    seen = cases.seen("image-on-tool", TRUTH, 14, 0, 5e-5, fit=" ".join(FITTED))
+    return identify_features(cases.arm(), seen, choices=[()])
+
+
+def whole(problem, state):
+    """Every corner's miss in the unit of residuals, image by image, by plain projection."""
+    for one in problem.misses(state):
+        uv = cases.in_image(
+            cases.LENS_OF, cases.before_camera(one.group.kind.name, one.seen.p, one.seen.R, dict(one.own))
+        )
+        seen = one.seen.corners
+        pixel = np.sqrt(seen[..., :2].var(axis=1).sum(axis=1) / seen[..., 2:4].var(axis=1).sum(axis=1))
+        yield one, (uv - seen[..., 2:4]) * pixel[:, None, None]
+
+
+@pytest.mark.parametrize("kind", TARGETS)
+def test_reduced_residuals_tell_what_all_corners_tell(kind):
+    """Gradient and curvature by the tool's point, with corners that miss by tenths of a millimetre."""
+    problem = ConstraintProblem(cases.arm(), cases.seen(kind, TRUTH, 5, 1), [])
+    state = start(problem)
+    h = 1e-6
+    for one, miss in whole(problem, state):
+        np.testing.assert_allclose(one.found.size, np.sqrt((miss**2).sum(axis=(1, 2)) / miss.shape[1]), rtol=1e-9)
+        assert one.found.size.max() > 1e-4
+        slopes = []
+        for k in range(3):
+            ends = []
+            for sign in (1, -1):
+                p = one.seen.p + sign * h * np.eye(3)[k]
+                uv = cases.in_image(cases.LENS_OF, cases.before_camera(kind, p, one.seen.R, dict(one.own)))
+                pixel = np.sqrt(
+                    one.seen.corners[..., :2].var(axis=1).sum(axis=1)
+                    / one.seen.corners[..., 2:4].var(axis=1).sum(axis=1)
+                )
+                ends.append((uv - one.seen.corners[..., 2:4]) * pixel[:, None, None])
+            slopes.append((ends[0] - ends[1]) / (2 * h))
+        J = np.stack(slopes, axis=-1) / np.sqrt(miss.shape[1])
+        np.testing.assert_allclose(
+            np.einsum("mki,mkj->mij", one.found.point, one.found.point), np.einsum("mnai,mnaj->mij", J, J), atol=1e-6
+        )
+        np.testing.assert_allclose(
+            np.einsum("mki,mk->mi", one.found.point, one.found.r),
+            np.einsum("mnai,mna->mi", J, miss) / np.sqrt(miss.shape[1]),
+            atol=1e-9,
+        )
+
+
+def test_a_lens_is_fitted_within_its_interval(fitted):
+    found = fitted
+    for name, true in zip(FITTED, cases.LENS_OF, strict=False):
+        key = (name, "ball")
+        assert abs(found.state.own[key][0] - true) < 4.0 * found.std(key)[0]
+        assert found.std(key)[0] < 0.1 * found.problem.expected[key].u95
+    q = cases.arm().random_joints(100, 5) * 0.7
+    before, after = (
+        cases.apart(TRUTH, arm, q, s.own["tool", "ball"]).mean()
+        for arm, s in ((cases.arm(), found.nominal), (found.evidence.arm, found.state))
+    )
+    assert after < 0.15e-3 < 1e-3 < before
+
+
+def test_a_lens_without_noise_is_exact():
+    """The oracle is the arm and the lens that made the images; the file's lens errs by a per cent, its share is let go."""
+    nominal = cases.arm()
+    seen = cases.seen("image", TRUTH, 14, 2, fit="fx fy cx cy k1")
+    problem = ConstraintProblem(nominal, seen, GEOMETRY.terms(nominal))
+    state = start(problem)
+    for _ in range(12):
+        blocks = list(problem.dense(state))
+        J, y = np.concatenate([b.J for b in blocks], axis=1), np.concatenate([b.y for b in blocks])
+        state = problem.moved(state, np.linalg.lstsq(J.T, y, rcond=1e-11)[0])
+    assert problem.residuals(state).max() < 1e-9
+    q = nominal.random_joints(50, 5) * 0.8
+    assert cases.apart(TRUTH, problem.arm_of(state), q, state.own["tool", "ball"]).max() < 1e-9
+
+
+def test_intervals_hold_fresh_images():
+    """A seeded case of scripts/feature_intervals: the noiseless images of one repetition."""
+    seen = cases.seen("image-on-tool", TRUTH, 30, 5, 5e-5, 8)
+    fresh = np.array([str(name).startswith("fresh") for name in seen.pose])
+    fit = identify_features(cases.arm(), seen.select(~fresh), choices=[()])
+    there = ConstraintProblem(cases.arm(), seen.select(fresh), fit.problem.terms)
+    r = np.concatenate([one.found.r.ravel() for one in there.misses(fit.state)])
+    blocks = list(there.dense(fit.state))
+    J = np.concatenate([b.J for b in blocks], axis=1) * 1e-3 / there.sizes[:, None]
+    std = (
+        np.sqrt(np.einsum("ar,ab,br->r", J, fit.covariance, J)) / there.weights[np.concatenate([b.row for b in blocks])]
+    )
+    assert 0.86 < np.mean(np.abs(r) < 1.96 * std) <= 1.0
+    assert np.median(std) < 0.02e-3
+
+
+def test_a_lens_that_is_another_is_doubted(fitted):
+    found = fitted
+    assert FeaturedFit.of(found).doubts() == []
+    assert FeaturedFit.of(found).scale_from == "squares of 30 mm"
+    table, known = cases.rows("image-on-tool", TRUTH, 14, 0, 5e-5)
+    for wrong, words in (
+        ({"k1": 0.12}, "px from where any place of camera and board has them"),
+        ({"k1": 0.0, "k2": 0.0, "k3": 0.0}, "from where any robot like this has them"),
+        ({"fx_px": 1500.0, "fit": "fx"}, "fx of ball comes out at 1(399.9|400)"),
+        (
+            {"square_mm": 30.3},
+            "The robot comes out 1.0.% larger than nominal, and its scale rests on squares of 30.3 mm",
+        ),
+    ):
+        seen = cases.features.read(table, known.assign(**wrong).fillna(""), cases.arm())
+        told = " ".join(FeaturedFit.of(identify_features(cases.arm(), seen, choices=[()], bare=True)).doubts())
+        assert re.search(words, told), (wrong, told)
