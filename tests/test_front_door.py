@@ -38,7 +38,13 @@ ELSEWHERE = {
     "fk": {"joints": None},
     "ik": {"poses": None},
     "simulate": {"device": "simulate_device", "noise": "simulate_device"},
-    "plan": {"device": "device_plan", "poses": "device_plan", "compare_devices": None},
+    "plan": {
+        "device": "device_plan",
+        "poses": "device_plan",
+        "compare_devices": None,
+        "prior": "compare_devices",
+        "approach": "device_plan",
+    },
     "ballbar": {"file": None, "magnify": None},
     "tracker": {"file": None},
     "iso9283": dict.fromkeys(("plane", "near", "center", "inset", "edge"), "iso9283_plan") | {"plan": None},
@@ -100,6 +106,11 @@ def test_import_and_version_load_nothing_heavy(what):
     code = f"import sys, atexit; atexit.register(lambda: print(sorted({{'numpy', 'scipy', 'pandas', 'pinocchio', 'rich', 'pydantic'}} & set(sys.modules)))); {what}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_calibration_loads_neither_scipy_nor_meshes():
+    code = "import sys, irbcal.calibration; print(sorted({'scipy', 'trimesh', 'pinocchio', 'yourdfpy', 'matplotlib'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 
 
 def commands():
