@@ -33,6 +33,7 @@ from .fleet.overview import fleet_add as fleet_add
 from .fleet.overview import fleet_drift as fleet_drift
 from .fleet.overview import fleet_export as fleet_export
 from .fleet.overview import fleet_list as fleet_list
+from .fleet.prior import fleet_prior as fleet_prior
 from .identification.evidence import identify_evidence as identify_evidence
 from .identification.evidence_fit import EvidenceFit as EvidenceFit
 from .joint_behaviour.behaviour import joints as joints

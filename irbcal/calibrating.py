@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,13 +14,13 @@ import numpy as np
 from irbcal import feature_calibration
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.files import robots
+from irbcal.files import prior_file, robots
 from irbcal.files.calibration_folder import URDF_NAME, CalibrationLike
 from irbcal.files.earlier import Earlier, calibrated_before, earlier_of, taken_from
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.nominal import calibration_at, read_nominal
 from irbcal.files.outcome import Outcome
-from irbcal.gathering import gathered, of_earlier, without_gross_errors
+from irbcal.gathering import gathered, of_earlier, refuse_orientations, without_gross_errors
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import (
@@ -39,6 +40,7 @@ from irbcal.identification.methods import identify_by
 from irbcal.identification.residuals import session_names
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
+from irbcal.identification.type_prior import TypePrior
 from irbcal.measurement import cleaning, fitted, lists, table, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.columns import TableLike
@@ -46,7 +48,7 @@ from irbcal.measurement.motions import motion_of, times_of
 from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import notes as repeat_notes
 from irbcal.measurement.places import places
-from irbcal.measurement.points import PointSet, distances, rotation_distances
+from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.poses import as_poses
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.sessions import into_one_frame
@@ -56,12 +58,9 @@ from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.modeling.terms.situation import Motion
 from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed
-from irbcal.units import DEG, MM
+from irbcal.units import MM
 from irbcal.validation.coverage import coverage, coverage_in_words
 from irbcal.validation.doubts import cautions, doubts
-
-LARGEST_TURN = 3 * DEG
-"""Median angle from the nominal robot above which measured orientations are refused, radians."""
 
 SPLITS = ("random", "last")
 HOLDOUT = 0.25
@@ -101,6 +100,7 @@ class Options:
     parallel: str = "hayati"
     features: TableLike | None = None
     leave_out: str | None = None
+    prior: str | Path | TypePrior | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.model, int):
@@ -137,6 +137,10 @@ class Options:
         if self.payload_place is not None:
             place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
         self._check_holdout()
+        own = f"model {self.model}" if self.model not in (None, "auto") else next(iter(self.of_a_level), None)
+        own = own if self.terms == TERMS[0] else f"terms {self.terms}"
+        if self.prior is not None and own is not None:
+            raise OptionError(f"prior: it is for model auto of terms joint-map: leave out {own}", parameter="prior")
         check_seed(self.seed)
         if self.leave_out is not None and self.features is None:
             raise OptionError("leave_out: only rows at features have places: name --features", parameter="leave_out")
@@ -270,13 +274,15 @@ def run(
     say(f"identifying base and tool from {ready.fit.poses} poses")
     _check_known_targets(known, ready.fit, source)
     nominal = identify(arm, ready.fit, "nominal", known_targets=known)
-    _refuse_orientations(nominal, ready.fit, source)
+    refuse_orientations(nominal, ready.fit, source)
     choice, (model, why) = None, _model(options, arm, ready.fit.poses)
     if model == "best-level":
         choice = choose_level(arm, ready.fit, options.seed, progress=say, known_targets=known)
         model = choice.level
     say(f"identifying model {model}")
-    fit = _identified(arm, ready, model, options, known, say)
+    sha256 = hashlib.sha256(robot_file.read_bytes()).hexdigest() if saved is None else saved.record.robot.urdf_sha256
+    prior = prior_file.of_robot(options.prior, arm.name, sha256, ready.measurements.simulated)
+    fit = _identified(arm, ready, model, options, known, say, prior)
     if fit.other_bases:
         ready.fit, ready.heldout = (
             into_one_frame(points, fit.robot.T_world_base, fit.other_bases) for points in (ready.fit, ready.heldout)
@@ -343,12 +349,13 @@ def _identified(
     options: Options,
     known: Mapping[str, FloatArray] | None,
     say: Progress,
+    prior: TypePrior | None,
 ) -> Fit | AveragedFit:
     """The fit of a level, or the average of error models."""
     if model == "auto":
         motion = ready.fit_motion if options.torques else replace(ready.fit_motion, torques=None)
         load = options.payload_place, ready.usual_kg
-        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms, *load)
+        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms, *load, prior)
     fit = identify_by(
         arm,
         ready.fit,
@@ -457,19 +464,6 @@ def _check_known_targets(known: Mapping[str, FloatArray] | None, points: PointSe
             f"the known target {strange[0]} was not measured; targets are {', '.join(points.target_names)}",
             file=source,
             parameter="targets",
-        )
-
-
-def _refuse_orientations(nominal: Fit, points: PointSet, source: str) -> None:
-    """Measured orientations that have nothing to do with the robot, such as a constant default in an export."""
-    points = into_one_frame(points, nominal.robot.T_world_base, nominal.other_bases)
-    angles = rotation_distances(nominal.robot, points)
-    if len(angles) and np.median(angles) > LARGEST_TURN:
-        raise MeasurementError(
-            f"the orientations contradict the robot by {np.median(angles) / DEG:.3g} degrees (median): leave these "
-            "columns out if they were not measured",
-            file=source,
-            column=("qw", "qx", "qy", "qz"),
         )
 
 

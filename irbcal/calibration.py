@@ -18,6 +18,7 @@ from irbcal.files.mesh_paths import MeshPaths
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import Errors, Record
 from irbcal.identification.averaged import groups_table
+from irbcal.identification.type_prior import TypePrior
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
@@ -267,6 +268,7 @@ def calibrate(
     parallel: Literal["hayati", "forced"] = "hayati",
     features: TableLike | None = None,
     leave_out: str | None = None,
+    prior: str | Path | TypePrior | None = None,
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -323,6 +325,9 @@ def calibrate(
         What is known of features that were touched, see `irbcal.measurement.features`: no tracker is needed.
     leave_out : str, optional
         Column of the places that are left out in turn, see `irbcal.validation.feature_proof.prove`.
+    prior : str, Path or TypePrior, optional
+        What calibrated robots of the same type show (`irbcal.fleet_prior`), for model ``auto``: fewer poses do. A robot
+        that is not like its sisters is identified without, and said to stand out.
     jobs : int, optional
         Threads for large problems, see `irbcal.parallel.using`.
     progress : callable, optional
@@ -337,34 +342,9 @@ def calibrate(
     IrbcalError
         If an input or an option is refused.
     """
-    options = Options(
-        model,
-        terms,
-        holdout,
-        split,
-        seed,
-        verify,
-        base_link,
-        tip_link,
-        coupling,
-        method,
-        objective,
-        power,
-        loss,
-        free,
-        hold,
-        targets,
-        frame,
-        as_poses,
-        session_by,
-        with_,
-        payload_place,
-        same_tool,
-        torques,
-        parallel,
-        features,
-        leave_out,
-    )
+    what = model, terms, holdout, split, seed, verify, base_link, tip_link, coupling, method, objective, power, loss
+    which = free, hold, targets, frame, as_poses, session_by, with_, payload_place, same_tool, torques, parallel
+    options = Options(*what, *which, features, leave_out, prior)
     return Calibration(calibrating.run(measurements, robot, options, progress))
 
 

@@ -15,17 +15,18 @@ from irbcal.files.earlier import Earlier
 from irbcal.identification import lost_rows, outliers
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import method_of
+from irbcal.identification.result import Fit
 from irbcal.measurement import cleaning, swapped
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of
-from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses, in_frame_of
-from irbcal.measurement.sessions import COLUMN, joined, sessions_of
+from irbcal.measurement.sessions import COLUMN, into_one_frame, joined, sessions_of
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import LOAD, Motion
-from irbcal.units import MM
+from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     from irbcal.calibrating import Options
@@ -41,6 +42,8 @@ APART, RATIO = 1.0 * MM, 3.0
 and as a multiple of that with its own. Bases and tools that stayed where they were give little more than one."""
 GROSS = 5.0 * MM
 """The same that no error of a robot explains: groups are sessions then, without being asked."""
+LARGEST_TURN = 3 * DEG
+"""Median angle from the nominal robot above which measured orientations are refused, radians."""
 
 
 @dataclass
@@ -260,6 +263,19 @@ def without_gross_errors(
             raise MeasurementError(lost.in_words(measurements), file=measurements.source)
         words = [] if lost is None else [lost.sentence(measurements)]
     return points.take(found.keep).without_empty_poses(), [*cleaned.excluded, *excluded], words
+
+
+def refuse_orientations(nominal: Fit, points: PointSet, source: str) -> None:
+    """Measured orientations that have nothing to do with the robot, such as a constant default in an export."""
+    points = into_one_frame(points, nominal.robot.T_world_base, nominal.other_bases)
+    angles = rotation_distances(nominal.robot, points)
+    if len(angles) and np.median(angles) > LARGEST_TURN:
+        raise MeasurementError(
+            f"the orientations contradict the robot by {np.median(angles) / DEG:.3g} degrees (median): leave these "
+            "columns out if they were not measured",
+            file=source,
+            column=("qw", "qx", "qy", "qz"),
+        )
 
 
 def _free_name(name: str, taken: set[str]) -> str:

@@ -1,5 +1,6 @@
 """What runs side by side gives what one after the other gives; lost workers and Ctrl-C lose nothing."""
 
+import json
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from fleet_support import manifest, measured
 from threadpoolctl import threadpool_limits
 
 import irbcal
@@ -111,12 +113,62 @@ def cluster():
 
 
 def test_a_dask_cluster_gives_the_same_bytes_also_where_a_worker_is_killed(cluster, tmp_path):
-    address = "dask://" + cluster.scheduler_address.removeprefix("tcp://")
+    address = address_of(cluster)
     alone = dict(parallel.each(matrix, 60, range(6), seconds=0.0))
     with parallel.using(engine=address):
         assert dict(parallel.each(matrix, 60, range(6), seconds=0.0)) == alone
         assert sorted(parallel.each(deadly, str(tmp_path), range(5), seconds=0.0)) == [(k, k * k) for k in range(5)]
     assert len(list(tmp_path.glob("3-*"))) == 2
+
+
+def address_of(cluster):
+    return "dask://" + cluster.scheduler_address.removeprefix("tcp://")
+
+
+def numbers(out):
+    """What was found, without dates, durations and what is made of them."""
+    passing = ("created", "seconds", "history", "calibrated_urdf_sha256", "seal")
+    found = {}
+    for path in sorted(out.glob("*/calibration.json")):
+        record = json.loads(path.read_bytes())
+        found[path.parent.name] = {name: value for name, value in record.items() if name not in passing}
+    return found
+
+
+def test_a_fleet_on_a_cluster_is_that_of_one_process_also_where_a_worker_is_killed(cluster, tmp_path):
+    """And the store takes each robot once, whoever calibrated it. Two processes: tests/fleet/test_calibrated.py."""
+    distributed = pytest.importorskip("distributed")
+    for k in range(3):
+        measured(tmp_path, f"r{k}.csv", 20 + k, k, poses=16)
+    listed = manifest(tmp_path, [(f"R{k}", "", f"r{k}.csv", "irb1600", "", "model=offsets") for k in range(3)])
+    irbcal.fleet_calibrate(listed, tmp_path / "one", jobs=1)
+    killed = []
+
+    def kill(text):
+        if not killed:
+            with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
+                killed.extend(client.run(os.getpid).values())
+            os.kill(killed[0], signal.SIGKILL)
+
+    found = irbcal.fleet_calibrate(listed, tmp_path / "cluster", engine=address_of(cluster), progress=kill)
+    assert len(killed) == 2
+    assert (found.made, found.kept, found.failures) == (3, 0, ())
+    assert len(numbers(tmp_path / "one")) == 3
+    assert numbers(tmp_path / "cluster") == numbers(tmp_path / "one")
+    assert len(irbcal.fleet_add(tmp_path / "cluster", tmp_path / "fleet.db").added) == 3
+    assert len(irbcal.fleet_add(tmp_path / "one", tmp_path / "fleet.db").there) == 3
+
+
+def test_a_study_on_a_cluster_has_the_bytes_of_one_process(cluster, tmp_path):
+    """Two processes: tests/cli/test_study.py."""
+    options = {"procedures": [80], "each": 3, "points": 520, "poses_curve": [], "method": "least-squares"}
+    found = []
+    for name, workers in (("one", {"jobs": 1}), ("cluster", {"engine": address_of(cluster)})):
+        irbcal.study(out=tmp_path / name, **options, only=["7.1"], **workers)
+        files = [path for path in (tmp_path / name).rglob("*") if path.suffix in (".csv", ".md")]
+        found.append({path.relative_to(tmp_path / name): path.read_bytes() for path in files})
+    assert len(found[0]) >= 2
+    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,13 @@ def calibrate(
             show_default="place, or features that lengths tie together",
         ),
     ] = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            help="What calibrated robots of the same type show, by irbcal fleet prior: fewer poses do.",
+            show_default=False,
+        ),
+    ] = None,
     jobs: Jobs = None,
     holdout: Annotated[
         float | None,
@@ -180,6 +187,7 @@ def calibrate(
         parallel=parallel,
         features=features,
         leave_out=leave_out,
+        prior=prior,
         jobs=jobs,
         force=force,
         verbose=verbose,

@@ -112,6 +112,27 @@ def drift(
         show.tell(found.told())
 
 
+@app.command("prior", cls=Guarded)
+def prior(
+    type: Annotated[str, typer.Option(help="Name of the nominal robot, as fleet list shows it.", show_default=False)],
+    out: Annotated[
+        Path, typer.Option(parser=path_to_write, metavar="PATH", help="File for the prior, JSON.", show_default=False)
+    ],
+    store: Store = "fleet.db",
+    without: Annotated[str | None, typer.Option(help="Id of a robot to leave out.", show_default=False)] = None,
+    json: Json = False,
+) -> None:
+    """Write what to expect of a robot from its calibrated sisters, for irbcal calibrate --prior: fewer poses do."""
+    from irbcal.fleet.prior import fleet_prior
+
+    with show.progress(1, quiet=json) as step, wrong_calls():
+        found = fleet_prior(type, out, store, without=without, progress=step)
+    if json:
+        show.print_json(found.to_dict())
+    else:
+        show.tell(found.told())
+
+
 @app.command("export", cls=Guarded)
 def export(
     out: Annotated[

@@ -36,14 +36,14 @@ def _yes(text: str) -> bool:
 
 KINDS: dict[str, Callable[[str], Any]] = {
     **dict.fromkeys(("model", "terms", "split", "base_link", "tip_link", "coupling", "method", "objective"), str),
-    **dict.fromkeys(("loss", "session_by", "parallel", "verify", "targets"), str),
+    **dict.fromkeys(("loss", "session_by", "parallel", "verify", "targets", "prior"), str),
     **dict.fromkeys(("power", "holdout"), float),
     **dict.fromkeys(("as_poses", "same_tool", "torques"), _yes),
     **dict.fromkeys(("free", "hold", "frame"), _words),
     "seed": int,
 }
 """Options of `irbcal.calibrate` that a row may have, and how they are read."""
-FILES = ("verify", "targets")
+FILES = ("verify", "targets", "prior")
 """Those that name files."""
 
 

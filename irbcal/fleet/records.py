@@ -10,29 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.errors import CalibrationError, IdentificationError
+from irbcal.errors import CalibrationError, IdentificationError, IrbcalError
 from irbcal.files import calibration_folder
 from irbcal.files.calibration_folder import JSON_NAME
+from irbcal.files.earlier import earlier_of
 from irbcal.files.schema import Record
 from irbcal.fleet import outcomes
 from irbcal.fleet.store import Estimate, Stored
 from irbcal.fleet.words import high_wave
+from irbcal.identification.averaged import check_averaging
 from irbcal.identification.fit import identify
 from irbcal.identification.level_certainty import certainty_of
+from irbcal.identification.type_prior import WIDE, name_of, seen
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.parameters import default_level
-from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.term import Term
 from irbcal.reading import read_bytes
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation.verdict import verdict_of
-
-
-def name_of(term: Term) -> str:
-    """The same name in every model: ``delta_theta3`` for constants of the geometry, else the term's."""
-    if term.family == "geometry":
-        return f"delta_{DHM_COLUMNS[term.axis]}{term.joint + 1}"
-    return term.name
 
 
 def stored(
@@ -74,6 +68,7 @@ def stored(
         _head(record, path, when, sha256) | {"robot": name},
         fit,
         _level(record),
+        _terms(record),
         tuple(_other(record, set(fit.names))),
         tuple((item.file, item.sha256) for item in record.data),
     )
@@ -109,6 +104,26 @@ def _level(record: Record) -> Estimate | None:
     except IdentificationError:
         return None
     return _estimate(certainty_of(fit), count=max(1.0, len(points) / points.poses))
+
+
+def _terms(record: Record) -> Estimate | None:
+    """What all points of a calibration's last session show of the terms that a type is compared by."""
+    arm = record.arm(calibrated=False)
+    try:
+        _, points, motion = earlier_of(record).sessions[-1]
+        check_averaging(arm, points.poses)
+        found = seen(arm, points, motion)
+    except IrbcalError:
+        return None
+    natural = np.array([term.size for term in found.terms])
+    return Estimate(
+        tuple(name_of(term) for term in found.terms),
+        tuple(term.unit for term in found.terms),
+        np.array(found.values),
+        WIDE * natural,
+        natural,
+        np.array(found.covariance),
+    )
 
 
 def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str, Any]:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from sqlalchemy.engine import Connection, Engine
 
-VERSION = 1
+VERSION = 2
 """Of the tables."""
 NOT_THERE = "no store of a fleet"
 DIALECTS = ("sqlite", "postgresql")
@@ -63,6 +63,7 @@ calibrations = sql.Table(
     sql.Column("nominal_urdf_sha256", sql.String(64), nullable=False),
     sql.Column("fit_covariance", sql.LargeBinary, nullable=False),
     sql.Column("level_covariance", sql.LargeBinary),
+    sql.Column("terms_covariance", sql.LargeBinary),
     sql.UniqueConstraint("robot", "fingerprint", "measured"),
 )
 parameters = sql.Table(
@@ -89,9 +90,9 @@ files = sql.Table(
 )
 
 
-PARTS = ("fit", "level")
-"""Of the parameters: those of the calibration, and those of a level fitted to its points; ``other``: base, targets,
-what is held."""
+PARTS = ("fit", "level", "terms")
+"""Of the parameters: those of the calibration, those of a level fitted to its points, and those terms that robots of a
+type are compared by; ``other``: base, targets, what is held."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +173,8 @@ class Stored:
     level : Estimate or None
         Those of the arm's own level, fitted to the calibration's points: the same parameters in every calibration;
         None where the calibration was saved without its points.
+    terms : Estimate or None
+        What its measurements show of the terms by which a type's prior is made (`irbcal.identification.type_prior`).
     other : tuple of dict
         Base, targets and what is held: rows of the table ``parameters``.
     files : tuple of (str, str)
@@ -182,6 +185,7 @@ class Stored:
     calibration: Mapping[str, Any]
     fit: Estimate
     level: Estimate | None
+    terms: Estimate | None = None
     other: tuple[Mapping[str, Any], ...] = ()
     files: tuple[tuple[str, str], ...] = ()
 
@@ -215,6 +219,7 @@ class Store:
         CalibrationError
             If its robot is there with another serial number or of another type.
         """
+        parts: dict[str, Estimate | None] = {part: getattr(stored, part) for part in PARTS}
         with self.engine.execution_options(writes=True).begin() as link:
             link.execute(self._insert(robots).values(**stored.robot).on_conflict_do_nothing())
             there = link.execute(sql.select(robots).where(robots.c.id == stored.robot["id"])).mappings().one()
@@ -228,15 +233,14 @@ class Store:
                 self._insert(calibrations)
                 .values(
                     **stored.calibration,
-                    fit_covariance=stored.fit.packed(),
-                    level_covariance=None if stored.level is None else stored.level.packed(),
+                    **{f"{part}_covariance": None if one is None else one.packed() for part, one in parts.items()},
                 )
                 .on_conflict_do_nothing()
                 .returning(calibrations.c.number)
             ).scalar_one_or_none()
             if made is None:
                 return False
-            rows = [*stored.fit.rows("fit"), *([] if stored.level is None else stored.level.rows("level"))]
+            rows = [row for part, one in parts.items() if one is not None for row in one.rows(part)]
             link.execute(sql.insert(parameters), [{"calibration": made, **row} for row in (*rows, *stored.other)])
             if stored.files:
                 named = [
@@ -292,6 +296,7 @@ class Store:
             head,
             Estimate.of(parts["fit"], factors["fit"]),
             None if factors["level"] is None else Estimate.of(parts["level"], factors["level"]),
+            None if factors["terms"] is None else Estimate.of(parts["terms"], factors["terms"]),
             tuple(parts["other"]),
             tuple((row["name"], row["sha256"]) for row in data),
         )

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import dictionaries, shown
-from irbcal.identification.evidence import Progress, identify_evidence
+from irbcal.identification.evidence import Prior, Progress, identify_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.readings import Lag, lag
 from irbcal.identification.result import ParameterReport
@@ -230,6 +230,7 @@ class AveragedFit(Speaks):
                 "that of the warm arm, so that the first poses miss it by more."
             )
         return [
+            *([] if found.sisters is None else [found.sisters.in_words()]),
             shown.sentence(found.families),
             *found.gear_sentences(),
             *warm,
@@ -347,6 +348,7 @@ def identify_averaged(
     terms: str = dictionaries.JOINT_MAP,
     payload_place: Sequence[float] | None = None,
     usual_kg: float | None = None,
+    prior: Prior | None = None,
 ) -> AveragedFit:
     """Identify base, targets and the average of error models.
 
@@ -365,7 +367,7 @@ def identify_averaged(
         Called with a short text at each step.
     terms : str
         ``joint-map``: what URDF and a joint map can carry; ``all``: frame terms, too.
-    payload_place, usual_kg : optional
+    payload_place, usual_kg, prior : optional
         See `irbcal.identification.evidence.identify_evidence`.
 
     Returns
@@ -388,6 +390,7 @@ def identify_averaged(
         known_targets=known,
         payload_place=payload_place,
         usual_kg=usual_kg,
+        prior=prior,
         progress=progress,
     )
     return AveragedFit(found, into_one_frame(points, found.T_world_base, found.other_bases), motion)

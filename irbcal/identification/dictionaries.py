@@ -6,13 +6,14 @@ them: on arms that have its errors only, the average without it is a third to a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.identification import mackay
+from irbcal.identification.mackay import Expected
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.harmonics import HIGHEST, LOW, band_group, order
@@ -56,6 +57,12 @@ BAND_PENALTY, EVIDENCE_SHARE, LEAST_WEIGHT = 10.0, 0.1, 0.01
 0.2 give the same within one per cent."""
 
 
+TYPE_FAMILIES, TYPE_ORDERS = ("geometry", "gain", "gravity", "harmonics", *HISTORY_FAMILIES), 6
+"""Terms that robots of a type are compared by, and the highest order of their harmonics."""
+OF_TYPE = " (type)"
+"""What the name of a group ends with whose mean and scatter are those of the type."""
+
+
 @dataclass(frozen=True, eq=False)
 class Dictionary:
     """One choice of terms.
@@ -74,6 +81,8 @@ class Dictionary:
         Whether it has long series of harmonics.
     highest : int
         Order of harmonics that it was offered.
+    expected : Expected or None
+        What is known of its terms from sisters.
     """
 
     name: str
@@ -82,6 +91,7 @@ class Dictionary:
     group: IntArray
     bands: bool = False
     highest: int = 0
+    expected: Expected | None = None
 
     @property
     def caps(self) -> FloatArray:
@@ -102,6 +112,8 @@ class Dictionary:
             tuple(groups),
             np.concatenate([self.group, [groups.index(name) for name in names]]).astype(int),
             self.bands,
+            self.highest,
+            None if self.expected is None else self.expected.extended(len(places)),
         )
 
 
@@ -182,6 +194,39 @@ def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float |
     return Dictionary(", ".join(words), np.array(places, dtype=int), distinct, numbers, highest > LOW, highest)
 
 
+def with_sisters(
+    terms: Sequence[Term], tau: float | None, expect: Callable[[Sequence[Term]], Expected]
+) -> list[Dictionary]:
+    """The dictionaries that have all terms of which a type's prior knows, with what it knows of them.
+
+    Parameters
+    ----------
+    terms : sequence of Term
+        The superset, without frame terms.
+    tau : float or None
+        Time constant of warm-up to take.
+    expect : callable
+        What is known of some terms.
+    """
+    everything = expect(terms)
+    out: list[Dictionary] = []
+    for names, highest in CHOICES:
+        found = make(terms, [n for n in names if n not in FRAME_FAMILIES], max(highest, TYPE_ORDERS), tau)
+        mine = np.isin(np.arange(len(terms)), found.terms)
+        if (everything.known & ~mine).any() or any(np.array_equal(found.terms, other.terms) for other in out):
+            continue
+        own = everything.part(found.terms)
+        labels = [
+            f"{terms[k].group}{OF_TYPE}" if known else found.groups[g]
+            for k, g, known in zip(found.terms, found.group, own.known, strict=True)
+        ]
+        distinct = tuple(dict.fromkeys(labels))
+        numbers = np.array([distinct.index(label) for label in labels], dtype=int)
+        name = f"{found.name}; as its sisters"
+        out.append(Dictionary(name, found.terms, distinct, numbers, highest > LOW, found.highest, own))
+    return out
+
+
 def tau_of(dictionary: Dictionary, terms: Sequence[Term]) -> float | None:
     """Time constant of a dictionary's warm-up; None without."""
     found = [terms[k].parameters["tau"] for k in dictionary.terms if terms[k].family == "warm_up"]
@@ -200,6 +245,12 @@ def _word(family: str, highest: int) -> str:
     if family == "harmonics":
         return f"harmonics to {highest}"
     return family.replace("_", "-")
+
+
+def share(gain: float) -> float:
+    """Weight of what sisters show, by the nats that the evidence gains with it; zero or one where that is clear."""
+    value = float(1.0 / (1.0 + np.exp(-np.clip(gain, -50.0, 50.0))))
+    return 0.0 if value < LEAST_WEIGHT else 1.0 if value > 1.0 - LEAST_WEIGHT else value
 
 
 def weights(log_evidence: FloatArray, bands: Sequence[bool]) -> FloatArray:

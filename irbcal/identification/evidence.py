@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -16,9 +17,9 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats, shown
 from irbcal.identification.dictionaries import Dictionary
-from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit, GearFound, GroupResult
+from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit, GearFound, GroupResult, Sisters
 from irbcal.identification.linearisation import Linearisation
-from irbcal.identification.mackay import Posterior
+from irbcal.identification.mackay import Expected, Posterior
 from irbcal.identification.shown import FamilyShown
 from irbcal.identification.sums import Sums
 from irbcal.measurement.motions import usual_load
@@ -46,6 +47,25 @@ readings lag these terms are fitted, but count as part of the lag, and are none 
 Progress = Callable[[str], None]
 
 
+class Prior(Protocol):
+    """What `irbcal.identification.type_prior.TypePrior` says."""
+
+    @property
+    def type(self) -> str:
+        """Name of the nominal robot."""
+
+    @property
+    def sisters(self) -> Sequence[str]:
+        """Those that it is from."""
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any of them is."""
+
+    def expected(self, terms: Sequence[Term]) -> Expected:
+        """Of terms, in their natural sizes."""
+
+
 def identify_evidence(
     arm: Arm,
     points: PointSet,
@@ -57,6 +77,7 @@ def identify_evidence(
     known_targets: dict[str, FloatArray] | None = None,
     payload_place: Sequence[float] | None = None,
     usual_kg: float | None = None,
+    prior: Prior | None = None,
     progress: Progress | None = None,
 ) -> EvidenceFit:
     """Identify base, targets and the averaged terms.
@@ -82,6 +103,9 @@ def identify_evidence(
         Centre of the payload in the tip link where the motion does not tell it, metres; the tip unless given.
     usual_kg : float, optional
         The load of predictions where none is given; the one of most poses unless given.
+    prior : TypePrior, optional
+        What calibrated robots of the same type show. Choices of terms with it compete by their evidence with those
+        without: a robot that is not like its sisters is identified without.
     progress : callable, optional
         Called with a short text at each step.
 
@@ -106,7 +130,7 @@ def identify_evidence(
     if motion.q.shape != points.q.shape:
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
     points, motion = repeats.averaged(replace(points, q=np.array(motion.q)), motion)
-    work = _Work(arm, points, motion, terms, known_targets, payload_place, usual_kg, seed)
+    work = _Work(arm, points, motion, terms, known_targets, payload_place, usual_kg, seed, prior)
     say("fitting the geometry")
     work.prepare()
     say(f"comparing {len(work.dictionaries)} choices of terms")
@@ -114,6 +138,14 @@ def identify_evidence(
     found = work.scan(say) if gear_scan else []
     say("averaging")
     return work.average(found)
+
+
+def prepared(arm: Arm, points: PointSet, motion: Motion) -> _Work:
+    """Geometry solution, superset of terms and its sums, ready for comparisons."""
+    points, motion = repeats.averaged(replace(points, q=np.array(motion.q)), motion)
+    work = _Work(arm, points, motion, dictionaries.JOINT_MAP, None, None, None, 0)
+    work.prepare()
+    return work
 
 
 @dataclass(eq=False)
@@ -140,9 +172,11 @@ class _Work:
         payload_place: Sequence[float] | None,
         usual_kg: float | None,
         seed: int,
+        prior: Prior | None = None,
     ) -> None:
         self.arm, self.points, self.motion, self.kind = arm, points, motion, kind
-        self.known, self.seed = known, seed
+        self.known, self.seed, self.prior = known, seed, prior
+        self.sisters: Sisters | None = None
         loads, places = motion.payload_kg, motion.payload_place
         self.usual_kg = usual_load(loads) if usual_kg is None else usual_kg
         self.payload_place = (0.0, 0.0, 0.0) if payload_place is None else tuple(float(x) for x in payload_place)
@@ -214,24 +248,41 @@ class _Work:
     ) -> Posterior:
         part = sums.part(dictionary.columns(self.linear.flat))
         v, s2 = (None, None) if start is None else (start.variances, start.s2)
-        return mackay.fit(part, self.linear.flat, dictionary.group, dictionary.caps, t, v, s2, give_up=give_up)
+        d = dictionary
+        return mackay.fit(part, self.linear.flat, d.group, d.caps, t, v, s2, give_up=give_up, expected=d.expected)
 
     def compare(self) -> None:
         """Log evidence and weight of every dictionary; fits of those with weight."""
-        t = mackay.evidence_temper(self.linear.per_pose)
-        best = -np.inf
-        for dictionary in self.dictionaries:
-            item = Compared(dictionary, self._fit(dictionary, self.sums, t, give_up=best - GIVE_UP))
-            if item.by_evidence.log_evidence > best - GIVE_UP:
-                self._choose_tau(item, t)
-            self.compared.append(item)
-            best = max(best, item.by_evidence.log_evidence)
-        evidences = np.array([item.by_evidence.log_evidence for item in self.compared])
-        shares = dictionaries.weights(evidences, [d.bands for d in self.dictionaries])
+        self.compared, shares, best = self._weighed(self.dictionaries)
+        if self.prior is not None:
+            tau = self.taus[-1] if self.taus else None
+            others, their_shares, theirs = self._weighed(
+                dictionaries.with_sisters(self.superset, tau, self.prior.expected)
+            )
+            weight = dictionaries.share(theirs - best)
+            self.sisters = Sisters(
+                self.prior.type, len(self.prior.sisters), self.prior.simulated, theirs - best, weight
+            )
+            shares = np.concatenate([(1.0 - weight) * shares, weight * their_shares])
+            shares[shares < dictionaries.LEAST_WEIGHT] = 0.0
+            shares, self.compared = shares / shares.sum(), [*self.compared, *others]
         for item, share in zip(self.compared, shares, strict=True):
             item.weight = float(share)
             if share > 0.0:
                 item.by_fit = self._fit(item.dictionary, self.sums, self._temper, item.by_evidence)
+
+    def _weighed(self, choices: Sequence[Dictionary]) -> tuple[list[Compared], FloatArray, float]:
+        """Choices with their log evidence, their weights among each other, and the largest log evidence."""
+        t = mackay.evidence_temper(self.linear.per_pose)
+        best, out = -np.inf, list[Compared]()
+        for dictionary in choices:
+            item = Compared(dictionary, self._fit(dictionary, self.sums, t, give_up=best - GIVE_UP))
+            if item.by_evidence.log_evidence > best - GIVE_UP:
+                self._choose_tau(item, t)
+            out.append(item)
+            best = max(best, item.by_evidence.log_evidence)
+        evidences = np.array([item.by_evidence.log_evidence for item in out])
+        return out, dictionaries.weights(evidences, [d.bands for d in choices]), float(best)
 
     def _choose_tau(self, item: Compared, t: float) -> None:
         """The time constant of a dictionary's warm-up with the largest log evidence, from the longest downwards."""
@@ -360,6 +411,7 @@ class _Work:
             readings_projected=self.project,
             spectrum=self.spectrum,
             other_bases=dict(zip(self.problem.sessions[:-1], state.others, strict=True)),
+            sisters=self.sisters,
         )
 
     def _table(self) -> list[DictionaryResult]:
@@ -385,7 +437,8 @@ def _refit(sums: Sums, flat: int, item: Compared, t: float) -> Posterior:
     old = item.by_fit or item.by_evidence
     variances = np.ones(len(item.dictionary.groups))
     variances[: len(old.variances)] = old.variances
-    return mackay.fit(sums, flat, item.dictionary.group, item.dictionary.caps, t, variances, old.s2)
+    d = item.dictionary
+    return mackay.fit(sums, flat, d.group, d.caps, t, variances, old.s2, expected=d.expected)
 
 
 def groups_of(kept: list[Compared], superset: Sequence[Term]) -> list[GroupResult]:
@@ -398,10 +451,12 @@ def groups_of(kept: list[Compared], superset: Sequence[Term]) -> list[GroupResul
             continue
         flat = len(fit.c) - len(d.terms)
         counts = np.bincount(d.group, minlength=len(d.groups))
+        unit = 1.0 if d.expected is None else np.bincount(d.group, d.expected.std**2, len(d.groups)) / counts
+        unit = np.broadcast_to(unit, counts.shape)
         squares = np.bincount(d.group, fit.c[flat:] ** 2, len(d.groups)) / counts
         scatter = np.bincount(d.group, np.diagonal(fit.covariance)[flat:], len(d.groups)) / counts
         for k, name in enumerate(d.groups):
-            row = np.array([fit.gammas[k], fit.variances[k], squares[k], scatter[k], 1.0])
+            row = np.array([fit.gammas[k], fit.variances[k] * unit[k], squares[k], scatter[k], 1.0])
             totals[name] = totals.get(name, np.zeros(5)) + item.weight * row
             members.setdefault(name, [superset[j] for j in d.terms[d.group == k]])
     out = []

@@ -114,6 +114,41 @@ class GearFound:
     evidence_gain: float
 
 
+@dataclass(frozen=True)
+class Sisters:
+    """What a prior from calibrated robots of the same type did.
+
+    Attributes
+    ----------
+    type : str
+    count : int
+        Robots that it is from.
+    simulated : bool
+        Whether any of them is.
+    gain : float
+        Nats by which the best choice of terms with it has more evidence than the best one without.
+    weight : float
+        Of the choices with it.
+    """
+
+    type: str
+    count: int
+    simulated: bool
+    gain: float
+    weight: float
+
+    def in_words(self) -> str:
+        """A sentence."""
+        kind = "SIMULATED" if self.simulated else "calibrated"
+        start = f"What {self.count} {kind} robots of type {self.type} show"
+        if self.weight >= 0.5:
+            return f"{start} was taken as a prior: the evidence is higher by {self.gain:.0f} nats with it."
+        return (
+            f"This robot stands out of its type: {start[0].lower()}{start[1:]} contradicts its measurements (as a "
+            f"prior it lowers the evidence by {-self.gain:.0f} nats) and was given the weight {self.weight:.2f}."
+        )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class EvidenceFit(Speaks):
     """An identified robot as an average over choices of terms.
@@ -166,6 +201,8 @@ class EvidenceFit(Speaks):
         What the gear scan saw; None where there was none.
     other_bases : dict of str to ndarray, shape (4, 4)
         Base in the measuring frame of each session but the last one; behind the target frames in the covariance.
+    sisters : Sisters or None
+        What a prior from sisters did, where there was one.
     """
 
     nominal: Arm
@@ -195,6 +232,7 @@ class EvidenceFit(Speaks):
     readings_projected: bool = False
     spectrum: Spectrum | None = None
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
+    sisters: Sisters | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -210,6 +248,7 @@ class EvidenceFit(Speaks):
         return (
             headline,
             *self._readings_in_words(),
+            *([] if self.sisters is None else [self.sisters.in_words()]),
             self._dictionary_table(),
             self._group_table(),
             *self._unseen_in_words(),

@@ -172,7 +172,7 @@ def scan(
     pairs: list[tuple[int, int]] = []
     out: list[Found] = []
     first: FloatArray | None = None
-    group, caps = dictionary.group, dictionary.caps
+    group, caps, expected = dictionary.group, dictionary.caps, dictionary.expected
     while len(out) < MOST:
         strength = (by_evidence.temper / by_fit.temper) * reduced.chi2(cycles.astype(float), pairs, by_fit)
         first = strength.copy() if first is None else first
@@ -184,8 +184,11 @@ def scan(
         trial = [*pairs, (place, int(cycles[column]))]
         wide = reduced.extended(sums, trial)
         group, caps = np.concatenate([group, [len(caps)] * 2]), np.append(caps, mackay.CAP)
+        expected = None if expected is None else expected.extended(2)
         fits = [
-            mackay.fit(wide, linear.flat, group, caps, old.temper, np.append(old.variances, 1.0), old.s2)
+            mackay.fit(
+                wide, linear.flat, group, caps, old.temper, np.append(old.variances, 1.0), old.s2, expected=expected
+            )
             for old in (by_evidence, by_fit)
         ]
         gain = fits[0].log_evidence - by_evidence.log_evidence

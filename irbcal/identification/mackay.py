@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification.sums import Sums
 
@@ -28,6 +28,39 @@ EARLY = 5
 """Iterations after which the log evidence is known within some nats."""
 TOLERANCE = 0.02
 """Change of the log evidence in an iteration after which it has converged, nats."""
+
+
+KNOWN_COUNT = 4.0
+"""Coefficients that the scatter in `Expected` is worth where a group's variance is found, which counts in it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What was known of coefficients before, from elsewhere: normal, each by itself.
+
+    Attributes
+    ----------
+    mean, std : ndarray, shape (k - flat,)
+        In natural sizes: zero and one where nothing is known.
+    known : ndarray of bool, shape (k - flat,)
+        Whether something is; the same for all coefficients of a group.
+    """
+
+    mean: FloatArray
+    std: FloatArray
+    known: BoolArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def part(self, some: BoolArray | IntArray) -> Expected:
+        """Of some of the coefficients."""
+        return Expected(self.mean[some], self.std[some], self.known[some])
+
+    def extended(self, count: int) -> Expected:
+        """With so many more of which nothing is known."""
+        none = np.zeros(count)
+        return Expected(np.r_[self.mean, none], np.r_[self.std, none + 1.0], np.r_[self.known, none > 0.0])
 
 
 def fit_temper(per_pose: float) -> float:
@@ -80,6 +113,7 @@ def fit(
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
     give_up: float = -np.inf,
+    expected: Expected | None = None,
 ) -> Posterior:
     """Iterate to the variances that make the data most probable.
 
@@ -101,6 +135,8 @@ def fit(
     iterations : int
     give_up : float
         Log evidence; a fit that is below it after `EARLY` iterations is not brought to its end.
+    expected : Expected, optional
+        Means and standard deviations of the coefficients; the variances of the groups are then counted in theirs.
 
     Returns
     -------
@@ -111,6 +147,10 @@ def fit(
     IdentificationError
         If the data do not determine base and targets.
     """
+    if expected is not None:
+        sums = _about(sums, flat, expected)
+    unit = np.ones(len(group)) if expected is None else expected.std**-2.0
+    square, count = _kept_from_zero(group, len(caps), expected)
     N = sums.equations
     spare = t * N - flat
     if spare <= 0:
@@ -120,7 +160,7 @@ def fit(
     counts = np.bincount(group, minlength=len(caps)).astype(float)
     last = -np.inf
     for iteration in range(1, iterations + 1):
-        prior = np.concatenate([np.zeros(flat), 1.0 / v[group]])
+        prior = np.concatenate([np.zeros(flat), unit / v[group]])
         whitened, scale, log_det = _factor(sums.H, prior, t / s2)
         b = (t / s2) * sums.g
         c = scale * (whitened.T @ (whitened @ (scale * b)))
@@ -128,17 +168,35 @@ def fit(
         # A c = b spares the product H c
         rss = max(sums.yy - 2.0 * float(c @ sums.g) + (s2 / t) * (float(c @ b) - penalty), 1e-12 * sums.yy)
         evidence = -0.5 * (t * N * np.log(2 * np.pi * s2) + t * rss / s2 + penalty + log_det)
-        evidence += 0.5 * (flat * np.log(2 * np.pi) - float(counts @ np.log(v)))
+        evidence += 0.5 * (flat * np.log(2 * np.pi) - float(counts @ np.log(v)) + float(np.log(unit).sum()))
         diagonal = (scale * scale * np.einsum("ij,ij->j", whitened, whitened))[flat:]
-        gammas = counts - np.bincount(group, diagonal, len(caps)) / v
+        gammas = counts - np.bincount(group, unit * diagonal, len(caps)) / v
         if abs(evidence - last) < tolerance or iteration == iterations or (iteration == EARLY and evidence < give_up):
             break
         last = evidence
-        v = np.minimum((np.bincount(group, c[flat:] ** 2, len(caps)) + PRIOR_C2) / (gammas + PRIOR_GAMMA), caps)
+        squares = np.bincount(group, unit * c[flat:] ** 2, len(caps))
+        v = np.minimum((squares + square) / (gammas + count), caps)
         s2 = (t * rss + NOISE_COUNT * NOISE**2) / (max(spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
     covariance = whitened.T @ whitened
     covariance *= np.outer(scale, scale)
+    if expected is not None:
+        c[flat:] += expected.mean
     return Posterior(c, covariance, v, gammas, float(s2), float(evidence), iteration, t)
+
+
+def _kept_from_zero(group: IntArray, groups: int, expected: Expected | None) -> tuple[FloatArray, FloatArray]:
+    """Squares and counts that are added to those of each group: towards the scatter of what is known, else zero."""
+    known = np.zeros(groups, dtype=bool)
+    if expected is not None:
+        known[group[expected.known]] = True
+    return np.where(known, KNOWN_COUNT, PRIOR_C2), np.where(known, KNOWN_COUNT, PRIOR_GAMMA)
+
+
+def _about(sums: Sums, flat: int, expected: Expected) -> Sums:
+    """The sums of coefficients that are counted from their means."""
+    m = np.concatenate([np.zeros(flat), expected.mean])
+    Hm = sums.H @ m
+    return Sums(sums.H, sums.g - Hm, sums.yy - 2.0 * float(m @ sums.g) + float(m @ Hm), sums.equations)
 
 
 def _start_variance(sums: Sums, flat: int, spare: float, t: float) -> float:

@@ -79,7 +79,8 @@ def families_shown(
     tuple of FamilyShown
         In the order of the terms.
     """
-    found = mackay.fit(sums, flat, dictionary.group, dictionary.caps, t, start.variances, start.s2)
+    known = dictionary.expected
+    found = mackay.fit(sums, flat, dictionary.group, dictionary.caps, t, start.variances, start.s2, expected=known)
     names, out = np.array(families, dtype=object), []
     for family in dict.fromkeys(families):
         if family == "geometry":
@@ -89,7 +90,8 @@ def families_shown(
         group = np.searchsorted(groups, dictionary.group[stays])
         columns = np.concatenate([np.arange(flat), flat + np.flatnonzero(stays)])
         caps, variances = dictionary.caps[groups], found.variances[groups]
-        without = mackay.fit(sums.part(columns), flat, group, caps, t, variances, found.s2)
+        rest = None if known is None else known.part(stays)
+        without = mackay.fit(sums.part(columns), flat, group, caps, t, variances, found.s2, expected=rest)
         change = found.c.copy()
         change[columns] -= without.c
         moved = 3.0 * float(change @ sums.H @ change) / sums.equations

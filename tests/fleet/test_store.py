@@ -5,6 +5,7 @@ import os
 import signal
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ def same(a, b):
     assert a.robot == b.robot
     for name in ("fingerprint", "measured", "model", "heldout_mean_mm", "json_sha256", "simulated"):
         assert a.calibration[name] == b.calibration[name]
-    for one, other in ((a.fit, b.fit), (a.level, b.level)):
+    for one, other in ((a.fit, b.fit), (a.level, b.level), (a.terms, b.terms)):
         assert one.names == other.names
         np.testing.assert_array_equal(one.values, other.values)
         np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9, atol=1e-9 * one.covariance.max())
@@ -38,7 +39,7 @@ def test_what_is_added_comes_back_and_once(place, stored):
         assert store.calibrations(type="another") == []
         assert [row["id"] for row in store.robots()] == [one.robot["id"] for one in stored]
         assert len(store.table("parameters")) == sum(
-            len(one.fit.names) + len(one.level.names) + len(one.other) for one in stored
+            len(one.fit.names) + len(one.level.names) + len(one.terms.names) + len(one.other) for one in stored
         )
     for one, back in zip(stored, found, strict=True):
         same(one, back)
@@ -59,9 +60,7 @@ def keep_adding(place, stored, ready):
     with opened(place, create=True) as store:
         for k in range(10_000):
             for one in stored:
-                again = stores.Stored(
-                    one.robot, one.calibration | {"fingerprint": f"{k}"}, one.fit, one.level, one.other, one.files
-                )
+                again = replace(one, calibration={**one.calibration, "fingerprint": f"{k}"})
                 store.add(again)
             ready.set()
 
@@ -83,7 +82,11 @@ def test_a_writer_that_is_killed_leaves_the_store_consistent(place, stored):
         assert len({(one.robot["id"], one.calibration["fingerprint"]) for one in found}) == len(found)
         for one in found:
             own = by_id[one.robot["id"]]
-            assert (one.fit.names, one.level.names) == (own.fit.names, own.level.names)
+            assert (one.fit.names, one.level.names, one.terms.names) == (
+                own.fit.names,
+                own.level.names,
+                own.terms.names,
+            )
             assert len(one.other) == len(own.other)
             assert one.files == own.files
         assert store.add(stored[0])

@@ -21,12 +21,21 @@ def small_case(seed=1, rows=40):
     return J, y, Sums(J @ J.T, J @ y, float(y @ y), rows)
 
 
+EXPECTED = mackay.Expected(
+    np.array([0.5, -1.0, 0.2, 0.1, 0, 0, 0]), np.array([0.1, 0.3, 2.0, 0.5, 1, 1, 1]), GROUP == 0
+)
+
+
+@pytest.mark.parametrize("expected_before", [None, EXPECTED])
 @pytest.mark.parametrize("t", [1.0, 2 / 3, 1 / 3])
-def test_log_evidence_is_the_dense_integral(t):
+def test_log_evidence_is_the_dense_integral(t, expected_before):
     J, y, sums = small_case()
-    found = mackay.fit(sums, FLAT, GROUP, CAPS, t)
+    found = mackay.fit(sums, FLAT, GROUP, CAPS, t, expected=expected_before)
     N, F, R = len(y), J[:FLAT].T, J[FLAT:].T
-    S = found.s2 / t * np.eye(N) + R @ np.diag(found.variances[GROUP]) @ R.T
+    prior = found.variances[GROUP]
+    if expected_before is not None:
+        y, prior = y - R @ expected_before.mean, prior * expected_before.std**2
+    S = found.s2 / t * np.eye(N) + R @ np.diag(prior) @ R.T
     # integral over the flat columns: a Gaussian about their own least-squares solution
     precision = F.T @ np.linalg.solve(S, F)
     best = np.linalg.solve(precision, F.T @ np.linalg.solve(S, y))
@@ -35,6 +44,21 @@ def test_log_evidence_is_the_dense_integral(t):
     # the tempered likelihood is a Gaussian of variance s2 / t times a constant
     expected += 0.5 * N * np.log(2 * np.pi * found.s2 / t) - 0.5 * t * N * np.log(2 * np.pi * found.s2)
     assert found.log_evidence == pytest.approx(expected, abs=1e-8)
+
+
+def test_what_is_expected_is_a_normal_prior_whose_scale_is_found():
+    J, y, sums = small_case()
+    found = mackay.fit(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, iterations=3000, expected=EXPECTED)
+    weight = np.r_[np.zeros(FLAT), 1.0 / (found.variances[GROUP] * EXPECTED.std**2)]
+    mean = np.r_[np.zeros(FLAT), EXPECTED.mean]
+    A = J @ J.T / found.s2 + np.diag(weight)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(A), rtol=1e-9, atol=1e-14)
+    np.testing.assert_allclose(found.c, np.linalg.solve(A, J @ y / found.s2 + weight * mean), rtol=1e-9, atol=1e-12)
+    far = ((found.c - mean)[FLAT:] / EXPECTED.std) ** 2
+    known, plain = far[GROUP == 0].sum(), far[GROUP == 1].sum()
+    count = mackay.KNOWN_COUNT
+    assert found.variances[0] == pytest.approx(min(4.0, (known + count) / (found.gammas[0] + count)), rel=1e-4)
+    assert found.variances[1] == pytest.approx((plain + 0.002) / (found.gammas[1] + 0.2), rel=1e-4)
 
 
 def test_posterior_is_ridge_regression_at_the_fixed_point():

@@ -1,0 +1,99 @@
+"""The file of a type's prior, as `irbcal fleet prior` writes and `irbcal calibrate` reads it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from irbcal.errors import CalibrationError, OptionError
+from irbcal.identification.type_prior import TypePrior
+from irbcal.reading import read_bytes
+
+WHAT, VERSION = "prior of a type", 1
+
+
+def content(prior: TypePrior) -> bytes:
+    """A prior as the file has it: SI units."""
+    rows = zip(prior.names, prior.units, prior.mean, prior.std, prior.natural, strict=True)
+    document = {
+        "irbcal": WHAT,
+        "version": VERSION,
+        "type": prior.type,
+        "nominal_urdf_sha256": prior.nominal_sha256,
+        "simulated": prior.simulated,
+        "sisters": list(prior.sisters),
+        "terms": [
+            {"name": name, "unit": unit, "mean": float(mean), "std": float(std), "natural": float(natural)}
+            for name, unit, mean, std, natural in rows
+        ],
+    }
+    return (json.dumps(document, indent=1) + "\n").encode()
+
+
+def of_robot(prior: str | Path | TypePrior | None, name: str, nominal_sha256: str, simulated: bool) -> TypePrior | None:
+    """The prior of a robot's type.
+
+    Parameters
+    ----------
+    prior : str, Path or TypePrior
+        File, or what it has.
+    name, nominal_sha256 : str
+        Of the nominal robot.
+    simulated : bool
+        Whether the measurements are.
+
+    Raises
+    ------
+    OptionError
+        If it is of another nominal robot, or from simulated ones where the measurements are real.
+    CalibrationError
+        If it is none.
+    """
+    if prior is None:
+        return None
+    found = prior if isinstance(prior, TypePrior) else read(prior)
+    if (found.type, found.nominal_sha256) != (name, nominal_sha256):
+        what = "another file of that robot" if found.type == name else f"robot {found.type}"
+        raise OptionError(f"prior: it is of {what}, not of the nominal robot {name} that is given", parameter="prior")
+    if found.simulated and not simulated:
+        raise OptionError(
+            "prior: it is from SIMULATED robots, and says nothing of one that was measured", parameter="prior"
+        )
+    return found
+
+
+def read(file: str | Path) -> TypePrior:
+    """Read a prior.
+
+    Raises
+    ------
+    CalibrationError
+        If it cannot be read or is none.
+    """
+    data = read_bytes(file, CalibrationError)
+    try:
+        found = json.loads(data)
+        if found["irbcal"] != WHAT or found["version"] != VERSION:
+            raise ValueError
+        terms = found["terms"]
+        mean, std, natural = (np.array([float(row[key]) for row in terms]) for key in ("mean", "std", "natural"))
+        if not (np.isfinite(mean).all() and np.isfinite(std).all() and (std > 0.0).all() and (natural > 0.0).all()):
+            raise ValueError
+        return TypePrior(
+            str(found["type"]),
+            str(found["nominal_urdf_sha256"]),
+            tuple(str(name) for name in found["sisters"]),
+            bool(found["simulated"]),
+            tuple(str(row["name"]) for row in terms),
+            tuple(str(row["unit"]) for row in terms),
+            mean,
+            std,
+            natural,
+        )
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        raise CalibrationError(
+            "expected a prior of a type as irbcal fleet prior writes it (version 1), found another content",
+            file=str(file),
+        ) from None

@@ -1,0 +1,86 @@
+"""What sisters tell of a type: mean and scatter of SIMULATED populations, and from the store to a calibration."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fleet_support import measured
+from typer.testing import CliRunner
+
+import irbcal
+from irbcal.cli import main
+from irbcal.errors import CalibrationError, OptionError
+from irbcal.fleet.prior import population, type_prior
+from irbcal.fleet.store import opened
+from irbcal.identification import dictionaries
+
+
+def test_mean_and_scatter_of_a_population_are_found():
+    """40 robots with 6 terms, of which each shows 5 directions: means within their scatter, scatter within a third."""
+    rng = np.random.default_rng(1)
+    mean, scatter = np.array([1.0, -0.5, 0.0, 2.0, 0.3, 0.0]), np.array([0.5, 0.2, 1.0, 0.05, 0.3, 0.1])
+    likelihoods = []
+    for _ in range(40):
+        own = mean + scatter * rng.standard_normal(6)
+        J = rng.standard_normal((5, 6)) / 0.05
+        y = J @ own + rng.standard_normal(5)
+        likelihoods.append((J.T @ J, J.T @ y))
+    found, std = population(likelihoods)
+    assert (np.abs(found - mean) < 3.0 * scatter / np.sqrt(40) + 0.02).all()
+    np.testing.assert_allclose(std, scatter, rtol=0.35, atol=0.02)
+
+
+def test_what_no_sister_shows_stays_open():
+    found, std = population([(np.diag([1e4, 0.0]), np.array([1e4, 0.0]))] * 6)
+    assert found == pytest.approx([1.0, 0.0], abs=1e-3)
+    assert std[1] > 1.0
+
+
+@pytest.fixture(scope="module")
+def store(stored, tmp_path_factory):
+    """Three robots, and three more whose terms are drawn about theirs."""
+    rng = np.random.default_rng(2)
+    path = tmp_path_factory.mktemp("prior") / "fleet.db"
+    with opened(path, create=True) as held:
+        for one in stored:
+            held.add(one)
+            own = [0.3 * name.startswith("delta") for name in one.terms.names] * one.terms.natural
+            drawn = rng.multivariate_normal(one.terms.values, one.terms.covariance + np.diag(own**2))
+            again = replace(one.terms, values=drawn)
+            robot = {**one.robot, "id": f"{one.robot['id']}b", "serial": f"{one.robot['serial']}b"}
+            head = {**one.calibration, "robot": robot["id"]}
+            held.add(replace(one, robot=robot, calibration=head, terms=again))
+    return path
+
+
+def test_from_the_store_to_a_calibration(store, tmp_path, monkeypatch):
+    monkeypatch.setattr(dictionaries, "CHOICES", dictionaries.CHOICES[:6])  # quick
+    out = tmp_path / "prior.json"
+    words = ["fleet", "prior", "--type", "irb1600_6_145", "--store", str(store), "--out", str(out)]
+    done = CliRunner(env={"COLUMNS": "200"}).invoke(main.app, words, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("SIMULATED: 156 terms of type irb1600_6_145 from 6 robots")
+    assert json.loads(out.read_bytes())["sisters"] == ["R0", "R0b", "R1", "R1b", "R2", "R2b"]
+    measured(tmp_path, "new.csv", 17, 17, poses=20)
+    without = irbcal.calibrate(tmp_path / "new.csv", "irb1600")
+    found = irbcal.calibrate(tmp_path / "new.csv", "irb1600", prior=out)
+    assert found.record.heldout.all.mean_mm < 0.85 * without.record.heldout.all.mean_mm
+    assert any("What 6 SIMULATED robots of type irb1600_6_145 show was taken as a prior" in n for n in found.notes)
+    for options in ({"model": 34}, {"terms": "all"}, {"loss": "huber"}):
+        with pytest.raises(OptionError, match="prior: it is for model auto of terms joint-map: leave out"):
+            irbcal.calibrate(tmp_path / "new.csv", "irb1600", prior=out, **options)
+
+
+def test_too_few_sisters_and_other_files_are_refused(store, stored, tmp_path):
+    with pytest.raises(CalibrationError, match="the store has no calibrations of type irb120"):
+        irbcal.fleet_prior("irb120", tmp_path / "p.json", store)
+    with opened(tmp_path / "few.db", create=True) as held:
+        held.add(stored[0])
+    with pytest.raises(CalibrationError, match="expected 5 or more calibrated robots of type irb1600_6_145 with their"):
+        irbcal.fleet_prior("irb1600_6_145", tmp_path / "p.json", tmp_path / "few.db")
+    assert not (tmp_path / "p.json").exists()
+    other = replace(stored[0], calibration={**stored[0].calibration, "nominal_urdf_sha256": "00"})
+    with pytest.raises(CalibrationError, match="were calibrated from different files of the nominal robot"):
+        type_prior([other, *stored])
+    assert len(irbcal.fleet_prior("irb1600_6_145", tmp_path / "p.json", store, without="R0").prior.sisters) == 5
