@@ -6,7 +6,9 @@ import numpy as np
 import pandas as pd
 
 from irbcal.files.nominal import read_nominal
+from irbcal.identification.constraint_fit import identify_features
 from irbcal.identification.constraint_kind import LEVER, with_third
+from irbcal.identification.constraint_problem import ConstraintProblem
 from irbcal.identification.constraints import KINDS, Seen
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
@@ -225,8 +227,31 @@ def seen(kind, one, n=60, seed=0, noise=0.0, fresh=0, fit=""):
 
 def apart(one, other, q, tool=TOOL):
     """Distances of the true tool's point from that of another arm with its own tool, however both stand."""
-    a, b = tip(one, q)[0], tip(other, q, tool)[0]
+    return apart_in_place(tip(one, q)[0], tip(other, q, tool)[0])
+
+
+def apart_in_place(a, b):
+    """Distances of points (n, 3) from others brought as near to them as a motion does."""
     A, B = a - a.mean(axis=0), b - b.mean(axis=0)
     U, _, Vt = np.linalg.svd(B.T @ A)
     R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
     return np.linalg.norm(A @ R.T - B, axis=1)
+
+
+def held(kind, seed, count=120):
+    """Whether the interval of each fresh row of a repetition with 0.05 mm of noise holds the truth."""
+    nominal, spots = arm(), COUNTS.get(kind, 3)
+    truth = true_arm(nominal, 1000 + seed, lengths=KINDS[kind].metric)
+    all_rows = seen(kind, truth, count // spots, seed, 0.05 * MM, 15 // spots)
+    fresh = np.array([str(name).startswith("fresh") for name in all_rows.pose])
+    fit = identify_features(nominal, all_rows.select(~fresh), choices=[()])
+    there = ConstraintProblem(nominal, all_rows.select(fresh), fit.problem.terms)
+    assert list(there.layout) == list(fit.problem.layout)
+    misses = {id(one.group): one.found.r for one in there.misses(fit.state)}
+    r = np.concatenate([one.ravel() for one in misses.values()])
+    blocks = list(there.dense(fit.state))
+    J = np.concatenate([b.J for b in blocks], axis=1)
+    J = J * MM / there.sizes[:, None] / np.repeat(1.0, J.shape[1])
+    weights = there.weights[np.concatenate([b.row for b in blocks])]
+    std = np.sqrt(np.einsum("ar,ab,br->r", J, fit.covariance, J, optimize=True)) / weights
+    return np.abs(r) < 1.96 * std

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,12 +16,13 @@ from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.cell import realistic
 from irbcal.cell.cell import Cell
 from irbcal.cell.shipped import ROBOT_SEED, open_cell
+from irbcal.errors import OptionError
 from irbcal.identification.constraints import KINDS
 from irbcal.identification.devices import BALL, DEVICES, Placed, Tips, distances, met, placed, poses, rows_table
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.features import read as read_features
 from irbcal.names import without_formulas
-from irbcal.options import MOST_POSES, checked, number
+from irbcal.options import MOST_POSES, checked, names, number
 from irbcal.options import seed as check_seed
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
@@ -109,7 +111,7 @@ class SimulatedDevice(Speaks):
             If they cannot be written.
         """
         out = Path(out)
-        names = [out.name, f"{out.stem}.features.csv", f"{out.stem}.truth.json"]
+        files = [out.name, f"{out.stem}.features.csv", f"{out.stem}.truth.json"]
         tables = (self.to_frame(), self.features())
         data = [without_formulas(table).to_csv(index=False, lineterminator="\n").encode() for table in tables]
         place = dict(zip(("x", "y", "z"), (np.array(BALL) / MM).tolist(), strict=True))
@@ -128,8 +130,8 @@ class SimulatedDevice(Speaks):
             **self.cell.truth(),
         }
         contents = [*data, json.dumps(truth, indent=1, ensure_ascii=False).encode()]
-        atomic.write_together(out.parent, dict(zip(names, contents, strict=True)))
-        first, second, third = (out.parent / name for name in names)
+        atomic.write_together(out.parent, dict(zip(files, contents, strict=True)))
+        first, second, third = (out.parent / name for name in files)
         return first, second, third
 
 
@@ -142,6 +144,8 @@ def simulate_device(
     robot_seed: int = ROBOT_SEED,
     noise: float | None = None,
     cell: Literal["thesis", "realistic"] = "thesis",
+    only: Sequence[str] | None = None,
+    without: Sequence[str] = (),
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
@@ -162,6 +166,8 @@ def simulate_device(
     noise : float, optional
         Standard deviation of a contact or a value, metres; what is plausible for the device unless given.
     cell : {"thesis", "realistic"}
+    only, without : sequence of str
+        Effects of the cell that are on, or off; one of the two. The robot's own geometry errs in any case.
     base_link, tip_link, coupling
         As for `irbcal.simulate`.
 
@@ -180,6 +186,9 @@ def simulate_device(
     kind = checked("cell", cell, realistic.NAMES)
     opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
     opened = realistic.of_kind(kind, opened, robot_seed)
+    if only is not None and without:
+        raise OptionError("only and without exclude each other", parameter="only")
+    opened = opened.without(*names("without", without)) if only is None else opened.only(*names("only", only))
     spread = wanted.noise if noise is None else number("noise", noise, 0.0, 0.01)
     found = placed(opened.arm, wanted)
     q, which = poses(opened.arm, found, count, seed)
@@ -201,14 +210,14 @@ def _measured(
     rng = np.random.default_rng(np.random.SeedSequence(cell.seed, spawn_key=(STREAM, 2)))
     size = KINDS[found.device.kind].size
     off = noise * rng.standard_normal((len(q), size))
-    names = list(found.own)
+    spots = list(found.own)
     free = found.device.kind == "radius" and not found.bar
     T = cell.measure(q).T_base_tip
     if not free and not found.bar:
         for _ in range(TRIES):  # how it comes to a stop depends on all stops before: all are moved a little each time
             before = q.copy()
             lag = T @ np.linalg.inv(cell.arm.forward(before))
-            for k, name in enumerate(names):
+            for k, name in enumerate(spots):
                 mine = which == k
                 q[mine], _ = met(cell.arm, found, name, q[mine], _lagging(cell, lag[mine]), off[mine])
             T = cell.measure(q).T_base_tip

@@ -1,6 +1,5 @@
 """``irbcal plan``: which poses to measure, and the files that carry them out."""
 
-from collections.abc import Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
@@ -62,6 +61,17 @@ _Compare = Annotated[
         "--compare-devices", help="Predict what a tracker and each device would leave of the position error, and stop."
     ),
 ]
+_Prior = Annotated[
+    float | None,
+    typer.Option(
+        "--prior-mm",
+        min=0.001,
+        max=100.0,
+        help="With --device and --compare-devices: position error from the geometry before any measurement, root mean "
+        "square over the whole range.",
+        show_default="what natural sizes of its errors make",
+    ),
+]
 _Robot = Annotated[
     str, typer.Option(help="URDF, a robot's name (see irbcal robots) or calibration folder.", show_default=False)
 ]
@@ -75,7 +85,10 @@ _Optimal = Annotated[
     int,
     typer.Option(min=0, help="Poses chosen out of many candidates; other kinds then only where asked for."),
 ]
-_Candidates = Annotated[int, typer.Option(min=2, max=100_000, help="Candidates for --optimal.")]
+_Candidates = Annotated[
+    int | None,
+    typer.Option(min=2, max=100_000, help="Candidates for --optimal and --device.", show_default="2000; 600"),
+]
 _Criterion = Annotated[
     Criterion, typer.Option(help="What is best: predicted positions, or all parameters together (D).")
 ]
@@ -102,7 +115,24 @@ _CubeCentre = Annotated[str | None, typer.Option(help="x,y,z in mm.", show_defau
 _CubeEdge = Annotated[float | None, typer.Option(help="In mm.", show_default=False)]
 _Margin = Annotated[float, typer.Option("--margin-deg", min=0.0, help="From the joint limits (10 mm each on rails).")]
 _Acceptance = Annotated[
-    float, typer.Option("--acceptance-deg", min=1.0, max=90.0, help="Largest angle between reflector and beam.")
+    float | None,
+    typer.Option(
+        "--acceptance-deg",
+        min=1.0,
+        max=180.0,
+        help="Largest angle between reflector and beam; with --device of the tool's axis with surface, bar, string.",
+        show_default="30; 60 to touch, 90 for a ballbar, 120 for strings",
+    ),
+]
+_Approach = Annotated[
+    float | None,
+    typer.Option(
+        "--approach-mm",
+        min=0.0,
+        max=1000.0,
+        help="With --device: last part of the way to a feature, along the tool's axis, that must be free.",
+        show_default="50",
+    ),
 ]
 _MinHeight = Annotated[
     str | None,
@@ -146,11 +176,12 @@ def plan(
     device: _Device = None,
     poses: _Poses = None,
     compare_devices: _Compare = False,
+    prior: _Prior = None,
     axis: _Axis = None,
     cube: _Cube = None,
     all_range: _AllRange = None,
     optimal: _Optimal = 0,
-    candidates: _Candidates = 2000,
+    candidates: _Candidates = None,
     criterion: _Criterion = Criterion.position,
     volume: _Volume = Volume.both,
     level: _Level = None,
@@ -159,7 +190,8 @@ def plan(
     cube_centre: _CubeCentre = None,
     cube_edge: _CubeEdge = None,
     margin: _Margin = 2.0,
-    acceptance: _Acceptance = 30.0,
+    acceptance: _Acceptance = None,
+    approach: _Approach = None,
     min_height: _MinHeight = None,
     without: _Without = None,
     payload: _Payload = None,
@@ -179,15 +211,24 @@ def plan(
     """Plan measurements: poses that the robot reaches and the tracker sees, a robot program, and what they promise."""
     links = {"base_link": base_link, "tip_link": tip_link, "coupling": coupling}
     if compare_devices:
-        _compare(robot, poses, seed, json, links)
+        _compare(robot, poses, prior, seed, json, links)
         return
     if out is None:
         raise typer.BadParameter("missing", param_hint="--out")
     if device is not None:
-        _device(robot, out, device, poses or 100, seed, margin, package_dirs or (), json, links)
+        from irbcal.units import DEG, MM
+
+        given = {"candidates": candidates, "acceptance": acceptance, "approach": approach, "prior": prior}
+        units = {"acceptance": DEG, "approach": MM, "prior": MM}
+        options = {name: value * units.get(name, 1) for name, value in given.items() if value is not None}
+        more: dict[str, Any] = {"seed": seed, "margin": margin * DEG, "package_dirs": package_dirs or ()}
+        _device(robot, out, device, poses or 100, json, options | more | links)
         return
     if poses is not None:
         raise typer.BadParameter("is for --device and --compare-devices", param_hint="--poses")
+    for name, value in (("--approach-mm", approach), ("--prior-mm", prior)):
+        if value is not None:
+            raise typer.BadParameter("is for --device", param_hint=name)
     place = _tracker(tracker)
     heights = _numbers(min_height, 2, "--min-height", "FRONT,BACK in mm")
     centre, edge = _cube(cube_centre, cube_edge)
@@ -202,7 +243,7 @@ def plan(
         cube=cube,
         all_range=all_range,
         optimal=optimal,
-        candidates=candidates,
+        candidates=2000 if candidates is None else candidates,
         criterion=criterion.value,
         volume=volume.value,
         level=level,
@@ -211,7 +252,7 @@ def plan(
         cube_centre=centre,
         cube_edge=edge,
         margin=margin * DEG,
-        acceptance=acceptance * DEG,
+        acceptance=(30.0 if acceptance is None else acceptance) * DEG,
         min_height=None if heights is None else (heights[0], heights[1]),
         without=[item.value for item in without or ()],
         payload=payload,
@@ -229,37 +270,29 @@ def plan(
     )
 
 
-def _compare(robot: str, poses: int | None, seed: int, json: bool, links: dict[str, Any]) -> None:
+def _compare(robot: str, poses: int | None, prior: float | None, seed: int, json: bool, links: dict[str, Any]) -> None:
     """Tell what each device would leave."""
     from irbcal.planning import device_comparison
+    from irbcal.units import MM
 
     counts = device_comparison.POSES if poses is None else (poses,)
     with show.progress(9, quiet=json) as step:
-        found = device_comparison.compare_devices(robot, counts, seed=seed, progress=step, **links)
+        size = None if prior is None else prior * MM
+        found = device_comparison.compare_devices(robot, counts, prior=size, seed=seed, progress=step, **links)
     if json:
         show.print_json(found.to_dict())
     else:
         show.tell(found.told())
 
 
-def _device(
-    robot: str,
-    out: Path,
-    device: str,
-    poses: int,
-    seed: int,
-    margin: float,
-    package_dirs: Sequence[Path],
-    json: bool,
-    links: dict[str, Any],
-) -> None:
+def _device(robot: str, out: Path, device: str, poses: int, json: bool, options: dict[str, Any]) -> None:
     """Choose poses at a device, write, tell."""
     from irbcal.errors import OptionError
     from irbcal.planning.device_plan import device_plan
-    from irbcal.units import DEG
 
     try:
-        made = device_plan(robot, device, poses, seed=seed, margin=margin * DEG, package_dirs=package_dirs, **links)
+        with show.progress(4, quiet=json) as step:
+            made = device_plan(robot, device, poses, progress=step, **options)
     except OptionError as error:
         raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
     files = [path.name for path in made.save(out)]

@@ -189,6 +189,11 @@ class ConstraintProblem:
         return group.measured or group.feature.centre is not None or "rotation" in group.kind.needs
 
     @property
+    def noise(self) -> float:
+        """Standard deviation of a row as the rows themselves tell it, mm."""
+        return self.typical / 1.96 / MM
+
+    @property
     def scalars(self) -> int:
         """Number of equations of the rows."""
         return sum(group.kind.size * len(group.rows) for group in self.groups)

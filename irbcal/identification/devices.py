@@ -7,7 +7,7 @@ meet what the device's kind asks for, so that a new kind needs nothing here.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -44,7 +44,7 @@ class Spot:
     shift : tuple of three float
         Added to it, metres.
     normal : tuple of three float
-        Of a plane.
+        Where it is open: of a plane, and of a socket's or ball's upper side.
     """
 
     name: str
@@ -69,6 +69,8 @@ class Device:
         Length of a ballbar, in shares of the reach.
     noise : float
         Standard deviation of a coordinate that is plausible for it, metres.
+    cone : float
+        Largest angle between the tool's axis and what it is turned to (the surface, the bar, the string), radians.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Device:
     lengths: bool = False
     bar: float | None = None
     noise: float = 0.03 * MM
+    cone: float = 60.0 * DEG
 
 
 _FRONT = (0.55, 0.0, 0.30)
@@ -99,6 +102,7 @@ DEVICES: Mapping[str, Device] = {
             "radius",
             tuple(Spot(f"string {k}", at) for k, at in enumerate(_STATIONS, 1)),
             noise=0.05 * MM,
+            cone=120.0 * DEG,
         ),
         Device(
             "ballbar",
@@ -107,6 +111,7 @@ DEVICES: Mapping[str, Device] = {
             tuple(Spot(f"centre {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
             lengths=True,
             bar=0.17,
+            cone=90.0 * DEG,
         ),
         Device(
             "two-balls",
@@ -129,8 +134,8 @@ DEVICES: Mapping[str, Device] = {
             "plane",
             (
                 Spot("floor", (0.55, 0.0, 0.1)),
-                Spot("front", (0.75, 0.0, 0.3), normal=(1.0, 0.0, 0.0)),
-                Spot("side", (0.55, 0.35, 0.3), normal=(0.0, 1.0, 0.0)),
+                Spot("front", (0.75, 0.0, 0.3), normal=(-1.0, 0.0, 0.0)),
+                Spot("side", (0.55, 0.35, 0.3), normal=(0.0, -1.0, 0.0)),
             ),
         ),
     )
@@ -149,11 +154,14 @@ class Placed:
         By feature: the unknowns of the device's kind.
     bar : float
         Metres; zero for other devices.
+    middle : dict of str to ndarray, shape (3,)
+        By feature: its place, a point of planes.
     """
 
     device: Device
     own: Mapping[str, Mapping[str, FloatArray]]
     bar: float
+    middle: Mapping[str, FloatArray]
 
     def __post_init__(self) -> None:
         lock(self)
@@ -182,8 +190,9 @@ def placed(arm: Arm, device: Device) -> Placed:
     """A device in front of an arm."""
     reach = reach_of(arm)
     own: dict[str, dict[str, FloatArray]] = {}
+    middle = {spot.name: reach * np.array(spot.at) + np.array(spot.shift) for spot in device.spots}
     for spot in device.spots:
-        centre = reach * np.array(spot.at) + np.array(spot.shift)
+        centre = middle[spot.name]
         if device.kind == "plane":
             n = np.array(spot.normal)
             own[spot.name] = {"normal": with_third(n), "height": np.array([n @ centre])}
@@ -191,7 +200,7 @@ def placed(arm: Arm, device: Device) -> Placed:
             own[spot.name] = {"centre": centre}
             if device.kind == "radius":
                 own[spot.name]["offset"] = np.array([0.0 if device.bar else 0.05 * reach])
-    return Placed(device, own, 0.0 if device.bar is None else round(reach * device.bar, 3))
+    return Placed(device, own, 0.0 if device.bar is None else round(reach * device.bar, 3), middle)
 
 
 def met(
@@ -255,6 +264,26 @@ def _missed(arm: Arm, found: Placed, feature: str, q: FloatArray, tips: Tips | N
     return miss.r, J
 
 
+def drawn(arm: Arm, found: Placed, feature: str, count: int, seed: int, patch: float | None = None) -> FloatArray:
+    """Those of so many random joints that were brought to meet a feature within the limits, shape (n, joints).
+
+    With ``patch``, planes are met at random places of a square about their middle only, with this half edge, metres.
+    """
+    q = arm.random_joints(count, seed)
+    good = np.ones(len(q), dtype=bool)
+    if patch is not None and found.device.kind == "plane":
+        across = np.random.default_rng(seed).uniform(-patch, patch, (count, 2))
+        spots = found.middle[feature] + across @ found.own[feature]["normal"][:, :2].T
+        found = replace(found, device=replace(found.device, kind="point"), own={feature: {"centre": spots}})
+    if found.device.kind == "radius" and not found.bar:
+        good = arm.forward(q)[:, 2, 3] > 0.0
+    else:
+        q, good = met(arm, found, feature, q)
+    margin = 2.0 * DEG * ~arm.table.prismatic
+    good &= ((q > arm.lower + margin) & (q < arm.upper - margin)).all(axis=1)
+    return q[good]
+
+
 def poses(arm: Arm, found: Placed, count: int, seed: int = 0, keep: Keep | None = None) -> tuple[FloatArray, IntArray]:
     """Poses of the nominal arm at a device's features, shared out evenly.
 
@@ -280,24 +309,13 @@ def poses(arm: Arm, found: Placed, count: int, seed: int = 0, keep: Keep | None 
         If too few are found.
     """
     names = list(found.own)
-    free = found.device.kind == "radius" and not found.bar
     share = [count // len(names) + (k < count % len(names)) for k in range(len(names))]
-    margin = 2.0 * DEG * ~arm.table.prismatic
     out, which = [], []
     for k, (name, wanted) in enumerate(zip(names, share, strict=True)):
         kept: list[FloatArray] = []
         for attempt in range(4):
-            q = arm.random_joints(max(TRIES * wanted, 100), seed * 1000 + 10 * k + attempt)
-            good = np.ones(len(q), dtype=bool)
-            if free:
-                height = arm.forward(q)[:, 2, 3]
-                good = height > 0.0
-            else:
-                q, good = met(arm, found, name, q)
-            good &= ((q > arm.lower + margin) & (q < arm.upper - margin)).all(axis=1)
-            rows = np.flatnonzero(good)[: 6 * wanted]
-            rows = rows if keep is None else rows[keep(q[rows])]
-            kept.append(q[rows])
+            q = drawn(arm, found, name, max(TRIES * wanted, 100), seed * 1000 + 10 * k + attempt)[: 6 * wanted]
+            kept.append(q if keep is None else q[keep(q)])
             if sum(map(len, kept)) >= wanted:
                 break
         q = np.concatenate(kept)[:wanted]

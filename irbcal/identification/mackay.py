@@ -90,6 +90,8 @@ class Posterior:
         At these variances.
     iterations : int
     temper : float
+    freedom : float
+        Coordinates that ``s2`` rests on, what was known of it before included.
     """
 
     c: FloatArray
@@ -100,6 +102,7 @@ class Posterior:
     log_evidence: float
     iterations: int
     temper: float
+    freedom: float = np.inf
 
 
 def fit(
@@ -113,6 +116,7 @@ def fit(
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
     give_up: float = -np.inf,
+    noise: float = NOISE,
     expected: Expected | None = None,
 ) -> Posterior:
     """Iterate to the variances that make the data most probable.
@@ -135,6 +139,8 @@ def fit(
     iterations : int
     give_up : float
         Log evidence; a fit that is below it after `EARLY` iterations is not brought to its end.
+    noise : float
+        Standard deviation of a coordinate that is plausible before anything is measured, mm.
     expected : Expected, optional
         Means and standard deviations of the coefficients; the variances of the groups are then counted in theirs.
 
@@ -157,8 +163,7 @@ def fit(
         raise IdentificationError(f"{N} equations are too few for base and targets: measure more poses")
     v = np.ones(len(caps)) if variances is None else variances.copy()
     s2 = _start_variance(sums, flat, spare, t) if s2 is None else s2
-    counts = np.bincount(group, minlength=len(caps)).astype(float)
-    last = -np.inf
+    counts, last = np.bincount(group, minlength=len(caps)).astype(float), -np.inf
     for iteration in range(1, iterations + 1):
         prior = np.concatenate([np.zeros(flat), unit / v[group]])
         whitened, scale, log_det = _factor(sums.H, prior, t / s2)
@@ -171,17 +176,15 @@ def fit(
         evidence += 0.5 * (flat * np.log(2 * np.pi) - float(counts @ np.log(v)) + float(np.log(unit).sum()))
         diagonal = (scale * scale * np.einsum("ij,ij->j", whitened, whitened))[flat:]
         gammas = counts - np.bincount(group, unit * diagonal, len(caps)) / v
+        freedom = max(spare - float(gammas.sum()), 0.0) + NOISE_COUNT
         if abs(evidence - last) < tolerance or iteration == iterations or (iteration == EARLY and evidence < give_up):
             break
         last = evidence
-        squares = np.bincount(group, unit * c[flat:] ** 2, len(caps))
-        v = np.minimum((squares + square) / (gammas + count), caps)
-        s2 = (t * rss + NOISE_COUNT * NOISE**2) / (max(spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
-    covariance = whitened.T @ whitened
-    covariance *= np.outer(scale, scale)
-    if expected is not None:
-        c[flat:] += expected.mean
-    return Posterior(c, covariance, v, gammas, float(s2), float(evidence), iteration, t)
+        v = np.minimum((np.bincount(group, unit * c[flat:] ** 2, len(caps)) + square) / (gammas + count), caps)
+        s2 = (t * rss + NOISE_COUNT * noise**2) / freedom
+    covariance = (whitened.T @ whitened) * np.outer(scale, scale)
+    c[flat:] += 0.0 if expected is None else expected.mean
+    return Posterior(c, covariance, v, gammas, float(s2), float(evidence), iteration, t, freedom)
 
 
 def _kept_from_zero(group: IntArray, groups: int, expected: Expected | None) -> tuple[FloatArray, FloatArray]:

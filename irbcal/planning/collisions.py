@@ -70,7 +70,7 @@ class CollisionModel:
 
         self.arm = arm
         self._made_from = urdf_bytes, arm, tuple(str(folder) for folder in package_dirs)
-        self._obstacles: list[tuple[FloatArray, float]] = []
+        self._obstacles: list[tuple[FloatArray, tuple[float, ...]]] = []
         text = _with_found_meshes(urdf_bytes, [Path(folder).resolve() for folder in package_dirs])
         try:
             self.model = pin.buildModelFromXML(text)
@@ -105,15 +105,31 @@ class CollisionModel:
         radius : float
             Metres.
         """
+        T = np.eye(4)
+        T[:3, 3] = place
+        self._add_obstacle(T, (float(radius),))
+
+    def add_box(self, T_base_box: FloatArray, edges: Sequence[float]) -> None:
+        """A box that stands still, such as a table, as `add_obstacle`.
+
+        Parameters
+        ----------
+        T_base_box : ndarray, shape (4, 4)
+            Its middle and axes in the base link.
+        edges : sequence of three float
+            Metres.
+        """
+        self._add_obstacle(T_base_box, tuple(float(edge) for edge in edges))
+
+    def _add_obstacle(self, T_base: FloatArray, size: tuple[float, ...]) -> None:
+        """A ball of a radius, or a box of three edges."""
         import coal
         import pinocchio as pin
 
-        middle = np.array(place, dtype=float)
-        self._obstacles.append((middle, float(radius)))
-        T = pin.SE3(self.T_universe_base) * pin.SE3(np.eye(3), middle)
-        ball = self.geometry.addGeometryObject(
-            pin.GeometryObject(f"obstacle_{self.geometry.ngeoms}", 0, T, coal.Sphere(radius))
-        )
+        self._obstacles.append((T_base, size))
+        T = pin.SE3(self.T_universe_base @ T_base)
+        shape = coal.Sphere(*size) if len(size) == 1 else coal.Box(*size)
+        ball = self.geometry.addGeometryObject(pin.GeometryObject(f"obstacle_{self.geometry.ngeoms}", 0, T, shape))
         for k, solid in enumerate(self.geometry.geometryObjects[: self.solids]):
             if solid.parentJoint > 0:
                 self.geometry.addCollisionPair(pin.CollisionPair(k, ball))
@@ -234,11 +250,11 @@ class CollisionModel:
 
 
 def _made_again(
-    urdf_bytes: bytes, arm: Arm, package_dirs: Sequence[str], obstacles: Sequence[tuple[FloatArray, float]]
+    urdf_bytes: bytes, arm: Arm, package_dirs: Sequence[str], obstacles: Sequence[tuple[FloatArray, tuple[float, ...]]]
 ) -> CollisionModel:
     model = CollisionModel(urdf_bytes, arm, package_dirs=package_dirs)
-    for place, radius in obstacles:
-        model.add_obstacle(place, radius)
+    for T, size in obstacles:
+        model._add_obstacle(T, size)
     return model
 
 

@@ -1,31 +1,53 @@
-"""Poses for a device in place of a tracker: reached, without collision, at its features; ``irbcal plan --device``."""
+"""Poses for a device in place of a tracker: free to be touched or read, the best of many; ``irbcal plan --device``.
+
+Best are those that leave the least predicted error of positions over the whole range, chosen by the exchange that
+chooses tracker poses (`irbcal.planning.exchange`), for a robot whose joints err beyond its geometry
+(`irbcal.planning.device_information`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from irbcal import atomic
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.errors import MeasurementError
 from irbcal.files.opening import RobotLike
-from irbcal.identification.devices import DEVICES, Placed, placed, poses, rows_table
+from irbcal.identification.devices import DEVICES, Device, Placed, drawn, placed, rows_table
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.home import home_joints
 from irbcal.names import without_formulas
 from irbcal.options import MOST_POSES, checked, number
 from irbcal.options import seed as check_seed
-from irbcal.planning.conditions import check
-from irbcal.planning.scene import open_scene
+from irbcal.planning.device_access import Access, with_stands
+from irbcal.planning.device_information import DeviceModel, Rated
+from irbcal.planning.exchange import Chosen, Comparison, compare, exchange
+from irbcal.planning.information import Candidates
+from irbcal.planning.route import shortest_order
+from irbcal.planning.scene import Scene, open_scene
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pandas as pd
 
-ROWS, FEATURES = "rows.csv", "features.csv"
+    from irbcal.planning.choosing import Step
+    from irbcal.planning.collisions import CollisionModel
+
+ROWS, FEATURES, APPROACH = "rows.csv", "features.csv", "approach.csv"
+
+BATCHES, BATCH = 12, 400
+"""Times that random joints are brought to a feature for candidates, and how many at a time."""
+
+LEAST = 6
+"""Poses at each feature, as far as there are so many in all: with fewer its own place is not told."""
+
+CANDIDATES, APPROACH_LENGTH = 600, 50.0 * MM
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,6 +64,16 @@ class DevicePlan(Speaks):
         Number of the feature at each.
     conditions : tuple of str
         What every pose meets.
+    before : float
+        Predicted root mean square error of positions over the whole range before, metres.
+    comparison : Comparison
+        Mean squared error of positions that these poses and random ones leave, m^2.
+    candidates : dict of str to int
+        By feature: poses that they were chosen from.
+    tally : dict of str to int
+        Condition -> tried poses that it removed.
+    approach : ndarray, shape (n, joints), or None
+        Joints before the last part of the way, of devices that are touched.
     notes : tuple of str
     """
 
@@ -50,6 +82,11 @@ class DevicePlan(Speaks):
     q: FloatArray
     which: IntArray
     conditions: tuple[str, ...]
+    before: float
+    comparison: Comparison
+    candidates: dict[str, int]
+    tally: dict[str, int]
+    approach: FloatArray | None
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -65,11 +102,17 @@ class DevicePlan(Speaks):
 
     def places(self) -> dict[str, list[float]]:
         """Where each feature should stand, in the base link, mm; a point of planes."""
-        out = {}
-        for name, own in self.found.own.items():
-            point = own["centre"] if "centre" in own else own["normal"][:, 2] * own["height"]
-            out[name] = np.round(point / MM, 1).tolist()
-        return out
+        return {name: np.round(point / MM, 1).tolist() for name, point in self.found.middle.items()}
+
+    @property
+    def left(self) -> float:
+        """Predicted root mean square error of positions over the whole range after these poses, metres."""
+        return float(np.sqrt(self.comparison.optimal))
+
+    @property
+    def left_by_random(self) -> float:
+        """The same after as many random poses that meet the same conditions, metres."""
+        return float(np.sqrt(self.comparison.random[len(self.q)]))
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: millimetres."""
@@ -81,6 +124,10 @@ class DevicePlan(Speaks):
             "features_mm": self.places(),
             "bar_mm": self.found.bar / MM or None,
             "conditions": list(self.conditions),
+            "predicted_mm": {"before": self.before / MM, "left": self.left / MM, "random": self.left_by_random / MM},
+            "as_good_as_random": self.comparison.as_good_as,
+            "candidates": self.candidates,
+            "removed": self.tally,
             "notes": list(self.notes),
         }
 
@@ -92,10 +139,20 @@ class DevicePlan(Speaks):
         for (name, place), count in zip(self.places().items(), counts, strict=True):
             told.append(f"  {name} near {', '.join(f'{x:.0f}' for x in place)} mm in the base link: {count} poses")
         told.append(f"Every pose meets: {', '.join(self.conditions)}")
+        most = max(self.comparison.random)
+        good = self.comparison.as_good_as
+        same = f"{good} random ones would be as good" if good else f"{most} random ones would not be as good"
+        told.append(
+            f"Predicted position error: {self.before / MM:.2f} mm before, {self.left / MM:.3f} mm after these poses, "
+            f"{self.left_by_random / MM:.3f} mm after as many random ones that meet the same ({same}); root mean "
+            "square over the whole range, calculated, joints err beyond the geometry"
+        )
+        removed = ", ".join(f"{count} by {name}" for name, count in self.tally.items() if count)
+        told.append(f"Chosen from {sum(self.candidates.values())} poses; removed before: {removed or 'none'}")
         return [*told, *(f"Note: {note}" for note in self.notes)]
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write ``rows.csv`` and ``features.csv``, both or none.
+        """Write ``rows.csv``, ``features.csv`` and of devices that are touched ``approach.csv``, all or none.
 
         Raises
         ------
@@ -103,6 +160,8 @@ class DevicePlan(Speaks):
             If they cannot be written.
         """
         tables = {ROWS: self.to_frame(), FEATURES: self.features()}
+        if self.approach is not None:
+            tables[APPROACH] = rows_table(self.arm, self.found, self.approach, self.which, None)
         data = {
             name: without_formulas(t).to_csv(index=False, lineterminator="\n").encode() for name, t in tables.items()
         }
@@ -115,14 +174,19 @@ def device_plan(
     device: str,
     poses: int = 100,
     *,
+    candidates: int = CANDIDATES,
+    acceptance: float | None = None,
+    approach: float = APPROACH_LENGTH,
+    prior: float | None = None,
     seed: int = 0,
     margin: float = 2 * DEG,
     package_dirs: Sequence[str | Path] = (),
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
+    progress: Step | None = None,
 ) -> DevicePlan:
-    """Poses at a device's features that the robot reaches without touching itself.
+    """The best poses at a device's features that the robot reaches, with a free way to them.
 
     Parameters
     ----------
@@ -131,11 +195,22 @@ def device_plan(
         See `irbcal.identification.devices.DEVICES`.
     poses : int
         In all.
+    candidates : int
+        Poses that they are chosen from, in all.
+    acceptance : float, optional
+        Largest angle between the tool's axis and the surface's normal, the bar or the string, radians; 60 degrees, for
+        ballbars 90 and for strings 120 unless given.
+    approach : float
+        Last part of the way to a feature, along the tool's axis, that must be free, metres.
+    prior : float, optional
+        As for `irbcal.compare_devices`.
     seed : int
     margin : float
         From the joint limits, radians.
     package_dirs, base_link, tip_link, coupling
         See `irbcal.planning.scene.open_scene`.
+    progress : callable, optional
+        Called with a text at the beginning of each step.
 
     Returns
     -------
@@ -144,10 +219,16 @@ def device_plan(
     Raises
     ------
     IrbcalError
-        If an option or input is refused, or too few poses are found.
+        If an option or input is refused, or too few poses are found; the sentence counts what each condition removed.
     """
     wanted = DEVICES[checked("device", device, tuple(DEVICES))]
     count = number("poses", poses, len(wanted.spots), MOST_POSES, whole=True)
+    pool = number("candidates", candidates, 2, MOST_POSES, whole=True)
+    cone = wanted.cone if acceptance is None else number("acceptance", acceptance, 1 * DEG, 180 * DEG)
+    length = number("approach", approach, 0.0, 1.0)
+    size = None if prior is None else number("prior", prior, 1e-6, 0.1)
+    step: Callable[[str], object] = progress or (lambda text: None)
+    step("robot")
     scene = open_scene(
         robot,
         without=("height", "acceptance", "sight", "way"),
@@ -157,15 +238,113 @@ def device_plan(
         tip_link=tip_link,
         coupling=coupling,
     )
+    return _made(scene, wanted, count, max(pool, count), cone, length, size, check_seed(seed), step)
+
+
+def _made(
+    scene: Scene,
+    wanted: Device,
+    count: int,
+    pool: int,
+    cone: float,
+    length: float,
+    prior: float | None,
+    seed: int,
+    step: Callable[[str], object],
+) -> DevicePlan:
+    """The plan of a scene, see `device_plan`."""
     setting = scene.setting
-    found = placed(setting.arm, wanted)
-
-    def keep(q: FloatArray) -> BoolArray:
-        return check(setting, q)[0]
-
-    q, which = _poses(setting.arm, found, count, check_seed(seed), keep)
+    arm, found = setting.arm, placed(setting.arm, wanted)
+    if setting.solids is not None:
+        with_stands(cast("CollisionModel", setting.solids), found, arm)
+    access = Access(setting, found, cone, length)
+    step("candidates")
+    q, which, tally = _candidates(access, count, pool, seed)
+    model = DeviceModel(arm, seed, wide=True, prior=prior)
+    rated = model.at(found, q, which, wanted.noise)
+    step(f"{count} poses of {len(q)} candidates")
+    rows = _chosen(rated, which, count, len(wanted.spots))
+    step("random plans to compare with")
+    value = rated.left(rows) ** 2
+    comparison = compare(rated.poses, Chosen(rows, value, value, 0), rated.aim, seed)
+    rows = _in_order(scene, q, which, rows)
     notes = [note for note in scene.notes if "reflector" not in note and "tracker" not in note]
-    return DevicePlan(setting.arm, found, q, which, tuple(setting.conditions), tuple(notes))
+    notes.append("the tool's body is not in the URDF: see that it is free, too")
+    names = list(found.own)
+    return DevicePlan(
+        arm,
+        found,
+        q[rows],
+        which[rows],
+        (*setting.conditions, *access.words()),
+        model.before,
+        comparison,
+        {name: int((which == k).sum()) for k, name in enumerate(names)},
+        tally,
+        access.retreated(q[rows])[0] if access.touched else None,
+        tuple(notes),
+    )
 
 
-_poses = poses
+def _candidates(access: Access, count: int, pool: int, seed: int) -> tuple[FloatArray, IntArray, dict[str, int]]:
+    """Random poses that meet the conditions, as even among the features as can be."""
+    found, arm = access.found, access.setting.arm
+    parts, which, tally = [], [], dict[str, int]()
+    share = -(-pool // len(found.own))
+    least = min(LEAST, count // len(found.own))
+    for k, name in enumerate(found.own):
+        kept: list[FloatArray] = []
+        for batch in range(BATCHES):
+            q = drawn(arm, found, name, BATCH, seed * 1000 + 50 * k + batch, access.patch)
+            good, removed = access.keep(name, q)
+            for what, number_of in removed.items():
+                tally[what] = tally.get(what, 0) + number_of
+            kept.append(q[good])
+            if sum(map(len, kept)) >= share:
+                break
+        parts.append(np.concatenate(kept)[:share])
+        which += [k] * len(parts[-1])
+        if len(parts[-1]) < least:
+            removed_by = ", ".join(f"{number_of} by {what}" for what, number_of in tally.items() if number_of)
+            raise MeasurementError(
+                f"{arm.name} can be at {name} of {found.device.words} in {len(parts[-1])} poses only (removed: "
+                f"{removed_by or 'out of reach'}): at least {least} are needed"
+            )
+    if len(which) < count:
+        raise MeasurementError(
+            f"{arm.name} can be at {found.device.words} in {len(which)} of the {count} poses asked for: ask for fewer",
+            parameter="poses",
+        )
+    return np.concatenate(parts), np.array(which), tally
+
+
+def _chosen(rated: Rated, which: IntArray, count: int, features: int) -> IntArray:
+    """The best poses; where one feature would get too few for its own place, these are chosen first."""
+    rows = exchange(rated.poses, count, rated.aim).rows
+    least = min(LEAST, count // features)
+    if (np.bincount(which[rows], minlength=features) >= least).all():
+        return rows
+    aim, first = rated.aim, np.zeros(0, dtype=int)
+    for k in range(features):
+        mine = np.flatnonzero(which == k)
+        part = _some(rated.poses, mine)
+        first = np.append(first, mine[exchange(part, least, aim).rows])
+        aim = aim.with_given(_some(rated.poses, first[-least:]))
+    rest = np.setdiff1d(np.arange(len(which)), first)
+    if count > len(first):
+        first = np.append(first, rest[exchange(_some(rated.poses, rest), count - len(first), aim).rows])
+    return np.sort(first)
+
+
+def _some(poses: Candidates, rows: IntArray) -> Candidates:
+    return Candidates(poses.rows[rows], poses.errors[rows])
+
+
+def _in_order(scene: Scene, q: FloatArray, which: IntArray, rows: IntArray) -> IntArray:
+    """The poses feature by feature, with short moves; the ways between are not looked at."""
+    out, start = np.zeros(0, dtype=int), home_joints(scene.setting.arm)
+    for k in np.unique(which[rows]):
+        mine = rows[which[rows] == k]
+        mine = mine[shortest_order(q[mine], start, scene.joint_speed)[0]]
+        out, start = np.append(out, mine), q[mine[-1]]
+    return out

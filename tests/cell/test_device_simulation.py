@@ -42,3 +42,11 @@ def test_strings_show_distances_with_their_noise():
     assert np.std(noisy.value - exact.value) == pytest.approx(1e-4, rel=0.3)
     with pytest.raises(OptionError, match="device"):
         simulate_device("irb1600", "tape")
+
+
+def test_effects_of_the_cell_can_be_left_out():
+    alone = simulate_device("irb1600", "ball", 6, only=["tilt"])
+    assert alone.cell.on == ("tilt",)
+    assert "backlash" not in simulate_device("irb1600", "ball", 6, without=["backlash"]).cell.on
+    with pytest.raises(OptionError, match="exclude each other"):
+        simulate_device("irb1600", "ball", 6, only=["tilt"], without=["noise"])
