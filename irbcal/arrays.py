@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import cache
@@ -16,8 +17,34 @@ BoolArray: TypeAlias = NDArray[np.bool_]
 NameArray: TypeAlias = NDArray[np.object_]
 """Names (str) in an array of objects."""
 
+LINE = 8
+"""Numbers in a line of the processor's cache."""
+
 K = TypeVar("K")
 V = TypeVar("V")
+S = TypeVar("S", bound=np.generic)
+
+
+def aligned(*shape: int) -> FloatArray:
+    """An empty array that starts with a line of the cache.
+
+    numpy's arithmetic takes half the time where what it writes starts so; `numpy.empty` gives a multiple of 16 bytes.
+    """
+    numbers = math.prod(shape)
+    if numbers < 64 * LINE:  # too few to be worth the search
+        return np.empty(shape)
+    whole = np.empty(numbers + LINE)
+    first = -whole.ctypes.data % (8 * LINE) // 8
+    return whole[first : first + numbers].reshape(shape)
+
+
+def handed_on(array: NDArray[S]) -> NDArray[S]:
+    """An array that nobody else has, read-only with all it is a part of: `lock` takes it without a copy."""
+    owner: Any = array
+    while isinstance(owner, np.ndarray):
+        owner.setflags(write=False)
+        owner = owner.base
+    return array
 
 
 class LockedDict(dict[K, V]):

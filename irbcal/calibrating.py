@@ -11,7 +11,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from irbcal import feature_calibration
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.files import prior_file, robots
@@ -250,6 +249,8 @@ def run(
 ) -> Outcome:
     """The main job: read, clean, divide, identify, doubt; parameters and errors as `irbcal.calibrate`."""
     if options.features is not None:
+        from irbcal import feature_calibration
+
         feature_calibration.check(options, Options())
         return feature_calibration.run(measurements, robot, options, progress)
     started = time.perf_counter()

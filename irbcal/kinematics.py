@@ -201,7 +201,7 @@ def inverse_kinematics(
     """
     from irbcal.modeling.inverse import along_path, any_arm, calibrated_arm, closed_form
     from irbcal.modeling.inverse import redundancy as spare
-    from irbcal.modeling.inverse.orthoparallel import check_poses
+    from irbcal.modeling.inverse.poses import check_poses
 
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
     model, arm = loaded(opened.robot, payload, payload_place), opened.nominal

@@ -108,6 +108,11 @@ def test_import_and_version_load_nothing_heavy(what):
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_a_calibration_loads_neither_scipy_nor_meshes():
+    code = "import sys, irbcal.calibration; print(sorted({'scipy', 'trimesh', 'pinocchio', 'yourdfpy', 'matplotlib'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
 def commands():
     every = get_command(app).commands
     fleet = [(f"fleet_{name}", command) for name, command in every["fleet"].commands.items()]

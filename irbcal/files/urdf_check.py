@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import CalibrationError
+from irbcal.files import second_reader
 from irbcal.modeling.arm import Arm, relative_difference
 
 if TYPE_CHECKING:
@@ -144,16 +144,7 @@ def poses(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
 
 def poses_by_yourdfpy(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     """As `poses`, by yourdfpy: another reader of URDF, another kinematics."""
-    import yourdfpy
-
-    robot = yourdfpy.URDF.load(
-        BytesIO(urdf_bytes), build_scene_graph=True, load_meshes=False, build_collision_scene_graph=False
-    )
-    out = np.empty((len(q), 4, 4))
-    for k, row in enumerate(q):
-        robot.update_cfg(dict(zip(arm.joint_names, row.tolist(), strict=True)))
-        out[k] = robot.get_transform(arm.tip_link, arm.base_link)
-    return out
+    return second_reader.poses(urdf_bytes, arm.joint_names, arm.base_link, arm.tip_link, q)
 
 
 def check(urdf_bytes: bytes, arm: Arm, seed: int = 0, n: int = CHECK_POSES) -> Mapping[str, float]:

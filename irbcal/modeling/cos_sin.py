@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, aligned
 
 
-def cos_sin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+def cos_sin(angle: FloatArray, out: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Cosine and sine, each with an error of at most three units of 1e-16.
 
     Parameters
     ----------
     angle : ndarray
         Radians, any shape.
+    out : ndarray, shape (2, *angle.shape), optional
+        Takes them.
 
     Returns
     -------
@@ -25,7 +27,15 @@ def cos_sin(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         ``(1 - t^2) / (1 + t^2)`` and ``2 t / (1 + t^2)`` with ``t`` the tangent of half the angle, which is never
         infinite: no number is half a turn exactly.
     """
-    t = np.tan(0.5 * angle)
-    square = t * t
-    scale = 1.0 / (1.0 + square)
-    return (1.0 - square) * scale, 2.0 * t * scale
+    out = aligned(2, *angle.shape) if out is None else out
+    cosine, sine = out[0, ...], out[1, ...]
+    np.multiply(angle, 0.5, out=sine)
+    np.tan(sine, out=sine)
+    square = np.multiply(sine, sine, out=aligned(*angle.shape))
+    np.subtract(1.0, square, out=cosine)
+    np.add(square, 1.0, out=square)
+    np.divide(1.0, square, out=square)
+    np.multiply(cosine, square, out=cosine)
+    np.multiply(square, 2.0, out=square)
+    np.multiply(sine, square, out=sine)
+    return cosine, sine

@@ -14,19 +14,23 @@ no 4x4 products and no loop over poses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
+from math import atan2, cos, sin
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import LINE, BoolArray, FloatArray, aligned, handed_on, lock
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.units import DEG, MM
 
-BLOCK = 4096
-"""Poses per block: the working set of a block stays in the processor's cache."""
+BLOCK = 5120
+"""Poses per block: few enough for the cache; rows of 4096 or less numpy would copy before it broadcasts them."""
+
+FEW = 1000
+"""Poses for which the number of steps counts, not their length."""
 
 QUARTER = 1e-15
 """Cosine below which a constant angle is a quarter turn: that of pi / 2 is 6e-17."""
@@ -88,6 +92,11 @@ class DHMTable:
         """What is added to each effective joint, shape (n,): ``theta`` (rad), of prismatic joints ``d`` (m)."""
         return np.where(self.prismatic, self.d, self.theta)
 
+    @cached_property
+    def rows(self) -> list[tuple[float, float, float, float, float, float, bool]]:
+        """The table joint by joint: alpha, a, theta, d, beta, b, and whether it slides."""
+        return list(zip(*(getattr(self, column.name).tolist() for column in fields(self)), strict=True))
+
     def step(self, i: int, value: float = 0.0) -> FloatArray:
         """Transform ``T_{i-1}_i`` of row ``i`` (counted from 0) at an effective joint angle (rad) or travel (m).
 
@@ -128,60 +137,106 @@ class ChainFrames:
         lock(self)
 
 
+def _quarter(angle: float) -> bool:
+    """Whether a constant angle is a quarter turn, which takes no arithmetic but a change of sign."""
+    return abs(cos(angle)) <= QUARTER
+
+
 def _turn(
-    first: FloatArray, second: FloatArray, c: FloatArray | float, s: FloatArray | float
-) -> tuple[FloatArray, FloatArray]:
-    """Axes (first, second) turned towards one another by the angle with cosine c and sine s."""
-    near, far = c * first, s * second
-    left, right = c * second, s * first
-    if near.shape != far.shape:  # one of them still has one column
-        return near + far, left - right
-    near += far
-    left -= right
-    return near, left
+    first: FloatArray, second: FloatArray, c: FloatArray | float, s: FloatArray | float, spare: FloatArray
+) -> None:
+    """Turn axes (first, second), (3, n), towards one another by the angle with cosine c and sine s, in place."""
+    near, far = spare
+    np.multiply(second, s, out=near)
+    np.multiply(first, s, out=far)
+    np.multiply(first, c, out=first)
+    np.multiply(second, c, out=second)
+    np.add(first, near, out=first)
+    np.subtract(second, far, out=second)
 
 
-def _tilt(first: FloatArray, second: FloatArray, angle: float) -> tuple[FloatArray, FloatArray]:
-    """Axes turned towards one another by a constant angle; quarter turns are exact."""
-    c, s = np.cos(angle), np.sin(angle)
-    if abs(c) > QUARTER:
-        return _turn(first, second, c, s)
-    return (second, -first) if s > 0 else (-second, first)
+def _tilt(first: FloatArray, second: FloatArray, angle: float, spare: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Axes turned towards one another by a constant angle, in place or exchanged; quarter turns are exact."""
+    if angle == 0.0:
+        return first, second
+    if not _quarter(angle):
+        _turn(first, second, cos(angle), sin(angle), spare)
+        return first, second
+    changed = first if sin(angle) > 0 else second
+    np.multiply(changed, -1.0, out=changed)
+    return second, first
+
+
+def _shift(o: FloatArray, axis: FloatArray, length: FloatArray | float, spare: FloatArray) -> None:
+    """Move origins along an axis, (3, n), in place."""
+    if not isinstance(length, float) or length != 0.0:
+        np.add(o, np.multiply(axis, length, out=spare[0]), out=o)
+
+
+def _zxz(R: FloatArray) -> tuple[float, float, float]:
+    """Angles of the turns about z, x and z again that make a rotation (3, 3); zero where there is nothing to turn."""
+    first = atan2(R[0, 2], -R[1, 2]) if R[0, 2] or R[1, 2] else 0.0
+    left = frames.rot_z(-first) @ R
+    return first, atan2(-left[1, 2], left[2, 2]), atan2(-left[0, 1], left[0, 0])
+
+
+def _places(table: DHMTable, after: tuple[float, float, float]) -> list[int]:
+    """Where x, y and z have to start for quarter turns, which exchange them, to leave them in the order x, y, z."""
+    axes = [0, 1, 2]
+    turns = list[tuple[int, int, float]]()
+    for alpha, _, theta, _, beta, _, slides in table.rows:
+        turns += [(1, 2, alpha), (2, 0, beta), (0, 1, theta if slides else 0.0)]
+    turns += [(0, 1, after[0]), (1, 2, after[1]), (0, 1, after[2])]
+    for i, j, angle in turns:
+        if _quarter(angle):
+            axes[i], axes[j] = axes[j], axes[i]
+    return [axes.index(k) for k in range(3)]
 
 
 def _walk(
-    table: DHMTable, joints: FloatArray, T_base_0: FloatArray, T_last_tip: FloatArray | None, store: FloatArray | None
-) -> Sequence[FloatArray]:
-    """Walk the chain; ``joints`` (joints, n) are with the table's offsets. ``store`` receives each joint's axes."""
-    n = joints.shape[1]
-    # columns of constant transforms have one column: they cost nothing until the first joint turns them
-    x, y, z, o = (T_base_0[:3, k : k + 1] for k in range(4))
-    cosines, sines = cos_sin(joints)
-    for i in range(len(table.a)):
-        x_before, o_before = x, o
-        if table.a[i] != 0.0:
-            o = o + table.a[i] * x
-        if table.alpha[i] != 0.0:
-            y, z = _tilt(y, z, table.alpha[i])
-        y_tilt, o_tilt = y, o
-        if table.beta[i] != 0.0:
-            z, x = _tilt(z, x, table.beta[i])
-        if table.b[i] != 0.0:
-            o = o + table.b[i] * y
-        if table.prismatic[i]:
-            x, y = _tilt(x, y, table.theta[i])
-            o = o + joints[i] * z
-        else:
-            x, y = _turn(x, y, cosines[i], sines[i])
-            if table.d[i] != 0.0:
-                o = o + table.d[i] * z
+    table: DHMTable,
+    joints: FloatArray,
+    T_base_0: FloatArray,
+    T_last_tip: FloatArray | None,
+    columns: FloatArray,
+    turns: FloatArray,
+    spare: FloatArray,
+    store: FloatArray | None = None,
+) -> None:
+    """Walk the chain; the tip's x, y, z and origin end in the ``columns`` (4, 3, n).
+
+    ``joints`` (joints, n) are with the table's offsets, ``turns`` (2, joints, n) and ``spare`` (2, 3, n) are room to
+    work in, ``store`` receives each joint's axes.
+    """
+    cosines, sines = cos_sin(joints, turns)
+    after = (0.0, 0.0, 0.0) if T_last_tip is None else _zxz(T_last_tip[:3, :3])
+    x, y, z = (columns[place] for place in _places(table, after))
+    o = columns[3]
+    for k, column in enumerate((x, y, z, o)):
+        column[:] = T_base_0[:3, k : k + 1]
+    for i, (alpha, a, theta, d, beta, b, slides) in enumerate(table.rows):
         if store is not None:
-            for array, value in zip(store, (x_before, o_before, z, o, y_tilt, o_tilt), strict=True):
-                array[i] = value
-    if T_last_tip is None:
-        return x, y, z, np.broadcast_to(o, (3, n))
-    R, p = T_last_tip[:3, :3], T_last_tip[:3, 3]
-    return [R[0, k] * x + R[1, k] * y + R[2, k] * z for k in range(3)] + [o + p[0] * x + p[1] * y + p[2] * z]
+            store[0, i], store[1, i] = x, o
+        _shift(o, x, a, spare)
+        y, z = _tilt(y, z, alpha, spare)
+        if store is not None:
+            store[4, i], store[5, i] = y, o
+        z, x = _tilt(z, x, beta, spare)
+        _shift(o, y, b, spare)
+        if slides:
+            x, y = _tilt(x, y, theta, spare)
+            _shift(o, z, joints[i], spare)
+        else:
+            _turn(x, y, cosines[i], sines[i], spare)
+            _shift(o, z, d, spare)
+        if store is not None:
+            store[2, i], store[3, i] = z, o
+    if T_last_tip is not None:
+        for axis, length in zip((x, y, z), T_last_tip[:3, 3].tolist(), strict=True):
+            _shift(o, axis, length, spare)
+        x, y = _tilt(x, y, after[0], spare)
+        y, z = _tilt(y, z, after[1], spare)
+        _tilt(x, y, after[2], spare)
 
 
 def chain_frames(
@@ -202,12 +257,10 @@ def chain_frames(
     -------
     ChainFrames
     """
-    store = np.empty((6, len(joints), 3, joints.shape[1]))
+    store = aligned(6, len(joints), 3, joints.shape[1])
     tip = tip_columns(table, joints, T_base_0, T_last_tip, store)
-    for array in (store, tip):  # nobody else has them: locked without a copy
-        array.setflags(write=False)
-    x_before, o_before, z, o, y_tilt, o_tilt = store
-    return ChainFrames(x_before, o_before, z, o, y_tilt, o_tilt, tip)
+    x_before, o_before, z, o, y_tilt, o_tilt = handed_on(store)
+    return ChainFrames(x_before, o_before, z, o, y_tilt, o_tilt, handed_on(tip))
 
 
 def tip_columns(
@@ -218,9 +271,9 @@ def tip_columns(
     store: FloatArray | None = None,
 ) -> FloatArray:
     """The tip frame's x, y, z axes and origin in the base frame, shape (4, 3, n); arguments as `chain_frames`."""
-    tip = np.empty((4, 3, joints.shape[1]))
-    for k, column in enumerate(_walk(table, joints, T_base_0, T_last_tip, store)):
-        tip[k] = column
+    n = joints.shape[1]
+    tip = aligned(4, 3, n)
+    _walk(table, joints, T_base_0, T_last_tip, tip, aligned(2, len(joints), n), aligned(2, 3, n), store)
     return tip
 
 
@@ -249,16 +302,26 @@ def forward(
     T_base_0 = np.eye(4) if T_base_0 is None else T_base_0
     if T_last_tip is not None and np.array_equal(T_last_tip, np.eye(4)):
         T_last_tip = None
-    n = len(theta)
-    # rows of the 4x4 matrices: filled column by column, transposed once per block
+    n, joints = len(theta), len(table)
     out = np.empty((n, 4, 4))
-    out[:, 3] = (0.0, 0.0, 0.0, 1.0)
     offsets = table.offsets[:, None]
+    if n <= FEW:
+        out[:, 3] = (0.0, 0.0, 0.0, 1.0)
+        out[:, :3] = tip_columns(table, theta.T + offsets, T_base_0, T_last_tip).transpose(2, 1, 0)
+        return out
+    room = -(-min(n, BLOCK) // LINE) * LINE
+    angles, turns, spare = aligned(joints, room), aligned(2, joints, room), aligned(2, 3, room)
+    # elements of the matrices in their order, a row of numbers for each: transposed once a block
+    elements = aligned(4, 4, room)
+    elements[3] = np.array([0.0, 0.0, 0.0, 1.0])[:, None]
     for start in range(0, n, BLOCK):
         block = slice(start, min(start + BLOCK, n))
-        joints = np.ascontiguousarray(theta[block].T) + offsets
-        for k, column in enumerate(_walk(table, joints, T_base_0, T_last_tip, None)):
-            out[block, :3, k] = column.T
+        part = slice(0, block.stop - start)
+        np.add(theta[block].T, offsets, out=angles[:, part])
+        here = elements[:, :, part]
+        columns = here[:3].swapaxes(0, 1)
+        _walk(table, angles[:, part], T_base_0, T_last_tip, columns, turns[..., part], spare[..., part])
+        out[block].reshape(-1, 16)[:] = here.reshape(16, -1).T
     return out
 
 

@@ -14,7 +14,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
-from irbcal.modeling.inverse.orthoparallel import check_poses, is_rotation
+from irbcal.modeling.inverse.poses import check_poses, is_rotation
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 

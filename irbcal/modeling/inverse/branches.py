@@ -35,6 +35,11 @@ def branch_number(back: ArrayLike = False, down: ArrayLike = False, flip: ArrayL
     return 4 * np.asarray(back, dtype=int) + 2 * np.asarray(down, dtype=int) + np.asarray(flip, dtype=int)
 
 
+def branch_signs(branch: IntArray) -> FloatArray:
+    """Shoulder, elbow and wrist of branches (n,): 1 where front, up, not flipped, -1 where not, shape (3, n)."""
+    return 1.0 - 2.0 * ((branch >> np.array([[2], [1], [0]])) & 1)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Branches(Speaks):
     """The inverse kinematics of a batch of poses.

@@ -21,19 +21,21 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
+from irbcal.modeling.inverse.branches import branch_signs
 from irbcal.modeling.inverse.newton import CalibratedChain
-from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel, check_poses, is_rotation
+from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
+from irbcal.modeling.inverse.poses import check_poses, is_rotation
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
 __all__ = ["InverseResult", "Method", "Reason", "fixed_point_history", "solve"]
 
-BLOCK = 8192
-"""Poses per block: the working set of a block stays in the processor's cache."""
+BLOCK = 5000
+"""Poses per block: the working set of a block stays in the processor's cache. See `irbcal.modeling.dhm.BLOCK`."""
 
 NEAR_NOMINAL = 0.02
 """Entries of the nominal table may be this far (m or rad) from ortho-parallel: the iteration makes it good."""
@@ -61,7 +63,7 @@ PULL = 5e-4
 """Share of the reach by which a start is moved inside the nominal reach: off the elbow singularity."""
 
 _Work: TypeAlias = Sequence[NDArray[Any]]
-"""Of some poses: places in the state, branches, last errors, targets, fake targets and last joints."""
+"""Of some poses: places in the state, signs of the branch, last errors, targets, fake targets and last joints."""
 
 
 def solve(
@@ -128,10 +130,10 @@ def fixed_point_history(
     """
     solver = _Solver(robot, nominal, 0.0, 0.0)
     H = newton.columns(check_poses(T_base_tip))
-    branch = closed_form.check_configuration(configuration, len(T_base_tip))
+    signs = branch_signs(closed_form.check_configuration(configuration, len(T_base_tip)))
     fake, q, errors = H, np.zeros((6, 1)), []
     for iteration in range(iterations):
-        q_new, _ = solver.closed.branch(fake.reshape(12, -1), branch)
+        q_new, _ = solver.closed.branch(fake.reshape(12, -1), signs)
         q = _same_turn(q_new, q) if iteration else solver.start_turns(q_new, q)
         tip = solver.chain.tip(q)
         errors.append(newton.errors(tip, H))
@@ -228,7 +230,7 @@ class _Solver:
             bad_pose[block] = ~usable
             todo = start + np.flatnonzero(usable & ~bad_seed[block])
             H = np.take(H, todo - start, axis=-1)
-            work = (todo, branch[todo], np.full(len(todo), np.inf), H, H, near[:, todo])
+            work = (todo, branch_signs(branch[todo]), np.full(len(todo), np.inf), H, H, near[:, todo])
             left = self._fixed_point(work, state, first=True)
             later += [] if left is None else [left]
         # the few that take longer, of all blocks together
@@ -285,13 +287,13 @@ class _Solver:
     def _fixed_point(self, work: _Work, state: _State, first: bool = False) -> _Work | None:
         """The iteration of Nubiola 2011, Figure 6.2, for a block, until few poses are left: those, or None.
 
-        ``work`` holds the poses' place in the state (n,), branch (n,), error (n,), target and fake target
-        (4, 3, n) and last joints (6, n); at first the fake target is the target, and the joints say which turns.
+        ``work`` holds the poses' place in the state (n,), signs of the branch (3, n), error (n,), target and fake
+        target (4, 3, n) and last joints (6, n); at first the fake target is the target, and the joints say which turns.
         """
-        index, branch, last, H, fake, q = work
+        index, signs, last, H, fake, q = work
         few = len(index) // 8 if first else 0
         for _ in range(FIXED_POINT_ITERATIONS):
-            q_new, margin = self.closed.branch(fake.reshape(12, -1), branch)
+            q_new, margin = self.closed.branch(fake.reshape(12, -1), signs)
             if first:
                 state.margin[index] = margin
                 q = self.start_turns(q_new, q)
@@ -313,12 +315,12 @@ class _Solver:
             last = merit
             if left < len(go):
                 on = np.flatnonzero(go)
-                index, branch, last, H, fake, tip, q = (
-                    np.take(v, on, axis=-1) for v in (index, branch, last, H, fake, tip, q)
+                index, signs, last, H, fake, tip, q = (
+                    np.take(v, on, axis=-1) for v in (index, signs, last, H, fake, tip, q)
                 )
             fake = _next_fake(fake, tip, H)
             if left <= few:
-                return index, branch, last, H, fake, q
+                return index, signs, last, H, fake, q
         return None
 
     # -------------------------------------------------------------- damped Newton
@@ -327,7 +329,7 @@ class _Solver:
         self, H: FloatArray, branch: IntArray, near: FloatArray, seeded: bool, rows: IntArray, state: _State
     ) -> None:
         """Newton's steps for poses that the fixed point left: from where it came to, then from many starts at once."""
-        pulled, state.margin[rows] = self.closed.branch(H.reshape(12, -1), branch, self.pull)
+        pulled, state.margin[rows] = self.closed.branch(H.reshape(12, -1), branch_signs(branch), self.pull)
         pulled = self.start_turns(pulled, near)
         start = np.where(np.isfinite(state.q[:, rows]).all(axis=0), state.q[:, rows], pulled)
         lacking = state.margin[rows] > -2.0 * self.difference
@@ -354,7 +356,7 @@ class _Solver:
                     turn *= (0.01, 0.0, 0.03)[len(tried) % 3]
                     shift *= (0.0, 0.5, 1.5)[len(tried) % 3] * self.difference
                     other = newton.moved(goal, turn, shift)
-                    q, _ = self.closed.branch(other.reshape(12, -1), branch[todo], self.pull)
+                    q, _ = self.closed.branch(other.reshape(12, -1), branch_signs(branch[todo]), self.pull)
                     tried.append(self.start_turns(q, near[:, todo]))
                 these = branch[todo], rows[todo]
                 lacking[todo] = self._newton_choice(goal, np.stack(tried, axis=1), *these, state, straighten, patience)
@@ -393,20 +395,16 @@ class _Solver:
 
 def _next_fake(fake: FloatArray, tip: FloatArray, H: FloatArray) -> FloatArray:
     """The product fake tip^-1 H of columns (4, 3, n), step 1 of Nubiola 2011, section 6.2; overwrites the tip."""
-    product = []
+    n = tip.shape[2]
+    terms, along, column = aligned(3, 3, n), aligned(4, 3, n), aligned(3, n)
+    np.subtract(H[3], tip[3], out=column)
+    for k in range(4):  # the transpose of the tip's axes times a column
+        np.multiply(tip[:3], H[k] if k < 3 else column, out=terms)
+        np.add(np.add(terms[:, 0], terms[:, 1], out=along[k]), terms[:, 2], out=along[k])
     for k in range(4):
-        u = H[k] if k < 3 else H[3] - tip[3]
-        along = []
-        for j in range(3):
-            term = tip[j] * u
-            along.append(term[0] + term[1] + term[2])
-        column = fake[0] * along[0]
-        column += fake[1] * along[1]
-        column += fake[2] * along[2]
-        product.append(column)
-    product[3] += fake[3]
-    for k in range(4):
-        tip[k] = product[k]
+        np.multiply(fake[:3], along[k][:, None], out=terms)
+        np.add(np.add(terms[0], terms[1], out=tip[k]), terms[2], out=tip[k])
+    np.add(tip[3], fake[3], out=tip[3])
     return tip
 
 

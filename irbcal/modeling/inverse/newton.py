@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned
 from irbcal.modeling import dhm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.chain import Walk
@@ -199,11 +199,12 @@ def errors(tip: FloatArray, H: FloatArray) -> tuple[FloatArray, FloatArray]:
     origins, not from the transformation error of eq. 6.42, whose translation depends on where the base is; and the
     angle from the chord between the axes, since an inverse cosine would lose half the digits of small angles.
     """
-    difference = tip - H
+    difference = np.subtract(tip, H, out=aligned(*tip.shape)).reshape(12, -1)
     np.multiply(difference, difference, out=difference)
-    squares = difference.sum(axis=1)
-    chord = np.sqrt((squares[0] + squares[1] + squares[2]) * 0.125)  # sine of half the angle
-    return np.sqrt(squares[3]), 2.0 * np.arcsin(np.minimum(chord, 1.0))
+    position, chord = np.add.reduce(difference[9:], axis=0), np.add.reduce(difference[:9], axis=0)
+    np.sqrt(np.multiply(chord, 0.125, out=chord), out=chord)  # sine of half the angle
+    np.arcsin(np.minimum(chord, 1.0, out=chord), out=chord)
+    return np.sqrt(position, out=position), np.multiply(chord, 2.0, out=chord)
 
 
 def rotation_vector(tip: FloatArray, H: FloatArray) -> FloatArray:

@@ -15,23 +15,28 @@ divisions by C, so that sections 6.1.2 and 6.1.3 are one. All work is on arrays 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import LINE, BoolArray, FloatArray, IntArray, aligned, handed_on, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
+from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.inverse.branches import Branches, branch_number
+from irbcal.modeling.inverse.poses import check_poses, is_rotation
 
 if TYPE_CHECKING:
     from irbcal.modeling.arm import Arm
 
-BLOCK = 8192
-"""Poses per block: the working set of a block stays in the processor's cache."""
+BLOCK = 5000
+"""Poses per block: the working set of a block stays in the processor's cache. See `irbcal.modeling.dhm.BLOCK`."""
+
+ROOM = 16
+"""Rows of numbers that the steps of a branch work in."""
 
 EXACT = 1e-9
 """Largest deviation (m or rad) from an ortho-parallel table that counts as rounding."""
@@ -39,16 +44,23 @@ EXACT = 1e-9
 REACH_TOLERANCE = 1e-12
 """Metres by which rounding may put a stretched arm's wrist centre out of reach."""
 
-ROTATION_TOLERANCE = 1e-6
-"""Deviation from a rotation matrix above which a pose counts as no pose."""
-
 TAU = 2.0 * np.pi
 _CANONICAL = np.array([0.0, -1.0, 0.0, -1.0, 1.0, -1.0]) * (np.pi / 2)
 _ON_SINGULARITY = 1e-12  # sine of q5 below which q4 is not defined by the pose
 
 
-Triangle: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
-"""Square of the reach, cosine and sine of the angle from upper arm to forearm."""
+class Triangle(NamedTuple):
+    """Square of the reach, wrist centre along and across the upper arm, angle from that to the forearm; elbow up."""
+
+    rho2: FloatArray
+    along: FloatArray
+    across: FloatArray
+    delta: FloatArray
+
+    def other_side(self, side: FloatArray | float = -1.0) -> None:
+        """The elbow down where ``side`` is -1, in place."""
+        for value in (self.across, self.delta):
+            np.multiply(value, side, out=value)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -169,57 +181,65 @@ class OrthoParallel:
         blocks = np.zeros((12, 4, 4))
         blocks[:, :3] = self.linear.reshape(12, 4, 3).swapaxes(1, 2)
         linear = blocks.reshape(12, 16)
-        out = np.empty((8, 6, min(n, BLOCK)))
+        room = aligned(12 + 48 + 6 + ROOM, -(-min(n, BLOCK) // LINE) * LINE)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for start in range(0, n, BLOCK):
                 block = slice(start, min(start + BLOCK, n))
-                X = _map(linear, T[block].reshape(-1, 16).T)
-                here = out[:, :, : X.shape[1]]
-                shoulder[block], margins[block], valid[block] = self._eight(X, here)
-                joints[block] = here.transpose(2, 0, 1)
-        for array in (joints, valid, shoulder, margins):  # nobody else has them: locked without a copy
-            array.setflags(write=False)
-        return Branches(joints, valid, shoulder, margins, self)
+                rows = room[:, : block.stop - start]
+                X, out = _map(linear, T[block].reshape(-1, 16).T, rows[:12]), rows[12:60]
+                shoulder[block], margins[block], valid[block] = self._eight(X, out.reshape(8, 6, -1), rows[60:])
+                joints[block].reshape(-1, 48)[:] = out.T
+        return Branches(handed_on(joints), handed_on(valid), handed_on(shoulder), handed_on(margins), self)
 
-    def _eight(self, X: FloatArray, out: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """All branches of a block into ``out`` (8, 6, n); X (12, n) from the linear map without the constant."""
+    def _eight(self, X: FloatArray, out: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """All branches of a block into ``out`` (8, 6, n); X (12, n) from the linear map without the constant.
+
+        The 6 + `ROOM` ``rows`` are room to work in.
+        """
+        plane, room = rows[:6], rows[6:]
         X[9:] += self.constant[9:, None]
-        X[9, ~is_rotation(X)] = np.nan
-        r, _, _, front = _shoulder(X)
+        X[9, ~is_rotation(X, room)] = np.nan
+        r = _shoulder(X, plane, room)[0].copy()
+        margins = np.empty((2, len(r)))
+        k1 = np.subtract(r, self.a2)
         q1 = self._joint(0, np.arctan2(X[10], X[9]))
-        q1_back = _half_turn(q1)
-        each = []
-        for back, sign in enumerate((1.0, -1.0)):
-            k1 = sign * r - self.a2
-            margin, triangle = self._triangle(k1, X[11])
-            each.append(margin)
-            plane = front if back == 0 else [-v for v in front]
-            inside = margin >= -REACH_TOLERANCE
-            for down, side in enumerate((1.0, -1.0)):
-                rows = out[4 * back + 2 * down], out[4 * back + 2 * down + 1]
-                q2, q3, c23, s23 = self._upper(k1, X[11], triangle, side)
-                angles = (q1_back if back else q1), q2, q3, *self._wrist(X, plane, c23, s23)
-                for joint, angle in enumerate(angles):
-                    rows[0][joint] = angle if joint == 0 else self._joint(joint, angle)
-                rows[1][:3] = rows[0][:3]
-                rows[1][3] = _half_turn(rows[0][3])
-                rows[1][4] = self._joint(4, -angles[4])
-                rows[1][5] = _half_turn(rows[0][5])
-            if not inside.all():
-                out[4 * back : 4 * back + 4, :, ~inside] = np.nan
-        margins = np.array(each).T
-        return r, margins, np.repeat(margins >= -REACH_TOLERANCE, 4, axis=1)
+        for back in range(2):
+            if back:
+                _half_turn(q1, q1)
+                np.multiply(plane, -1.0, out=plane)
+                np.subtract(-self.a2, r, out=k1)
+            margins[back], triangle = self._triangle(k1, X[11], room[:7])
+            branches = out[4 * back : 4 * back + 4]
+            branches[:, 0] = q1
+            for down, (left, right) in enumerate(branches.reshape(2, 2, 6, -1)):
+                if down:
+                    triangle.other_side()
+                c23, s23 = self._upper(k1, X[11], triangle, left[1:3], room[7:10])
+                self._wrist(X, plane, c23, s23, left[3:], room[10:])
+                np.multiply(left[4], -1.0, out=right[4])
+                for joint in range(1, 6):
+                    self._joint(joint, left[joint])
+                self._joint(4, right[4])
+                right[1:3] = left[1:3]
+                _half_turn(left[3], right[3])
+                _half_turn(left[5], right[5])
+            if not (margins[back] >= -REACH_TOLERANCE).all():
+                branches[:, :, ~(margins[back] >= -REACH_TOLERANCE)] = np.nan
+        return r, margins.T, np.repeat(margins.T >= -REACH_TOLERANCE, 4, axis=1)
 
     # ------------------------------------------------------------------ one branch for each pose
 
-    def branch(self, columns: FloatArray, branch: IntArray, pull: float | None = None) -> tuple[FloatArray, FloatArray]:
+    def branch(
+        self, columns: FloatArray, signs: FloatArray, pull: float | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Joints of one branch for each pose, for iterations.
 
         Parameters
         ----------
         columns : ndarray, shape (12, n)
             Columns x, y, z and origin of ``T_base_tip``.
-        branch : ndarray of int, shape (n,)
+        signs : ndarray, shape (3, n)
+            The branch as `branch_signs` has it.
         pull : float, optional
             Move a wrist centre to at least this distance (m) inside the reach: there is then always a solution.
 
@@ -230,104 +250,144 @@ class OrthoParallel:
         margin : ndarray, shape (n,)
             As ``reach_margin`` of `Branches`, of the pose as given.
         """
+        joints, rows = aligned(6, columns.shape[1]), aligned(12 + 6 + ROOM, columns.shape[1])
+        X, plane, room = rows[:12], rows[12:18], rows[18:]
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            X = _map(self.linear, columns)
+            _map(self.linear, columns, X)
             X[9:] += self.constant[9:, None]
-            shoulder, elbow, wrist = (np.where((branch >> bit) & 1, -1.0, 1.0) for bit in (2, 1, 0))
-            r, c1, s1, plane = _shoulder(X)
-            k1, k2 = shoulder * r - self.a2, X[11]
-            plane = [shoulder * v for v in plane]
-            if pull is None:
-                margin, triangle = self._triangle(k1, k2)
-            else:
+            shoulder, elbow, wrist = signs
+            r, c1, s1 = _shoulder(X, plane, room)
+            np.arctan2(np.multiply(s1, shoulder, out=s1), np.multiply(c1, shoulder, out=c1), out=joints[0])
+            k1, k2 = shoulder * r, X[11]
+            k1 -= self.a2
+            np.multiply(plane, shoulder, out=plane)
+            margin = None
+            if pull is not None:
                 rho = np.sqrt(k1 * k1 + k2 * k2)
                 margin = np.minimum(self.reach - rho, rho - abs(self.a3 - self.forearm))
                 wanted = np.clip(rho, abs(self.a3 - self.forearm) + pull, self.reach - pull)
                 k1, k2 = np.where(rho > 0, k1 * (wanted / rho), wanted), np.where(rho > 0, k2 * (wanted / rho), 0.0)
-                triangle = self._triangle(k1, k2)[1]
-            q2, q3, c23, s23 = self._upper(k1, k2, triangle, elbow)
-            q4, q5, q6 = self._wrist(X, plane, c23, s23)
-            q1 = np.arctan2(shoulder * s1, shoulder * c1)
-            flip = wrist < 0
-            q4, q6 = (np.where(flip, _half_turn(q), q) for q in (q4, q6))
-            joints = np.empty((6, len(r)))
-            for joint, angle in enumerate((q1, q2, q3, q4, wrist * q5, q6)):
-                joints[joint] = self._joint(joint, angle)
-        return joints, margin
+            own, triangle = self._triangle(k1, k2, room[:7])
+            triangle.other_side(elbow)
+            c23, s23 = self._upper(k1, k2, triangle, joints[1:3], room[7:10])
+            self._wrist(X, plane, c23, s23, joints[3:], room[10:])
+            other = np.multiply(
+                np.subtract(1.0, wrist, out=room[0]), 0.5 * np.pi, out=room[0]
+            )  # half a turn or nothing
+            for joint in (3, 5):
+                np.subtract(joints[joint], np.copysign(other, joints[joint], out=room[1]), out=joints[joint])
+            np.multiply(joints[4], wrist, out=joints[4])
+            for joint in range(6):
+                self._joint(joint, joints[joint])
+        return joints, own if margin is None else margin
 
     # ------------------------------------------------------------------ the steps
 
     def _joint(self, joint: int, q: FloatArray) -> FloatArray:
-        """Joint angle from the thesis's angle, within a half turn of zero."""
+        """Joint angle from the thesis's angle, within a half turn of zero, in place."""
         if self.signs[joint] < 0:
-            q = -q
+            np.multiply(q, -1.0, out=q)
         if self.shifts[joint]:
-            q = q + self.shifts[joint]
-            q -= TAU * np.rint(q * (1.0 / TAU))
+            np.add(q, self.shifts[joint], out=q)
+            _within_a_half_turn(q)
         return q
 
-    def _triangle(self, k1: FloatArray, k2: FloatArray) -> tuple[FloatArray, Triangle]:
-        """Margin of reach, and cosine and sine of the angle from upper arm to forearm.
+    def _triangle(self, k1: FloatArray, k2: FloatArray, room: FloatArray) -> tuple[FloatArray, Triangle]:
+        """Margin of reach, and the triangle of upper arm, forearm and reach, in 7 rows of room.
 
         The law of cosines is Nubiola 2011, eq. 6.10, from eqs. 6.8 and 6.9: with A, B and C of eqs. 6.12, 6.13 and 6.14
         the line of eq. 6.11 meets the unit circle (Figure 6.1, eqs. 6.18, 6.19 and 6.20; with C = 0 eqs. 6.15, 6.16
         and 6.17), and the two points are the two signs of the sine found here.
         """
         a3, L = self.a3, self.forearm
-        rho2 = k1 * k1 + k2 * k2
-        rho = np.sqrt(rho2)
         inner, outer = abs(a3 - L), a3 + L
-        low, high = rho - inner, outer - rho
+        rho2, rho, low, high, along, across, delta = room
+        np.multiply(k1, k1, out=rho2)
+        np.add(rho2, np.multiply(k2, k2, out=rho), out=rho2)
+        np.sqrt(rho2, out=rho)
+        np.subtract(rho, inner, out=low)
+        np.subtract(outer, rho, out=high)
         margin = np.minimum(low, high)
-        low *= rho + inner  # 2 a3 L (1 + cos delta), to rounding even at the limits
-        high *= rho + outer  # 2 a3 L (1 - cos delta)
-        cosine = (low - high) * (0.25 / (a3 * L))
-        product = low * high
+        np.multiply(
+            low, np.add(rho, inner, out=delta), out=low
+        )  # 2 a3 L (1 + cos delta), to rounding even at the limits
+        np.multiply(high, np.add(rho, outer, out=delta), out=high)  # 2 a3 L (1 - cos delta)
+        np.multiply(np.subtract(low, high, out=along), 0.25 / a3, out=along)
+        np.multiply(low, high, out=across)
         # poses beyond the tolerance get the square root of a negative number: NaN
-        product[(product < 0) & (margin >= -REACH_TOLERANCE)] = 0.0
-        return margin, (rho2, cosine, np.sqrt(product) * (0.5 / (a3 * L)))
+        stretched = across < 0
+        if stretched.any():
+            across[stretched & (margin >= -REACH_TOLERANCE)] = 0.0
+        np.multiply(np.sqrt(across, out=across), 0.5 / a3, out=across)
+        np.arctan2(across, along, out=delta)
+        np.add(along, a3, out=along)
+        return margin, Triangle(rho2, along, across, delta)
 
     def _upper(
-        self, k1: FloatArray, k2: FloatArray, triangle: Triangle, side: FloatArray | float
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Angles q2 and q3, and cosine and sine of q2 + q3; side +1 up, -1 down.
+        self, k1: FloatArray, k2: FloatArray, triangle: Triangle, q: FloatArray, room: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Angles q2 and q3 into ``q`` (2, n), and cosine and sine of q2 + q3, in 3 rows of room.
 
         q3 is that of Nubiola 2011, eqs. 6.21 and 6.22. With k1 and k2 of eqs. 6.25 and 6.26, two linear
         equations (eqs. 6.23 and 6.24, together eq. 6.27) give q2 by eq. 6.28.
         """
-        rho2, cosine, sine = triangle
-        sine = side * sine
-        L, cos_b, sin_b = self.forearm, self.d4 / self.forearm, self.a4 / self.forearm
-        E1, E2 = self.a3 + L * cosine, L * sine  # the wrist centre seen along the upper arm
-        s2, c2 = k1 * E1 - k2 * E2, k2 * E1 + k1 * E2
-        q2 = np.arctan2(s2, c2)
-        scale = self.a3 / rho2
-        u, v = (k1 - scale * s2) * (1.0 / L), (scale * c2 - k2) * (1.0 / L)  # along the forearm
-        if sin_b:
-            q3 = np.arctan2(sin_b * sine - cos_b * cosine, cos_b * sine + sin_b * cosine)
-            return q2, q3, cos_b * u - sin_b * v, cos_b * v + sin_b * u
-        return q2, np.arctan2(-cos_b * cosine, cos_b * sine), cos_b * u, cos_b * v
+        c23, s23, spare = room
+        rho2, along, across, delta = triangle
+        np.multiply(k1, along, out=s23)
+        np.subtract(s23, np.multiply(k2, across, out=spare), out=s23)
+        np.multiply(k2, along, out=c23)
+        np.add(c23, np.multiply(k1, across, out=spare), out=c23)
+        np.arctan2(s23, c23, out=q[0])
+        np.add(delta, np.arctan2(self.a4, self.d4) - 0.5 * np.pi, out=q[1])
+        _within_a_half_turn(q[1], spare)
+        # along the forearm
+        np.divide(self.a3, rho2, out=spare)
+        s23, c23 = np.subtract(k1, np.multiply(s23, spare, out=s23), out=s23), np.multiply(c23, spare, out=c23)
+        np.subtract(c23, k2, out=c23)
+        u, v = s23, c23
+        cos_b, sin_b = self.d4 / self.forearm**2, self.a4 / self.forearm**2
+        if not sin_b:
+            return np.multiply(u, cos_b, out=u), np.multiply(v, cos_b, out=v)
+        np.multiply(u, sin_b, out=spare)
+        np.multiply(u, cos_b, out=u)
+        np.subtract(u, v * sin_b, out=u)
+        np.multiply(v, cos_b, out=v)
+        return u, np.add(v, spare, out=v)
 
     @staticmethod
     def _wrist(
-        X: FloatArray, plane: Sequence[FloatArray], c23: FloatArray, s23: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Angles q4, q5, q6 with sin q5 >= 0, from the rotation of the wrist (Nubiola 2011, section 6.1.4, eq. 6.29).
+        X: FloatArray, plane: FloatArray, c23: FloatArray, s23: FloatArray, q: FloatArray, room: FloatArray
+    ) -> None:
+        """Angles q4, q5, q6 with sin q5 >= 0 into ``q`` (3, n), in 6 rows of room.
 
-        q5 and q4 are those of eqs. 6.30, 6.31 and 6.33; the other branch (eq. 6.32) turns all three. q6 comes from the
+        They are of the rotation of the wrist (Nubiola 2011, section 6.1.4, eq. 6.29). q5 and q4 are those of eqs. 6.30,
+        6.31 and 6.33; the other branch (eq. 6.32) turns all three. q6 comes from the
         rotation with the angle q4 found undone, which is eqs. 6.36, 6.37 and 6.38 at any q5 and not at the singularity
         (section 6.1.5, eq. 6.35) alone, in place of eq. 6.34: errors of q4 next to it are made good by q6.
         """
-        n_r, o_r, a_r, n_t, o_t, a_t = plane
-        x = -s23 * a_r - c23 * X[8]  # cos q4 sin q5
-        c5 = c23 * a_r - s23 * X[8]
-        s5 = np.sqrt(x * x + a_t * a_t)
+        x, s5, turned, other = room[0], room[1], room[2:4], room[4:6]
+        a_r, a_t = plane[2], plane[5]
+        c5 = np.multiply(c23, a_r, out=s5)
+        np.subtract(c5, np.multiply(s23, X[8], out=x), out=c5)
+        np.multiply(s23, a_r, out=x)
+        np.add(x, np.multiply(c23, X[8], out=turned[0]), out=x)
+        np.multiply(x, -1.0, out=x)  # cos q4 sin q5
+        q[1] = c5
+        np.multiply(x, x, out=s5)
+        np.add(s5, np.multiply(a_t, a_t, out=turned[0]), out=s5)
+        np.sqrt(s5, out=s5)
         y = a_t
         singular = s5 < _ON_SINGULARITY
         if singular.any():  # q4 = 0 is as good as any
-            x, y = np.where(singular, 1.0, x), np.where(singular, 0.0, y)
-        r11, r12 = s23 * n_r + c23 * X[2], s23 * o_r + c23 * X[5]
-        return np.arctan2(y, x), np.arctan2(s5, c5), np.arctan2(y * r11 + x * n_t, y * r12 + x * o_t)
+            x[singular] = 1.0
+            y = np.where(singular, 0.0, y)
+        np.arctan2(y, x, out=q[0])
+        np.arctan2(s5, q[1], out=q[1])
+        np.multiply(plane[:2], s23, out=turned)
+        np.add(turned, np.multiply(X[2:6:3], c23, out=other), out=turned)
+        np.multiply(turned, y, out=turned)
+        np.add(turned, np.multiply(plane[3:5], x, out=other), out=turned)
+        np.arctan2(turned[0], turned[1], out=q[2])
 
     # ------------------------------------------------------------------ about joints
 
@@ -349,9 +409,9 @@ class OrthoParallel:
             0 to 7; joints exactly at a singularity count as front, up, no-flip.
         """
         q = self.angles(joints)
-        q3 = q[..., 2]
-        elbow = self.d4 * np.cos(q3) + self.a4 * np.sin(q3)  # forearm times sine of its angle from the upper arm
-        return branch_number(self.radius(joints) < 0, elbow < 0, np.sin(q[..., 4]) < 0)
+        c3, s3 = cos_sin(q[..., 2])
+        elbow = self.d4 * c3 + self.a4 * s3  # forearm times sine of its angle from the upper arm
+        return branch_number(self.radius(joints) < 0, elbow < 0, cos_sin(q[..., 4])[1] < 0)
 
     def radius(self, joints: ArrayLike) -> FloatArray:
         """Distance of the wrist centre from axis 1, metres, negative behind it, for joints (..., 6).
@@ -359,8 +419,8 @@ class OrthoParallel:
         The bracket of Nubiola 2011, eq. 6.4.
         """
         q = self.angles(joints)
-        q2, q23 = q[..., 1], q[..., 1] + q[..., 2]
-        return self.a2 + self.a3 * np.sin(q2) + self.d4 * np.cos(q23) + self.a4 * np.sin(q23)
+        c23, s23 = cos_sin(q[..., 1] + q[..., 2])
+        return np.asarray(self.a2 + self.a3 * cos_sin(q[..., 1])[1] + self.d4 * c23 + self.a4 * s23)
 
     def wrist_angle(self, joints: ArrayLike) -> FloatArray:
         """Angle between axes 4 and 6 as lines, radians, for joints (..., 6)."""
@@ -383,52 +443,44 @@ def _refuse(
             )
 
 
-def check_poses(T: ArrayLike) -> FloatArray:
-    """Refuse pose arrays that are not (n, 4, 4)."""
-    T = np.asarray(T, dtype=float)
-    if T.ndim != 3 or T.shape[1:] != (4, 4):
-        raise RobotError(f"poses need shape (n, 4, 4), found {T.shape}", parameter="T_base_tip")
-    return T
-
-
-def is_rotation(X: FloatArray) -> BoolArray:
-    """Whether the columns n, o, a in the rows 0 to 8 of X (12, n) form a rotation: a mask (n,).
-
-    A matrix whose squares add up to 3 and whose determinant is 1 is one.
-    """
-    nx, ny, nz, ox, oy, oz, ax, ay, az = X[:9]
-    squares = nx * nx
-    for row in X[1:9]:
-        squares += row * row
-    determinant = ax * (ny * oz - nz * oy) + ay * (nz * ox - nx * oz) + az * (nx * oy - ny * ox)
-    return (np.abs(squares - 3.0) <= ROTATION_TOLERANCE) & (np.abs(determinant - 1.0) <= ROTATION_TOLERANCE)
-
-
-def _map(linear: FloatArray, columns: FloatArray) -> FloatArray:
+def _map(linear: FloatArray, columns: FloatArray, out: FloatArray) -> FloatArray:
     """The product of a small matrix and columns (k, n), in pieces too small for threads that would wait on others."""
-    out = np.empty((len(linear), columns.shape[1]))
     for start in range(0, columns.shape[1], 1024):
-        out[:, start : start + 1024] = linear @ columns[:, start : start + 1024]
+        np.matmul(linear, columns[:, start : start + 1024], out=out[:, start : start + 1024])
     return out
 
 
-def _shoulder(X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, list[FloatArray]]:
-    """Radius of the wrist centre, cosine and sine of q1, and n, o, a along the radius and across it, for the front.
+def _shoulder(X: FloatArray, plane: FloatArray, room: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Radius of the wrist centre, and cosine and sine of q1, for the front; into ``plane`` n, o, a along and across it.
 
-    q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind (eq. 6.7) all signs are the other ones.
+    q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind (eq. 6.7) all signs are the other ones. The
+    first 6 rows of the room are used, of which the results are the first 3.
     """
-    px, py = X[9], X[10]
-    r = np.sqrt(px * px + py * py)
-    scale = 1.0 / r
-    c1, s1 = px * scale, py * scale
+    r, c1, s1 = room[:3]
+    np.multiply(X[9], X[9], out=r)
+    np.add(r, np.multiply(X[10], X[10], out=c1), out=r)
+    np.sqrt(r, out=r)
+    np.divide(1.0, r, out=c1)
+    np.multiply(X[10], c1, out=s1)
+    np.multiply(X[9], c1, out=c1)
     on_axis = r == 0.0
     if on_axis.any():
         c1[on_axis], s1[on_axis] = 1.0, 0.0
-    radial = [c1 * X[3 * k] + s1 * X[3 * k + 1] for k in range(3)]
-    across = [c1 * X[3 * k + 1] - s1 * X[3 * k] for k in range(3)]
-    return r, c1, s1, radial + across
+    x, y, radial, across, spare = X[:9:3], X[1:9:3], plane[:3], plane[3:], room[3:6]
+    np.multiply(x, c1, out=radial)
+    np.add(radial, np.multiply(y, s1, out=spare), out=radial)
+    np.multiply(y, c1, out=across)
+    np.subtract(across, np.multiply(x, s1, out=spare), out=across)
+    return r, c1, s1
 
 
-def _half_turn(angle: FloatArray) -> FloatArray:
+def _half_turn(angle: FloatArray, out: FloatArray | None = None) -> FloatArray:
     """Angle turned by 180 degrees towards zero."""
-    return angle - np.copysign(np.pi, angle)
+    return np.subtract(angle, np.copysign(np.pi, angle), out=out)
+
+
+def _within_a_half_turn(angle: FloatArray, spare: FloatArray | None = None) -> None:
+    """Take whole turns from an angle, in place."""
+    turns = np.multiply(angle, 1.0 / TAU, out=spare)
+    np.rint(turns, out=turns)
+    np.subtract(angle, np.multiply(turns, TAU, out=turns), out=angle)

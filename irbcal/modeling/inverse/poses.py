@@ -1,0 +1,39 @@
+"""Poses that are given, and whether they are poses at all."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray, aligned
+from irbcal.errors import RobotError
+
+ROTATION_TOLERANCE = 1e-6
+"""Deviation from a rotation matrix above which a pose counts as no pose."""
+
+
+def check_poses(T: ArrayLike) -> FloatArray:
+    """Refuse pose arrays that are not (n, 4, 4)."""
+    T = np.asarray(T, dtype=float)
+    if T.ndim != 3 or T.shape[1:] != (4, 4):
+        raise RobotError(f"poses need shape (n, 4, 4), found {T.shape}", parameter="T_base_tip")
+    return T
+
+
+def is_rotation(X: FloatArray, room: FloatArray | None = None) -> BoolArray:
+    """Whether the columns n, o, a in the rows 0 to 8 of X (12, n) form a rotation: a mask (n,).
+
+    A matrix whose squares add up to 3 and whose determinant is 1 is one. ``room`` (10 rows or more) may be given.
+    """
+    room = aligned(10, X.shape[1]) if room is None else room
+    n, o, a = X[:9].reshape(3, 3, -1)
+    squares, determinant, product = room[0], room[1], room[2]
+    np.add.reduce(np.multiply(X[:9], X[:9], out=room[1:10]), axis=0, out=squares)
+    determinant[:] = 0.0
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(n[j], o[k], out=product)
+        np.subtract(product, np.multiply(n[k], o[j], out=room[3]), out=product)
+        np.add(determinant, np.multiply(product, a[i], out=product), out=determinant)
+    for value, wanted in ((squares, 3.0), (determinant, 1.0)):
+        np.abs(np.subtract(value, wanted, out=value), out=value)
+    return np.maximum(squares, determinant, out=squares) <= ROTATION_TOLERANCE

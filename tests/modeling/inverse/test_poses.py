@@ -1,0 +1,31 @@
+"""What counts as a pose: matrices against their own products."""
+
+import numpy as np
+import pytest
+from support import random_rotation
+
+from irbcal.errors import RobotError
+from irbcal.modeling.inverse import newton
+from irbcal.modeling.inverse.poses import check_poses, is_rotation
+
+
+def test_rotations_are_told_from_other_matrices():
+    rng = np.random.default_rng(3)
+    T = np.tile(np.eye(4), (8, 1, 1))
+    T[:, :3, :3] = [random_rotation(rng) for _ in T]
+    T[1, 0, 2] += 1e-4
+    T[2, :3, :3] *= 1.001
+    T[3, :3, 0] *= -1.0  # a mirror
+    T[4, 1, 1] = np.nan
+    T[5, :3, :3] = np.diag([np.sqrt(3.0), 0.0, 0.0])
+    T[6, 0, 2] += 1e-9
+    rotations = np.where(np.isnan(T[:, :3, :3]), 0.0, T[:, :3, :3])
+    good = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) < 1e-6
+    good &= np.linalg.det(rotations) > 0
+    assert is_rotation(newton.columns(T).reshape(12, -1)).tolist() == good.tolist()
+    assert good.tolist() == [True, False, False, False, False, False, True, True]
+
+
+def test_other_shapes_are_refused():
+    with pytest.raises(RobotError, match=r"poses need shape \(n, 4, 4\), found \(4, 4\)"):
+        check_poses(np.eye(4))
