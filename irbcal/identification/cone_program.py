@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, aligned
 from irbcal.identification.choices import ConeSolver
 
 MAX_ITERATIONS = 60
@@ -86,13 +86,13 @@ def solve(r: FloatArray, Q: FloatArray, tolerance: float = 1e-5) -> tuple[FloatA
     m, n = len(r), Q.shape[1]
     unit = largest(r)
     r = np.ascontiguousarray(r.T) / unit
-    A = np.ascontiguousarray(Q.reshape(m, 3, n).transpose(1, 0, 2))
-    flat_A = A.reshape(3 * m, n)
+    A = np.ascontiguousarray(Q.reshape(m, 3, n).transpose(2, 1, 0))
+    flat_A = A.reshape(n, 3 * m)
     x = np.append(np.zeros(n), 1.5)  # z and t of the program
     s, z = np.empty((4, m)), np.zeros((4, m))
     z[0] = 1.0 / m
     for _ in range(MAX_ITERATIONS):
-        s[0], s[1:] = x[n], r - (flat_A @ x[:n]).reshape(3, m)
+        s[0], s[1:] = x[n], r - (x[:n] @ flat_A).reshape(3, m)
         gap = float(np.vdot(s, z))
         if gap <= tolerance * max(float(x[n]) - gap, tolerance):
             break
@@ -100,7 +100,7 @@ def solve(r: FloatArray, Q: FloatArray, tolerance: float = 1e-5) -> tuple[FloatA
         lam = _scaled(v, beta, z)
         inverse = np.asarray(np.linalg.inv(_normal_matrix(v, beta, A)), dtype=np.float64)
         # what rounding left of the equality constraints; without its correction the multipliers drift
-        drift = np.append(z[1:].ravel() @ flat_A, 1.0 - z[0].sum())
+        drift = np.append(flat_A @ z[1:].ravel(), 1.0 - z[0].sum())
         newton = partial(_newton, v, beta, flat_A, inverse, drift)
         _, ds, dz = newton(-lam)
         reach = min(1.0, _to_boundary(lam, ds), _to_boundary(lam, dz))
@@ -114,20 +114,22 @@ def solve(r: FloatArray, Q: FloatArray, tolerance: float = 1e-5) -> tuple[FloatA
 
 
 def _normal_matrix(v: FloatArray, beta: FloatArray, A: FloatArray) -> FloatArray:
-    """Sum of the scaled cones' normal matrices in (y, t), from derivatives A (3, m, n).
+    """Sum of the scaled cones' normal matrices in (y, t), from derivatives A (n, 3, m).
 
     Each is ``beta^-2 (2 g g^T - G^T diag(1, -1, -1, -1) G)`` with ``g = G^T (v0, -v1)``.
     """
-    _, m, n = A.shape
-    stack = np.empty((4, m, n))
-    a = np.einsum("kj,kjn->jn", v[1:], A)
-    np.divide(A, beta[:, None], out=stack[:3])
-    np.multiply(a, (np.sqrt(2.0) / beta)[:, None], out=stack[3])
-    flat = stack.reshape(4 * m, n)
+    n, _, m = A.shape
+    stack = aligned(n, 4, m)
+    scale = 1.0 / beta
+    a = np.add.reduce(np.multiply(A, v[1:], out=stack[:, :3]), axis=1)
+    bent = a @ (2.0 * v[0] * scale**2)
+    np.multiply(A, scale, out=stack[:, :3])
+    np.multiply(a, np.sqrt(2.0) * scale, out=stack[:, 3])
+    flat = stack.reshape(n, 4 * m)
     H = np.empty((n + 1, n + 1))
-    H[:n, :n] = flat.T @ flat
-    H[:n, n] = H[n, :n] = (2.0 * v[0] / beta**2) @ a
-    H[n, n] = np.sum((2.0 * v[0] ** 2 - 1.0) / beta**2)
+    H[:n, :n] = flat @ flat.T
+    H[:n, n] = H[n, :n] = bent
+    H[n, n] = np.sum((2.0 * v[0] ** 2 - 1.0) * scale**2)
     return H
 
 
@@ -135,17 +137,17 @@ def _newton(
     v: FloatArray, beta: FloatArray, flat_A: FloatArray, inverse: FloatArray, drift: FloatArray, q: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Step of (y, t), and of s and z in scaled coordinates, for the right-hand side ``W dz + W^-1 ds = q``."""
-    m, n = len(beta), flat_A.shape[1]
+    m, n = len(beta), len(flat_A)
     back = _scaled(v, 1.0 / beta, q, -1.0)
-    dx = inverse @ (np.append(-(back[1:].ravel() @ flat_A), back[0].sum()) - drift)
-    Gdx = np.concatenate([np.full(m, -dx[n]), flat_A @ dx[:n]]).reshape(4, m)
+    dx = inverse @ (np.append(-(flat_A @ back[1:].ravel()), back[0].sum()) - drift)
+    Gdx = np.concatenate([np.full(m, -dx[n]), dx[:n] @ flat_A]).reshape(4, m)
     dz = _scaled(v, 1.0 / beta, Gdx, -1.0) + q
     return dx, q - dz, dz
 
 
 def _dot(x: FloatArray, y: FloatArray) -> FloatArray:
     """Scalar product column by column."""
-    return np.einsum("kj,kj->j", x, y)
+    return np.asarray(np.add.reduce(x * y, axis=0))
 
 
 def _cone_norm(x: FloatArray) -> FloatArray:
