@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 OPEN = 0.5
 """Share of what was not known of the tool's place that rows may leave open without a doubt."""
 
-TAKES = ("model", "terms", "seed", "base_link", "tip_link", "coupling", "features", "leave_out")
+TAKES = ("model", "terms", "seed", "base_link", "tip_link", "coupling", "features", "leave_out", "payload_place")
 """Options that rows at features take."""
 
 
@@ -73,6 +74,7 @@ def run(
     urdf = read_nominal(robot, options.base_link, options.tip_link, options.coupling)
     say("reading the measurements")
     seen = feature_files.read(_table(measurements), options.features, urdf.arm)
+    seen = _with_place(seen, options.payload_place)
     if shape_only(seen):
         raise IdentificationError(
             "these rows only say that points lie in planes or on lines whose places are unknown: a fit makes them "
@@ -121,6 +123,16 @@ def run(
         doubts=tuple(doubts),
         features=at,
     )
+
+
+def _with_place(seen: FeatureSet, place: Sequence[float] | None) -> FeatureSet:
+    """The rows with the place of their payload, where an option tells it."""
+    if place is None:
+        return seen
+    if seen.payload_kg is None or seen.payload_place is not None:
+        why = "there is no column payload_kg" if seen.payload_kg is None else "the rows tell the payload's place"
+        raise OptionError(f"payload_place: {why}: leave it out", parameter="payload_place")
+    return replace(seen, payload_place=np.tile(np.asarray(place, dtype=float), (len(seen), 1)))
 
 
 def _table(measurements: MeasurementsLike) -> TableLike:

@@ -21,6 +21,29 @@ settings.register_profile("irbcal", deadline=None, derandomize=True)
 settings.load_profile("irbcal")
 
 
+LONG = (
+    "test_pages.py",
+    "test_cli.py",
+    "test_frame_terms.py",
+    "test_style.py",
+    "test_fuzz.py",
+    "test_auto.py",
+    "test_any_robot.py",
+    "test_docs.py",
+    "test_tables.py",
+    "test_loads.py",
+    "test_doubts.py",
+    "test_examples.py",
+    "test_parallel.py",
+)
+"""Files that take longest."""
+
+
+def pytest_collection_modifyitems(items):
+    """Long files come first, so that no core waits for another one at the end."""
+    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
+
+
 @pytest.fixture(scope="session")
 def shared_data():
     """Folder of the measured data, which are not part of the project; IRBCAL_SHARED_DATA overrides where it is."""

@@ -30,6 +30,9 @@ ELSEWHERE = {
 }
 """Lines that take long or are the beginning of all, and where they are run."""
 
+EXAMPLES = {"calibration-auto": "tests/test_loads.py", "error-model": "tests/test_error_model.py"}
+"""Pages whose ``python`` block is run together with what it is said to print, and where."""
+
 OTHERS = (
     "pip",
     "pipx",
@@ -125,6 +128,10 @@ def test_shell_lines(page, samples, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.stem)
 def test_python_blocks(page, samples, tmp_path, monkeypatch):
+    if page.stem in EXAMPLES:
+        assert len(blocks(page, "python")) == 1
+        assert page.name in (ROOT / EXAMPLES[page.stem]).read_text(encoding="utf-8")
+        return
     folder = tmp_path / "here"
     shutil.copytree(samples, folder)
     monkeypatch.chdir(folder)

@@ -21,6 +21,7 @@ from irbcal.identification.constraints import KINDS
 from irbcal.identification.devices import BALL, DEVICES, Placed, Tips, distances, met, placed, poses, rows_table
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.features import read as read_features
+from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, PLACE
 from irbcal.names import without_formulas
 from irbcal.options import MOST_POSES, checked, names, number
 from irbcal.options import seed as check_seed
@@ -56,6 +57,8 @@ class SimulatedDevice(Speaks):
         What the device showed, metres.
     noise : float
         Standard deviation of a contact or a value, metres.
+    payload : float or None
+        Mass carried, kg, where it was asked for: the rows then tell it.
     """
 
     robot: str
@@ -65,13 +68,18 @@ class SimulatedDevice(Speaks):
     which: IntArray
     value: FloatArray | None
     noise: float
+    payload: float | None = None
 
     def __post_init__(self) -> None:
         lock(self)
 
     def to_frame(self) -> pd.DataFrame:
         """The rows as the first file of ``irbcal calibrate --features``."""
-        return rows_table(self.cell.arm, self.found, self.q, self.which, self.value).assign(simulated="yes")
+        table = rows_table(self.cell.arm, self.found, self.q, self.which, self.value)
+        if self.payload is not None:
+            place = dict(zip(PLACE, np.array(self.cell.tool.payload_centre) / MM, strict=True))
+            table = table.assign(payload_kg=self.payload, **place)
+        return table.assign(simulated="yes")
 
     def features(self) -> pd.DataFrame:
         """What is known of the features, as the second file."""
@@ -146,6 +154,7 @@ def simulate_device(
     cell: Literal["thesis", "realistic"] = "thesis",
     only: Sequence[str] | None = None,
     without: Sequence[str] = (),
+    payload: float | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
@@ -168,6 +177,8 @@ def simulate_device(
     cell : {"thesis", "realistic"}
     only, without : sequence of str
         Effects of the cell that are on, or off; one of the two. The robot's own geometry errs in any case.
+    payload : float, optional
+        Mass carried, kg; the rows then have columns of it and its place. That of the cell's tool unless given.
     base_link, tip_link, coupling
         As for `irbcal.simulate`.
 
@@ -189,13 +200,15 @@ def simulate_device(
     if only is not None and without:
         raise OptionError("only and without exclude each other", parameter="only")
     opened = opened.without(*names("without", without)) if only is None else opened.only(*names("only", only))
+    mass = None if payload is None else number("payload", payload, 0.0, LARGEST_PAYLOAD_KG)
+    opened = opened if mass is None else opened.with_payload(mass)
     spread = wanted.noise if noise is None else number("noise", noise, 0.0, 0.01)
     found = placed(opened.arm, wanted)
     q, which = poses(opened.arm, found, count, seed)
     order = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 1))).permutation(len(q))
     order = order[np.argsort(which[order], kind="stable")]
     q, which, value = _measured(opened, found, q[order], which[order], spread)
-    return SimulatedDevice(str(robot), opened, found, q, which, value, spread)
+    return SimulatedDevice(str(robot), opened, found, q, which, value, spread, mass)
 
 
 def _lagging(cell: Cell, lag: FloatArray) -> Tips:

@@ -143,8 +143,15 @@ def simulate(
             out,
             device,
             json,
-            {"payload": payload, "also": also, "wanted": wanted, "plan": plan},
-            {"random": random, "seed": seed, "robot_seed": robot_seed, "cell": cell, "coupling": coupling}
+            {"also": also, "wanted": wanted, "plan": plan},
+            {
+                "random": random,
+                "payload": payload,
+                "seed": seed,
+                "robot_seed": robot_seed,
+                "cell": cell,
+                "coupling": coupling,
+            }
             | {"only": None if not only else () if only == ["none"] else only, "without": without or ()}
             | {"noise": None if noise is None else noise * 1e-3, "base_link": base_link, "tip_link": tip_link},
         )

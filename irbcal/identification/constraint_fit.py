@@ -29,7 +29,9 @@ from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit
 from irbcal.identification.leave_one_out import single
 from irbcal.identification.mackay import Posterior
 from irbcal.identification.sums import Sums
+from irbcal.measurement.feature_loads import usual_place
 from irbcal.measurement.features import FeatureSet, Length
+from irbcal.measurement.motions import usual_load
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.harmonics import LOW, order
@@ -129,7 +131,10 @@ def identify_features(
     elapsed = seen.motion().elapsed
     end = None if elapsed is None else float(elapsed.max())
     taus = [] if elapsed is None else [share * float(np.ptp(elapsed)) for share in SHARES]
-    superset = dictionaries.superset(arm, terms, elapsed is not None, None, taus, end=end)
+    load = seen.payload_kg
+    several = load is not None and len(np.unique(load)) > 1
+    place = usual_place(load, seen.payload_place, usual_load(load)) if load is not None and several else None
+    superset = dictionaries.superset(arm, terms, elapsed is not None, place, taus, end=end)
     if not seen.programmed:
         superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
     problem = ConstraintProblem(arm, seen, superset)
@@ -367,6 +372,8 @@ def _evidence(
         kind=kind,
         tau=dictionaries.tau_of(max(kept, key=lambda item: item.weight).dictionary, _superset_of(problem, kept)),
         poses=seen.poses,
+        loads=() if seen.payload_kg is None else tuple(float(m) for m in np.unique(seen.payload_kg)),
+        usual_kg=usual_load(seen.payload_kg),
     )
 
 
@@ -380,7 +387,8 @@ def _with_base(problem: ConstraintProblem, state: FeatureState, C: FloatArray, n
     rng = np.random.default_rng(0)
     one, other = (rng.integers(len(seen), size=BETWEEN) for _ in range(2))
     q = seen.q[one] + rng.uniform(size=(BETWEEN, 1)) * (seen.q[other] - seen.q[one])
-    motion = Motion(q)
+    usual = usual_load(seen.payload_kg)
+    motion = Motion(q, payload_kg=None if usual is None else np.full(len(q), usual))
     path = chain.walk(problem.arm_of(state), *problem.term_map(state).split(motion))
     B, J = [], []
     for k, name in enumerate(names):

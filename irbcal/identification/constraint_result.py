@@ -45,7 +45,9 @@ class FeaturedFit(AveragedFit):
     def of(found: FeatureFit) -> FeaturedFit:
         """With the names of a fit to points."""
         points = as_points(found.problem.seen)
-        return FeaturedFit(found.evidence, points, Motion(points.q), found=found)
+        load, place = points.payload_kg, points.payload_place
+        motion = Motion(points.q, payload_kg=load, payload_place=place)
+        return FeaturedFit(found.evidence, points, motion, found=found)
 
     @property
     def at_features(self) -> FeatureFit:
@@ -141,7 +143,7 @@ class FeaturedFit(AveragedFit):
         found = self.evidence
         q, rng = self.at_features.problem.seen.q, np.random.default_rng(0)
         one, other = (q[rng.integers(len(q), size=JOINTS)] for _ in range(2))
-        motion = Motion(one + rng.uniform(size=(JOINTS, 1)) * (other - one))
+        motion = found.motion(one + rng.uniform(size=(JOINTS, 1)) * (other - one))
         path = chain.walk(found.nominal, motion.q)
         pose = np.arange(JOINTS)
         sizes = {group.name: group.size for group in found.groups}
@@ -185,6 +187,8 @@ def as_points(seen: FeatureSet) -> PointSet:
         names,
         seen.pose[first],
         groups[first],
+        payload_kg=None if seen.payload_kg is None else seen.payload_kg[first],
+        payload_place=None if seen.payload_place is None else seen.payload_place[first],
     )
 
 

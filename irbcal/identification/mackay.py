@@ -13,6 +13,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
+from irbcal.identification.anderson import Anderson
 from irbcal.identification.sums import Sums
 
 CAP, GEOMETRY_CAP = 4.0, 400.0
@@ -27,8 +28,7 @@ ITERATIONS = 60
 EARLY = 5
 """Iterations after which the log evidence is known within some nats."""
 TOLERANCE = 0.02
-"""Change of the log evidence in an iteration after which it has converged, nats."""
-
+"""Change of the log evidence (with what is known before) in an iteration after which it has converged, nats."""
 
 KNOWN_COUNT = 4.0
 """Coefficients that the scatter in `Expected` is worth where a group's variance is found, which counts in it."""
@@ -121,6 +121,9 @@ def fit(
 ) -> Posterior:
     """Iterate to the variances that make the data most probable.
 
+    MacKay's fixed point in the logarithms of the variances, hastened by Anderson's method; a step that makes the data
+    less probable is taken back for the plain one.
+
     Parameters
     ----------
     sums : Sums
@@ -153,18 +156,100 @@ def fit(
     IdentificationError
         If the data do not determine base and targets.
     """
-    if expected is not None:
-        sums = _about(sums, flat, expected)
-    unit = np.ones(len(group)) if expected is None else expected.std**-2.0
-    square, count = _kept_from_zero(group, len(caps), expected)
-    N = sums.equations
-    spare = t * N - flat
-    if spare <= 0:
-        raise IdentificationError(f"{N} equations are too few for base and targets: measure more poses")
-    v = np.ones(len(caps)) if variances is None else variances.copy()
-    s2 = _start_variance(sums, flat, spare, t) if s2 is None else s2
-    counts, last = np.bincount(group, minlength=len(caps)).astype(float), -np.inf
+    problem = _Problem.of(sums, flat, group, len(caps), t, noise, expected)
+    v = np.ones(len(caps)) if variances is None else variances
+    s2 = _start_variance(problem) if s2 is None else s2
+    place, highest = np.log(np.append(v, s2)), np.append(np.log(caps), np.inf)
+    ways, plain, last = Anderson(), None, -np.inf
     for iteration in range(1, iterations + 1):
+        v, s2 = np.exp(place[:-1]), float(np.exp(place[-1]))
+        here = problem.at(v, s2)
+        if plain is not None and here.goal < last - 1e-9 and iteration < iterations:
+            place, plain = plain, None
+            ways.forget()
+            continue
+        step = np.minimum(np.log(here.up / here.down), highest) - place
+        gain = 0.5 * float((here.up * np.exp(-place) - here.down) @ step)
+        if (abs(here.goal - last) < tolerance and gain < tolerance / 2) or iteration == iterations:
+            break
+        if iteration == EARLY and here.evidence < give_up:
+            break
+        last, plain = here.goal, place + step
+        place = np.minimum(ways.after(place, plain), highest)
+    covariance = (here.whitened.T @ here.whitened) * np.outer(here.scale, here.scale)
+    here.c[flat:] += 0.0 if expected is None else expected.mean
+    return Posterior(here.c, covariance, v, here.gammas, s2, here.evidence, iteration, t, float(here.down[-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Moment:
+    """A fit with given variances.
+
+    Attributes
+    ----------
+    c : ndarray, shape (k,)
+    whitened, scale
+        See `_factor`.
+    gammas : ndarray, shape (groups,)
+    evidence : float
+    goal : float
+        What is made largest: the log evidence with what is known of the variances before.
+    up, down : ndarray, shape (groups + 1,)
+        Each variance (the residuals' is the last) should be the quotient; half of ``up / variance - down`` is the slope
+        of the goal along its logarithm.
+    """
+
+    c: FloatArray
+    whitened: FloatArray
+    scale: FloatArray
+    gammas: FloatArray
+    evidence: float
+    goal: float
+    up: FloatArray
+    down: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What stays the same while variances are looked for."""
+
+    sums: Sums
+    flat: int
+    group: IntArray
+    unit: FloatArray
+    t: float
+    square: FloatArray
+    count: FloatArray
+    noise: float
+
+    @property
+    def spare(self) -> float:
+        """How many numbers the data tell beyond the flat columns."""
+        return self.t * self.sums.equations - self.flat
+
+    @staticmethod
+    def of(
+        sums: Sums, flat: int, group: IntArray, groups: int, t: float, noise: float, expected: Expected | None
+    ) -> _Problem:
+        """The problem with coefficients counted from what is expected of them.
+
+        Raises
+        ------
+        IdentificationError
+            If the data do not determine base and targets.
+        """
+        if t * sums.equations <= flat:
+            raise IdentificationError(
+                f"{sums.equations} equations are too few for base and targets: measure more poses"
+            )
+        unit = np.ones(len(group)) if expected is None else expected.std**-2.0
+        sums = sums if expected is None else _about(sums, flat, expected)
+        return _Problem(sums, flat, group, unit, t, *_kept_from_zero(group, groups, expected), noise)
+
+    def at(self, v: FloatArray, s2: float) -> _Moment:
+        """Fit with given variances."""
+        sums, flat, group, unit, t, groups = self.sums, self.flat, self.group, self.unit, self.t, len(v)
+        N = sums.equations
         prior = np.concatenate([np.zeros(flat), unit / v[group]])
         whitened, scale, log_det = _factor(sums.H, prior, t / s2)
         b = (t / s2) * sums.g
@@ -172,19 +257,17 @@ def fit(
         penalty = float(c @ (prior * c))
         # A c = b spares the product H c
         rss = max(sums.yy - 2.0 * float(c @ sums.g) + (s2 / t) * (float(c @ b) - penalty), 1e-12 * sums.yy)
+        counts = np.bincount(group, minlength=groups).astype(float)
         evidence = -0.5 * (t * N * np.log(2 * np.pi * s2) + t * rss / s2 + penalty + log_det)
         evidence += 0.5 * (flat * np.log(2 * np.pi) - float(counts @ np.log(v)) + float(np.log(unit).sum()))
         diagonal = (scale * scale * np.einsum("ij,ij->j", whitened, whitened))[flat:]
-        gammas = counts - np.bincount(group, unit * diagonal, len(caps)) / v
-        freedom = max(spare - float(gammas.sum()), 0.0) + NOISE_COUNT
-        if abs(evidence - last) < tolerance or iteration == iterations or (iteration == EARLY and evidence < give_up):
-            break
-        last = evidence
-        v = np.minimum((np.bincount(group, unit * c[flat:] ** 2, len(caps)) + square) / (gammas + count), caps)
-        s2 = (t * rss + NOISE_COUNT * noise**2) / freedom
-    covariance = (whitened.T @ whitened) * np.outer(scale, scale)
-    c[flat:] += 0.0 if expected is None else expected.mean
-    return Posterior(c, covariance, v, gammas, float(s2), float(evidence), iteration, t, freedom)
+        gammas = counts - np.bincount(group, unit * diagonal, groups) / v
+        known = float((self.count * np.log(v) + self.square / v).sum())
+        known += NOISE_COUNT * float(np.log(s2) + self.noise**2 / s2)
+        squares = np.bincount(group, unit * c[flat:] ** 2, groups)
+        up = np.append(squares + self.square, t * rss + NOISE_COUNT * self.noise**2)
+        down = np.append(gammas + self.count, max(self.spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
+        return _Moment(c, whitened, scale, gammas, float(evidence), float(evidence) - 0.5 * known, up, down)
 
 
 def _kept_from_zero(group: IntArray, groups: int, expected: Expected | None) -> tuple[FloatArray, FloatArray]:
@@ -202,11 +285,12 @@ def _about(sums: Sums, flat: int, expected: Expected) -> Sums:
     return Sums(sums.H, sums.g - Hm, sums.yy - 2.0 * float(m @ sums.g) + float(m @ Hm), sums.equations)
 
 
-def _start_variance(sums: Sums, flat: int, spare: float, t: float) -> float:
+def _start_variance(problem: _Problem) -> float:
     """Residual variance of base and targets alone, in part: a start between that and the end."""
+    sums, flat = problem.sums, problem.flat
     whitened, scale, _ = _factor(sums.H[:flat, :flat], np.zeros(flat), 1.0)
     explained = whitened @ (scale * sums.g[:flat])
-    return max(0.01 * t * (sums.yy - float(explained @ explained)) / spare, 1e-8)
+    return max(0.01 * problem.t * (sums.yy - float(explained @ explained)) / problem.spare, 1e-8)
 
 
 def _factor(H: FloatArray, prior: FloatArray, weight: float) -> tuple[FloatArray, FloatArray, float]:

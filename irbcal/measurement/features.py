@@ -12,7 +12,8 @@ What a row does not say, its feature does. A feature of kind ``distance`` is the
 ``first`` and ``second``. Names in the second file may be made of columns of the first in braces: ``{place}/{socket}``
 is one feature for each place and socket, and where the rows have no column ``feature`` it names theirs. Rows that a
 tracker measured have a position and no feature. Joints are ``q1_deg`` (``q1_rad``; ``q1_mm`` or ``q1_m`` where one
-slides) or, where there are programmed joints, ``c1_deg`` …
+slides) or, where there are programmed joints, ``c1_deg`` … What was carried is told as in a tracker's file:
+``payload_kg`` and, at will, ``payload_x_mm`` …
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import TableLike
+from irbcal.measurement.feature_loads import payloads
 from irbcal.measurement.known_features import (
     BRACES,
     DISTANCE,
@@ -42,6 +44,7 @@ from irbcal.measurement.known_features import (
     known_features,
     numbers_of,
 )
+from irbcal.measurement.load_columns import PLACE
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -86,6 +89,10 @@ class FeatureSet(Speaks):
     simulated, programmed : bool
     corners : ndarray, shape (m, n, 5), or None
         Of images, see `irbcal.measurement.imaging.Images`: a row is a whole image.
+    payload_kg : ndarray, shape (m,), or None
+        Mass carried, where it is told.
+    payload_place : ndarray, shape (m, 3), or None
+        Its centre in the tip link, metres, likewise.
     """
 
     q: FloatArray
@@ -109,6 +116,8 @@ class FeatureSet(Speaks):
     programmed: bool = False
     named: str = ""
     corners: FloatArray | None = None
+    payload_kg: FloatArray | None = None
+    payload_place: FloatArray | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -133,20 +142,23 @@ class FeatureSet(Speaks):
             **arrays,
             row=self.row[rows],
             cells=self.cells[rows],
-            corners=None if self.corners is None else self.corners[rows],
+            corners=_some(self.corners, rows),
+            payload_kg=_some(self.payload_kg, rows),
+            payload_place=_some(self.payload_place, rows),
             features={name: one for name, one in self.features.items() if name in names},
             lengths=tuple(one for one in self.lengths if one.first in names and one.second in names),
         )
 
     def motion(self) -> Motion:
-        """Joints of each row; with the last move and the order of its pose where the joints are a program's."""
+        """Joints and load of each row; with the last move and the order of its pose where joints are a program's."""
+        load, place = self.payload_kg, self.payload_place
         if not self.programmed:
-            return Motion(self.q)
+            return Motion(self.q, payload_kg=load, payload_place=place)
         index, first, pose = np.unique(self.pose_index, return_index=True, return_inverse=True)
         whole = Motion.in_order(self.q[first])
         assert whole.move is not None
         move = np.where((np.diff(index, prepend=index[0]) == 1)[:, None], whole.move, 0.0)
-        return Motion(self.q, move[pose], index[pose].astype(float))
+        return Motion(self.q, move[pose], index[pose].astype(float), load, payload_place=place)
 
     def as_measurements(self) -> MeasurementSet:
         """The rows as a table of measurements without places, with the joints that models take."""
@@ -156,6 +168,10 @@ class FeatureSet(Speaks):
         for name in columns.POSITION:
             table[name] = np.nan
         table["pose_index"] = np.unique(self.pose_index, return_inverse=True)[1]
+        if self.payload_kg is not None:
+            table["payload_kg"] = self.payload_kg
+        if self.payload_place is not None:
+            table[PLACE] = self.payload_place / MM
         if self.simulated:
             table["simulated"] = "yes"
         return MeasurementSet(table, self.source, self.sha256)
@@ -294,7 +310,8 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         programmed,
         named,
     )
-    return _with_images(whole, known)
+    load, place = payloads(cells, source)
+    return _with_images(replace(whole, payload_kg=load, payload_place=place), known)
 
 
 def _with_images(whole: FeatureSet, known: Mapping[str, Feature]) -> FeatureSet:
@@ -316,6 +333,10 @@ def _with_images(whole: FeatureSet, known: Mapping[str, Feature]) -> FeatureSet:
         u95=np.where(mine, imaging.u95_of(images.corners), kept.u95),
         xyz=np.where(mine[:, None], np.nan, kept.xyz),
     )
+
+
+def _some(values: FloatArray | None, rows: BoolArray) -> FloatArray | None:
+    return None if values is None else values[rows]
 
 
 def _text(cells: pd.DataFrame, name: str, rows: int) -> NameArray:
@@ -375,7 +396,7 @@ def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, boo
 
 def _poses(cells: pd.DataFrame, pose: NameArray) -> IntArray:
     """Number of each row's pose: rows with one name and the same joints."""
-    joints = [name for name in cells.columns if re.fullmatch(r"[qc][1-9]\d?_(deg|rad|mm|m)", str(name))]
+    joints = [name for name in cells.columns if re.fullmatch(r"[qc][1-9]\d?_(deg|rad|mm|m)|payload_.*", str(name))]
     key = pd.Series(pose, index=cells.index).astype(str)
     for name in joints:
         key = key + "|" + cells[name].astype(str)

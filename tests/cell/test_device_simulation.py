@@ -47,6 +47,10 @@ def test_strings_show_distances_with_their_noise():
 def test_effects_of_the_cell_can_be_left_out():
     alone = simulate_device("irb1600", "ball", 6, only=["tilt"])
     assert alone.cell.on == ("tilt",)
+    heavy = simulate_device("irb1600", "ball", 6, payload=5.0)
+    assert heavy.read().payload_kg.tolist() == [5.0] * 6
+    assert heavy.read().payload_place[0] == pytest.approx(heavy.cell.tool.payload_centre)
+    assert not np.allclose(heavy.q, simulate_device("irb1600", "ball", 6, payload=0.0).q, atol=1e-7)
     assert "backlash" not in simulate_device("irb1600", "ball", 6, without=["backlash"]).cell.on
     with pytest.raises(OptionError, match="exclude each other"):
         simulate_device("irb1600", "ball", 6, only=["tilt"], without=["noise"])

@@ -1,8 +1,4 @@
-"""``python -m irbcal filter`` with programs of URScript, VAL3, INFORM, Kawasaki AS: one, several, and wrong calls."""
-
-import subprocess
-import sys
-from pathlib import Path
+"""``irbcal filter`` with programs of URScript, VAL3, INFORM, Kawasaki AS: one, several, and wrong calls."""
 
 import numpy as np
 import pytest
@@ -48,12 +44,6 @@ def job(request, tmp_path_factory):
     return request.param, robot, nominal, folder, application, q, options, least
 
 
-def run(*words):
-    """The program itself."""
-    command = [sys.executable, "-m", "irbcal", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2])
-
-
 def refused(*words):
     """What a command that must not work says."""
     runner = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1", "TERM": "dumb"})
@@ -67,12 +57,11 @@ def joints(path, robot, nominal):
     return programs.read(path, nominal, programs.given_for(robot, nominal, pulses=PULSES))[0]
 
 
-def test_corrected_joints_are_those_of_the_same_rows_in_csv(job, tmp_path):
+def test_corrected_joints_are_those_of_the_same_rows_in_csv(job, tmp_path, program):
     language, robot, nominal, folder, application, q, options, least = job
     source = application if language == "val3" else next(application.iterdir())
     out = tmp_path / ("out" if language == "val3" else f"out{source.suffix}")
-    done = run("filter", folder / "cal", source, "--out", out, *options)
-    assert done.returncode == 0, done.stderr
+    program("filter", folder / "cal", source, "--out", out, *options)
     header = ",".join(nominal.joint_columns)
     rows = joints(source, robot, nominal) / DEG
     np.savetxt(tmp_path / "job.csv", rows, delimiter=",", header=header, comments="", fmt="%.9f")

@@ -149,3 +149,19 @@ def test_a_hopeless_fit_is_given_up_early():
     whole = mackay.fit(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12)
     early = mackay.fit(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, give_up=whole.log_evidence + 1.0)
     assert early.iterations == mackay.EARLY < whole.iterations
+
+
+def test_more_terms_than_the_poses_are_worth_do_not_keep_it_going_round():
+    """From two starts to one top, where MacKay's own fixed point does not settle in 400 steps."""
+    rng = np.random.default_rng(8)
+    group = np.repeat(np.arange(12), 5)
+    J = rng.standard_normal((FLAT + 60, 90))
+    J[FLAT + 30 :] += 0.9 * J[FLAT : FLAT + 30]  # groups that can stand in for one another
+    y = 0.3 * rng.standard_normal(5) @ J[FLAT : FLAT + 5] + 0.2 * rng.standard_normal(90)
+    sums = Sums(J @ J.T, J @ y, float(y @ y), 90)
+    caps = np.full(12, 4.0)
+    one = mackay.fit(sums, FLAT, group, caps, 1 / 3)
+    other = mackay.fit(sums, FLAT, group, caps, 1 / 3, np.full(12, 0.03), 1.0, tolerance=1e-9, iterations=400)
+    assert one.iterations < 25
+    assert other.iterations < 400
+    assert one.log_evidence == pytest.approx(other.log_evidence, abs=0.1)
