@@ -437,12 +437,10 @@ class Problem:
                     along = columns.get("d" if self.arm.table.prismatic[index] else "theta")
                     if along is not None:
                         J[slot] = along[index] * block.q[block.pose[points], index]
-            elif theta is None:
-                continue
-            elif kind == "fourier":
+            elif theta is not None and kind == "fourier":
                 for slot, index in zip(slots, indices, strict=True):
                     np.multiply(theta[5], block.fourier[index, points], out=J[slot])
-            else:  # A turns joint 2, B joints 2 and 3
+            elif theta is not None and kind == "stiffness":  # A turns joint 2, B joints 2 and 3
                 for slot, index in zip(slots, indices, strict=True):
                     np.multiply(theta[1] + theta[2] if index else theta[1], block.stiffness[index, points], out=J[slot])
 
