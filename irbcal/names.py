@@ -27,16 +27,18 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\Z")
 
 
-def fault_of(name: str) -> str | None:
+def fault_of(name: str, longest: float = LONGEST_NAME) -> str | None:
     """What is wrong with a name, as the end of a sentence; None if nothing is.
 
     Parameters
     ----------
     name : str
+    longest : float
+        Characters that it may have.
     """
     if not name.replace("\u00a0", "").isprintable():
         return f"expected a name of printable characters on one line, found {name[:LONGEST_NAME]!a}"
-    if len(name) > LONGEST_NAME:
+    if len(name) > longest:
         return f"expected a name of at most {LONGEST_NAME} characters, found {len(name)} ({name[:30]!r} …)"
     return None
 

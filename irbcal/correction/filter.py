@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray
 from irbcal.atomic import write_set
 from irbcal.correction import languages
+from irbcal.correction.collecting import resting
 from irbcal.correction.configurations import ConfData, seeds_of
 from irbcal.correction.cutting import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
@@ -49,6 +50,7 @@ class NotWritten(ProgramError):
     found: Filtered
 
 
+@resting()
 def correct(
     calibration: CalibrationLike,
     program: str | Path | Sequence[str | Path],

@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import dictionaries, shown
-from irbcal.identification.evidence import Prior, Progress, identify_evidence
+from irbcal.identification.evidence import COMPARED, Progress, identify_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
+from irbcal.identification.like_sisters import Prior
 from irbcal.identification.readings import Lag, lag
 from irbcal.identification.result import ParameterReport
 from irbcal.measurement.points import PointSet, distances
@@ -229,9 +230,16 @@ class AveragedFit(Speaks):
                 f"The arm drifted as it warmed up, with a time constant of {found.tau:.0f} poses: the calibration is "
                 "that of the warm arm, so that the first poses miss it by more."
             )
+        some = []
+        if found.poses > COMPARED:
+            some.append(
+                f"Error models were compared on {COMPARED} of the {found.poses} poses, drawn at random; those that are "
+                "averaged were fitted to all."
+            )
         return [
             *([] if found.sisters is None else [found.sisters.in_words()]),
             shown.sentence(found.families),
+            *some,
             *found.gear_sentences(),
             *warm,
             *self._loads(),

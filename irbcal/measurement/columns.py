@@ -11,6 +11,7 @@ line 1; the position plus one in a Parquet file or a DataFrame, whose first row 
 
 import csv
 import hashlib
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +26,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import plain_csv
-from irbcal.names import fault_of, from_cell
+from irbcal.names import LONGEST_NAME, fault_of, from_cell
 from irbcal.options import shown
 from irbcal.reading import STDIN, read_bytes, stdin_bytes
 from irbcal.units import DEG, MM
@@ -342,9 +343,11 @@ def names(cells: pd.DataFrame, name: str, source: str) -> Any:
         For the first cell that is none.
     """
     codes, written = pd.factorize(cells[name].astype(str))
-    unlike = pd.Series(np.asarray(written, dtype=object)).str.strip().map(from_cell).to_numpy(dtype=object)
-    values = unlike[codes]
-    for k, value in enumerate(unlike.tolist()):
+    unlike = [from_cell(str(name).strip()) for name in written]
+    values = np.array([*unlike, None], dtype=object)[codes]
+    if all(unlike) and max(map(len, unlike)) <= LONGEST_NAME and fault_of(" ".join(unlike), math.inf) is None:
+        return values
+    for k, value in enumerate(unlike):
         fault = "expected a name, found nothing" if value == "" else fault_of(value)
         if fault is not None:
             row = cells.index[codes == k][0]

@@ -54,7 +54,11 @@ def of_joints(q: FloatArray, names: np.ndarray | None = None) -> IntArray:
         leader = np.zeros(called.max() + 1, dtype=int)
         leader[called[::-1]] = copy_of[::-1]
         edges.append(np.column_stack([copy_of, leader[called]]))
-    found = near.connected(len(single), np.concatenate(edges))[copy_of]
+    between = np.concatenate(edges)
+    between = between[between[:, 0] != between[:, 1]]
+    if not len(between) and len(single) == n:
+        return np.arange(n)
+    found = near.connected(len(single), between)[copy_of]
     _, first, number = np.unique(found, return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=int)
     rank[np.argsort(first)] = np.arange(len(first))
@@ -63,7 +67,7 @@ def of_joints(q: FloatArray, names: np.ndarray | None = None) -> IntArray:
 
 def _equal(q: FloatArray) -> tuple[IntArray, IntArray]:
     """Number of each row, the same for equal rows, and the first row of each number."""
-    order = np.lexsort(q.T[::-1]) if len(q) < MANY else np.argsort(q @ np.sqrt(np.arange(2.0, 2.0 + q.shape[1])))
+    order = np.lexsort(q.T[::-1]) if len(q) < MANY else np.argsort(near.mixture(q))
     new = np.r_[True, (q[order[1:]] != q[order[:-1]]).any(axis=1)]
     number = np.empty(len(q), dtype=int)
     number[order] = np.cumsum(new) - 1

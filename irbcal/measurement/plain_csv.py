@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from irbcal.arrays import FloatArray
+
 BOM = b"\xef\xbb\xbf"
 LONG = 1_000_000
 """Bytes from which both cores read."""
@@ -39,7 +41,7 @@ def parse(data: bytes, names: Sequence[str], typed: Callable[[str], bool]) -> pd
         return None
     try:
         import pyarrow as pa
-        from pyarrow import csv
+        from pyarrow import compute, csv
     except ImportError:
         return None
     numbers = {name for name in names if typed(name)}
@@ -65,10 +67,26 @@ def parse(data: bytes, names: Sequence[str], typed: Callable[[str], bool]) -> pd
     for name in names:
         column = table.column(name)
         columns[name] = column.to_numpy() if name in numbers else pd.array(column, dtype=text)
-        if name in numbers:
+        if name not in numbers:
+            if empty.any():
+                empty &= compute.equal(column, "").to_numpy()
+        else:
             empty &= np.isnan(columns[name])
             if np.isinf(columns[name]).any() or np.isnan(columns[name]).sum() != column.null_count:  # "nan" as text
                 return None
     if empty.any():  # a line of commas is no row
         return None
     return pd.DataFrame(columns, index=pd.RangeIndex(2, rows + 2), copy=False)
+
+
+def floats(text: pd.Series) -> FloatArray | None:
+    """Numbers of a column of text that pyarrow holds; None where it does not, or a cell is no plain number."""
+    held = getattr(text.array, "__arrow_array__", None)
+    if held is None or not isinstance(text.dtype, pd.StringDtype) or text.dtype.storage != "pyarrow":
+        return None
+    import pyarrow as pa
+
+    try:
+        return np.asarray(held().cast(pa.float64()))
+    except pa.ArrowInvalid:
+        return None

@@ -13,12 +13,13 @@ Of more than `MOST_POSES` poses as many are drawn at random; intervals of n of N
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irbcal import parallel
-from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, locked
 from irbcal.chance import normal_below, normal_quantile
 from irbcal.units import MM
 from irbcal.validation.accuracy import PERCENTILES
@@ -60,6 +61,12 @@ def draws(poses: int, resamples: int = RESAMPLES, seed: int = 0) -> Iterator[NDA
         yield np.bincount(picked.ravel(), minlength=k * poses).reshape(k, poses).astype(np.int32)
 
 
+@lru_cache(maxsize=1)
+def _kept_draws(poses: int, resamples: int, seed: int) -> tuple[NDArray[np.int32], ...]:
+    """`draws`, which several targets and models of the same poses share."""
+    return locked([*draws(poses, resamples, seed)])
+
+
 def intervals(
     distance: ArrayLike, pose: ArrayLike, resamples: int = RESAMPLES, seed: int = 0, level: float = LEVEL
 ) -> dict[str, list[float]] | None:
@@ -99,7 +106,8 @@ def intervals(
         parts = [_percentiles(d[order], count[k : k + step], row[order]) for k in range(0, len(count), step)]
         return sums.moments(*(count @ s for s in sums.by_pose)), np.concatenate(parts, axis=1)
 
-    blocks = list(parallel.threads(of_block, draws(n, resamples, seed), NUMBER_S * resamples * len(d)))
+    counts = _kept_draws(n, resamples, seed) if n * resamples <= BLOCK else draws(n, resamples, seed)
+    blocks = list(parallel.threads(of_block, counts, NUMBER_S * resamples * len(d)))
     moments, quantiles = (np.concatenate(parts, axis=1) for parts in zip(*blocks, strict=True))
     total = [s.sum() for s in sums.by_pose]
     estimate = sums.moments(*total)
@@ -138,7 +146,8 @@ def difference(
         part = v[_some(n, seed)]
         ends = difference(part, resamples, seed, level)
         return None if ends is None else _narrowed(ends, float(part.mean()), float(v.mean()), n)
-    replicates = np.concatenate([count @ v / n for count in draws(n, resamples, seed)])
+    counts = _kept_draws(n, resamples, seed) if n * resamples <= BLOCK else draws(n, resamples, seed)
+    replicates = np.concatenate([count @ v / n for count in counts])
     return bca(replicates, v.mean(), (v.sum() - v) / (n - 1), level)
 
 

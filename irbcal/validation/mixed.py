@@ -92,7 +92,7 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
         for _ in range(ROUNDS):
             if min(second.sum(), n - second.sum()) < max(FEW * n, 4):
                 break
-            cost = np.stack([_cost(H, g, yy, part, firm) for part in (~second, second)])
+            cost = _costs(H, g, yy, second, firm)
             new = cost[1] < cost[0]
             if (new == second).all():
                 two = float(cost.min(axis=0).sum())
@@ -116,11 +116,13 @@ def _starts(H: FloatArray, g: FloatArray, seed: int) -> list[BoolArray]:
     return [*along, *(rng.uniform(size=n) < 0.5 for _ in range(STARTS))]
 
 
-def _cost(H: FloatArray, g: FloatArray, yy: FloatArray, part: BoolArray, firm: FloatArray) -> FloatArray:
-    """Squares left of each pose with the change that fits a part of them best."""
-    change = np.linalg.solve(H[part].sum(axis=0) + firm, g[part].sum(axis=0))
-    left = yy - 2 * g @ change + (H @ change) @ change
-    return np.maximum(left, 0.0)
+def _costs(H: FloatArray, g: FloatArray, yy: FloatArray, second: BoolArray, firm: FloatArray) -> FloatArray:
+    """Squares left of each pose with the changes that fit the first and the second part of them best, shape (2, n)."""
+    n, p = g.shape
+    flat, parts = H.reshape(n, -1), np.stack([~second, second]).astype(float)
+    changes = np.linalg.solve((parts @ flat).reshape(2, p, p) + firm, (parts @ g)[..., None])[..., 0]
+    squares = np.einsum("ki,kj->kij", changes, changes).reshape(2, -1)
+    return np.maximum(yy - 2 * changes @ g.T + squares @ flat.T, 0.0)
 
 
 def _together(q: FloatArray, second: BoolArray) -> bool:

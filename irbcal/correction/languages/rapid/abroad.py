@@ -14,7 +14,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages.rapid.literals import KIND_OF, Literals
-from irbcal.correction.languages.rapid.parts import Data, Index, Literal, may_be
+from irbcal.correction.languages.rapid.parts import Data, Index, Literal
 
 Frames = Mapping[str, Mapping[str, FloatArray]]
 
@@ -111,4 +111,4 @@ class Abroad:
     def literals(self, name: str, index: Index) -> list[Literal]:
         """Literals of another module that a name with an index may stand for here."""
         data = self.data.get(name)
-        return [] if data is None else [literal for at, literal in data.entries if may_be(at, index)]
+        return [] if data is None else data.literals(index)

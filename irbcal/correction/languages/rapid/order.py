@@ -24,6 +24,7 @@ _HARMLESS = (
     "triggint triggio triggspeed unload velset waitai waitao waitdi waitdo waitgi waitgo waitrob waittime waituntil "
     "worldacclim write writebin writestrbin"
 )
+_BEFORE = frozenset(["then", "else", "do", "default", "error"])
 BRANCHES = frozenset(_BRANCHES.split())
 HARMLESS = frozenset(_HARMLESS.split())
 """Instructions that do not move the robot; any other name may be a routine that does."""
@@ -34,21 +35,22 @@ def breaks(reader: Reader) -> list[int]:
     found = []
     tokens = reader.tokens
     begin, compact = True, False
-    for i, token in enumerate(tokens[:-1]):
-        word = token.word
-        if token.kind == "name" and word in BRANCHES:
-            found.append(token.start)
-            if word == "if":
-                compact = not _has_then(reader, i)
-        elif begin and token.kind == "name" and word not in MOVES and word not in HARMLESS:
-            if not reader._is_assignment(i):  # a declaration, a label or a call
-                found.append(token.start)
-        elif begin and word == "%":  # a routine by its name in a text
-            found.append(token.start)
+    for i, (kind, word, start, _) in enumerate(tokens[:-1]):
+        if kind == "name":
+            if word in BRANCHES:
+                found.append(start)
+                if word == "if":
+                    compact = not _has_then(reader, i)
+            elif begin and word not in MOVES and word not in HARMLESS and not reader._is_assignment(i):
+                found.append(start)  # a declaration, a label or a call
+            begin = word in _BEFORE
+            continue
+        if begin and word == "%":  # a routine by its name in a text
+            found.append(start)
         if word == ";" and compact:  # the move behind IF without THEN may not have been made
-            found.append(token.start)
+            found.append(start)
             compact = False
-        begin = word in (";", ":") or (token.kind == "name" and word in ("then", "else", "do", "default", "error"))
+        begin = word == ";" or word == ":"
     return found
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, TypeAlias
-
-import numpy as np
 
 from irbcal.correction.notation import quaternion_problem
 from irbcal.correction.program import Kind
@@ -80,14 +79,14 @@ class Literal:
         self.problem = self._problem()
 
     def _problem(self) -> str | None:
-        values = np.array(self.values)
-        if not np.isfinite(values).all() or (self.kind == "pose" and np.abs(values).max() >= ABSENT):
+        sizes = [abs(value) for value in self.values]
+        if not all(map(math.isfinite, sizes)) or (self.kind == "pose" and max(sizes) >= ABSENT):
             return "found a number that is too large"
         if self.kind == "pose":
             return quaternion_problem(self.values[3:])
-        absent = np.flatnonzero(np.abs(values) >= ABSENT)
-        if len(absent):
-            self.reasons.append(f"joint {absent[0] + 1} has no value (9E9)")
+        absent = [k for k, size in enumerate(sizes, start=1) if size >= ABSENT]
+        if absent:
+            self.reasons.append(f"joint {absent[0]} has no value (9E9)")
         return None
 
 
@@ -142,3 +141,20 @@ class Data:
         self.sizes, self.node, self.computed, self.local = sizes, node, computed, local
         self.entries: list[tuple[Index, Literal]] = []  # filled by `literals`
         self.changes: list[tuple[Index, int]] = []  # and the positions of computed values, too
+        self._places: dict[Index, list[int]] = {}
+        self._loose: list[int] = []
+        self._known = 0
+
+    def literals(self, index: Index) -> list[Literal]:
+        """Entries that an index may mean, in their order: looked up, not looked through, where it is plain numbers."""
+        for k in range(self._known, len(self.entries)):
+            at = self.entries[k][0]
+            if None in at or len(at) != len(self.sizes):
+                self._loose.append(k)
+            else:
+                self._places.setdefault(at, []).append(k)
+        self._known = len(self.entries)
+        if None in index or len(index) != len(self.sizes):
+            return [literal for at, literal in self.entries if may_be(at, index)]
+        loose = [k for k in self._loose if may_be(self.entries[k][0], index)]
+        return [self.entries[k][1] for k in sorted([*self._places.get(index, []), *loose])]

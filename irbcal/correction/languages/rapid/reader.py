@@ -10,8 +10,9 @@ other modules of the same call count, see ``abroad``; what is not in the call is
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -54,19 +55,19 @@ class Module(TextProgram):
     ----------
     order : tuple of Stop
         Its stops in the order of the text.
-    moves : tuple of (PathMove, PathText)
-        Its straight and circular moves in the order of the text.
+    moves : callable
+        Gives its straight and circular moves in the order of the text, and their text; gathered when asked for.
     cuts : tuple of CutPath
         What is put into these; empty: nothing.
     """
 
     order: tuple[Stop, ...] = ()
-    moves: tuple[tuple[PathMove, PathText], ...] = ()
+    moves: Callable[[], tuple[tuple[PathMove, PathText], ...]] = tuple
     cuts: tuple[CutPath, ...] = ()
 
     def path_moves(self) -> list[PathMove]:
         """The straight and circular moves, see `irbcal.correction.languages.rapid.paths`."""
-        return [move for move, _ in self.moves]
+        return [move for move, _ in self.moves()]
 
     def with_cuts(self, cuts: Sequence[CutPath]) -> Module:
         """The module that writes points into its moves, one cut for each."""
@@ -81,7 +82,7 @@ class Module(TextProgram):
         plain = edits(self, new_values, configurations)
         if not self.cuts:
             return plain
-        inserted, replaced = insertions(self.text, self.moves, self.cuts, self.targets, self.work_objects)
+        inserted, replaced = insertions(self.text, self.moves(), self.cuts, self.targets, self.work_objects)
         return [*(edit for edit in plain if not any(a <= edit[0] < b for a, b in replaced)), *inserted]
 
     def new_configuration(self, target: Target, q: FloatArray) -> ConfData | None:
@@ -198,6 +199,7 @@ class _Parsed:
         found = needed_frames(reader, literals.found, self.given)
         targets = _targets(reader, literals.found)
         places = breaks(reader)
+        reader.tokens.clear()  # nothing below asks for them, and the module keeps the reader
         return Module(
             source=reader.source,
             text=self.text,
@@ -209,7 +211,7 @@ class _Parsed:
             notes=_notes(reader, literals.found),
             fingerprint=in_comments(reader.comments),
             order=stops(reader, self.uses.goals, numbers, places),
-            moves=paths(reader, self.uses.goals, numbers, targets, found["tooldata"], places),
+            moves=cache(lambda: paths(reader, self.uses.goals, numbers, targets, found["tooldata"], places)),
         )
 
 
@@ -226,9 +228,8 @@ def _targets(reader: Reader, found: list[Literal]) -> tuple[Target, ...]:
         values[k] = T
     out = []
     for literal, value in zip(literals, values, strict=True):
-        written = np.array(literal.values)
         if literal.kind == "joint" and not literal.problem:
-            value = np.where(np.abs(written) < ABSENT, written, np.nan) * DEG
+            value = np.array([number if abs(number) < ABSENT else np.nan for number in literal.values]) * DEG
         value.setflags(write=False)
         leaves = literal.configuration
         out.append(

@@ -20,17 +20,23 @@ STRUCTURE = frozenset(_WORDS.split())
 OPERATORS = frozenset(_OPERATORS.split())
 RESERVED = STRUCTURE | OPERATORS | {"true", "false"}
 
+_SPACE = r"[ \t\r\n\f\v]*"
+_NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 TOKEN = re.compile(
-    r"""[ \t\r\n\f\v]*
-    (?:(?P<comment>![^\r\n]*)
+    rf"""{_SPACE}
+    (?:(?P<list>\[{_SPACE}[+-]?{_NUMBER}(?:{_SPACE},{_SPACE}[+-]?{_NUMBER})*{_SPACE}\])
+    |(?P<symbol>:=|<>|<=|>=|\.(?![0-9])|[-+*/=<>()\[\]{{}},;:\\?|%])
+    |(?P<number>(?!0[xXbBoO][0-9a-fA-F]){_NUMBER})
+    |(?P<name>[^\W\d]\w*)
+    |(?P<comment>![^\r\n]*)
     |(?P<string>"(?:[^"\r\n]|"")*")
     |(?P<hex>0[xXbBoO][0-9a-fA-F]+)
-    |(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)
-    |(?P<name>[^\W\d]\w*)
-    |(?P<symbol>:=|<>|<=|>=|[-+*/=<>()\[\]{},;:.\\?|%])
     |(?P<other>[^ \t\r\n\f\v]))""",
     re.VERBOSE,
 )
+"""A list of plain numbers is one token, whose word is its bracket: most of a long module are such lists."""
+_LIST, _NAME = TOKEN.groupindex["list"], TOKEN.groupindex["name"]
+_KINDS = ("", *sorted(TOKEN.groupindex, key=lambda kind: TOKEN.groupindex[kind]))
 
 
 def decode(data: bytes, source: str) -> tuple[str, str]:
@@ -87,18 +93,20 @@ class Scanner:
     def _tokenize(self, most: int | None) -> None:
         make, append = partial(tuple.__new__, Token), self.tokens.append  # half the time of Token(…)
         for found in islice(TOKEN.finditer(self.text, 1 if self.text.startswith("\ufeff") else 0), most):
-            kind = found.lastgroup
-            assert kind is not None
-            word, end = found[kind], found.end()
-            if kind == "symbol" or kind == "number":
-                append(make((kind, word, end - len(word), end)))
-            elif kind == "name":
-                append(make((kind, word.lower(), end - len(word), end)))
-            elif kind == "comment":
+            k, end = found.lastindex, found.end()
+            assert k is not None
+            word = found[k]
+            if k == _LIST:
+                append(make(("list", "[", end - len(word), end)))
+            elif k < _NAME:
+                append(make((_KINDS[k], word, end - len(word), end)))
+            elif k == _NAME:
+                append(make(("name", word.lower(), end - len(word), end)))
+            elif _KINDS[k] == "comment":
                 self.comments.append(word)
-            elif kind == "other":
+            elif _KINDS[k] == "other":
                 what = "the string is not closed in its line" if word == '"' else f"unexpected character {word!r}"
                 raise self.error(end - 1, what)
             else:
-                append(make((kind, word, end - len(word), end)))
+                append(make((_KINDS[k], word, end - len(word), end)))
         append(Token("end", "", len(self.text), len(self.text)))

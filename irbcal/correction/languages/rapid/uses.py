@@ -135,7 +135,7 @@ class Uses:
         if len(arg.indices) != len(data.sizes):
             message = f"{data.spelling} has {len(data.sizes)} indices, but {arg.text} has {len(arg.indices)}"
             raise reader.error(arg.start, message)
-        found = [literal for index, literal in data.entries if may_be(index, arg.indices)]
+        found = data.literals(arg.indices)
         changes = sorted(position for index, position in data.changes if may_be(index, arg.indices))
         if changes:
             return found, f"{arg.text} is computed or changed in line {reader.line(changes[0])}"
@@ -163,9 +163,8 @@ class Uses:
         """Note for each literal where its variable is used in another way than as the target of a move."""
         for scope, name, index, start in self.reader.mentions:
             data = self.reader.lookup(scope, name)
-            for at, literal in data.entries if data is not None else ():
-                if may_be(at, index):
-                    literal.mentioned.append(start)
+            for literal in data.literals(index) if data is not None else ():
+                literal.mentioned.append(start)
 
     def _conclude(self, literal: Literal) -> None:
         """Put together what speaks against changing a literal."""

@@ -75,12 +75,12 @@ class TableProgram:
 
     def goals(self) -> list[Goals]:
         """All rows."""
-        names = tuple(f"row {row}" for row in self.rows)
+        names = tuple(f"row {row}" for row in self.rows.tolist())
         return [Goals(self.kind, np.arange(len(names)), names, self.rows, self.values)]
 
     def stops(self) -> list[Stop]:
         """A row a stop, in the order of the file."""
-        return [Stop(int(row), k, k - 1 if k else None) for k, row in enumerate(self.rows)]
+        return [Stop(row, k, k - 1 if k else None) for k, row in enumerate(self.rows.tolist())]
 
     def refused(self, goals: Goals, fake: Corrected) -> list[str]:
         """Everything can be written into a table."""

@@ -21,6 +21,7 @@ from irbcal.correction.languages.table.program import MARK, TableProgram
 from irbcal.correction.notation import QUATERNION_TOLERANCE, poses_from_numbers
 from irbcal.correction.program import Given, Kind, read_bytes
 from irbcal.errors import MeasurementError, OptionError, ProgramError
+from irbcal.measurement import plain_csv
 from irbcal.measurement.columns import (
     JOINTS,
     POSITION,
@@ -87,7 +88,7 @@ def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) 
         If it does not keep the format.
     """
     try:
-        table = parse_csv(data, source)
+        table = parse_csv(data, source, typed=lambda name: False)
         kind, columns = _kind(list(table.columns), source, joints)
         if table.empty:
             raise ProgramError("the file has a header but no rows", file=source)
@@ -156,6 +157,9 @@ def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Kin
 
 def _column(table: pd.DataFrame, name: str, source: str) -> FloatArray:
     """Numbers of a column; what is not a plain number is refused by the reader of measurements, in its words."""
+    values = plain_csv.floats(table[name])
+    if values is not None and np.isfinite(values).all():
+        return values
     cells = table[name].to_numpy(dtype=object)
     text = "".join(cells)
     if text.isascii() and "_" not in text:  # float() would take 1_0, and digits of other scripts
