@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,9 +20,9 @@ SHOWN = 10
 
 def _show_preset(name: str | None) -> None:
     if name is not None:
-        from irbcal.measurement.imports import map_file
+        from irbcal.measurement.imports import feature_rows, map_file
 
-        print(map_file.preset_text(name), end="")
+        print(feature_rows.TEXT if name == feature_rows.NAME else map_file.preset_text(name), end="")
         raise typer.Exit
 
 
@@ -85,26 +86,55 @@ def import_files(
     irbcal import wide.csv --as table --set 'columns.joints=[J1, J2, J3, J4, J5, J6]' --set units.joints=deg
     --set 'columns.position={smr1: [X1, Y1, Z1], smr2: [X2, Y2, Z2]}' --set units.lengths=mm --out measured.csv
 
+    features: rows at balls, planes, strings ..., as calibrate --features takes them --
+    irbcal import strings.csv --as features --set 'columns.joints=[J1, J2, J3, J4, J5, J6]' --set units.joints=deg
+    --set 'columns.values={string 1: L1, string 2: L2}' --set units.lengths=mm --out rows.csv
+
     irbcal: its own format, to be read otherwise --
     irbcal import measured.csv --as irbcal --set 'joints.signs=[1, 1, -1, 1, 1, 1]' --out mended.csv
 
     Try any of them with --dry-run first.
     """
-    from irbcal.errors import OptionError
-    from irbcal.measurement.imports.reader import import_measurements
+    from irbcal.measurement.imports.feature_rows import is_of_features
 
     if out is None and not dry_run:
         raise typer.BadParameter("expected a file to write to, or --dry-run", param_hint="--out")
+    understand = _features if is_of_features(as_) else _points
+    understand(sources, as_, out, joints, set_ or (), dry_run, json)
+    if dry_run and not json:
+        show.say("Nothing was written: this was a dry run")
+
+
+def _points(
+    sources: list[Path], as_: str, out: Path | None, joints: Path | None, set_: Sequence[str], dry_run: bool, json: bool
+) -> None:
+    """Understand points, write, tell."""
+    from irbcal.errors import OptionError
+    from irbcal.measurement.imports.reader import import_measurements
+
     try:
-        found = import_measurements(*sources, as_=as_, out=out, joints=joints, set_=set_ or (), dry_run=dry_run)
+        found = import_measurements(*sources, as_=as_, out=out, joints=joints, set_=set_, dry_run=dry_run)
     except OptionError as error:
         raise typer.BadParameter(str(error), param_hint=f"--{error.parameter}") from None
     if json:
         show.print_json(_summary(found, dry_run))
-        return
-    show.tell(found.told())
-    if dry_run:
-        show.say("Nothing was written: this was a dry run")
+    else:
+        show.tell(found.told())
+
+
+def _features(
+    sources: list[Path], as_: str, out: Path | None, joints: Path | None, set_: Sequence[str], dry_run: bool, json: bool
+) -> None:
+    """Understand rows at features, write, tell."""
+    from irbcal.measurement.imports.feature_rows import import_features
+
+    if joints is not None:
+        raise typer.BadParameter("rows at features have their joints beside them", param_hint="--joints")
+    found = import_features(*sources, as_=as_, out=out, set_=set_, dry_run=dry_run)
+    if json:
+        show.print_json(found.to_dict())
+    else:
+        show.tell(found.told())
 
 
 def _summary(found: Imported, dry_run: bool) -> dict[str, Any]:

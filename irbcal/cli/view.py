@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from irbcal.cli.shared_options import BaseLink, RefitBase, TipLink
+from irbcal.cli.shared_options import BaseLink, RefitBase, RefitTool, TipLink
 
 
 def view(
@@ -35,6 +35,7 @@ def view(
         typer.Option(help="Folder in which package:// names of meshes are looked up; repeatable.", show_default=False),
     ] = None,
     refit_base: RefitBase = False,
+    refit_tool: RefitTool = False,
     base_link: BaseLink = None,
     tip_link: TipLink = None,
     port: Annotated[
@@ -55,6 +56,7 @@ def view(
         magnify=magnify,
         package_dir=package_dir or (),
         refit_base=refit_base,
+        refit_tool=refit_tool,
         base_link=base_link,
         tip_link=tip_link,
     )

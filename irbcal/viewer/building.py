@@ -22,6 +22,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.thesis_setup import IRB1600_CUBE, IRB1600_P1
 from irbcal.units import MM
+from irbcal.validation.refit import Refit
 from irbcal.viewer import features as feature_views
 from irbcal.viewer import points as point_sets
 from irbcal.viewer import robot as looks
@@ -48,6 +49,7 @@ def build(
     package_dir: str | Path | Sequence[str | Path] = (),
     cube: CubeLike | None = None,
     refit_base: bool = False,
+    refit_tool: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> Scene:
@@ -66,9 +68,12 @@ def build(
         measurements, plan = None, table
     _check_request(opened, measurements is not None, plan is not None)
     urdf, shadow = _documents(opened)
-    if rows and refit_base:
-        raise OptionError("rows at features do not place the base: leave refit_base out", parameter="refit_base")
-    shown = _at_features(opened, table) if rows else _shown(opened, measurements, plan, refit_base)
+    for name, asked in (("refit_base", refit_base), ("refit_tool", refit_tool)):
+        if rows and asked:
+            what = name.removeprefix("refit_")
+            raise OptionError(f"rows at features do not place the {what}: leave {name} out", parameter=name)
+    refit = Refit(refit_base, refit_tool)
+    shown = _at_features(opened, table) if rows else _shown(opened, measurements, plan, refit)
     points, T_scene_world = shown.points, frames.inverse(shown.robot.T_world_base)
     tree = links(urdf)
     ghost = None
@@ -111,7 +116,7 @@ def build(
             for name, error in each.items()
         },
         fitted=shown.fitted,
-        features=() if section is None else feature_views.shown(section, size),
+        features=() if section is None else feature_views.shown(section, size, T_scene_world),
         at_features=rows,
     )
 
@@ -172,13 +177,13 @@ class _Shown:
     fitted: BoolArray | None = None
 
 
-def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike | None, refit_base: bool) -> _Shown:
+def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike | None, refit: Refit) -> _Shown:
     """Poses and points: measured ones, those of a plan, or none (the joints have sliders)."""
     model = opened.robot
     ghost = None if opened.record is None else opened.record.robot_nominal()
     simulated = opened.record is not None and opened.record.simulated
     if measurements is not None and opened.record is not None:
-        there = point_sets.registered(opened.record, measurements, refit_base)
+        there = point_sets.registered(opened.record, measurements, refit)
         found, model, ghost = there.points, there.calibrated, there.nominal
         points = point_sets.measured_points(model, ghost, found, frames.inverse(model.T_world_base))
         return _Shown(

@@ -43,8 +43,12 @@ WORDS: Mapping[str, str] = {
     "offset-on-tool": "ball",
     "image": "camera",
     "image-on-tool": "board",
+    "angle": "level",
 }
-"""What is drawn of a kind, as its label says; what is level (``angle``) has no place."""
+"""What is drawn of a kind, as its label says; what is level stands where the tool was on average."""
+
+FRAME = "frame"
+"""The frame in which a device measured whole poses: rows of kind ``pose`` have no feature."""
 
 BALL, SOCKET, FLAT, LENGTH = (
     np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
@@ -77,14 +81,16 @@ class ShownFeature:
         lock(self)
 
 
-def shown(section: FeaturesSection, reach: float) -> tuple[ShownFeature, ...]:
-    """Features and known lengths of a calibration, in its base link.
+def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | None = None) -> tuple[ShownFeature, ...]:
+    """Features, known lengths and, where whole poses were measured, the frame of a calibration, in its base link.
 
     Parameters
     ----------
     section : FeaturesSection
     reach : float
         Scale of the robot, metres: sizes that nothing tells are parts of it.
+    T_base_world : ndarray, shape (4, 4), optional
+        The measuring frame.
     """
     out = []
     small = float(np.clip(0.008 * reach, 0.005, 0.014))
@@ -100,6 +106,8 @@ def shown(section: FeaturesSection, reach: float) -> tuple[ShownFeature, ...]:
             edges *= float(row.imaging["square_mm"]) * MM
             T = T @ frames.transform(None, np.r_[0.5 * edges, 0.0])
             size = float(edges.mean()) / 2
+        elif row.kind == "angle":
+            size = 0.04 * reach
         elif row.kind in ("plane", "gauge", "line"):
             size = float(
                 np.clip(1.5 * row.spread_mm * MM, 0.05 * reach, (0.25 if row.kind == "plane" else 0.5) * reach)
@@ -113,6 +121,8 @@ def shown(section: FeaturesSection, reach: float) -> tuple[ShownFeature, ...]:
             size = float(np.linalg.norm(way)) / 2
             T = frames.transform(with_third(way / (2 * size)) if size else None, (ends[0] + ends[1]) / 2)
             out.append(ShownFeature(length.name, DISTANCE, f"{length.length_mm:.10g} mm", T, size))
+    if "pose" in section.kinds and T_base_world is not None:
+        out.append(ShownFeature("measuring frame", FRAME, "measuring frame of the poses", T_base_world, 0.08 * reach))
     return tuple(out)
 
 
@@ -130,7 +140,7 @@ def _placed(row: FeatureRow) -> FloatArray | None:
         n = own["normal"][:, 2]
         foot = middle if row.kind == "gauge" and row.middle_mm else middle + n * (own["height"][0] - n @ middle)
         return frames.transform(own["normal"], foot)
-    return None
+    return frames.transform(own["up"], middle) if "up" in own and row.middle_mm else None
 
 
 def _unknowns(row: FeatureRow) -> dict[str, FloatArray]:
@@ -172,6 +182,15 @@ def bodies(features: tuple[ShownFeature, ...], reach: float) -> tuple[list[Any],
             patch = shapes.box([2 * size, 2 * size, 0.6 * thin])
             glass.append((patch @ T[:3, :3].T + T[:3, 3], FLAT))
             solid.append((shapes.rod(T[:3, 3], T[:3, 3] + 0.2 * size * T[:3, 2], 0.6 * thin), FLAT))
+        elif one.kind == "angle":  # what is level, and upwards
+            disc = shapes.cone(size, size, -0.3 * thin, 0.3 * thin)
+            glass.append((disc @ T[:3, :3].T + T[:3, 3], FLAT))
+            solid.append((shapes.rod(T[:3, 3], T[:3, 3] + size * T[:3, 2], 0.6 * thin), SOCKET))
+        elif one.kind == FRAME:
+            colours = (BALL, FLAT, LENGTH)
+            solid += [
+                (shapes.rod(T[:3, 3], T[:3, 3] + size * T[:3, k], thin), colour) for k, colour in enumerate(colours)
+            ]
         elif one.kind == "gauge":
             parts.append((shapes.rod(T[:3, 3] - T[:3, 2] * size, T[:3, 3], thin), SOCKET))
         else:

@@ -38,6 +38,9 @@ PlanLike: TypeAlias = "str | Path | pd.DataFrame | ArrayLike"
 """Joints to walk through: a table in degrees (and mm), or an array in radians (and metres)."""
 
 
+NO_REFIT = Refit()
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Registered:
     """Measurements in a calibration's frame.
@@ -63,21 +66,21 @@ class Registered:
         lock(self)
 
 
-def registered(calibration: Record, measurements: MeasurementsLike, refit_base: bool = False) -> Registered:
+def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit = NO_REFIT) -> Registered:
     """Measurements in the calibration's frame, cleaned as `irbcal.evaluate` does.
 
     Parameters
     ----------
     calibration : Record
     measurements : str, Path, DataFrame or MeasurementSet
-    refit_base : bool
-        Place the base anew, see `irbcal.evaluate`.
+    refit : Refit
+        What is placed anew, see `irbcal.evaluate`.
 
     Returns
     -------
     Registered
     """
-    ready, robots = in_frame_of_calibration(calibration, measurements, Refit(refit_base))
+    ready, robots = in_frame_of_calibration(calibration, measurements, refit)
     seen, notes = ready.measurements, list(ready.notes)
     if ready.excluded:
         count = len(ready.excluded)

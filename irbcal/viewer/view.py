@@ -45,6 +45,7 @@ def view(
     package_dir: str | Path | Sequence[str | Path] = (),
     cube: tuple[ArrayLike, float] | None = None,
     refit_base: bool = False,
+    refit_tool: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
 ) -> View:
@@ -67,6 +68,9 @@ def view(
         ISO 9283 cube: centre in the base link and edge, metres. By default that of the IRB 1600, for it only.
     refit_base : bool
         Place the base anew on the measurements (tracker or robot was moved).
+    refit_tool : bool
+        Place the targets anew (reflectors were mounted anew, or a calibration without a tracker has none): on half of
+        the poses, the others are shown.
     base_link, tip_link : str, optional
         Link names, for a URDF; see `irbcal.read_urdf`.
 
@@ -101,6 +105,7 @@ def view(
             package_dir=package_dir,
             cube=cube,
             refit_base=refit_base,
+            refit_tool=refit_tool,
             base_link=base_link,
             tip_link=tip_link,
         )

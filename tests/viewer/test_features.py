@@ -10,7 +10,7 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.charts import inline
 from irbcal.modeling import frames
 from irbcal.units import MM
-from irbcal.viewer import building, page
+from irbcal.viewer import building, features, page
 
 TURN = frames.rotation_from_vector(np.array([0.2, -0.3, 0.4]))
 AT = np.array([0.85, 0.2, 0.5])
@@ -112,3 +112,35 @@ def test_figures_of_such_a_calibration_do_not_speak_of_position_errors(touched):
         words = " ".join([figure.caption, *map(str, map(inline, figure.drawings))]).lower()
         assert "distance from feature" in words
         assert "position error" not in words
+
+
+def test_a_level_and_the_frame_of_whole_poses_have_bodies():
+    """SIMULATED rows of an inclinometer and of whole poses, with the truth that made them."""
+    table, known = cases.rows("angle", cases.arm(), 30, 4)
+    whole, _ = cases.rows("pose", cases.arm(), 30, 5)
+    table = pd.concat([table, whole], ignore_index=True).astype(object)
+    found = irbcal.calibrate(
+        table.where(table.notna(), "").assign(simulated="yes"), "irb1600", features=known, leave_out="none"
+    )
+    drawn = {one.name: one for one in building.build(found).features}
+    assert set(drawn) == {"angle 0", "measuring frame"}
+    up = frames.rotation_from_vector(np.array([0.01, -0.02, 0.0]))[:, 2]
+    assert np.abs(drawn["angle 0"].T_scene[:3, 2] - up).max() < 1e-4
+    assert np.abs(drawn["measuring frame"].T_scene - frames.inverse(cases.world())).max() < 1e-3
+    solid, glass = features.bodies(tuple(drawn.values()), 1.5)
+    assert (len(solid), len(glass)) == (4, 1)
+    assert all(np.isfinite(body).all() for body, _ in (*solid, *glass))
+
+
+def test_a_tracker_looks_at_a_calibration_without_one(touched):
+    """SIMULATED points of another reflector in a frame of its own: base and tool are placed anew, half are shown."""
+    found, _ = touched
+    q = cases.arm().random_joints(40, 6) * 0.6
+    p, _ = cases.tip(cases.arm(), q, np.array([0.0, 0.05, 0.2]))
+    T = cases.world()
+    table = pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)])
+    xyz = (p @ T[:3, :3].T + T[:3, 3]) / MM
+    table = table.assign(pose=range(40), target="ball", x_mm=xyz[:, 0], y_mm=xyz[:, 1], z_mm=xyz[:, 2], simulated="yes")
+    scene = building.build(found, table, refit_base=True, refit_tool=True)
+    assert len(scene.q) == 20
+    assert scene.points.distance("calibrated").max() < 2e-4

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -20,6 +20,8 @@ from irbcal.reading import read_bytes
 PRESETS = Path(__file__).parent / "presets"
 LARGEST_MAP = 64 * 1024
 """Bytes of a map file."""
+
+Map = TypeVar("Map", bound=BaseModel)
 
 Changes: TypeAlias = Mapping[str, Any] | Sequence[str]
 """Changes of a map: ``{"units.lengths": "mm"}`` or ``["units.lengths=mm"]``."""
@@ -85,11 +87,22 @@ def read_map(name: str | PathLike[str], changes: Changes = ()) -> ImportMap:
     MeasurementError
         If there is no such map or it is not one; the sentence names the file and the key.
     """
+    values, source = values_of(name, changes)
+    return validated(ImportMap, values, source)
+
+
+def values_of(name: str | PathLike[str], changes: Changes = ()) -> tuple[dict[str, Any], str]:
+    """What a preset or map file says, changed, and its name for messages; parameters and errors as `read_map`."""
     source = str(name)
     if source in presets() or (Path(source).suffix.lower() not in (".yaml", ".yml") and not Path(source).is_file()):
         text, source = preset_text(source), f"preset {source}"
     else:
         text = _read_text(source)
+    return changed(text, source, changes), source
+
+
+def changed(text: str, source: str, changes: Changes) -> dict[str, Any]:
+    """A map in YAML as keys and values, with changes; errors as `read_map`."""
     values = _yaml(text, source)
     if not isinstance(values, dict):
         raise MeasurementError(f"expected keys and values such as 'columns:', found {_short(values)}", file=source)
@@ -99,10 +112,15 @@ def read_map(name: str | PathLike[str], changes: Changes = ()) -> ImportMap:
     else:
         for change in changes:
             _change(values, change)
+    return values
+
+
+def validated(model: type[Map], values: Mapping[str, Any], source: str) -> Map:
+    """Keys and values as a map of a kind; errors as `read_map`."""
     try:
-        return ImportMap.model_validate(values)
+        return model.model_validate(values)
     except ValidationError as error:
-        raise MeasurementError(_sentence(error), file=source) from None
+        raise MeasurementError(_sentence(error, model), file=source) from None
 
 
 def _read_text(source: str) -> str:
@@ -150,14 +168,14 @@ def _put(values: dict[str, Any], steps: Sequence[str], value: Any, change: str) 
     values[steps[-1]] = value
 
 
-def _sentence(error: ValidationError) -> str:
+def _sentence(error: ValidationError, model: type[BaseModel]) -> str:
     """The first fault in a map, with its place."""
     fault = min(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
     place = [str(step) for step in fault["loc"] if not re.search(r"[\[(]|^(str|int|list|dict|literal)$", str(step))]
     key = ".".join(map(_plain, place)) or "the map"
     if fault["type"] == "extra_forbidden":
         key, place = str(fault["loc"][-1]), [str(step) for step in fault["loc"][:-1]]
-        known = _keys(place)
+        known = _keys(place, model)
         near = difflib.get_close_matches(key, known, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}" if known else "it is unknown"
         return f"{'.'.join([*place, _plain(key)])}: there is no such key; {hint}"
@@ -176,9 +194,8 @@ def _plain(text: str) -> str:
     return _short(text) if len(text) > 40 or not text.isprintable() else text
 
 
-def _keys(place: Sequence[str]) -> list[str]:
+def _keys(place: Sequence[str], model: type[BaseModel]) -> list[str]:
     """Keys that a part of the map may have."""
-    model: type[BaseModel] = ImportMap
     for step in place:
         inner = model.model_fields.get(step)
         kinds = [] if inner is None else [inner.annotation, *getattr(inner.annotation, "__args__", ())]

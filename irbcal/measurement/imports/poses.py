@@ -7,7 +7,7 @@ import pandas as pd
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import joint_columns, programmed_columns
-from irbcal.measurement.imports.column_map import ImportMap
+from irbcal.measurement.imports.column_map import ImportMap, JointRules
 from irbcal.measurement.imports.dialect import short
 from irbcal.measurement.imports.part import ROW, SOURCE
 
@@ -39,7 +39,12 @@ def together(frame: pd.DataFrame) -> pd.DataFrame:
 
 def apply_joint_rules(frame: pd.DataFrame, import_map: ImportMap) -> None:
     """Readings to irbcal's joints, in place."""
-    rules, columns = import_map.joints, joint_columns(frame.columns)
+    joint_rules_applied(frame, import_map.joints)
+
+
+def joint_rules_applied(frame: pd.DataFrame, rules: JointRules) -> pd.DataFrame:
+    """The same table, with readings as irbcal's joints."""
+    columns = joint_columns(frame.columns)
     n = len(columns)
     for key, given in (("signs", rules.signs), ("offsets_deg", rules.offsets_deg)):
         if given is not None and len(given) != n:
@@ -47,7 +52,7 @@ def apply_joint_rules(frame: pd.DataFrame, import_map: ImportMap) -> None:
                 f"the map: joints.{key}: expected {n} numbers, one for each joint, found {len(given)}"
             )
     if rules.signs is None and rules.offsets_deg is None and not rules.add:
-        return
+        return frame
     matrix = np.eye(n)
     for to, of in rules.add.items():
         if not (1 <= to <= n and 1 <= abs(of) <= n and to != abs(of)):
@@ -61,6 +66,7 @@ def apply_joint_rules(frame: pd.DataFrame, import_map: ImportMap) -> None:
     for names in (columns, programmed_columns(frame.columns, frame[SOURCE].iloc[0])):
         if names:
             frame[names] = (frame[names].to_numpy() @ matrix.T) * signs + offsets
+    return frame
 
 
 def check_one_pose_one_joints(frame: pd.DataFrame) -> None:

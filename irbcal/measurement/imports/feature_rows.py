@@ -1,0 +1,319 @@
+"""Import of rows at features: other programs' tables, understood by a map, as `irbcal.measurement.features` reads them.
+
+No maker's format of a ballbar, string encoder or probe is documented that holds the robot's joints beside the values;
+so this is the general one: any table with a header or numbered columns, a row for each contact or reading, or a row for
+each pose with the values of several features beside one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from irbcal.arrays import BoolArray
+from irbcal.atomic import write_together
+from irbcal.errors import OptionError
+from irbcal.measurement.imports import dialect, map_file
+from irbcal.measurement.imports.column_map import Column, Dialect, JointRules, Lost, Name, Three, Units
+from irbcal.measurement.imports.dialect import TextTable
+from irbcal.measurement.imports.imported import refuse_sources
+from irbcal.measurement.imports.map_file import Changes
+from irbcal.measurement.imports.part import ALWAYS_LOST, ANGLE_DEG, LENGTH_MM, ROW, SOURCE, joint_values, undeclared
+from irbcal.measurement.imports.poses import joint_rules_applied
+from irbcal.names import without_formulas
+from irbcal.summary import Speaks, Told
+
+NAME = "features"
+"""What ``irbcal import --as`` calls it."""
+
+TEXT = """\
+about: >-
+  Rows at features (balls, sockets, planes, strings, ballbars, inclinometers) of any table, for irbcal calibrate
+  --features.
+# Example: joints and three string encoders in a row, in millimetres
+#   J1;J2;J3;J4;J5;J6;L1;L2;L3
+#   irbcal import strings.csv --as features --set 'columns.joints=[J1, J2, J3, J4, J5, J6]' --set units.joints=deg
+#     --set 'columns.values={string 1: L1, string 2: L2, string 3: L3}' --set units.lengths=mm --out rows.csv
+#
+# Example: contacts, the ball's name in a column
+#   irbcal import contacts.txt --as features --set 'columns.joints=[1, 2, 3, 4, 5, 6]' --set units.joints=rad
+#     --set columns.feature=7 --set file.header=false --out rows.csv
+#
+# This is not a maker's format: all of it is up to who wrote the table.
+rows: features
+file: {delimiter: auto, decimal: auto}
+columns: {}                         # joints, and feature or values
+units: {}                           # joints: deg, lengths: mm, angles: deg
+values: length                      # or angle, of an inclinometer
+"""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class RowColumns(_Model):
+    """Columns by name, or by number from 1 (from -1 backwards).
+
+    ``values`` are columns of several features that share a row; else ``feature`` (unless ``keep`` hands on columns that
+    name it together, such as place and socket) and, for kinds that have one, ``value``. ``position`` is what a sensor
+    or tracker saw. ``keep`` hands columns on under new names.
+    """
+
+    joints: Annotated[list[Column], Field(min_length=1, max_length=20)]
+    programmed: Annotated[list[Column], Field(min_length=1, max_length=20)] | None = None
+    pose: Column | None = None
+    feature: Column | None = None
+    target: Column | None = None
+    kind: Column | None = None
+    value: Column | None = None
+    values: Annotated[dict[Name, Column], Field(max_length=50)] = {}
+    position: Three | None = None
+    u95: Column | None = None
+    payload: Column | None = None
+    keep: Annotated[dict[Name, Column], Field(max_length=50)] = {}
+
+
+class FixedRow(_Model):
+    """Values that the file does not hold."""
+
+    feature: Name | None = None
+    kind: Name | None = None
+    target: Name | None = None
+    payload_kg: Annotated[float, Field(ge=0)] | None = None
+    u95_mm: Annotated[float, Field(gt=0)] | None = None
+
+
+class FeatureMap(_Model):
+    """All that is to be known about a table of rows at features; parts as in `ImportMap`."""
+
+    about: str = ""
+    rows: Literal["features"]
+    file: Dialect = Dialect()
+    columns: RowColumns
+    units: Units = Units()
+    values: Literal["length", "angle"] = "length"
+    joints: JointRules = JointRules()
+    lost: Lost = Lost()
+    fixed: FixedRow = FixedRow()
+
+    @model_validator(mode="after")
+    def _one_way_of_values(self) -> FeatureMap:
+        columns = self.columns
+        if columns.values and (columns.value is not None or columns.feature is not None):
+            raise ValueError("columns.values: expected no columns.feature and columns.value beside it")
+        if columns.programmed and len(columns.programmed) != len(columns.joints):
+            raise ValueError(
+                f"columns.programmed: expected a column for each of the {len(columns.joints)} joints, found "
+                f"{len(columns.programmed)}"
+            )
+        return self
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ImportedRows(Speaks):
+    """What was understood.
+
+    Attributes
+    ----------
+    table : DataFrame
+        The first file of ``irbcal calibrate --features``, degrees and millimetres.
+    lost : int
+        Readings of features that were not there: their rows are left out.
+    map : FeatureMap
+    out : Path or None
+    """
+
+    table: pd.DataFrame
+    lost: int
+    map: FeatureMap
+    out: Path | None = None
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Rows of each feature, where a column names it."""
+        return {} if "feature" not in self.table else dict(self.table["feature"].value_counts(sort=False).items())
+
+    def csv(self) -> bytes:
+        """The file as bytes."""
+        own = self.table.copy()
+        numbers = own.select_dtypes("number").columns
+        own[numbers] = own[numbers].round(9) + 0.0
+        return bytes(without_formulas(own).to_csv(index=False, lineterminator="\n").encode("utf-8"))
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table."""
+        return self.table
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "out": str(self.out) if self.out else None,
+            "rows": len(self.table),
+            "poses": int(self.table["pose"].nunique()),
+            "features": self.counts,
+            "lost": self.lost,
+            "map": self.map.model_dump(exclude_defaults=True),
+        }
+
+    def told(self) -> Sequence[Told]:
+        """Counts; what was not written yet is shown."""
+        names = ", ".join(f"{name} {count}" for name, count in self.counts.items())
+        poses = self.table["pose"].nunique()
+        told = [f"{len(self.table)} rows in {poses} poses, {self.lost} lost readings" + (f"; {names}" if names else "")]
+        if self.out is not None:
+            return [*told, f"Written to {self.out}"]
+        return [*told, *self.csv().decode().splitlines()[:6]]
+
+
+def is_of_features(name: str | PathLike[str]) -> bool:
+    """Whether a map is one of rows at features: the general one by its name, or a file that says so."""
+    if str(name) == NAME:
+        return True
+    return Path(name).is_file() and map_file.values_of(name)[0].get("rows") == NAME
+
+
+def import_features(
+    *sources: str | PathLike[str],
+    as_: str | PathLike[str] | FeatureMap = NAME,
+    out: str | PathLike[str] | None = None,
+    set_: Changes = (),
+    dry_run: bool = False,
+) -> ImportedRows:
+    """Turn tables of other programs into rows at features: ``irbcal import --as features`` as a function.
+
+    Parameters
+    ----------
+    *sources : str or Path
+        Files of one kind.
+    as_ : str, Path or FeatureMap
+        ``features``, a map file (YAML) with ``rows: features``, or a map.
+    out : str or Path, optional
+        File to write (CSV), whole or not at all.
+    set_ : dict, or sequence of str
+        Changes of the map, such as ``{"units.lengths": "mm"}``.
+    dry_run : bool
+        Write nothing, even with ``out``.
+
+    Returns
+    -------
+    ImportedRows
+
+    Raises
+    ------
+    MeasurementError
+        If a file does not fit the map; the sentence names file, row, column, what was expected and what was found.
+    OptionError
+        If there is no source, or ``set_`` is to change a `FeatureMap`.
+    """
+    if not sources:
+        raise OptionError("sources: expected one file or more, found none", parameter="sources")
+    if isinstance(as_, FeatureMap):
+        if set_:
+            raise OptionError("set_: expected no changes beside a FeatureMap: change the map itself", parameter="set_")
+        wanted = as_
+    else:
+        source = f"preset {NAME}" if str(as_) == NAME else str(as_)
+        values = map_file.changed(TEXT, source, set_) if str(as_) == NAME else map_file.values_of(as_, set_)[0]
+        wanted = map_file.validated(FeatureMap, values, source)
+    if out is not None:
+        refuse_sources(Path(out), sources)
+    parts, lost, poses = [], 0, 0
+    for path in sources:
+        frame, gone, count = _understood(dialect.read(path, wanted.file, _markers(wanted)), wanted, poses)
+        parts.append(frame)
+        lost, poses = lost + gone, poses + count
+    found = ImportedRows(pd.concat(parts, ignore_index=True).drop(columns=[SOURCE, ROW]), lost, wanted)
+    if out is None or dry_run:
+        return found
+    out = Path(out)
+    write_together(out.parent, {out.name: found.csv()})
+    return replace(found, out=out)
+
+
+def _markers(wanted: FeatureMap) -> list[str]:
+    return [str(marker).strip().lower() for marker in wanted.lost.markers]
+
+
+def _understood(text: TextTable, wanted: FeatureMap, before: int) -> tuple[pd.DataFrame, int, int]:
+    """Rows of one file, how many readings are lost, and its poses."""
+    columns, units = wanted.columns, wanted.units
+    if units.joints is None:
+        undeclared(
+            text.source, "the unit of the joints", "units.joints=deg", "rad, or a list with a unit for each joint"
+        )
+    joints = [text.find(name, f"joint {k}") for k, name in enumerate(columns.joints, 1)]
+    asked = [text.find(name, f"programmed joint {k}") for k, name in enumerate(columns.programmed or (), 1)]
+    readings = {name: text.find(column, f"the value of {name}") for name, column in columns.values.items()}
+    single = {} if columns.value is None else {"": text.find(columns.value, "the value")}
+    position = [text.find(name, "the position") for name in columns.position or ()]
+    numeric = [*joints, *asked, *readings.values(), *single.values(), *position]
+    text = text.with_decimal(numeric)
+    count = len(text.cells)
+    shared: dict[str, Any] = {SOURCE: text.source, ROW: text.lines, "pose": (np.arange(count) + before + 1).astype(str)}
+    shared |= joint_values(text, joints, units.joints)
+    shared |= joint_values(text, asked, units.joints, "c") if asked else {}
+    shared |= _beside(text, wanted)
+    if position:
+        factor = _length(wanted, text.source)
+        for axis, k in zip("xyz", position, strict=True):
+            shared[f"{axis}_mm"] = text.numbers(k, "a position or nothing", _gone(text, k, wanted)) * factor
+    frame = joint_rules_applied(pd.DataFrame(shared, index=range(count)), wanted.joints)
+    frames, lost = [], 0
+    places: dict[str, int | None] = {**(readings or single)} or {"": None}
+    for name, place in places.items():
+        own = frame if not name else frame.assign(feature=name)
+        if place is not None:
+            gone = _gone(text, place, wanted)
+            column, factor = _value(wanted, text.source)
+            own = own.assign(**{column: text.numbers(place, "a value or nothing", gone) * factor})[~gone]
+            lost += int(gone.sum())
+        frames.append(own)
+    rows = pd.concat(frames).sort_index(kind="stable")
+    first = ["pose", *(name for name in rows.columns if name[0] in "qc" and name.endswith(("_deg", "_mm")))]
+    first += [name for name in ("target", "feature", "kind", "value_mm", "value_deg") if name in rows.columns]
+    return rows[[*first, *(name for name in rows.columns if name not in first)]], lost, count
+
+
+def _beside(text: TextTable, wanted: FeatureMap) -> dict[str, Any]:
+    """Columns beside joints and readings, and values that the file does not hold."""
+    columns, out = wanted.columns, dict[str, Any]()
+    for name in ("pose", "target", "kind", "feature"):
+        column = getattr(columns, name)
+        if column is not None:
+            out[name] = text.text(text.find(column, f"the {name}")).to_numpy()
+    for new, column in columns.keep.items():
+        out[new] = text.text(text.find(column, new)).to_numpy()
+    for key, name in (("u95", "u95_mm"), ("payload", "payload_kg")):
+        column = getattr(columns, key)
+        if column is not None:
+            k = text.find(column, f"the {key}")
+            out[name] = text.numbers(k, "a number or nothing", _gone(text, k, wanted))
+    return out | {name: value for name, value in wanted.fixed.model_dump().items() if value is not None}
+
+
+def _gone(text: TextTable, k: int, wanted: FeatureMap) -> BoolArray:
+    """Cells of a column that hold no number."""
+    return text.is_one_of(k, [*ALWAYS_LOST, *_markers(wanted)])
+
+
+def _length(wanted: FeatureMap, source: str) -> float:
+    if wanted.units.lengths is None:
+        undeclared(source, "the unit of the lengths", "units.lengths=mm", "m or inch")
+    return LENGTH_MM[wanted.units.lengths]
+
+
+def _value(wanted: FeatureMap, source: str) -> tuple[str, float]:
+    """Column of the values, and its unit."""
+    if wanted.values == "length":
+        return "value_mm", _length(wanted, source)
+    if wanted.units.angles is None:
+        undeclared(source, "the unit of the angles", "units.angles=deg", "rad")
+    return "value_deg", ANGLE_DEG[wanted.units.angles]
