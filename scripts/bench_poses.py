@@ -44,7 +44,6 @@ def _written(file, lines):
 def krl(rows, joints, _, folder, __):
     """Straight moves to poses without S and T behind a stop at joints."""
 
-
     def aggregate(names, values):
         return "{" + ", ".join(f"{name} {value}" for name, value in zip(names, fixed(values), strict=True)) + "}"
 
