@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import dictionaries, shown
-from irbcal.identification.evidence import COMPARED, Prior, Progress, identify_evidence
+from irbcal.identification.evidence import COMPARED, Progress, identify_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
+from irbcal.identification.like_sisters import Prior
 from irbcal.identification.readings import Lag, lag
 from irbcal.identification.result import ParameterReport
 from irbcal.measurement.points import PointSet, distances

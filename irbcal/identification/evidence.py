@@ -9,17 +9,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
-from irbcal.identification import dictionaries, gear_scan, leave_one_out, linearisation, mackay, repeats, shown
+from irbcal.identification import (
+    dictionaries,
+    gear_scan,
+    leave_one_out,
+    like_sisters,
+    linearisation,
+    mackay,
+    repeats,
+    shown,
+)
 from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit, GearFound, GroupResult, Sisters
+from irbcal.identification.like_sisters import Prior
 from irbcal.identification.linearisation import Linearisation
-from irbcal.identification.mackay import Expected, Posterior
+from irbcal.identification.mackay import Posterior
 from irbcal.identification.shown import FamilyShown
 from irbcal.identification.sums import Sums
 from irbcal.measurement.motions import usual_load
@@ -45,25 +54,6 @@ LAG_FAMILIES = ("move",)
 readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
 
 Progress = Callable[[str], None]
-
-
-class Prior(Protocol):
-    """What `irbcal.identification.type_prior.TypePrior` says."""
-
-    @property
-    def type(self) -> str:
-        """Name of the nominal robot."""
-
-    @property
-    def sisters(self) -> Sequence[str]:
-        """Those that it is from."""
-
-    @property
-    def simulated(self) -> bool:
-        """Whether any of them is."""
-
-    def expected(self, terms: Sequence[Term]) -> Expected:
-        """Of terms, in their natural sizes."""
 
 
 def identify_evidence(
@@ -259,10 +249,13 @@ class _Work:
             others, their_shares, theirs = self._weighed(
                 dictionaries.with_sisters(self.superset, tau, self.prior.expected)
             )
-            weight = dictionaries.share(theirs - best)
-            self.sisters = Sisters(
-                self.prior.type, len(self.prior.sisters), self.prior.simulated, theirs - best, weight
-            )
+            top = max(others, key=lambda item: item.by_evidence.log_evidence)
+            part = self.sums.part(top.dictionary.columns(self.linear.flat))
+            alone = max(self.compared, key=lambda item: item.by_evidence.log_evidence).by_evidence
+            test = like_sisters.against(part, self.linear.flat, top.dictionary, top.by_evidence, alone.s2)
+            weight = dictionaries.share(theirs - best) if like_sisters.alike(*test) else 0.0
+            p = self.prior
+            self.sisters = Sisters(p.type, len(p.sisters), p.simulated, theirs - best, weight, *test)
             shares = np.concatenate([(1.0 - weight) * shares, weight * their_shares])
             shares[shares < dictionaries.LEAST_WEIGHT] = 0.0
             shares, self.compared = shares / shares.sum(), [*self.compared, *others]

@@ -129,6 +129,8 @@ class Sisters:
         Nats by which the best choice of terms with it has more evidence than the best one without.
     weight : float
         Of the choices with it.
+    chi2, directions : float, int
+        Whether the robot is like them, see `irbcal.identification.like_sisters`.
     """
 
     type: str
@@ -136,17 +138,23 @@ class Sisters:
     simulated: bool
     gain: float
     weight: float
+    chi2: float
+    directions: int
 
     def in_words(self) -> str:
         """A sentence."""
         kind = "SIMULATED" if self.simulated else "calibrated"
-        start = f"What {self.count} {kind} robots of type {self.type} show"
+        start = f"hat {self.count} {kind} robots of type {self.type} show"
+        test = f"chi-square {self.chi2:.0f} on {self.directions} directions"
         if self.weight >= 0.5:
-            return f"{start} was taken as a prior: the evidence is higher by {self.gain:.0f} nats with it."
-        return (
-            f"This robot stands out of its type: {start[0].lower()}{start[1:]} contradicts its measurements (as a "
-            f"prior it lowers the evidence by {-self.gain:.0f} nats) and was given the weight {self.weight:.2f}."
-        )
+            return (
+                f"W{start} was taken as a prior: this robot is like them ({test}), and the evidence is higher by "
+                f"{self.gain:.0f} nats with it."
+            )
+        if self.weight > 0.0:
+            return f"W{start} was taken as a prior with the weight {self.weight:.2f}: it hardly helps ({test})."
+        why = test if self.gain > 0.0 else f"{test}; the evidence would be lower by {-self.gain:.0f} nats"
+        return f"This robot stands out of its type: w{start} is not true of it ({why}). It was identified without."
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -248,6 +248,8 @@ def _fleet(random: Random) -> list[str]:
             ["fleet", "list", "--store", "@fleet.db", *json, *_some(random, ["--report", ">fleet.html"])],
             ["fleet", "drift", "a", "--store", "@fleet.db", *json],
             ["fleet", "export", "--store", "@fleet.db", "--out", ">parameters.csv"],
+            ["fleet", "prior", "--type", "irb1600_6_145", "--store", "@sisters.db", "--out", ">prior.json", *json],
+            ["calibrate", "@m.csv", "--robot", "irb1600", "--prior", "@prior.json", "--out", ">typed", *json],
         )
     )
 

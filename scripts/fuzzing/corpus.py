@@ -6,6 +6,7 @@ import ast
 import json
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,6 +17,8 @@ import irbcal
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages import known
 from irbcal.files import robots
+from irbcal.fleet.records import stored
+from irbcal.fleet.store import opened
 from irbcal.modeling import frames
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -180,6 +183,23 @@ def _fleet(folder: Path) -> None:
     ]
     _lines(folder / "fleet.csv", rows)
     irbcal.fleet_add([folder / "cal"], folder / "fleet.db", id="a", serial="1", date="2026-03-02")
+    for name, options in (("list", "model=16"), ("list2", "model=26")):
+        rows = [f"{robot},{robot},m.csv,irb1600,,{options}" for robot in ("a", "b")]
+        _lines(folder / f"{name}.csv", ["id,serial,measurements,robot,date,options", *rows])
+    _sisters(folder)
+
+
+def _sisters(folder: Path) -> None:
+    """A store of six robots of a type, and what to expect of a seventh: ``sisters.db``, ``prior.json``."""
+    one, rng = stored(folder / "cal"), np.random.default_rng(1)
+    assert one.terms is not None
+    with opened(folder / "sisters.db", create=True) as store:
+        for robot in "abcdef":
+            drawn = rng.multivariate_normal(one.terms.values, one.terms.covariance)
+            head = {**one.calibration, "robot": robot, "folder": robot}
+            about = {**one.robot, "id": robot, "serial": robot}
+            store.add(replace(one, robot=about, calibration=head, terms=replace(one.terms, values=drawn)))
+    irbcal.fleet_prior(one.robot["type"], folder / "prior.json", folder / "sisters.db")
 
 
 def _lines(path: Path, lines: list[str]) -> None:

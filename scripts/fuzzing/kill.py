@@ -30,7 +30,8 @@ class Writer:
     """A command that writes: how the old result is made, how the new one, and what they consist of.
 
     ``prepare`` is done in the folder before the old result is made, ``edit`` after it; of a command that writes several
-    sets of files one after the other, ``number`` is the one that is cut off.
+    sets of files one after the other, ``number`` is the one that is cut off. Without ``faults`` it is killed only:
+    a fleet takes a robot whose files cannot be written for one that failed, and goes on.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Writer:
     prepare: Callable[[Path], object] = lambda folder: None
     edit: Callable[[Path], object] = lambda folder: None
     number: int = 1
+    faults: bool = True
 
 
 def _calibration(folder: Path) -> object:
@@ -93,9 +95,37 @@ def _unfinished(folder: Path) -> None:
             stream.write("\n")
 
 
+def _prior(folder: Path) -> object:
+    from irbcal.files import prior_file
+
+    return prior_file.read(folder / "out" / "prior.json")
+
+
+def _fleet(folder: Path) -> object:
+    """What is marked as done is a calibration, and the same call does what is missing."""
+    import irbcal
+
+    copy = folder.parent / f"{folder.name}-again"
+    shutil.rmtree(copy, ignore_errors=True)
+    shutil.copytree(folder / "out", copy)
+    for mark in copy.glob("*/fleet.json"):
+        irbcal.load(mark.parent)
+    found = irbcal.fleet_calibrate(folder / "list2.csv", copy, jobs=1)
+    if found.failures or found.made + found.kept != 2:
+        raise ValueError(f"the same call then gives: {found.headline()}")
+    return irbcal.fleet_add(copy, copy / "fleet.db")
+
+
 BALLBAR = ("--bar", "150", "--tool", "0,65,149", "--joints", "10,0,0,0,90,0")
 
 STUDY = ["study", "--out", "out", "--procedures", "80", "--each", "1", "--points", "600", "--poses-curve", "none", "--method", "least-squares", "--jobs", "1", "--only", "7.1"]  # fmt: skip
+
+TYPE = "irb1600_6_145"
+
+
+def _listed(name: str) -> list[str]:
+    return ["fleet", "calibrate", f"{name}.csv", "--out", "out", "--jobs", "1"]
+
 
 WRITERS = (
     Writer(
@@ -199,6 +229,22 @@ WRITERS = (
         Writer(name, STUDY, STUDY, _files, edit=lambda folder: _unfinished(folder / "out"), number=number)
         for number, name in ((1, "study, a part"), (2, "study, tables"))
     ),
+    Writer(
+        "export",
+        ["export", "cal", "--as", "cpp", "--out", "out/robot"],
+        ["export", "cal2", "--as", "cpp", "--out", "out/robot"],
+        _files,
+    ),
+    Writer(
+        "fleet prior",
+        ["fleet", "prior", "--type", TYPE, "--store", "sisters.db", "--out", "out/prior.json"],
+        ["fleet", "prior", "--type", TYPE, "--store", "sisters.db", "--out", "out/prior.json", "--without", "a"],
+        _prior,
+    ),
+    *(
+        Writer(name, _listed("list"), _listed("list2"), _fleet, number=number, faults=number == 5)
+        for number, name in ((1, "fleet, a robot"), (2, "fleet, its mark"), (5, "fleet, the page"))
+    ),
 )
 """Every command that writes files by itself; ``demo`` calls the others."""
 
@@ -252,7 +298,7 @@ def killed(
     if _forked(lambda: _run(writer.old, folder, log)) != 0:
         return [f"the old result cannot be made: {log.read_text()[-300:]}"], 0, (0, 0)
     writer.edit(folder)
-    attack = _Attack(writer, folder, moments, random, calls or range(1, 10_000), faults)
+    attack = _Attack(writer, folder, moments, random, calls or range(1, 10_000), faults and writer.faults)
     _forked(attack.begin)
     lines = attack.results.read_text().splitlines()
     damaged = [line for line in lines if line.partition(": ")[2] not in ("old", "new")]

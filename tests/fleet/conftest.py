@@ -1,11 +1,6 @@
 """A small SIMULATED fleet, calibrated once, and a PostgreSQL server of its own."""
 
-import os
-import shutil
-import socket
-import subprocess
-from pathlib import Path
-
+import postgres_server
 import pytest
 from fleet_support import manifest, measured
 
@@ -39,42 +34,13 @@ def stored(calibrated):
 
 
 @pytest.fixture(scope="session")
-def server(tmp_path_factory):
-    """URL of a database on a PostgreSQL server that runs for these tests, on loopback only."""
-    pytest.importorskip("psycopg", reason="irbcal[postgres] is not installed")
-    places = [
-        Path(shutil.which("initdb") or "/").parent,
-        *sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True),
-    ]
-    binaries = next((place for place in places if (place / "initdb").is_file()), None)
-    if binaries is None:
-        pytest.skip("PostgreSQL is not installed (Debian: postgresql)")
-    as_user = []
-    folder = tmp_path_factory.mktemp("postgres")
-    if os.geteuid() == 0:
-        if not shutil.which("setpriv"):
-            pytest.skip("PostgreSQL does not run as root, and there is no setpriv")
-        as_user = ["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups"]
-        place = Path("/tmp") / f"irbcal-postgres-{os.getpid()}"  # pytest's own folders are root's alone
-        place.mkdir(mode=0o700)
-        os.chown(place, 65534, 65534)
-    else:
-        place = folder
-    data = place / "data"
-    command = [binaries / "initdb", "-D", data, "-U", "irbcal", "--auth=trust", "--no-sync", "-E", "UTF8", "--locale=C"]
-    made = subprocess.run([*as_user, *command], capture_output=True, text=True, cwd="/")
-    if made.returncode:
-        pytest.skip(f"initdb failed: {made.stderr.strip().splitlines()[-1]}")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    options = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories= -c fsync=off"
-    control = [*as_user, str(binaries / "pg_ctl"), "-D", str(data)]
-    log = ["-l", str(place / "log")]
-    subprocess.run([*control, *log, "-o", options, "-w", "start"], check=True, capture_output=True, cwd="/")
-    yield f"postgresql+psycopg://irbcal@127.0.0.1:{port}/postgres"
-    subprocess.run([*control, "-m", "immediate", "stop"], check=True, capture_output=True, cwd="/")
-    shutil.rmtree(place)
+def server():
+    """URL of a database on a PostgreSQL server that runs for these tests."""
+    try:
+        with postgres_server.server() as url:
+            yield url
+    except postgres_server.Absent as reason:
+        pytest.skip(str(reason))
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -83,12 +49,6 @@ def place(request, tmp_path):
     if request.param == "sqlite":
         yield str(tmp_path / "fleet.db")
         return
-    import sqlalchemy as sql
-
     url = request.getfixturevalue("server")
     yield url
-    engine = sql.create_engine(url)
-    with engine.begin() as link:
-        link.execute(sql.text("drop schema public cascade"))
-        link.execute(sql.text("create schema public"))
-    engine.dispose()
+    postgres_server.emptied(url)

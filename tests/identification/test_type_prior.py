@@ -78,5 +78,6 @@ def test_a_prior_that_is_right_helps_and_one_that_is_wrong_is_seen_through(robot
     found = irbcal.identify_evidence(arm, points.select(few), motion.select(few), prior=wrong, **options)
     assert found.sisters.weight == 0.0
     np.testing.assert_allclose(found.coefficients, alone.coefficients, rtol=1e-9, atol=1e-12)
+    assert found.sisters.chi2 > 5.0 * found.sisters.directions
     assert "stands out of its type" in found.summary()
     assert "as its sisters" not in [row.name for row in found.dictionaries if row.weight > 0]
