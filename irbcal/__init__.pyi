@@ -40,6 +40,7 @@ from .joint_behaviour.behaviour import joints as joints
 from .joint_behaviour.by_circles import circles as circles
 from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics
+from .measurement.charuco import corners as corners
 from .measurement.imports.feature_rows import import_features as import_features
 from .measurement.imports.reader import import_measurements as import_measurements
 from .measurement.table import read_measurements as read_measurements

@@ -17,8 +17,9 @@ from irbcal.cell import realistic
 from irbcal.cell.cell import Cell
 from irbcal.cell.shipped import ROBOT_SEED, open_cell
 from irbcal.errors import OptionError
+from irbcal.identification.camera_device import AXES
 from irbcal.identification.constraints import KINDS
-from irbcal.identification.devices import BALL, DEVICES, Placed, Tips, distances, met, placed, poses, rows_table
+from irbcal.identification.devices import BALL, DEVICES, Placed, Tips, met, placed, poses, rows_table, shown, spread
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.features import read as read_features
 from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, PLACE
@@ -53,10 +54,10 @@ class SimulatedDevice(Speaks):
         Commanded joints.
     which : ndarray of int, shape (n,)
         Number of the feature at each.
-    value : ndarray, shape (n,), or None
-        What the device showed, metres.
+    value : ndarray, shape (n,) or (n, corners, 2), or None
+        What the device showed: metres, of a camera pixels.
     noise : float
-        Standard deviation of a contact or a value, metres.
+        Standard deviation of a contact or a value, of a camera that of an image as a whole, metres.
     payload : float or None
         Mass carried, kg, where it was asked for: the rows then tell it.
     """
@@ -132,6 +133,7 @@ class SimulatedDevice(Speaks):
             "data": out.name,
             "data_sha256": hashlib.sha256(data[0]).hexdigest(),
             "ball_in_tip_link_mm": place,
+            **({"camera_axes_in_tip_link": AXES.tolist()} if self.found.device.sees else {}),
             "features_in_base_link_m": {
                 name: {key: value.tolist() for key, value in own.items()} for name, own in self.found.own.items()
             },
@@ -167,14 +169,15 @@ def simulate_device(
     robot : str or Path
         As for `irbcal.simulate`.
     device : str
-        ``balls``, ``sockets``, ``ballbar``, ``string``, ``ball``, ``two-balls`` or ``plane``; see
+        ``balls``, ``sockets``, ``ballbar``, ``string``, ``ball``, ``two-balls``, ``camera`` or ``plane``; see
         `irbcal.identification.devices.DEVICES`.
     random : int
         Number of poses, shared out among the device's features.
     seed, robot_seed : int
         Of poses and noise, and of the robot's own errors.
     noise : float, optional
-        Standard deviation of a contact or a value, metres; what is plausible for the device unless given.
+        Standard deviation of a contact or a value, of a camera that of an image as a whole, metres; what is plausible
+        for the device unless given.
     cell : {"thesis", "realistic"}
     only, without : sequence of str
         Effects of the cell that are on, or off; one of the two. The robot's own geometry errs in any case.
@@ -206,13 +209,13 @@ def simulate_device(
     opened = opened.without(*names("without", without)) if only is None else opened.only(*names("only", only))
     mass = None if payload is None else number("payload", payload, 0.0, LARGEST_PAYLOAD_KG)
     opened = opened if mass is None else opened.with_payload(mass)
-    spread = wanted.noise if noise is None else number("noise", noise, 0.0, 0.01)
-    found = placed(opened.arm, wanted)
+    size = wanted.noise if noise is None else number("noise", noise, 0.0, 0.01)
+    found = placed(opened.arm, wanted).with_noise(size)
     q, which = poses(opened.arm, found, count, seed) if at is None else at
     order = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 1))).permutation(len(q))
     order = order[np.argsort(which[order], kind="stable")]
-    q, which, value = _measured(opened, found, q[order], which[order], spread)
-    return SimulatedDevice(str(robot), opened, found, q, which, value, spread, mass)
+    q, which, value = _measured(opened, found, q[order], which[order], size)
+    return SimulatedDevice(str(robot), opened, found, q, which, value, size, mass)
 
 
 def _lagging(cell: Cell, lag: FloatArray) -> Tips:
@@ -228,9 +231,8 @@ def _measured(
     size = KINDS[found.device.kind].size
     off = noise * rng.standard_normal((len(q), size))
     spots = list(found.own)
-    free = found.device.kind == "radius" and not found.bar
     T = cell.measure(q).T_base_tip
-    if not free and not found.bar:
+    if found.device.touched:
         for _ in range(TRIES):  # how it comes to a stop depends on all stops before: all are moved a little each time
             before = q.copy()
             lag = T @ np.linalg.inv(cell.arm.forward(before))
@@ -240,6 +242,8 @@ def _measured(
             T = cell.measure(q).T_base_tip
             if np.abs(q - before).max() < 1e-9:
                 break
-    p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
-    value = distances(p, found, which)
-    return q, which, None if value is None else value + off[:, 0]
+    value = shown(T, found, which)
+    if value is None:
+        return q, which, None
+    more = off[:, 0] if value.ndim == 1 else noise * rng.standard_normal(value.shape)
+    return q, which, value + more * (spread(found, noise) / noise if noise else 0.0)

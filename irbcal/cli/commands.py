@@ -4,6 +4,7 @@ PANELS: dict[str, dict[str, str]] = {
     "Calibrate": {
         "demo": "Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses.",
         "import": "Turn files of other programs into a measurement file.",
+        "corners": "Find the corners of a ChArUco board in pictures: rows for calibrate --features.",
         "calibrate": "Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report.",
         "evaluate": (
             "Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the "

@@ -47,7 +47,8 @@ _Out = Annotated[
 _Device = Annotated[
     str | None,
     typer.Option(
-        help="Poses for a device in place of a tracker: balls, string, ballbar, two-balls, sockets, ball or plane.",
+        help="Poses for a device in place of a tracker: balls, string, ballbar, two-balls, sockets, ball, camera or "
+        "plane.",
         show_default=False,
     ),
 ]

@@ -88,8 +88,8 @@ _Where = Annotated[
 _Device = Annotated[
     str | None,
     typer.Option(
-        help="In place of a tracker: balls, string, ballbar, two-balls, sockets, ball or plane; with --random. Writes "
-        "NAME.features.csv, too, for irbcal calibrate --features.",
+        help="In place of a tracker: balls, string, ballbar, two-balls, sockets, ball, camera or plane; with --random. "
+        "Writes NAME.features.csv, too, for irbcal calibrate --features.",
         show_default=False,
     ),
 ]

@@ -1,7 +1,7 @@
 """Devices that stand in for a tracker: what features they are, where to put them about an arm, poses that touch them.
 
 Places are in the base link, scaled to the arm's reach. Poses are found by moving random joints of an arm until they
-meet what the device's kind asks for, so that a new kind needs nothing here.
+meet what the device's kind asks for, so that a new kind needs nothing here; a camera's are those that see the board.
 """
 
 from __future__ import annotations
@@ -15,9 +15,12 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
+from irbcal.identification import camera_device
 from irbcal.identification.constraint_kind import Seen, with_third
 from irbcal.identification.constraints import KINDS
+from irbcal.measurement import imaging
 from irbcal.measurement.features import TARGET, Feature
+from irbcal.measurement.imaging import Imaging
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
 from irbcal.units import DEG, MM
@@ -69,8 +72,10 @@ class Device:
         Length of a ballbar, in shares of the reach.
     noise : float
         Standard deviation of a coordinate that is plausible for it, metres.
+        Of a camera: of an image as a whole.
     cone : float
-        Largest angle between the tool's axis and what it is turned to (the surface, the bar, the string), radians.
+        Largest angle between the tool's axis and what it is turned to (the surface, the bar, the string), radians;
+        between a camera's view and a board's normal.
     """
 
     name: str
@@ -81,6 +86,21 @@ class Device:
     bar: float | None = None
     noise: float = 0.03 * MM
     cone: float = 60.0 * DEG
+
+    @property
+    def touched(self) -> bool:
+        """Whether the tool touches its features, and nothing is read."""
+        return not KINDS[self.kind].needs
+
+    @property
+    def sees(self) -> bool:
+        """Whether it is a camera."""
+        return self.kind in imaging.TARGETS
+
+    @property
+    def target(self) -> str:
+        """What the tool carries."""
+        return imaging.TARGETS.get(self.kind, TARGET)
 
 
 _FRONT = (0.55, 0.0, 0.30)
@@ -129,6 +149,14 @@ DEVICES: Mapping[str, Device] = {
         ),
         Device("ball", "one ball", "point", (Spot("ball 1", _FRONT),)),
         Device(
+            "camera",
+            "a camera on the arm, boards at three places",
+            "image-on-tool",
+            tuple(Spot(f"board {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
+            noise=0.01 * MM,
+            cone=50.0 * DEG,
+        ),
+        Device(
             "plane",
             "three planes",
             "plane",
@@ -156,21 +184,30 @@ class Placed:
         Metres; zero for other devices.
     middle : dict of str to ndarray, shape (3,)
         By feature: its place, a point of planes.
+    reach : float
+        Of the arm, metres.
+    imaging : Imaging or None
+        Camera and board.
     """
 
     device: Device
     own: Mapping[str, Mapping[str, FloatArray]]
     bar: float
     middle: Mapping[str, FloatArray]
+    reach: float
+    imaging: Imaging | None = None
 
     def __post_init__(self) -> None:
         lock(self)
 
     def table(self) -> pd.DataFrame:
         """What is known of the features, as the second file of `irbcal.measurement.features`."""
-        known = {"offset_mm": 0.0} if self.device.bar else {}
+        known: dict[str, object] = {"offset_mm": 0.0} if self.device.bar else {}
+        if self.imaging is not None:
+            known |= {name: value for name, value in self.imaging.columns().items() if value}
+            known |= {imaging.DICTIONARY: "DICT_5X5_100"}
         rows: list[dict[str, object]] = [
-            {"feature": name, "kind": self.device.kind, "target": TARGET, **known} for name in self.own
+            {"feature": name, "kind": self.device.kind, "target": self.device.target, **known} for name in self.own
         ]
         if self.device.lengths:
             for first, second in combinations(self.own, 2):
@@ -178,6 +215,18 @@ class Placed:
                 ends = {"first": first, "second": second, "length_mm": round(float(length) / MM, 4), "u95_mm": 0.02}
                 rows.append({"feature": f"{first} to {second}", "kind": "distance", **ends})
         return pd.DataFrame(rows).astype(object).where(lambda t: t.notna(), "")
+
+    def unknowns(self) -> dict[tuple[str, str], FloatArray]:
+        """What is true of features and tool, by the keys of `irbcal.identification.constraint_problem`."""
+        out = {(name, feature): value for feature, own in self.own.items() for name, value in own.items()}
+        out["tool", self.device.target] = np.array(BALL)
+        return out | ({("axes", self.device.target): camera_device.AXES} if self.device.sees else {})
+
+    def with_noise(self, noise: float) -> Placed:
+        """The same, what is known of it told with another noise (metres)."""
+        if self.imaging is None:
+            return self
+        return replace(self, imaging=camera_device.imaging(self.reach, noise))
 
 
 def reach_of(arm: Arm) -> float:
@@ -190,17 +239,20 @@ def placed(arm: Arm, device: Device) -> Placed:
     """A device in front of an arm."""
     reach = reach_of(arm)
     own: dict[str, dict[str, FloatArray]] = {}
+    view = camera_device.imaging(reach, device.noise) if device.sees else None
     middle = {spot.name: reach * np.array(spot.at) + np.array(spot.shift) for spot in device.spots}
     for spot in device.spots:
         centre = middle[spot.name]
-        if device.kind == "plane":
-            n = np.array(spot.normal)
+        n = np.array(spot.normal)
+        if view is not None:
+            own[spot.name] = camera_device.board(view, centre, n)
+        elif device.kind == "plane":
             own[spot.name] = {"normal": with_third(n), "height": np.array([n @ centre])}
         else:
             own[spot.name] = {"centre": centre}
             if device.kind == "radius":
                 own[spot.name]["offset"] = np.array([0.0 if device.bar else 0.05 * reach])
-    return Placed(device, own, 0.0 if device.bar is None else round(reach * device.bar, 3), middle)
+    return Placed(device, own, 0.0 if device.bar is None else round(reach * device.bar, 3), middle, reach, view)
 
 
 def met(
@@ -210,6 +262,7 @@ def met(
     q: FloatArray,
     tips: Tips | None = None,
     off: FloatArray | None = None,
+    tool: FloatArray | None = None,
 ) -> tuple[FloatArray, BoolArray]:
     """Joints moved until the tool meets a feature.
 
@@ -225,6 +278,8 @@ def met(
         From joints to the real tip frames (n, 4, 4); the nominal arm's unless given.
     off : ndarray, shape (n, k), optional
         Residuals to end at: noise of the contact.
+    tool : ndarray, shape (n, 3), optional
+        The tool's point in the tip link; `BALL` unless given.
 
     Returns
     -------
@@ -234,7 +289,7 @@ def met(
     q = np.array(q, dtype=float)
     good = np.zeros(len(q), dtype=bool)
     for _ in range(STEPS):
-        r, J = _missed(arm, found, feature, q, tips)
+        r, J = _missed(arm, found, feature, q, tips, tool)
         r = r if off is None else r - off
         good = np.abs(r).max(axis=1) < (THERE if tips is None else 1e-7)
         if good.all():
@@ -245,12 +300,14 @@ def met(
     return q, good
 
 
-def _missed(arm: Arm, found: Placed, feature: str, q: FloatArray, tips: Tips | None) -> tuple[FloatArray, FloatArray]:
+def _missed(
+    arm: Arm, found: Placed, feature: str, q: FloatArray, tips: Tips | None, tool: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
     """Residuals (n, k) and their derivative by the joints (n, k, joints)."""
     path = chain.walk(arm, q)
     T = chain.poses(path) if tips is None else tips(q)
     n = len(q)
-    p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
+    p = T[:, :3, 3] + np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(BALL if tool is None else tool, (n, 3)))
     nothing = np.full((n, 3), np.nan)
     value = np.full(n, found.bar)
     seen = Seen(Feature(feature, found.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
@@ -275,13 +332,26 @@ def drawn(arm: Arm, found: Placed, feature: str, count: int, seed: int, patch: f
         across = np.random.default_rng(seed).uniform(-patch, patch, (count, 2))
         spots = found.middle[feature] + across @ found.own[feature]["normal"][:, :2].T
         found = replace(found, device=replace(found.device, kind="point"), own={feature: {"centre": spots}})
-    if found.device.kind == "radius" and not found.bar:
+    if found.imaging is not None:
+        q, good = _seeing(arm, found, feature, q, seed)
+    elif found.device.kind == "radius" and not found.bar:
         good = arm.forward(q)[:, 2, 3] > 0.0
     else:
         q, good = met(arm, found, feature, q)
     margin = 2.0 * DEG * ~arm.table.prismatic
     good &= ((q > arm.lower + margin) & (q < arm.upper - margin)).all(axis=1)
     return q[good]
+
+
+def _seeing(arm: Arm, found: Placed, feature: str, q: FloatArray, seed: int) -> tuple[FloatArray, BoolArray]:
+    """Joints moved until a board is before the camera, and whether all of it is in the image."""
+    assert found.imaging is not None
+    tool = camera_device.pointers(len(q), found.reach, np.random.default_rng(seed), np.array(BALL))
+    at = replace(found, device=replace(found.device, kind="point"), own={feature: {"centre": found.middle[feature]}})
+    q, good = met(arm, at, feature, q, tool=tool)
+    own = dict(found.own[feature])
+    good &= camera_device.visible(found.imaging, own, arm.forward(q), np.array(BALL), found.device.cone)
+    return q, good
 
 
 def poses(arm: Arm, found: Placed, count: int, seed: int = 0, keep: Keep | None = None) -> tuple[FloatArray, IntArray]:
@@ -329,29 +399,57 @@ def poses(arm: Arm, found: Placed, count: int, seed: int = 0, keep: Keep | None 
 
 
 def rows_table(arm: Arm, found: Placed, q: FloatArray, which: IntArray, value: FloatArray | None) -> pd.DataFrame:
-    """Poses at features as the first file of `irbcal.measurement.features`; ``value`` (n,) in metres."""
+    """Poses at features as the first file of `irbcal.measurement.features`; ``value`` is that of `shown`.
+
+    Of a camera without images, a row a pose that names its picture, as `irbcal.corners` takes it.
+    """
     names = list(found.own)
     table: dict[str, object] = {"pose": np.arange(1, len(q) + 1)}
     units = arm.joint_units
     joints = np.round(arm.to_controller(q) / units, 6) + 0.0
     table |= {name: joints[:, j] for j, name in enumerate(arm.joint_columns)}
     table["feature"] = [names[k] for k in which]
+    if found.device.sees:
+        frame = pd.DataFrame(table)
+        if value is None:
+            return frame.assign(image=[f"{k}.png" for k in frame["pose"]])
+        corners, count = value.shape[1], len(frame)
+        uv = np.round(value.reshape(-1, 2), 4)
+        frame = frame.loc[np.repeat(np.arange(count), corners)].reset_index(drop=True)
+        return frame.assign(corner=np.tile(np.arange(corners), count), u_px=uv[:, 0], v_px=uv[:, 1])
     if KINDS[found.device.kind].needs:
         table["value_mm"] = "" if value is None else np.round(value / MM, 4)
     return pd.DataFrame(table)
 
 
 def values(arm: Arm, found: Placed, q: FloatArray, which: IntArray) -> FloatArray | None:
-    """What a device of values shows at poses of an arm, (n,), metres."""
-    T = arm.forward(q)
-    return distances(T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL), found, which)
+    """What a device of values shows at poses of an arm, as `shown`."""
+    return shown(arm.forward(q), found, which)
 
 
-def distances(p: FloatArray, found: Placed, which: IntArray) -> FloatArray | None:
-    """What strings or a ballbar show with the tool's point at p (n, 3), metres; None of devices without values."""
+def shown(T: FloatArray, found: Placed, which: IntArray) -> FloatArray | None:
+    """What a device shows with the tip at T (n, 4, 4); None of devices that are touched.
+
+    Returns
+    -------
+    ndarray or None
+        Strings and ballbars: shape (n,), metres. Cameras: corners, shape (n, k, 2), pixels.
+    """
+    names = list(found.own)
+    if found.imaging is not None:
+        out = np.zeros((len(T), len(found.imaging.corners), 2))
+        for k, name in enumerate(names):
+            mine = which == k
+            out[mine] = camera_device.pixels(found.imaging, dict(found.own[name]), T[mine], np.array(BALL))[0]
+        return out
     if found.device.kind != "radius":
         return None
-    names = list(found.own)
+    p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
     centre = np.array([found.own[names[k]]["centre"] for k in which])
     offset = np.array([found.own[names[k]]["offset"][0] for k in which])
     return np.asarray(np.linalg.norm(p - centre, axis=1) - offset)
+
+
+def spread(found: Placed, noise: float) -> float:
+    """Standard deviation of what is `shown`, in its unit, where that of the device is ``noise``, metres."""
+    return noise if found.imaging is None else camera_device.pixel_noise(found.imaging, found.reach, noise)

@@ -3,7 +3,7 @@
 Features of the kinds in `TARGETS` may have more columns::
 
     fx_px,fy_px,cx_px,cy_px[,k1,k2,p1,p2,k3,width_px,height_px,fit]      the camera
-    squares_x,squares_y,square_mm                                        the board
+    squares_x,squares_y,square_mm[,marker_mm,dictionary]                 the board
 
 What one feature says of a camera or a board, all of that camera or board have. ``fit`` names numbers of the camera
 (`FITTED`, with spaces between them) that are uncertain and fitted. A row is one corner in one image: ``u_px``, ``v_px``
@@ -30,8 +30,9 @@ TARGETS: Mapping[str, str] = {"image": "board", "image-on-tool": "camera"}
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 BOARD = ("squares_x", "squares_y", "square_mm")
 SIZE = ("width_px", "height_px")
-NUMBERS = (*LENS, *SIZE, *BOARD, "u95_px")
-FIT = "fit"
+MARKER = "marker_mm"
+NUMBERS = (*LENS, *SIZE, *BOARD, MARKER, "u95_px")
+FIT, DICTIONARY = "fit", "dictionary"
 FITTED = ("fx", "fy", "cx", "cy", "k1")
 """Numbers of a camera that may be fitted, in the order of `LENS`."""
 
@@ -110,7 +111,9 @@ def shared(given: Sequence[dict[str, str]]) -> None:
         for one in mine:
             one["target"] = one.get("target") or TARGETS[one["kind"]]
             camera, board = (one["target"], one["feature"])[:: 1 if one["kind"] == "image-on-tool" else -1]
-            owner = [("camera", camera, name) for name in (*LENS, *SIZE, FIT)] + [("board", board, n) for n in BOARD]
+            owner = [("camera", camera, name) for name in (*LENS, *SIZE, FIT)] + [
+                ("board", board, n) for n in (*BOARD, MARKER, DICTIONARY)
+            ]
             for key in owner:
                 value = one.get(key[2], "")
                 if again:

@@ -28,7 +28,7 @@ TARGET = "ball"
 DISTANCE = "distance"
 """The kind of what is known between two features."""
 
-TEXT = ("feature", "kind", "target", "first", "second", imaging.FIT)
+TEXT = ("feature", "kind", "target", "first", "second", imaging.FIT, imaging.DICTIONARY)
 LENGTHS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm")
 LENGTH_U95 = 0.05 * MM
 """How well a known length is known unless that is said, metres."""

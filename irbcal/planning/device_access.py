@@ -2,7 +2,8 @@
 
 For balls, sockets and planes: the tool's axis (z of the tip link) meets the open side within a cone, and the last part
 of the way along it is free, for an arm that touches neither itself nor what carries the features. For strings and
-ballbars: the axis points to the anchor within a cone, and the arm leaves the line to it free.
+ballbars: the axis points to the anchor within a cone, and the arm leaves the line to it free. For cameras: the board is
+whole in the image, seen within a cone about its normal, and the arm leaves the line to its middle free.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.identification import camera_device
 from irbcal.identification.constraint_kind import vectors, with_third
 from irbcal.identification.devices import BALL, Placed, reach_of
 from irbcal.modeling import frames
@@ -63,7 +65,7 @@ class Access:
     @property
     def touched(self) -> bool:
         """Whether the tool touches the features; else a line leads to them."""
-        return self.found.device.kind != "radius"
+        return self.found.device.touched
 
     @property
     def patch(self) -> float:
@@ -74,8 +76,11 @@ class Access:
         """The conditions beside those of the setting."""
         to = {"point": "the socket's or ball's open side", "plane": "the surface"}
         angle = f"tool axis within {self.cone / DEG:.0f}° of {to.get(self.found.device.kind, 'the line to the anchor')}"
+        if self.found.device.sees:
+            angle = f"the whole board in the image, within {self.cone / DEG:.0f}° of its normal"
         if not self.touched:
-            return [angle, *(["the line to the anchor free of the arm"] if self.setting.solids else [])]
+            end = "the board" if self.found.device.sees else "the anchor"
+            return [angle, *([f"the line to {end} free of the arm"] if self.setting.solids else [])]
         way = f"the last {self.approach / MM:.0f} mm along the tool axis reached"
         return [angle, f"{way}, free of the arm and of what carries the features" if self.setting.solids else way]
 
@@ -122,6 +127,9 @@ class Access:
     def _turned(self, feature: str, q: FloatArray) -> BoolArray:
         p, axis = self._points(q)
         middle = self.found.middle[feature]
+        if self.found.imaging is not None:
+            own, T = dict(self.found.own[feature]), self.setting.arm.forward(q)
+            return camera_device.visible(self.found.imaging, own, T, np.array(BALL), self.cone)
         if self.touched:
             wanted = np.broadcast_to(-_open(self.found, feature), p.shape)
         else:

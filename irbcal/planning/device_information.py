@@ -130,13 +130,13 @@ class DeviceModel:
     def at(self, found: Placed, q: FloatArray, which: IntArray, noise: float) -> Rated:
         """Poses (n, joints) at a device's features (n,)."""
         table = rows_table(self.arm, found, q, which, values(self.arm, found, q, which))
-        own = {(key, of): value for of, pair in found.own.items() for key, value in pair.items()}
-        return self._rated(features.read(table, found.table(), self.arm), own, noise)
+        return self._rated(features.read(table, found.table(), self.arm), found.unknowns(), noise)
 
     def _rated(self, seen: FeatureSet, own: Mapping[Key, FloatArray], noise: float) -> Rated:
         seen = replace(seen, u95=np.full(len(seen), 1.96 * noise))
         problem = ConstraintProblem(self.arm, seen, self.terms)
-        state = FeatureState({**own, (TOOL, features.TARGET): np.array(BALL)}, np.zeros(len(self.terms)))
+        target = str(seen.target[0])
+        state = FeatureState({**own, (TOOL, target): np.array(BALL)}, np.zeros(len(self.terms)))
         blocks = list(problem.dense(state))
         J = np.concatenate([block.J for block in blocks], axis=1)
         row = np.concatenate([block.row for block in blocks])
@@ -146,7 +146,7 @@ class DeviceModel:
         order_of = np.argsort(row[row >= 0], kind="stable")
         rows = J[:, row >= 0][:, order_of].reshape(len(J), len(seen), size).transpose(1, 2, 0)
         G = np.zeros((len(J), len(J)))
-        at = problem.layout[TOOL, features.TARGET][1]
+        at = problem.layout[TOOL, target][1]
         columns = np.r_[at : at + 3, problem.flat : len(J)]
         G[np.ix_(columns, columns)] = self.G
         known = J[:, row < 0]

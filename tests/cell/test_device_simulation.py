@@ -5,6 +5,7 @@ import pytest
 
 from irbcal.cell.device_simulation import simulate_device
 from irbcal.errors import OptionError
+from irbcal.identification.camera_device import AXES
 from irbcal.identification.devices import BALL
 from irbcal.units import MM
 
@@ -60,3 +61,21 @@ def test_effects_of_the_cell_can_be_left_out():
     assert "backlash" not in simulate_device("irb1600", "ball", 6, without=["backlash"]).cell.on
     with pytest.raises(OptionError, match="exclude each other"):
         simulate_device("irb1600", "ball", 6, only=["tilt"], without=["noise"])
+
+
+def test_a_camera_sees_boards_from_where_the_real_robot_stands():
+    """The oracle is a projection written out by hand, with the cell's own truth of where the tip stood."""
+    exact, noisy = (simulate_device("irb1600", "camera", 9, seed=2, noise=noise) for noise in (0.0, 1e-5))
+    T, own = exact.cell.measure(exact.q).T_base_tip[0], exact.found.own["board 1"]
+    square = exact.found.imaging.square
+    corner = own["centre"] + own["attitude"] @ [3 * square, 2 * square, 0.0]  # number 9 of 7 a row
+    x, y, z = (T[:3, :3] @ AXES).T @ (corner - T[:3, 3] - T[:3, :3] @ np.array(BALL))
+    r2 = (x / z) ** 2 + (y / z) ** 2
+    there = 1400.0 * np.array([x, y]) / z * (1 - 0.1 * r2 + 0.06 * r2**2) + [960, 600]
+    np.testing.assert_allclose(exact.value[0, 9], there, atol=1e-6)
+    assert float(noisy.features().u95_px[0]) == pytest.approx(1.96 * np.std(noisy.value - exact.value), rel=0.1)
+    seen = noisy.read()
+    assert len(seen) == 9
+    assert seen.simulated
+    assert set(seen.target) == {"camera"}
+    assert len(noisy.to_frame()) == 9 * 35

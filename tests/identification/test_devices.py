@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from irbcal.errors import IdentificationError
-from irbcal.identification.devices import BALL, DEVICES, distances, met, placed, poses, rows_table
+from irbcal.identification.constraint_problem import ConstraintProblem, FeatureState
+from irbcal.identification.devices import BALL, DEVICES, met, placed, poses, rows_table, shown
 from irbcal.measurement import features
 
 
@@ -23,10 +24,17 @@ def test_poses_are_at_the_features(name):
             np.testing.assert_allclose(mine @ own["normal"][:, 2], own["height"][0], atol=1e-9)
         elif name == "ballbar":
             np.testing.assert_allclose(np.linalg.norm(mine - own["centre"], axis=1), found.bar, atol=1e-9)
+        elif name == "camera":
+            y = own["centre"] + np.array([0.06, 0.09, 0.0]) @ own["attitude"].T - mine
+            assert (np.einsum("ni,nij->nj", y, T[which == k, :3, :3])[:, 2] > 0.2).all()
         elif name != "string":
             np.testing.assert_allclose(mine, np.tile(own["centre"], (len(mine), 1)), atol=1e-9)
-    seen = features.read(rows_table(arm, found, q, which, distances(p, found, which)), found.table(), arm)
+    seen = features.read(rows_table(arm, found, q, which, shown(T, found, which)), found.table(), arm)
     np.testing.assert_allclose(seen.q, q, atol=1e-8)
+    if name == "camera":  # the kind itself, written by other hands, sees nothing missed
+        problem = ConstraintProblem(arm, seen, [])
+        assert problem.residuals(FeatureState(found.unknowns(), np.zeros(0))).max() < 1e-6
+        assert ((seen.corners[..., 2:4] > 0) & (seen.corners[..., 2:4] < [1920, 1200])).all()
     assert len(seen.lengths) == (len(found.own) * (len(found.own) - 1) // 2 if DEVICES[name].lengths else 0)
 
 

@@ -38,8 +38,10 @@ def test_chosen_poses_leave_less_than_random_ones(made):
     assert made.comparison.as_good_as is None or made.comparison.as_good_as > 30
 
 
-def test_planes_and_ballbars_have_poses_for_each_feature():
-    for name in ("plane", "ballbar"):
+def test_planes_ballbars_and_boards_have_poses_for_each_feature():
+    for name in ("plane", "ballbar", "camera"):
         found = device_plan("irb1600", name, 18, candidates=60)
         assert np.bincount(found.which).tolist() == [6, 6, 6]
-        assert (found.approach is None) == (name == "ballbar")
+        assert (found.approach is None) == (name != "plane")
+    assert "the line to the board free of the arm" in found.conditions
+    assert found.to_frame()["image"].tolist()[:2] == ["1.png", "2.png"]

@@ -114,6 +114,24 @@ def test_figures_of_such_a_calibration_do_not_speak_of_position_errors(touched):
         assert "position error" not in words
 
 
+def test_cameras_and_boards_are_drawn_where_they_stand():
+    """SIMULATED images; the oracle is what made them, and the way across the view of a shifted board."""
+    for kind in ("image", "image-on-tool"):
+        table, known = cases.rows(kind, cases.arm(), 4, 0, 1e-6)
+        own = cases.unknowns(kind, np.random.default_rng(0))
+        found = irbcal.calibrate(table, "irb1600", features=known.fillna(""), leave_out="none")
+        scene = building.build(found, table)
+        drawn = {one.name: one for one in scene.features}
+        at = own["centre"]
+        if kind == "image-on-tool":
+            at = at + own["attitude"] @ [0.12, 0.09, 0.0]  # middle of 8 by 6 squares of 30 mm
+            assert drawn["image-on-tool 0"].label == "image-on-tool 0 · board"
+        assert np.linalg.norm(drawn[f"{kind} 0"].T_scene[:3, 3] - at) < 2e-3
+        np.testing.assert_allclose(drawn[f"{kind} 0"].T_scene[:3, 2], own["attitude"][:, 2], atol=2e-3)
+        assert len(scene.points.pose) == 12
+        assert np.linalg.norm(scene.points.measured - scene.points.calibrated, axis=1).max() < 1e-4
+
+
 def test_a_level_and_the_frame_of_whole_poses_have_bodies():
     """SIMULATED rows of an inclinometer and of whole poses, with the truth that made them."""
     table, known = cases.rows("angle", cases.arm(), 30, 4)

@@ -1,0 +1,208 @@
+"""Corners of ChArUco boards found in images: a folder of pictures and a table of joints become rows.
+
+The finding is OpenCV's; it is not installed with irbcal but with its extra ``camera``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from irbcal import atomic
+from irbcal.arrays import lock
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.measurement import columns, imaging
+from irbcal.measurement.columns import TableLike
+from irbcal.measurement.known_features import given_rows
+from irbcal.names import without_formulas
+from irbcal.summary import Speaks, Told
+from irbcal.units import MM
+
+IMAGE = "image"
+"""The column of the joints' table that names a picture."""
+
+MARKER = 0.75
+"""Side of a marker in shares of a square's, unless ``marker_mm`` says it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FoundCorners(Speaks):
+    """Corners found in images.
+
+    Attributes
+    ----------
+    table : DataFrame
+        A row a corner: the columns of the joints' table, ``feature``, ``corner``, ``u_px``, ``v_px``.
+    images : int
+        Images with a board.
+    missed : tuple of (str, int)
+        Images that are left out, and how many corners were found in them.
+    """
+
+    table: pd.DataFrame
+    images: int
+    missed: tuple[tuple[str, int], ...]
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows as the first file of ``irbcal calibrate --features``."""
+        return self.table.copy()
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {"images": self.images, "corners": len(self.table), "left_out": [name for name, _ in self.missed]}
+
+    def told(self) -> Sequence[Told]:
+        """How many corners in how many images, and which images were left out."""
+        told = [f"{len(self.table)} corners in {self.images} images"]
+        if self.missed:
+            names = ", ".join(f"{name} ({count})" for name, count in self.missed[:10])
+            more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
+            told.append(f"Note: left out, with fewer than {imaging.FEWEST} corners: {names}{more}")
+        return told
+
+    def save(self, out: str | Path) -> Path:
+        """Write the rows as CSV.
+
+        Raises
+        ------
+        CalibrationError
+            If they cannot be written.
+        """
+        out = Path(out)
+        data = without_formulas(self.table).to_csv(index=False, lineterminator="\n").encode()
+        atomic.write_together(out.parent, {out.name: data})
+        return out
+
+
+def corners(images: str | Path, joints: TableLike, features: TableLike, *, legacy: bool = False) -> FoundCorners:
+    """Find the corners of ChArUco boards in pictures.
+
+    Parameters
+    ----------
+    images : str or Path
+        Folder of the pictures (PNG, JPEG, TIFF, ...).
+    joints : str, Path or DataFrame
+        A row a picture: ``image`` (its file's name), joints (``q1_deg`` ...), and what the rows shall have besides:
+        ``pose`` (the picture's name unless given), ``feature``, ``place``.
+    features : str, Path or DataFrame
+        The features' file of the calibration (`irbcal.measurement.imaging`); its boards have ``dictionary`` (OpenCV's
+        name, such as ``DICT_5X5_100``) and ``marker_mm`` (three quarters of the square unless given), too.
+    legacy : bool
+        The board is of the pattern that OpenCV drew before version 4.6.
+
+    Returns
+    -------
+    FoundCorners
+
+    Raises
+    ------
+    MeasurementError
+        If a file does not keep its format, a picture cannot be read, or there is no board in any.
+    OptionError
+        If OpenCV is not installed.
+    """
+    cv2 = _opencv()
+    cells, source, _ = columns.read(joints, [IMAGE])
+    name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
+    known = _boards(cv2, features, name_of, legacy)
+    folder = Path(images)
+    parts, missed = [], []
+    for row, cell in zip(cells.index, cells.to_dict("records"), strict=True):
+        picture = str(cell[IMAGE]).strip()
+        feature = str(cell.get("feature", "")).strip() or (next(iter(known)) if len(known) == 1 else "")
+        if feature not in known:
+            raise MeasurementError(
+                f"expected the board in this picture, one of {', '.join(known)}; found {feature or 'nothing'}",
+                file=source,
+                row=int(row),
+                column="feature",
+            )
+        detector, size = known[feature]
+        grey = cv2.imread(str(folder / picture), cv2.IMREAD_GRAYSCALE) if picture else None
+        if grey is None:
+            words = f"there is no picture {picture or 'named'} in {folder} that OpenCV reads"
+            raise MeasurementError(words, file=source, row=int(row), column=IMAGE)
+        if size is not None and grey.shape[::-1] != size:
+            words = f"{picture} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}"
+            raise MeasurementError(words, file=source, row=int(row), column=IMAGE)
+        uv, number, _, _ = detector.detectBoard(grey)
+        found = 0 if number is None else len(number)
+        if found < imaging.FEWEST:
+            missed.append((picture, found))
+            continue
+        more = {"corner": np.ravel(number)} | dict(zip(("u_px", "v_px"), np.reshape(uv, (-1, 2)).T, strict=True))
+        parts.append(pd.DataFrame({"pose": picture} | cell | {"feature": feature} | more))
+    if not parts:
+        raise MeasurementError(
+            f"no picture shows {imaging.FEWEST} corners of its board: are squares_x, squares_y and dictionary right, "
+            "or was the board drawn before OpenCV 4.6 (--legacy)?",
+            file=name_of,
+        )
+    table = pd.concat(parts, ignore_index=True)
+    table[["u_px", "v_px"]] = table[["u_px", "v_px"]].astype(float).round(4)
+    return FoundCorners(table, len(parts), tuple(missed))
+
+
+def _opencv() -> Any:
+    try:
+        return import_module("cv2")
+    except ImportError:
+        raise OptionError(
+            "finding corners needs OpenCV, which is not installed here: pip install 'irbcal[camera]'"
+        ) from None
+
+
+def _boards(cv2: Any, features: TableLike, name_of: str, legacy: bool) -> dict[str, tuple[Any, tuple[int, int] | None]]:
+    """A detector for each board, and the size of its camera's images in pixels."""
+    given = given_rows(features)
+    imaging.shared(given)
+    out: dict[str, tuple[Any, tuple[int, int] | None]] = {}
+    for one in [one for one in given if one["kind"] in imaging.TARGETS]:
+        known = imaging.imaging_of(one)
+        if known.squares is None or known.square is None:
+            raise MeasurementError(
+                f"expected {', '.join(imaging.BOARD)} of the board",
+                file=name_of,
+                row=int(one["row"]),
+                column="squares_x",
+            )
+        marker = float(one["marker_mm"]) * MM if one.get("marker_mm") else MARKER * known.square
+        if not 0.0 < marker < known.square:
+            raise MeasurementError(
+                f"expected a marker smaller than its square, found {marker / MM:g} mm",
+                file=name_of,
+                row=int(one["row"]),
+                column="marker_mm",
+            )
+        dictionary = _dictionary(cv2, one, name_of)
+        board = cv2.aruco.CharucoBoard(known.squares, known.square, marker, dictionary)
+        board.setLegacyPattern(legacy)
+        size = None if known.size is None else (int(known.size[0]), int(known.size[1]))
+        out[one["feature"]] = cv2.aruco.CharucoDetector(board), size
+    if not out:
+        kinds = " or ".join(imaging.TARGETS)
+        raise MeasurementError(f"there is no feature of kind {kinds}", file=name_of)
+    return out
+
+
+def _dictionary(cv2: Any, one: Mapping[str, str], name_of: str) -> Any:
+    name = one.get(imaging.DICTIONARY, "").upper()
+    name = name if name.startswith("DICT_") else f"DICT_{name}"
+    if not hasattr(cv2.aruco, name):
+        raise MeasurementError(
+            f"expected one of OpenCV's dictionaries of markers, such as DICT_5X5_100, found "
+            f"{one.get(imaging.DICTIONARY) or 'nothing'}",
+            file=name_of,
+            row=int(one["row"]),
+            column=imaging.DICTIONARY,
+        )
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))

@@ -1,0 +1,116 @@
+"""Boards drawn by OpenCV, seen by a known homography: corners must be where it puts them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import irbcal
+from irbcal.cli.main import app
+from irbcal.errors import MeasurementError, OptionError
+
+SIZE, SQUARES, SQUARE, SCALE = (640, 480), (8, 6), 0.03, 60  # pixels of a square as drawn
+KNOWN = {
+    "feature": "board",
+    "kind": "image-on-tool",
+    "fx_px": 700,
+    "cx_px": 320,
+    "cy_px": 240,
+    "width_px": SIZE[0],
+    "height_px": SIZE[1],
+    "squares_x": SQUARES[0],
+    "squares_y": SQUARES[1],
+    "square_mm": 30,
+    "marker_mm": 22,
+    "dictionary": "DICT_5X5_100",
+}
+HOMOGRAPHIES = [
+    np.array([[1.0, 0.1, 60.0], [-0.05, 1.0, 70.0], [2e-4, -1e-4, 1.0]]),
+    np.array([[0.7, -0.5, 260.0], [0.5, 0.7, 20.0], [-1e-4, 3e-4, 1.0]]),
+]
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    """Two pictures of a board and an empty one; the joints' table."""
+    cv2 = pytest.importorskip("cv2", reason="needs opencv-python-headless (pip install irbcal[camera])")
+    folder = tmp_path_factory.mktemp("pictures")
+    words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    board = cv2.aruco.CharucoBoard(SQUARES, SQUARE, 0.022, words)
+    drawn = board.generateImage((SQUARES[0] * SCALE, SQUARES[1] * SCALE), marginSize=0)
+    for k, H in enumerate(HOMOGRAPHIES):
+        seen = cv2.warpPerspective(drawn, H, SIZE, flags=cv2.INTER_AREA, borderValue=200)
+        cv2.imwrite(str(folder / f"{k}.png"), cv2.GaussianBlur(seen, (3, 3), 0.7))
+    cv2.imwrite(str(folder / "empty.png"), np.full(SIZE[::-1], 200, dtype=np.uint8))
+    joints = pd.DataFrame({f"q{k}_deg": [1.0, 2.0, 3.0] for k in range(1, 7)})
+    return folder, joints.assign(image=["0.png", "1.png", "empty.png"], place=["a", "b", "b"])
+
+
+def test_corners_are_found_where_the_board_was_put(pictures):
+    folder, joints = pictures
+    found = irbcal.corners(folder, joints, pd.DataFrame([KNOWN]))
+    assert found.images == 2
+    assert found.missed == (("empty.png", 0),)
+    assert "left out, with fewer than 4 corners: empty.png" in str(found.summary())
+    table = found.to_frame()
+    assert list(table.place.unique()) == ["a", "b"]
+    for k, H in enumerate(HOMOGRAPHIES):
+        mine = table[table.image == f"{k}.png"]
+        assert len(mine) == 35
+        number = mine.corner.to_numpy(dtype=int)
+        # a pixel's middle is a whole number: the drawing's first square ends half a pixel before SCALE
+        drawn = SCALE * np.column_stack([number % 7 + 1.0, number // 7 + 1.0]) - 0.5
+        there = np.column_stack([drawn, np.ones(len(drawn))]) @ H.T
+        miss = mine[["u_px", "v_px"]].to_numpy(dtype=float) - there[:, :2] / there[:, 2:]
+        assert np.abs(miss).max() < 0.25
+        assert np.sqrt(np.mean(miss**2)) < 0.1
+
+
+def test_a_file_for_a_calibration_comes_out(pictures, tmp_path):
+    folder, joints = pictures
+    joints.to_csv(tmp_path / "joints.csv", index=False)
+    pd.DataFrame([KNOWN]).to_csv(tmp_path / "camera.csv", index=False)
+    line = [
+        "corners",
+        str(folder),
+        "--joints",
+        str(tmp_path / "joints.csv"),
+        "--features",
+        str(tmp_path / "camera.csv"),
+    ]
+    told = CliRunner().invoke(app, [*line, "--out", str(tmp_path / "corners.csv")])
+    assert told.exit_code == 0, told.output
+    assert "70 corners in 2 images" in told.output
+    seen = irbcal.measurement.features.read(
+        tmp_path / "corners.csv", tmp_path / "camera.csv", irbcal.read_urdf("irb1600").arm
+    )
+    assert len(seen) == 2
+    assert list(seen.cells.place) == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("joints", "known", "words"),
+    [
+        ({"image": ["0.png", "none.png", "1.png"]}, {}, "row 2.*there is no picture none.png"),
+        ({"feature": ["board", "other", "board"]}, {}, "row 2, column feature.*one of board; found other"),
+        ({}, {"width_px": 600}, r"0.png has 640 × 480 pixels, the camera 600 × 480"),
+        ({}, {"dictionary": "5X5"}, "expected one of OpenCV's dictionaries.*found 5X5"),
+        ({}, {"marker_mm": 31}, "expected a marker smaller than its square, found 31 mm"),
+        ({}, {"squares_x": 9}, "no picture shows 4 corners"),
+        ({}, {"kind": "point"}, "there is no feature of kind image or image-on-tool"),
+    ],
+)
+def test_refusals_name_what_is_wrong(pictures, joints, known, words):
+    folder, table = pictures
+    if "squares_x" in known:
+        table = table.iloc[2:]
+    with pytest.raises(MeasurementError, match=words):
+        irbcal.corners(folder, table.assign(**joints), pd.DataFrame([KNOWN | known]))
+
+
+def test_without_opencv_it_says_what_to_install(monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(OptionError, match=r"pip install 'irbcal\[camera\]'"):
+        irbcal.corners(".", pd.DataFrame({"image": ["0.png"]}), pd.DataFrame([KNOWN]))
