@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+import bench_poses
 import numpy as np
 import pandas as pd
 
@@ -17,6 +18,8 @@ from irbcal.modeling.inverse import closed_form
 from irbcal.practice import makers
 
 PROGRAMS = 10_000
+LIMIT, CSV_LIMIT = 1.5, 0.9
+"""Seconds beyond start of `PROGRAMS` targets in any language, and of `ROWS` of CSV."""
 ROWS = 100_000
 PULSES = (1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0)
 """Of a degree of each joint, for INFORM."""
@@ -70,11 +73,11 @@ def commands(add, folder):
 
 
 def large(add, folder, simulated, arm):
-    """Files of many poses with three targets each: seconds, and how they grow."""
+    """Files of many poses with three targets each, those of the proof of the same robot: seconds, and how they grow."""
     before = {}
     for poses in (1_000, 10_000, 100_000):
         fit = measured_file(simulated(arm, poses), folder / f"fit{poses}.csv")
-        proof = measured_file(simulated(arm, poses, 9), folder / f"proof{poses}.csv")
+        proof = measured_file(simulated(arm, poses, drawn=9), folder / f"proof{poses}.csv")
         out = folder / f"large{poses}"
         words = {
             "calibrate, model 34": ("calibrate", fit, "--robot", "irb1600", "--out", out, "--model", "34", "--force"),
@@ -86,6 +89,19 @@ def large(add, folder, simulated, arm):
             limit = {"calibrate, model 34": 8.0, "evaluate --intervals": 5.0}[name] if poses == 100_000 else None
             add(f"irbcal {name}, {poses:,} poses x 3", seconds, memory, limit, slope)
             before[name] = seconds
+    auto = ("calibrate", fit, "--robot", "irb1600", "--out", folder / "auto", "--force")
+    add(f"irbcal calibrate, model auto, {poses:,} poses x 3", *spent(*auto, times=1))
+
+
+def huge(add, folder, simulated, arm):
+    """A million poses with three targets each: seconds and memory; asked are less than 4 GiB."""
+    poses = 1_000_000
+    fit = measured_file(simulated(arm, poses), folder / "fit.csv")
+    proof = measured_file(simulated(arm, poses, drawn=9), folder / "proof.csv")
+    out = folder / "huge"
+    calibrate = ("calibrate", fit, "--robot", "irb1600", "--out", out, "--model", "34", "--force")
+    add(f"irbcal calibrate, model 34, {poses:,} poses x 3", *spent(*calibrate, times=1))
+    add(f"irbcal evaluate, {poses:,} poses x 3", *spent("evaluate", out, proof, times=1))
 
 
 def rapid(arm, q):
@@ -116,7 +132,6 @@ def programs(add, folder):
     arms = {"irb1600": urdf.read("irb1600").arm}
     demo = robots.demo_file("demo_identification.csv")
     spent("calibrate", demo, "--robot", "irb1600", "--out", folder / "irb1600", "--model", "34", times=1)
-    limits = {"RAPID, poses": 1.5, "CSV": 0.9}
     for name in ("RAPID, poses", "CSV", *(one.NAME for one in languages.known() if one.write_moves is not None)):
         robot = "irb1600"
         if name not in ("RAPID, poses", "CSV", "RAPID"):
@@ -130,9 +145,26 @@ def programs(add, folder):
             out = folder / f"{place.name}-out{'' if several else file.suffix}"
             pulses = ("--pulses", ",".join(map(str, PULSES))) if "INFORM" in name else ()
             found.append(spent("filter", folder / robot, file, "--out", out, "--allow-partial", *pulses, times=2))
-        (start, _), (half, _), (whole, memory) = found
-        slope = math.log2((whole - start) / max(half - start, 1e-3))
-        add(f"irbcal filter, {name}, {count:,} targets beyond start", whole - start, memory, limits.get(name), slope)
+        _beyond(add, f"{name}, {count:,} targets", found, CSV_LIMIT if name == "CSV" else LIMIT)
+    for name, maker in bench_poses.ARMS.items():
+        calibrated(maker, samples, arms, folder)
+        start, found = away_from_singularities(arms[maker], 200), []
+        for size in (10, PROGRAMS // 2, PROGRAMS):
+            place = folder / f"{name}-poses{size}"
+            place.mkdir(exist_ok=True)
+            arm, data = arms[maker], samples[f"{maker}/arm.urdf"]
+            file = bench_poses.program(name, data, arm, start, size, place, samples)
+            out = folder / f"{place.name}-out{file.suffix}"
+            given = bench_poses.GIVEN.get(name, ())
+            found.append(spent("filter", folder / maker, file, "--out", out, "--allow-partial", *given, times=2))
+        _beyond(add, f"{languages.by_name()[name].NAME}, {PROGRAMS:,} poses", found, LIMIT)
+
+
+def _beyond(add, what, found, limit):
+    """A row of a program beyond the start of a short one; found are seconds and memory of ten, half and all targets."""
+    (start, _), (half, _), (whole, memory) = found
+    slope = math.log2((whole - start) / max(half - start, 1e-3))
+    add(f"irbcal filter, {what} beyond start", whole - start, memory, limit, slope)
 
 
 def of_maker(name, samples, arms, folder):
@@ -146,13 +178,20 @@ def of_maker(name, samples, arms, folder):
                 language.MAKER.check(arm, maker)
         except ProgramError:
             continue
-        if not (folder / maker).exists():
-            for part in ("arm.urdf", "measured.csv"):
-                (folder / f"{maker}-{part}").write_bytes(samples[f"{maker}/{part}"])
-            measured, robot = folder / f"{maker}-measured.csv", folder / f"{maker}-arm.urdf"
-            spent("calibrate", measured, "--robot", robot, "--out", folder / maker, "--model", "placement", times=1)
+        calibrated(maker, samples, arms, folder)
         return maker
     raise RuntimeError(f"no arm for {name}")
+
+
+def calibrated(maker, samples, arms, folder):
+    """Calibrate the SIMULATED robot of a maker's samples, once."""
+    arms.setdefault(maker, urdf.from_bytes(samples[f"{maker}/arm.urdf"], maker).arm)
+    if (folder / maker).exists():
+        return
+    for part in ("arm.urdf", "measured.csv"):
+        (folder / f"{maker}-{part}").write_bytes(samples[f"{maker}/{part}"])
+    measured, robot = folder / f"{maker}-measured.csv", folder / f"{maker}-arm.urdf"
+    spent("calibrate", measured, "--robot", robot, "--out", folder / maker, "--model", "placement", times=1)
 
 
 def program(name, arm, q, folder):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.correction.orientations import Orientation
 from irbcal.errors import ProgramError
 from irbcal.modeling import dhm
@@ -29,6 +29,7 @@ EDGE = 0.05 * DEG
 BEYOND = 10 * DEG
 """Radians beyond a joint limit from which on joints are none of this arm."""
 
+TURNS = 2 * np.pi * np.array([0, -1, 1, -2, 2])
 NO_POSTURE = "nothing says which of the arm's solutions is meant: no configuration, and no known stop just before it"
 NO_SOLUTION = "its configuration fits no solution of the robot within the joint limits"
 NO_REACH = "the nominal robot does not reach it within its joint limits in this configuration"
@@ -203,38 +204,70 @@ def joints_of(
     reasons : list of str, length n
         Why; empty where joints are.
     """
-    near = np.where((near >= arm.lower - BEYOND) & (near <= arm.upper + BEYOND), near, np.nan)
-    known: BoolArray = np.logical_and.reduce(np.isfinite(near), axis=1)
-    q = np.full((len(postures), 6), np.nan)
-    if not len(postures):
-        return q, []
-    if not closed_form.has_closed_form(arm):
-        rows = np.flatnonzero(known)
-        if len(rows):
-            found = any_arm.solve(Robot(own or arm), arm, T_base_tip[rows], seed=near[rows], thorough=False)
-            q[rows] = np.where((found.converged & found.inside)[:, None], found.joints, np.nan)
+    return Solutions(maker, arm, T_base_tip, postures, own).next_to(np.arange(len(postures)), near)
+
+
+class Solutions:
+    """All joints that lead to poses, computed once, of which those next to others are asked for; as `joints_of`.
+
+    Parameters
+    ----------
+    maker, arm, T_base_tip, postures, own
+        As for `joints_of`.
+    """
+
+    def __init__(
+        self, maker: Maker, arm: Arm, T_base_tip: FloatArray, postures: Sequence[Posture], own: Arm | None = None
+    ) -> None:
+        self.arm, self.own, self.T = arm, own, T_base_tip
+        self.whole: BoolArray = np.array([posture.whole for posture in postures], dtype=bool)
+        self.closed = bool(len(postures)) and closed_form.has_closed_form(arm)
+        if self.closed:
+            branches = own_model.branches(arm, T_base_tip, own)
+            self.moved, self.fits = _turned(maker, arm, branches, postures)
+            self.reach: BoolArray = np.logical_or.reduce(branches.valid, axis=1)
+
+    def next_to(self, rows: IntArray, near: FloatArray) -> tuple[FloatArray, list[str]]:
+        """Joints (m, 6) of some poses next to others (m, 6), NaN where nothing is known; and why, as `joints_of`."""
+        arm = self.arm
+        near = np.where((near >= arm.lower - BEYOND) & (near <= arm.upper + BEYOND), near, np.nan)
+        known: BoolArray = np.logical_and.reduce(np.isfinite(near), axis=1)
+        if not len(rows):
+            return np.zeros((0, 6)), []
+        if not self.closed:
+            return self._searched(rows, near, known)
+        start = np.where(known[:, None], near, 0.0)
+        away = np.abs(self.moved[rows] - start[:, None, :, None])
+        turn = np.argmin(away, axis=-1)[..., None]
+        turned = np.take_along_axis(self.moved[rows], turn, axis=-1)[..., 0]
+        told: BoolArray = np.logical_or(known, self.whole[rows])
+        fits = self.fits[rows]
+        apart = np.where(fits[..., None], turned, 0.0) - start[:, None]
+        cost = np.where(fits, np.sum(apart**2, axis=-1), np.inf)
+        best = np.argmin(cost, axis=1)
+        row = np.arange(len(rows))
+        good: BoolArray = np.logical_and(told, np.isfinite(cost[row, best]))
+        q = np.where(good[:, None], turned[row, best], np.nan)
+        reasons = [
+            "" if g else NO_POSTURE if not t else NO_SOLUTION if r else NO_REACH
+            for g, t, r in zip(good, told, self.reach[rows], strict=True)
+        ]
+        return q, reasons
+
+    def _searched(self, rows: IntArray, near: FloatArray, known: BoolArray) -> tuple[FloatArray, list[str]]:
+        """Of an arm without closed form."""
+        q = np.full((len(rows), 6), np.nan)
+        mine = np.flatnonzero(known)
+        if len(mine):
+            robot = Robot(self.own or self.arm)
+            found = any_arm.solve(robot, self.arm, self.T[rows[mine]], seed=near[mine], thorough=False)
+            q[mine] = np.where((found.converged & found.inside)[:, None], found.joints, np.nan)
         reached: BoolArray = np.logical_and.reduce(np.isfinite(q), axis=1)
         return q, ["" if r else NO_REACH if k else NO_POSTURE for r, k in zip(reached, known, strict=True)]
-    branches = own_model.branches(arm, T_base_tip, own)
-    start = np.where(known[:, None], near, 0.0)
-    turned, fits = _fitting(maker, arm, branches, postures, start)
-    told: BoolArray = np.logical_or(known, np.array([posture.whole for posture in postures], dtype=bool))
-    cost = np.where(fits, np.sum((np.nan_to_num(turned) - start[:, None]) ** 2, axis=-1), np.inf)
-    best = np.argmin(cost, axis=1)
-    good: BoolArray = np.logical_and(told, np.isfinite(cost[np.arange(len(best)), best]))
-    q = np.where(good[:, None], turned[np.arange(len(best)), best], np.nan)
-    reach: BoolArray = np.logical_or.reduce(branches.valid, axis=1)
-    reasons = [
-        "" if g else NO_POSTURE if not t else NO_SOLUTION if r else NO_REACH
-        for g, t, r in zip(good, told, reach, strict=True)
-    ]
-    return q, reasons
 
 
-def _fitting(
-    maker: Maker, arm: Arm, branches: Branches, postures: Sequence[Posture], near: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """Joints (n, 8, 6) of all branches, turned into limits and postures, and whether they fit (n, 8)."""
+def _turned(maker: Maker, arm: Arm, branches: Branches, postures: Sequence[Posture]) -> tuple[FloatArray, BoolArray]:
+    """Joints (n, 8, 6, 5) of all branches and whole turns, infinite beyond limits and postures; which fit (n, 8)."""
     joints = branches.joints
     n = len(joints)
     fits = branches.valid.copy()
@@ -248,16 +281,12 @@ def _fitting(
         asked = np.array([w is not None for w in wanted])
         fits &= ~asked[:, None] | (found == np.array([bool(w) for w in wanted])[:, None])
     low, high = np.array([p.low for p in postures])[:, None], np.array([p.high for p in postures])[:, None]
-    turns = 2 * np.pi * np.array([0, -1, 1, -2, 2])
-    best = np.full(joints.shape, np.nan)
-    least = np.full(joints.shape, np.inf)
-    for turn in turns:
+    program = maker.program_joints(np.nan_to_num(joints))
+    out = np.full((*joints.shape, len(TURNS)), np.inf)
+    for k, turn in enumerate(TURNS):  # whole turns of a joint are those of its count
         moved = joints + turn
-        program = maker.program_joints(np.nan_to_num(joints)) + turn  # whole turns of a joint are those of its count
         inside = (moved >= arm.lower - 1e-9) & (moved <= arm.upper + 1e-9)
-        inside &= (program >= low - EDGE) & (program <= high + EDGE)
-        away = np.where(inside, np.abs(moved - near[:, None]), np.inf)
-        better = away < least
-        best, least = np.where(better, moved, best), np.where(better, away, least)
-    fits &= np.isfinite(least).all(axis=-1)
-    return best, fits
+        inside &= (program + turn >= low - EDGE) & (program + turn <= high + EDGE)
+        out[..., k] = np.where(inside, moved, np.inf)
+    fits &= np.isfinite(out).any(axis=-1).all(axis=-1)
+    return out, fits

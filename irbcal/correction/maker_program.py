@@ -16,7 +16,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Edit, Listing, Number, Span, number_like, one_word
-from irbcal.correction.maker import BEYOND, NO_POSTURE, Maker, Posture, joints_of
+from irbcal.correction.maker import BEYOND, NO_POSTURE, Maker, Posture, Solutions
 from irbcal.correction.program import Given, Goals, Kind, Stop
 from irbcal.correction.text_program import Configuration, Target, TextProgram, Use, check_values, tip_poses
 from irbcal.errors import ProgramError
@@ -99,9 +99,24 @@ class MakerProgram(TextProgram):
         """New text of the configuration of a target; none where the language writes none."""
         return []
 
-    def posture(self, target: Target, q: FloatArray) -> Posture | None:
-        """Posture of joints (6,) of the URDF as the language writes it; None where it writes none."""
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture | None:
+        """Posture as the language writes it; None where it writes none.
+
+        Parameters
+        ----------
+        back, bent, negative : bool
+            See `irbcal.correction.maker.Maker.postures`.
+        joints : ndarray, shape (6,)
+            As the controller counts them, radians.
+        """
         return None
+
+    def postures(self, q: FloatArray) -> Sequence[Posture | None]:
+        """Postures of joints (n, 6) of the URDF."""
+        if not len(q) or type(self).posture is MakerProgram.posture:
+            return [None] * len(q)
+        flags = (flag.tolist() for flag in self.maker.postures(self.arm, q))
+        return [self.posture(*row) for row in zip(*flags, self.maker.program_joints(q), strict=True)]
 
     def stops(self) -> tuple[Stop, ...]:
         """The stops in the order of the program."""
@@ -131,13 +146,11 @@ class MakerProgram(TextProgram):
         q = np.full((len(poses), 6), np.nan)
         reasons = [NO_POSTURE] * len(poses)
 
-        def take(rows: Sequence[int], starts: FloatArray) -> None:
-            found, why = joints_of(self.maker, self.arm, T[rows], [postures[k] for k in rows], starts, self.own_model)
-            for k, joints, reason in zip(rows, found, why, strict=True):
-                q[k], reasons[k] = joints, reason
-
-        rows = np.flatnonzero(alone).tolist()
-        take(rows, near[rows])
+        solutions = Solutions(self.maker, self.arm, T, postures, self.own_model)
+        rows = np.flatnonzero(alone)
+        q[rows], why = solutions.next_to(rows, near[rows])
+        for k, reason in zip(rows.tolist(), why, strict=True):
+            reasons[k] = reason
         row_of = {number: row for row, number in enumerate(poses)}
         stops = [stop.target for stop in self.order if stop.target is not None]
         waiting = [*(row_of[number] for number in stops if number in row_of), *range(len(poses))]  # vias last
@@ -145,10 +158,7 @@ class MakerProgram(TextProgram):
             starts = [self._joints_of(number, row_of, q) for number in targets[row].after]
             if not starts or not np.isfinite(starts).all():
                 continue
-            found, why = joints_of(
-                self.maker, self.arm, np.repeat(T[[row]], len(starts), axis=0), [postures[row]] * len(starts),
-                np.array(starts), self.own_model,
-            )  # fmt: skip
+            found, why = solutions.next_to(np.full(len(starts), row), np.array(starts))
             q[row], reasons[row] = found[0], next(filter(None, why), "")
             if not reasons[row] and np.abs(found - found[0]).max() > 1e-6:
                 q[row], reasons[row] = unknown, "the stops before its moves lead to different solutions of the arm"
@@ -159,18 +169,19 @@ class MakerProgram(TextProgram):
             return self.targets[number].value
         return np.full(6, np.nan) if number is None or number not in row_of else q[row_of[number]]
 
-    def new_configuration(self, target: Target, q: FloatArray) -> Posture | None:
-        """The posture that the new joints have."""
-        return self.posture(target, q) if target.configuration_spans else None
+    def new_configurations(self, targets: Sequence[Target], q: FloatArray) -> list[Configuration | None]:
+        """The postures that the new joints have."""
+        pairs = zip(targets, self.postures(q), strict=True)
+        return [posture if target.configuration_spans else None for target, posture in pairs]
 
     def refused(self, goals: Goals, fake: Corrected) -> list[str]:
         """Corrections with which the arm would stand in another posture, turns aside."""
         out = [""] * len(goals.names)
         if goals.kind == "joint":
             return out
-        for row in np.flatnonzero(fake.ok):
-            target = self.targets[int(goals.numbers[row])]
-            new, old = self.posture(target, fake.q[row]), target.configuration
+        rows = np.flatnonzero(fake.ok)
+        for row, new in zip(rows.tolist(), self.postures(fake.q[rows]), strict=True):
+            old = self.targets[int(goals.numbers[row])].configuration
             if new is not None and isinstance(old, Posture) and old.whole and new[:3] != old[:3]:
                 out[row] = "its correction would need another configuration of the arm"
         return out
@@ -178,13 +189,19 @@ class MakerProgram(TextProgram):
     def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
         """New text of numbers and configurations."""
         out: list[Edit] = []
+        poses = [k for k in new_values if self.targets[k].kind == "pose"]
+        of_poses: dict[int, FloatArray] = {}
+        if poses:
+            near = np.array([self.targets[k].written for k in poses])
+            rows = self.maker.numbers(np.array([new_values[k] for k in poses]), near)
+            of_poses = dict(zip(poses, rows, strict=True))
         for k, value in new_values.items():
             target = self.targets[k]
             if target.kind == "joint":
                 numbers = self.maker.program_joints(np.asarray(value)) / self.joint_units(target)
                 least = [self.joint_decimals(target)] * 6
             else:
-                numbers = self.maker.numbers(np.asarray(value)[None], np.array([target.written]))[0]
+                numbers = of_poses[k]
                 least = [self.maker.decimals[0]] * 3 + [self.maker.decimals[1]] * 3
             for span, new, old, places in zip(target.spans, numbers, target.written, least, strict=True):
                 edit = self._edit(span, float(new), old, places)
@@ -293,15 +310,17 @@ def targets_of(
         Units of the joints of a target that are others than the maker's.
     """
     out = []
-    for k, one in enumerate(found):
-        written = np.array([number.value for number in one.numbers])
-        if not (np.abs(written) <= LARGEST).all():
-            value = np.full(6 if one.kind == "joint" else (4, 4), np.nan)
-        elif one.kind == "joint":
-            value = maker.joints(written * (units or {}).get(k, maker.joint))
+    rows = np.array([[number.value for number in one.numbers] for one in found]).reshape(-1, 6)
+    small = (np.abs(rows) <= LARGEST).all(axis=1)
+    poses = maker.poses(np.where(small[:, None], rows, 0.0))
+    poses[~small] = np.nan
+    poses.setflags(write=False)
+    for k, (one, written) in enumerate(zip(found, rows, strict=True)):
+        if one.kind == "pose":
+            value = poses[k]
         else:
-            value = maker.poses(written)[0]
-        value.setflags(write=False)
+            value = maker.joints(written * (units or {}).get(k, maker.joint)) if small[k] else np.full(6, np.nan)
+            value.setflags(write=False)
         frames_used = {(use.tool, use.work_object) for use in one.uses}
         reasons = list(one.reasons)
         if one.kind == "joint" and not reasons:
@@ -366,7 +385,7 @@ def frames_for(
     for target in targets:
         for use in target.uses if target.kind == "pose" and target.correctable else ():
             for k, (what, name) in enumerate((("tool", use.tool), ("frame", use.work_object))):
-                if name is None:
+                if name is None or name in found[k]:
                     continue
                 if name in ours[k]:
                     T = ours[k][name]

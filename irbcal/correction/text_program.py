@@ -176,8 +176,8 @@ class TextProgram(ABC):
         """New text of the numbers that change; see `with_targets`."""
 
     @abstractmethod
-    def new_configuration(self, target: Target, q: FloatArray) -> Configuration | None:
-        """Configuration of a pose target that joints (6,) in radians reach; None where none is to be written."""
+    def new_configurations(self, targets: Sequence[Target], q: FloatArray) -> list[Configuration | None]:
+        """Configurations of pose targets that joints (n, 6) in radians reach; None where none is to be written."""
 
     @property
     def data(self) -> bytes:
@@ -240,10 +240,8 @@ class TextProgram(ABC):
                 values |= dict(zip(chosen, fake.q[rows], strict=True))
                 continue
             values |= values_for_tip_poses(self, chosen, fake.T_fake[rows])
-            for row, k in zip(rows, chosen, strict=True):
-                new = self.new_configuration(self.targets[k], fake.q[row])
-                if new is not None:
-                    configurations[k] = new
+            new = self.new_configurations([self.targets[k] for k in chosen], fake.q[rows])
+            configurations |= {k: one for k, one in zip(chosen, new, strict=True) if one is not None}
         return values, configurations
 
     @abstractmethod

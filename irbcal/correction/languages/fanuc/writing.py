@@ -90,10 +90,8 @@ class LsProgram(MakerProgram):
         text = f"{number:4d}:  !irbcal fake targets ;{newline}{number + 1:4d}:  !{fingerprint} ;{newline}"
         return self.mark_at, self.mark_at, text
 
-    def posture(self, target: Target, q: FloatArray) -> Posture:
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
         """CONFIG of joints."""
-        back, bent, negative = (bool(flag[0]) for flag in self.maker.postures(self.arm, q[None]))
-        joints = self.maker.program_joints(q)
         turns = [math.floor((joints[k] + math.pi) / (2 * math.pi)) for k in TURNING]
         return posture_of(-1 if negative else 1, bent, turns)._replace(back=back)
 

@@ -72,21 +72,19 @@ class JobProgram(MakerProgram):
         """Radians of one pulse of each joint."""
         return DEG / np.array(self.pulses)
 
-    def posture(self, target: Target, q: FloatArray) -> Posture:
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
         """RCONF of joints, turns among them."""
-        back, bent, flipped = (bool(flag[0]) for flag in self.maker.postures(self.arm, q[None]))
-        joints = self.maker.program_joints(q)
         low, high = [-np.inf] * 6, [np.inf] * 6
         for joint in (0, 3, 5):
             if abs(joints[joint]) < HALF:
                 low[joint], high[joint] = -HALF, HALF
-        return Posture(back, bent, -1 if flipped else 1, tuple(low), tuple(high))
+        return Posture(back, bent, -1 if negative else 1, tuple(low), tuple(high))
 
     def refused(self, goals: Goals, fake: Corrected) -> list[str]:
         """Corrections that would need another RCONF, turns among them: several points share one."""
         out = super().refused(goals, fake)
-        for row in np.flatnonzero(fake.ok) if goals.kind == "pose" else ():
-            target = self.targets[int(goals.numbers[row])]
-            if self.posture(target, fake.q[row]) != target.configuration:
+        rows = np.flatnonzero(fake.ok) if goals.kind == "pose" else np.zeros(0, dtype=int)
+        for row, new in zip(rows.tolist(), self.postures(fake.q[rows]), strict=True):
+            if new != self.targets[int(goals.numbers[row])].configuration:
                 out[row] = "its correction would need another RCONF, which other points share"
         return out

@@ -69,10 +69,8 @@ class KrlProgram(MakerProgram):
         newline = self.listing.newline(self.listing.part(self.mark_at))
         return self.mark_at, self.mark_at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
 
-    def posture(self, target: Target, q: FloatArray) -> Posture:
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
         """S and T of joints."""
-        back, bent, _ = (bool(flag[0]) for flag in self.maker.postures(self.arm, q[None]))
-        joints = self.maker.program_joints(q)
         turn = sum(1 << k for k in range(6) if joints[k] < 0)
         return posture_of(int(back) | (0 if bent else 2), turn)
 

@@ -85,10 +85,10 @@ class Module(TextProgram):
         inserted, replaced = insertions(self.text, self.moves(), self.cuts, self.targets, self.work_objects)
         return [*(edit for edit in plain if not any(a <= edit[0] < b for a, b in replaced)), *inserted]
 
-    def new_configuration(self, target: Target, q: FloatArray) -> ConfData | None:
+    def new_configurations(self, targets: Sequence[Target], q: FloatArray) -> list[Configuration | None]:
         """Quadrants of the axes; ``cfx`` stays."""
-        written = target.configuration
-        return configuration_of(q, written.cfx) if isinstance(written, ConfData) else None
+        pairs = zip(q, (target.configuration for target in targets), strict=True)
+        return [configuration_of(row, old.cfx) if isinstance(old, ConfData) else None for row, old in pairs]
 
     def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
         """The module with fake targets, their configuration data and the line that says what they are corrected for."""

@@ -12,7 +12,6 @@ from irbcal.correction import orientations
 from irbcal.correction.listing import Edit
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.maker_program import MakerProgram
-from irbcal.correction.text_program import Target
 from irbcal.units import DEG, MM
 
 STAUBLI = Maker(
@@ -56,7 +55,6 @@ class Val3Program(MakerProgram):
         """A comment of the XML."""
         return self.mark_at, self.mark_at, f"<!-- irbcal: fake targets, calibration {fingerprint.replace('-', '_')} -->"
 
-    def posture(self, target: Target, q: FloatArray) -> Posture:
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
         """Shoulder, elbow and wrist of joints."""
-        back, bent, negative = (bool(flag[0]) for flag in self.maker.postures(self.arm, q[None]))
         return Posture(back, bent, -1 if negative else 1)

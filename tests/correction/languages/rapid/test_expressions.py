@@ -22,6 +22,16 @@ def test_lists_of_numbers():
     assert seen.mentions == []
 
 
+@pytest.mark.parametrize("text", ["[1,2]", "[ -1.5 ,\n.5, +2E-3]", "[9E9]", "[ 0 ]"])
+def test_a_list_of_plain_numbers_is_what_it_is_number_by_number(text):
+    """Beside a comment it is no single token."""
+    one, whole = value(text), value(text[:-1] + " ! c\n]")
+    assert [token.kind for token in one[1].tokens] == ["list", "end"]
+    assert len(whole[1].tokens) > 3
+    assert one[0].items == whole[0].items
+    assert [float(text[leaf.start : leaf.end]) for leaf in one[0].items] == numbers(one[0])
+
+
 def test_computed_numbers_are_none_and_their_names_are_mentioned():
     node, seen = value("[a + 1, f(b{2,3}, \\opt:=4), c.trans.x, - 5 * 2, TRUE]")
     assert numbers(node) == [None] * 5

@@ -2,7 +2,7 @@
 
 import pytest
 
-from irbcal.correction.languages.rapid.parts import Literal, Node
+from irbcal.correction.languages.rapid.parts import Data, Literal, Node, may_be
 
 
 def literal(kind, *numbers):
@@ -28,3 +28,15 @@ def test_joints_that_are_not_there_are_a_reason_and_no_problem():
     found = literal("joint", 1, 2, 3, 9e9, 5, 6)
     assert found.problem is None
     assert found.reasons == ["joint 4 has no value (9E9)"]
+
+
+def test_entries_are_looked_up_as_they_would_be_looked_through():
+    """Plain, computed and missing indices, against every pair of indices compared."""
+    data = Data("p", "robtarget", 0, sizes=(3, 2))
+    indices = [(1, 1), (1, 2), (None, 2), (2, 1), (1, 2), (3, None)]
+    for k, index in enumerate(indices):
+        data.entries.append((index, k))
+    for asked in [(1, 2), (2, 2), (3, 1), (None, 1), (1, None), (), (9, 9)]:
+        assert data.literals(asked) == [k for k, index in enumerate(indices) if may_be(index, asked)]
+    data.entries.append(((2, 2), 6))
+    assert data.literals((2, 2)) == [2, 6], "what comes later is found, too"
