@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, aligned
 from irbcal.identification.choices import ConeSolver
 
 MAX_ITERATIONS = 60
@@ -119,15 +119,19 @@ def _normal_matrix(v: FloatArray, beta: FloatArray, A: FloatArray) -> FloatArray
     Each is ``beta^-2 (2 g g^T - G^T diag(1, -1, -1, -1) G)`` with ``g = G^T (v0, -v1)``.
     """
     _, m, n = A.shape
-    stack = np.empty((4, m, n))
-    a = np.einsum("kj,kjn->jn", v[1:], A)
-    np.divide(A, beta[:, None], out=stack[:3])
-    np.multiply(a, (np.sqrt(2.0) / beta)[:, None], out=stack[3])
+    stack = aligned(4, m, n)
+    a, scale = stack[3], 1.0 / beta
+    np.multiply(A[0], v[1][:, None], out=a)
+    for k in (1, 2):
+        np.add(a, np.multiply(A[k], v[k + 1][:, None], out=stack[0]), out=a)
+    bent = (2.0 * v[0] * scale**2) @ a
+    np.multiply(A, scale[:, None], out=stack[:3])
+    np.multiply(a, (np.sqrt(2.0) * scale)[:, None], out=a)
     flat = stack.reshape(4 * m, n)
     H = np.empty((n + 1, n + 1))
     H[:n, :n] = flat.T @ flat
-    H[:n, n] = H[n, :n] = (2.0 * v[0] / beta**2) @ a
-    H[n, n] = np.sum((2.0 * v[0] ** 2 - 1.0) / beta**2)
+    H[:n, n] = H[n, :n] = bent
+    H[n, n] = np.sum((2.0 * v[0] ** 2 - 1.0) * scale**2)
     return H
 
 
@@ -145,7 +149,7 @@ def _newton(
 
 def _dot(x: FloatArray, y: FloatArray) -> FloatArray:
     """Scalar product column by column."""
-    return np.einsum("kj,kj->j", x, y)
+    return np.asarray(np.add.reduce(x * y, axis=0))
 
 
 def _cone_norm(x: FloatArray) -> FloatArray:

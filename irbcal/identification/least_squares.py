@@ -107,8 +107,9 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
         step = _step(seen, g, state)
         size = np.abs(step).max()
         if size < STEP_TOLERANCE or (held is not None and g @ step < DECREASE_TOLERANCE * seen.sigma**2):
-            moved = problem.moved(state, step)
-            return Solution(moved, seen, problem.rss(moved), iteration, tuple(np.sqrt(np.array(sums) / m)))
+            # the sum is a parabola over so short a step
+            left = max(rss - float(step @ (2.0 * g - H @ step)), 0.0)
+            return Solution(problem.moved(state, step), seen, left, iteration, tuple(np.sqrt(np.array(sums) / m)))
         shrink = 1.0
         while True:
             moved = problem.moved(state, shrink * step)

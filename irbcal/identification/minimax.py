@@ -211,12 +211,15 @@ def _orthonormal(A: FloatArray, cut: float) -> tuple[FloatArray, FloatArray]:
     """Orthonormal basis of the columns and the matrix that brings its coordinates back to theirs.
 
     Directions along which a whole unit moves all predictions by less than ``cut`` together are not moved: far from
-    the least-squares state there may be such among the seen ones.
+    the least-squares state there may be such among the seen ones. The second time removes what rounding left.
     """
-    Q, R = np.linalg.qr(A)
-    U, size, Vt = np.linalg.svd(R)
-    keep = size > cut
-    return Q @ U[:, keep], Vt[keep].T / size[keep]
+    back: FloatArray = np.eye(A.shape[1])
+    for limit in (cut, 0.0):
+        squares, V = np.linalg.eigh(A.T @ A)
+        keep = squares > limit**2
+        turned = V[:, keep] / np.sqrt(squares[keep])
+        A, back = A @ turned, back @ turned
+    return A, back
 
 
 def _closed(value: float, bound: float, tolerance: float) -> bool:

@@ -96,9 +96,9 @@ class _Block:
         Of the whole problem: the points', then the orientations'.
     session : ndarray of int, shape (m + o,)
         Of each row.
-    stiffness : ndarray, shape (2, n)
-        Terms of A and B at each pose; empty where no parameter needs them.
-    fourier : ndarray, shape (4, n)
+    stiffness : ndarray, shape (2, m)
+        Terms of A and B at each point; empty where no parameter needs them.
+    fourier : ndarray, shape (4, m)
         Terms of joint 6; likewise.
     """
 
@@ -156,6 +156,8 @@ class Problem:
         Number of outer unknowns.
     weights : ndarray, shape (rows,)
         Factor on each row: median uncertainty over the row's own; 1 where no uncertainty is given.
+    kinds : dict
+        Places of the error parameters of each kind, and their joints (or numbers): arrays of int.
     """
 
     def __init__(
@@ -183,6 +185,7 @@ class Problem:
         self.outer = self.others + 6 * (len(self.sessions) - 1)
         self.rows = len(points) + int(oriented.sum())
         self.weights = _weights(points, oriented)
+        self.kinds = _places(self.parameters)
         self._blocks = self._cut(points, oriented)
 
     def _cut(self, points: PointSet, oriented: BoolArray) -> list[_Block]:
@@ -191,26 +194,28 @@ class Problem:
         session = self.session_of_points()
         edges = np.searchsorted(points.pose, [*starts, points.poses])
         before = np.concatenate([[0], np.cumsum(oriented)])
-        kinds = {parameter.kind for parameter in self.parameters}
         none = np.zeros((0, 0))
         blocks = []
         for k, start in enumerate(starts):
             rows = slice(edges[k], edges[k + 1])
             q = points.q[start : start + BLOCK]
+            pose = points.pose[rows] - start
             turned = np.flatnonzero(oriented[rows])
             o = len(points) + before[edges[k]]
             blocks.append(
                 _Block(
                     q=q,
-                    pose=points.pose[rows] - start,
+                    pose=pose,
                     target=points.target[rows],
                     xyz=np.ascontiguousarray(points.xyz[rows].T),
                     turned=turned,
                     rotation=np.zeros((0, 3, 3)) if points.rotation is None else points.rotation[rows][turned],
                     rows=np.r_[rows, o : o + len(turned)],
                     session=np.r_[session[rows], session[rows][turned]],
-                    stiffness=np.asarray(stiffness_terms(q, self.joint_map.phases)) if "stiffness" in kinds else none,
-                    fourier=fourier_terms(q) if "fourier" in kinds else none,
+                    stiffness=np.asarray(stiffness_terms(q, self.joint_map.phases))[:, pose]
+                    if "stiffness" in self.kinds
+                    else none,
+                    fourier=fourier_terms(q)[:, pose] if "fourier" in self.kinds else none,
                 )
             )
         return blocks
@@ -237,15 +242,15 @@ class Problem:
         The base moves by a rotation vector and a translation given in the base link, a target frame by a
         rotation vector given in the tip link.
         """
-        shift = frames.transform(frames.rotation_from_vector(step[:3]), step[3:6])
+        shift = frames.transform(frames.rotation_from_one(step[:3]), step[3:6])
         targets, rotations = state.targets.copy(), state.rotations.copy()
         k = 6 + 3 * len(self.free)
         targets[self.free] += step[6:k].reshape(-1, 3)
         for j, turn in zip(self.framed, step[k : self.others].reshape(-1, 3), strict=True):
-            rotations[j] = frames.rotation_from_vector(turn) @ rotations[j]
+            rotations[j] = frames.rotation_from_one(turn) @ rotations[j]
         steps = step[self.others : self.outer].reshape(-1, 6)
         others = [
-            T @ frames.transform(frames.rotation_from_vector(s[:3]), s[3:])
+            T @ frames.transform(frames.rotation_from_one(s[:3]), s[3:])
             for T, s in zip(state.others, steps, strict=True)
         ]
         return State(
@@ -366,9 +371,10 @@ class Problem:
 
     def _derivatives(self, block: _Block, arm: Arm, joint_map: JointMap, state: State) -> tuple[FloatArray, FloatArray]:
         """Residuals (3, rows) and derivatives (unknowns, 3, rows) of one block."""
-        theta = joint_map.effective(block.q).T + arm.table.offsets[:, None]
+        # the frames at every point, not pose: that costs no more than to hand them out
+        theta = joint_map.effective(block.q)[block.pose].T + arm.table.offsets[:, None]
         chain = dhm.chain_frames(arm.table, theta, arm.T_base_0, arm.T_last_tip)
-        tip = chain.tip[..., block.pose]
+        tip = chain.tip
         r, p = self._residuals(block, tip, state)
         m = len(block.pose)
         J = np.zeros((self.unknowns, 3, r.shape[1]))
@@ -377,8 +383,7 @@ class Problem:
         J[2, 0, :m], J[2, 1, :m] = -p[1], p[0]
         J[3, 0, :m] = J[4, 1, :m] = J[5, 2, :m] = 1.0
         for slot, k in enumerate(self.free):
-            mine = np.flatnonzero(block.target == k)
-            J[6 + 3 * slot : 9 + 3 * slot, :, mine] = tip[:3, :, mine]
+            np.multiply(tip[:3], block.target == k, out=J[6 + 3 * slot : 9 + 3 * slot, :, :m])
         self._robot_columns(J[self.outer :, :, :m], chain, p, block)
         if len(block.turned):
             self._orientation_columns(J[:, :, m:], chain, tip, block)
@@ -395,7 +400,7 @@ class Problem:
     def _orientation_columns(self, J: FloatArray, chain: dhm.ChainFrames, tip: FloatArray, block: _Block) -> None:
         """Fill derivatives of the predicted rotation vectors, (unknowns, 3, o)."""
         turned = block.turned
-        pose, target = block.pose[turned], block.target[turned]
+        target = block.target[turned]
         length = self.orientation_length
         for k in range(3):
             J[k, k] = length
@@ -404,43 +409,50 @@ class Problem:
             mine = np.flatnonzero(target == k)
             J[start + 3 * slot : start + 3 * slot + 3, :, mine] = length * tip[:3, :, turned[mine]]
         axes = {"theta": chain.z, "alpha": chain.x_before, "beta": chain.y_tilt}
-        spin = {kind: length * array[..., pose] for kind, array in axes.items()}
-        self._fill(J[self.outer :], spin, block, pose)
+        self._fill(J[self.outer :], {kind: length * axis[..., turned] for kind, axis in axes.items()}, block, turned)
 
     def _robot_columns(self, J: FloatArray, chain: dhm.ChainFrames, p: FloatArray, block: _Block) -> None:
         """Fill derivatives by the robot's error parameters, (k, 3, m)."""
-        pose = block.pose
-        kinds = {parameter.kind for parameter in self.parameters}
-        columns: dict[str, FloatArray] = {}
-        if "a" in kinds or "alpha" in kinds:
-            columns["a"] = chain.x_before[..., pose]
+        kinds = set(self.kinds)
+        columns: dict[str, FloatArray] = {"a": chain.x_before, "d": chain.z, "b": chain.y_tilt}
         if "alpha" in kinds:
-            columns["alpha"] = _turned(columns["a"], chain.o_before[..., pose], p)
-        if kinds & {"d", "theta", "stiffness", "fourier", "gain"}:
-            columns["d"] = chain.z[..., pose]
-            columns["theta"] = _turned(columns["d"], chain.o[..., pose], p)
-        if "beta" in kinds or "b" in kinds:
-            columns["b"] = chain.y_tilt[..., pose]
+            columns["alpha"] = _turned(chain.x_before, chain.o_before, p)
+        if kinds & {"theta", "stiffness", "fourier", "gain"}:
+            columns["theta"] = _turned(chain.z, chain.o, p)
         if "beta" in kinds:
-            columns["beta"] = _turned(columns["b"], chain.o_tilt[..., pose], p)
-        self._fill(J, columns, block, pose)
+            columns["beta"] = _turned(chain.y_tilt, chain.o_tilt, p)
+        self._fill(J, columns, block, slice(None))
 
-    def _fill(self, J: FloatArray, columns: Mapping[str, FloatArray], block: _Block, pose: IntArray) -> None:
-        """Derivatives by every error parameter from those by the DHM columns; absent columns have no effect."""
-        for slot, parameter in enumerate(self.parameters):
-            kind, index = parameter.kind, parameter.index
+    def _fill(self, J: FloatArray, columns: Mapping[str, FloatArray], block: _Block, points: IntArray | slice) -> None:
+        """Derivatives of some points by every error parameter, from those by the DHM columns at them.
+
+        Absent columns have no effect.
+        """
+        theta = columns.get("theta")
+        for kind, (slots, indices) in self.kinds.items():
             if kind in columns:
-                J[slot] = columns[kind][index]
+                J[slots] = columns[kind][indices]
             elif kind == "gain":
-                along = columns.get("d" if self.arm.table.prismatic[index] else "theta")
-                if along is not None:
-                    J[slot] = along[index] * block.q[pose, index]
-            elif kind == "fourier":
-                J[slot] = columns["theta"][5] * block.fourier[index, pose]
-            elif kind == "stiffness" and index == 0:  # A
-                J[slot] = columns["theta"][1] * block.stiffness[0][pose]
-            elif kind == "stiffness":  # B
-                J[slot] = (columns["theta"][1] + columns["theta"][2]) * block.stiffness[1][pose]
+                for slot, index in zip(slots, indices, strict=True):
+                    along = columns.get("d" if self.arm.table.prismatic[index] else "theta")
+                    if along is not None:
+                        J[slot] = along[index] * block.q[block.pose[points], index]
+            elif theta is not None and kind == "fourier":
+                for slot, index in zip(slots, indices, strict=True):
+                    np.multiply(theta[5], block.fourier[index, points], out=J[slot])
+            elif theta is not None and kind == "stiffness":  # A turns joint 2, B joints 2 and 3
+                for slot, index in zip(slots, indices, strict=True):
+                    np.multiply(theta[1] + theta[2] if index else theta[1], block.stiffness[index, points], out=J[slot])
+
+
+def _places(error_parameters: Sequence[Parameter]) -> dict[str, tuple[IntArray, IntArray]]:
+    """Places of the parameters of each kind, and their joints (or numbers)."""
+    found: dict[str, tuple[list[int], list[int]]] = {}
+    for slot, parameter in enumerate(error_parameters):
+        slots, indices = found.setdefault(parameter.kind, ([], []))
+        slots.append(slot)
+        indices.append(parameter.index)
+    return {kind: (np.array(slots), np.array(indices)) for kind, (slots, indices) in found.items()}
 
 
 def session_names(points: PointSet) -> tuple[str, ...]:

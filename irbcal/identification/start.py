@@ -57,46 +57,54 @@ def closed_form(problem: Problem) -> tuple[State, float]:
     tip = nominal_tip(problem)
     y = points.xyz.T
     center = y.mean(axis=1, keepdims=True)
-    size = max(np.abs(y - center).max(), 1e-9)
-    m = len(points)
-    targets = np.zeros((len(points.target_names), 3))
-    for k, name in enumerate(points.target_names):
-        targets[k] = problem.known.get(name, targets[k])
-    right = tip[3] + np.einsum("kcm,mk->cm", tip[:3], targets[points.target])
-    # equations of base-link component k stand in rows k m .. (k+1) m
-    rows = np.zeros((3, m, unknowns))
+    y = y - center
+    size = max(np.abs(y).max(), 1e-9)
+    rows = np.zeros((unknowns, 3, len(points)))
     for k in range(3):
-        rows[k, :, 3 * k : 3 * k + 3] = ((y - center) / size).T
-        rows[k, :, 9 + k] = 1.0
-        for slot, t in enumerate(free):
-            mine = points.target == t
-            rows[k, mine, 12 + 3 * slot : 15 + 3 * slot] = -tip[:3, k, mine].T
-    M = rows.reshape(3 * m, unknowns)
-    eigenvalues, V = np.linalg.eigh(M.T @ M)
+        np.multiply(y, 1.0 / size, out=rows[3 * k : 3 * k + 3, k])
+    _place_rows(problem, tip, rows[9:])
+    M = rows.reshape(unknowns, -1)
+    eigenvalues, V = np.linalg.eigh(M @ M.T)
     keep = eigenvalues > 1e-12 * eigenvalues[-1]
-    solution = V[:, keep] @ ((V[:, keep].T @ (M.T @ right.ravel())) / eigenvalues[keep])
+    solution = V[:, keep] @ ((V[:, keep].T @ (M @ _without_targets(problem, tip).ravel())) / eigenvalues[keep])
     W = frames.nearest_rotation(solution[:9].reshape(3, 3) / size)
-    return placed(problem, W), float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
+    return placed(problem, W, tip), float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
 
 
-def placed(problem: Problem, W: FloatArray) -> State:
-    """Base and targets by least squares where the inverse base rotation ``W`` is known."""
-    points, free, tip = problem.points, problem.free, nominal_tip(problem)
+def _place_rows(problem: Problem, tip: FloatArray, out: FloatArray) -> None:
+    """Fill the columns of the inverse base translation and the targets into zeros (3 + 3 T, 3, m)."""
+    for k in range(3):
+        out[k, k] = 1.0
+    for slot, t in enumerate(problem.free):
+        mine = np.flatnonzero(problem.points.target == t)
+        out[3 + 3 * slot : 6 + 3 * slot, :, mine] = -tip[:3, :, mine]
+
+
+def _known_targets(problem: Problem) -> FloatArray:
+    """Places of the known targets, zeros for the others, shape (T, 3)."""
+    return np.array([problem.known.get(name, np.zeros(3)) for name in problem.points.target_names]).reshape(-1, 3)
+
+
+def _without_targets(problem: Problem, tip: FloatArray) -> FloatArray:
+    """What base and unknown targets have to make up: tip origins with the known targets, shape (3, m)."""
+    if not problem.known:
+        return tip[3]
+    x, y, z = _known_targets(problem)[problem.points.target].T
+    return np.asarray(tip[3] + tip[0] * x + tip[1] * y + tip[2] * z)
+
+
+def placed(problem: Problem, W: FloatArray, tip: FloatArray | None = None) -> State:
+    """Base and targets by least squares where the inverse base rotation ``W`` is known; ``tip`` as `nominal_tip`."""
+    points, free = problem.points, problem.free
+    tip = nominal_tip(problem) if tip is None else tip
     y = points.xyz.T
     center = y.mean(axis=1, keepdims=True)
-    m, unknowns = len(points), 3 + 3 * len(free)
-    targets = np.zeros((len(points.target_names), 3))
-    for k, name in enumerate(points.target_names):
-        targets[k] = problem.known.get(name, targets[k])
-    right = tip[3] + np.einsum("kcm,mk->cm", tip[:3], targets[points.target]) - W @ (y - center)
-    rows = np.zeros((3, m, unknowns))
-    for k in range(3):
-        rows[k, :, k] = 1.0
-        for slot, t in enumerate(free):
-            mine = points.target == t
-            rows[k, mine, 3 + 3 * slot : 6 + 3 * slot] = -tip[:3, k, mine].T
-    left = rows.reshape(3 * m, unknowns)
-    rest = np.linalg.lstsq(left.T @ left, left.T @ right.ravel(), rcond=1e-12)[0]
+    rows = np.zeros((3 + 3 * len(free), 3, len(points)))
+    _place_rows(problem, tip, rows)
+    left = rows.reshape(len(rows), -1)
+    right = _without_targets(problem, tip) - W @ (y - center)
+    rest = np.linalg.lstsq(left @ left.T, left @ right.ravel(), rcond=1e-12)[0]
+    targets = _known_targets(problem)
     targets[free] = rest[3:].reshape(-1, 3)
     return State(
         frames.inverse(frames.transform(W, rest[:3] - W @ center[:, 0])),

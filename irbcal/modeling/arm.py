@@ -150,6 +150,10 @@ class Arm:
             If the arm has not six revolute joints, or axes 2 and 3 are not horizontal and parallel: gravity then acts
             otherwise than the model says.
         """
+        return self._bending
+
+    @cached_property
+    def _bending(self) -> tuple[FloatArray, Stiffness]:
         if not self.six_revolute:
             raise RobotError(f"the arm-stiffness model is for six revolute joints, {self.name} has others")
         chain = dhm.chain_frames(self.table, self.table.offsets[:, None], self.T_base_0)
@@ -167,6 +171,7 @@ class Arm:
         fore = fore - axis * (axis @ fore)
         up = np.array([0.0, 0.0, 1.0])
         phases = np.array([np.arctan2(axis @ np.cross(up, v), up @ v) for v in (upper, fore)])
+        phases.setflags(write=False)
         return phases, Stiffness.guess(float(np.linalg.norm(upper)), float(np.linalg.norm(fore)))
 
     @cached_property

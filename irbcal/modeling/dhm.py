@@ -15,7 +15,6 @@ no 4x4 products and no loop over poses.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from functools import cached_property
 from math import atan2, cos, sin
 
 import numpy as np
@@ -92,7 +91,7 @@ class DHMTable:
         """What is added to each effective joint, shape (n,): ``theta`` (rad), of prismatic joints ``d`` (m)."""
         return np.where(self.prismatic, self.d, self.theta)
 
-    @cached_property
+    @property
     def rows(self) -> list[tuple[float, float, float, float, float, float, bool]]:
         """The table joint by joint: alpha, a, theta, d, beta, b, and whether it slides."""
         return list(zip(*(getattr(self, column.name).tolist() for column in fields(self)), strict=True))

@@ -12,6 +12,7 @@ import fnmatch
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
@@ -67,6 +68,7 @@ class Parameter:
     scale: float
 
 
+@cache
 def parameter(name: str) -> Parameter:
     """The error parameter of a name.
 

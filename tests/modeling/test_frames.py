@@ -155,6 +155,14 @@ def test_derivative_of_angles(outside):
     np.testing.assert_allclose(frames.angles_derivative(R, outside) @ v, change, rtol=0, atol=1e-8)
 
 
+def test_one_rotation_vector_is_one_of_many():
+    vectors = np.vstack(
+        [np.zeros(3), np.random.default_rng(4).standard_normal((20, 3)) * 10.0 ** -np.arange(20)[:, None]]
+    )
+    one_by_one = [frames.rotation_from_one(vector) for vector in vectors]
+    np.testing.assert_allclose(one_by_one, frames.rotation_from_vector(vectors), rtol=0, atol=1e-15)
+
+
 def test_rotation_vectors_against_scipy():
     rng = np.random.default_rng(9)
     vectors = rng.standard_normal((200, 3))
