@@ -157,6 +157,7 @@ def simulate_device(
     only: Sequence[str] | None = None,
     without: Sequence[str] = (),
     payload: float | None = None,
+    at: tuple[FloatArray, IntArray] | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
@@ -182,6 +183,9 @@ def simulate_device(
         Effects of the cell that are on, or off; one of the two. The robot's own geometry errs in any case.
     payload : float, optional
         Mass carried, kg; the rows then have columns of it and its place. That of the cell's tool unless given.
+    at : tuple, optional
+        Joints (n, joints) and number of the feature of each (n,), as `irbcal.device_plan` gives them: the real robot is
+        brought to the features from there. Random ones unless given.
     base_link, tip_link, coupling
         As for `irbcal.simulate`.
 
@@ -207,7 +211,7 @@ def simulate_device(
     opened = opened if mass is None else opened.with_payload(mass)
     size = wanted.noise if noise is None else number("noise", noise, 0.0, 0.01)
     found = placed(opened.arm, wanted).with_noise(size)
-    q, which = poses(opened.arm, found, count, seed)
+    q, which = poses(opened.arm, found, count, seed) if at is None else at
     order = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 1))).permutation(len(q))
     order = order[np.argsort(which[order], kind="stable")]
     q, which, value = _measured(opened, found, q[order], which[order], size)

@@ -153,7 +153,6 @@ DEVICES: Mapping[str, Device] = {
             "a camera on the arm, boards at three places",
             "image-on-tool",
             tuple(Spot(f"board {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
-            noise=0.01 * MM,
             cone=50.0 * DEG,
         ),
         Device(

@@ -45,7 +45,7 @@ WORDS: Mapping[str, str] = {
     "image-on-tool": "board",
     "angle": "level",
 }
-"""What is drawn of a kind, as its label says; what is level stands where the tool was on average."""
+"""What is drawn of a kind, as its label says; what is level stands beside the base."""
 
 FRAME = "frame"
 """The frame in which a device measured whole poses: rows of kind ``pose`` have no feature."""
@@ -91,6 +91,11 @@ def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | Non
         Scale of the robot, metres: sizes that nothing tells are parts of it.
     T_base_world : ndarray, shape (4, 4), optional
         The measuring frame.
+
+    Returns
+    -------
+    tuple of ShownFeature
+        What is level has no place: it stands beside the base.
     """
     out = []
     small = float(np.clip(0.008 * reach, 0.005, 0.014))
@@ -107,7 +112,8 @@ def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | Non
             T = T @ frames.transform(None, np.r_[0.5 * edges, 0.0])
             size = float(edges.mean()) / 2
         elif row.kind == "angle":
-            size = 0.04 * reach
+            size = 0.05 * reach
+            T = T @ frames.transform(None, np.array([0.0, -0.3 * reach, 0.0]))
         elif row.kind in ("plane", "gauge", "line"):
             size = float(
                 np.clip(1.5 * row.spread_mm * MM, 0.05 * reach, (0.25 if row.kind == "plane" else 0.5) * reach)
@@ -140,7 +146,7 @@ def _placed(row: FeatureRow) -> FloatArray | None:
         n = own["normal"][:, 2]
         foot = middle if row.kind == "gauge" and row.middle_mm else middle + n * (own["height"][0] - n @ middle)
         return frames.transform(own["normal"], foot)
-    return frames.transform(own["up"], middle) if "up" in own and row.middle_mm else None
+    return frames.transform(own["up"]) if "up" in own else None
 
 
 def _unknowns(row: FeatureRow) -> dict[str, FloatArray]:

@@ -37,6 +37,12 @@ def test_files_say_that_they_are_simulated(balls, tmp_path):
     assert len(seen.lengths) == 6
 
 
+def test_poses_of_a_plan_can_be_measured(balls):
+    again = simulate_device("irb1600", "balls", seed=3, noise=0.0, at=(balls.q[:6], balls.which[:6]))
+    assert again.which.tolist() == balls.which[:6].tolist()
+    assert sorted(np.round(again.q[:, 0], 2)) == pytest.approx(sorted(np.round(balls.q[:6, 0], 2)), abs=0.02)
+
+
 def test_strings_show_distances_with_their_noise():
     exact, noisy = (simulate_device("irb1600", "string", 60, noise=noise) for noise in (0.0, 1e-4))
     np.testing.assert_array_equal(exact.q, noisy.q)
