@@ -7,6 +7,7 @@ import os
 import sys
 import tempfile
 from contextlib import suppress
+from functools import cache
 from importlib.util import cache_from_source
 from typing import Any
 
@@ -53,8 +54,9 @@ class Compiled(BytecodeCache):
                 os.unlink(name)
 
 
+@cache
 def environment(package: str, folder: str = "templates", trim: bool = True) -> jinja2.Environment:
-    """Templates of a package.
+    """Templates of a package, each compiled once a process.
 
     Parameters
     ----------

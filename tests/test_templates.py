@@ -20,7 +20,8 @@ def folder(tmp_path, monkeypatch):
 
 
 def page():
-    return templates.environment("own_pages").get_template("page.j2").render(a="&")
+    """As another process makes it: within one, an environment keeps its templates."""
+    return templates.environment.__wrapped__("own_pages").get_template("page.j2").render(a="&")
 
 
 def test_a_compiled_template_is_kept_and_follows_its_source(folder, monkeypatch):
@@ -39,3 +40,15 @@ def test_a_compiled_template_is_kept_and_follows_its_source(folder, monkeypatch)
 def test_where_nothing_can_be_kept_pages_are_the_same(folder):
     (folder / "__pycache__").write_text("a file where the folder should be")
     assert page() == "<&amp;>\n"
+
+
+def test_a_process_compiles_a_template_once(folder, monkeypatch):
+    def made():
+        return templates.environment("own_pages").get_template("page.j2")
+
+    monkeypatch.setattr("sys.dont_write_bytecode", True)
+    templates.environment.cache_clear()
+    first = made()
+    monkeypatch.setattr(jinja2.Environment, "_parse", lambda *_: pytest.fail("compiled again"))
+    assert made() is first
+    templates.environment.cache_clear()
