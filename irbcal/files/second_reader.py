@@ -18,6 +18,8 @@ import numpy as np
 from irbcal.arrays import FloatArray
 
 MESHES = "trimesh"
+ALONE = "_forward_kinematics_joint"
+"""Its transform of one joint, which needs no scene."""
 
 
 class _Later(ModuleType):
@@ -74,20 +76,22 @@ def poses(urdf_bytes: bytes, joint_names: tuple[str, ...], base: str, tip: str, 
     -------
     ndarray, shape (n, 4, 4)
     """
-    robot = yourdfpy().URDF.load(
-        BytesIO(urdf_bytes), build_scene_graph=False, load_meshes=False, build_collision_scene_graph=False
+    reader = yourdfpy().URDF
+    alone = hasattr(reader, ALONE)  # another version may have it under another name: then with its scene
+    robot = reader.load(
+        BytesIO(urdf_bytes), build_scene_graph=not alone, load_meshes=False, build_collision_scene_graph=False
     )
     above = {joint.child: joint for joint in robot.robot.joints}
 
     def from_root(link: str) -> FloatArray:
         T = np.eye(4)
         while link in above:
-            T = robot._forward_kinematics_joint(above[link])[0] @ T
+            T = getattr(robot, ALONE)(above[link])[0] @ T
             link = above[link].parent
         return T
 
     out = np.empty((len(q), 4, 4))
     for k, row in enumerate(q.tolist()):
         robot.update_cfg(dict(zip(joint_names, row, strict=True)))
-        out[k] = np.linalg.solve(from_root(base), from_root(tip))
+        out[k] = np.linalg.solve(from_root(base), from_root(tip)) if alone else robot.get_transform(tip, base)
     return out

@@ -22,6 +22,15 @@ def test_the_same_as_its_scene_graph(name):
         np.testing.assert_allclose(T, scene.get_transform(arm.tip_link, arm.base_link), atol=1e-14)
 
 
+def test_a_version_without_it_is_asked_for_its_scene(monkeypatch):
+    robot = robots.robots().robots[0]
+    arm, data = urdf.read(robot.name).arm, robot.path().read_bytes()
+    given = data, arm.joint_names, arm.base_link, arm.tip_link, arm.random_joints(5, 2)
+    alone = second_reader.poses(*given)
+    monkeypatch.setattr(second_reader, "ALONE", "_called_otherwise")
+    np.testing.assert_allclose(second_reader.poses(*given), alone, atol=1e-14)
+
+
 LATER = """
 import sys
 from irbcal.files import second_reader
