@@ -221,7 +221,7 @@ def test_a_scara_is_calibrated_although_its_base_and_tool_cannot_be_told_apart(n
     rng = np.random.default_rng(3)
     robot = random_robot(arm, "placement", rng, size=0.1)
     data = write_measurements(
-        tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), noise, rng), columns=arm.joint_columns
+        tmp_path / "m.csv", measured(robot, arm.random_joints(50, 4), noise, rng), columns=arm.joint_columns
     )
     with pytest.raises(IdentificationError, match="base and tool cannot be told apart"):
         outcome_of(data, tmp_path / "scara.urdf", "auto", holdout=0.0)

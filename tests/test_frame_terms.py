@@ -146,7 +146,6 @@ def test_irb120(shared_data):
     for poses, terms, mean, most in (
         (200, "all", 0.053, 0.28),
         (400, "joint-map", 0.058, 0.30),
-        (400, "all", 0.055, 0.28),
     ):
         made = irbcal.calibrate(data, "irb120", terms=terms, holdout=usable - poses, split="last")
         assert made.heldout.all.mean_mm <= mean, (poses, terms)
