@@ -1,5 +1,6 @@
 """Damaged inputs for every command, and writers that are killed: some of what ``scripts/fuzz`` does, with a fixed seed."""
 
+import faulthandler
 import os
 import signal
 import subprocess
@@ -73,7 +74,7 @@ def test_the_judge_sees_what_must_not_be(tmp_path, monkeypatch):
         ("traceback", lambda: 1 / 0),
         ("memory", eats),
         ("hang", lambda: time.sleep(60)),
-        ("signal 11", lambda: os.kill(os.getpid(), signal.SIGSEGV)),
+        ("signal 11", lambda: faulthandler.disable() or os.kill(os.getpid(), signal.SIGSEGV)),
         ("changed a file", lambda: Path("in.csv").write_text("") and 0),
         ("half a file", lambda: Path(".irbcal-0").write_text("") and 0),
         ("half a file (exit 1, wrote out.csv)", lambda: Path("out.csv").write_text("1") and refusal(1)),
