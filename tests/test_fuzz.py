@@ -1,6 +1,7 @@
 """Damaged inputs for every command, and writers that are killed: some of what ``scripts/fuzz`` does, with a fixed seed."""
 
 import faulthandler
+import json
 import os
 import signal
 import subprocess
@@ -12,8 +13,10 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from typer.testing import CliRunner
 
 from irbcal import atomic
+from irbcal.cli.main import app
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
@@ -43,6 +46,15 @@ def test_damaged_inputs_are_refused_or_used_and_harm_nothing(good, tmp_path, mon
     kinds = Counter(name.split(" ", 1)[1] for name in counts.elements())
     assert kinds["refused"] > CASES / 3
     assert kinds["done"] > CASES / 20
+
+
+def test_a_program_without_targets_has_no_mean_error(good, tmp_path):
+    """Found by it: a calibration that knows last moves, and nothing to correct."""
+    (tmp_path / "job.script").write_text("def job():\n  # a comment\n  global W_0_p=p[.9,.05,.7,0,3.1,1_000]\n")
+    words = ["filter", good / "cal-auto", tmp_path / "job.script", "--out", tmp_path / "out.script", "--json"]
+    done = CliRunner().invoke(app, [*map(str, words)])
+    assert done.exit_code == 1
+    assert json.loads(done.stdout)["expected_with_last_moves_mm"] is None
 
 
 def judged(tmp_path, monkeypatch, work):

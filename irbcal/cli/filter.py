@@ -145,5 +145,5 @@ def _last_moves(found: Filtered) -> dict[str, Any]:
         "last_moves_known": found.last_moves[0],
         "stops": found.last_moves[1],
         "max_last_move_mm": float(found.last_move_error.max(initial=0.0) / MM),
-        "expected_with_last_moves_mm": None if expected is None else float(expected.mean() / MM),
+        "expected_with_last_moves_mm": None if expected is None or not expected.size else float(expected.mean() / MM),
     }

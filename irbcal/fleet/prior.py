@@ -120,7 +120,7 @@ def type_prior(sisters: Sequence[Stored]) -> TypePrior:
     Raises
     ------
     CalibrationError
-        If they began from different nominal robots.
+        If they began from different nominal robots, or their numbers cannot be.
     """
     nominal = {one.calibration["nominal_urdf_sha256"]: one.robot["id"] for one in sisters}
     if len(nominal) > 1:
@@ -137,7 +137,10 @@ def type_prior(sisters: Sequence[Stored]) -> TypePrior:
     names = [name for name, count in counts.items() if count >= LEAST_SHARE * len(estimates)]
     known = {name: (one.natural[k], one.units[k]) for one in estimates for name, k in one.place.items()}
     natural = np.array([known[name][0] for name in names])
-    mean, std = population([_likelihood(one, names) for one in estimates])
+    with np.errstate(all="ignore"):  # what becomes of it is looked at
+        mean, std = population([_likelihood(one, names) for one in estimates])
+    if not (np.isfinite(mean).all() and np.isfinite(std).all()):
+        raise CalibrationError("what the store says of these robots' terms gives no mean and scatter: is it damaged?")
     return TypePrior(
         sisters[0].robot["type"],
         next(iter(nominal)),

@@ -37,6 +37,13 @@ def test_what_no_sister_shows_stays_open():
     assert std[1] > 1.0
 
 
+def test_numbers_that_cannot_be_are_refused(stored):
+    one = stored[0]
+    sisters = [replace(one, terms=replace(one.terms, values=one.terms.values * size)) for size in (1.0, 1.0, 1e300)]
+    with pytest.raises(CalibrationError, match="is it damaged"):
+        type_prior(sisters)
+
+
 @pytest.fixture(scope="module")
 def store(stored, tmp_path_factory):
     """Three robots, and three more whose terms are drawn about theirs."""
