@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import cache
-from typing import Any, NoReturn, TypeAlias, TypeVar
+from typing import Any, Literal, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,18 @@ def aligned(*shape: int) -> FloatArray:
     whole = np.empty(numbers + LINE)
     first = -whole.ctypes.data % (8 * LINE) // 8
     return whole[first : first + numbers].reshape(shape)
+
+
+@contextmanager
+def row_arithmetic(errors: Literal["ignore"] | None = None) -> Iterator[None]:
+    """Arithmetic on rows of numbers of one type without buffers; ``errors`` is for `numpy.errstate`.
+
+    numpy copies rows that are shorter than its buffer through it before it broadcasts them or strides over them, which
+    takes two to four times as long as the arithmetic. The setting ends with the block, and is this thread's own.
+    """
+    with np.errstate(invalid=errors, divide=errors, over=errors):
+        np.setbufsize(16)
+        yield
 
 
 def handed_on(array: NDArray[S]) -> NDArray[S]:

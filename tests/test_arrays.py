@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from irbcal.arrays import LockedDict, aligned, handed_on, lock, locked
+from irbcal.arrays import LockedDict, aligned, handed_on, lock, locked, row_arithmetic
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,3 +81,11 @@ def test_aligned_arrays_start_with_a_line_and_are_locked_without_a_copy():
         assert locked(given) is given is array
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 2.0
+
+
+def test_row_arithmetic_ends_with_its_block():
+    settings = np.getbufsize(), np.geterr()
+    with row_arithmetic("ignore"):
+        assert np.getbufsize() == 16
+        assert np.isnan(np.sqrt(np.array([-1.0]))).all()  # a warning would be an error here
+    assert (np.getbufsize(), np.geterr()) == settings

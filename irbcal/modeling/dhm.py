@@ -14,22 +14,28 @@ no 4x4 products and no loop over poses.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property, lru_cache
 from math import atan2, cos, sin
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import LINE, BoolArray, FloatArray, aligned, handed_on, lock
+from irbcal.arrays import LINE, BoolArray, FloatArray, aligned, handed_on, lock, row_arithmetic
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.units import DEG, MM
 
 BLOCK = 5120
-"""Poses per block: few enough for the cache; rows of 4096 or less numpy would copy before it broadcasts them."""
+"""Poses per block: few enough for the cache, and enough for the calls of numpy not to count."""
 
 FEW = 1000
 """Poses for which the number of steps counts, not their length."""
+
+Row: TypeAlias = tuple[float, float, float, float, float, float, bool]
+"""alpha, a, theta, d, beta, b of a joint, and whether it slides."""
 
 QUARTER = 1e-15
 """Cosine below which a constant angle is a quarter turn: that of pi / 2 is 6e-17."""
@@ -91,10 +97,10 @@ class DHMTable:
         """What is added to each effective joint, shape (n,): ``theta`` (rad), of prismatic joints ``d`` (m)."""
         return np.where(self.prismatic, self.d, self.theta)
 
-    @property
-    def rows(self) -> list[tuple[float, float, float, float, float, float, bool]]:
+    @cached_property
+    def rows(self) -> tuple[Row, ...]:
         """The table joint by joint: alpha, a, theta, d, beta, b, and whether it slides."""
-        return list(zip(*(getattr(self, column.name).tolist() for column in fields(self)), strict=True))
+        return tuple(zip(*(getattr(self, column.name).tolist() for column in fields(self)), strict=True))
 
     def step(self, i: int, value: float = 0.0) -> FloatArray:
         """Transform ``T_{i-1}_i`` of row ``i`` (counted from 0) at an effective joint angle (rad) or travel (m).
@@ -174,22 +180,46 @@ def _shift(o: FloatArray, axis: FloatArray, length: FloatArray | float, spare: F
 
 def _zxz(R: FloatArray) -> tuple[float, float, float]:
     """Angles of the turns about z, x and z again that make a rotation (3, 3); zero where there is nothing to turn."""
-    first = atan2(R[0, 2], -R[1, 2]) if R[0, 2] or R[1, 2] else 0.0
-    left = frames.rot_z(-first) @ R
-    return first, atan2(-left[1, 2], left[2, 2]), atan2(-left[0, 1], left[0, 0])
+    (xx, xy, xz), (yx, yy, yz), (_, _, zz) = R.tolist()
+    first = atan2(xz, -yz) if xz or yz else 0.0
+    c, s = cos(first), sin(first)
+    return first, atan2(s * xz - c * yz, zz), atan2(-c * xy - s * yy, c * xx + s * yx)
 
 
-def _places(table: DHMTable, after: tuple[float, float, float]) -> list[int]:
-    """Where x, y and z have to start for quarter turns, which exchange them, to leave them in the order x, y, z."""
+@lru_cache(maxsize=256)
+def _places(rows: tuple[Row, ...], before: tuple[float, float, float]) -> list[int]:
+    """Where x, y and z have to be behind the last joint for quarter turns, which exchange them, to end in order."""
     axes = [0, 1, 2]
     turns = list[tuple[int, int, float]]()
-    for alpha, _, theta, _, beta, _, slides in table.rows:
-        turns += [(1, 2, alpha), (2, 0, beta), (0, 1, theta if slides else 0.0)]
-    turns += [(0, 1, after[0]), (1, 2, after[1]), (0, 1, after[2])]
+    for alpha, _, theta, _, beta, _, slides in reversed(rows):
+        turns += [(0, 1, theta if slides else 0.0), (0, 2, beta), (1, 2, alpha)]
+    turns += [(0, 1, before[2]), (1, 2, before[1]), (0, 1, before[0])]
     for i, j, angle in turns:
         if _quarter(angle):
             axes[i], axes[j] = axes[j], axes[i]
     return [axes.index(k) for k in range(3)]
+
+
+def _spread(
+    small: FloatArray, turn: tuple[FloatArray, FloatArray] | None, out: Sequence[FloatArray], spare: FloatArray
+) -> None:
+    """Elements x, y and z of vectors, (3, k, 1), as arrays (k, n) turned about z by its cosines and sines (n,)."""
+    for rows, values in zip(out, small, strict=True):
+        rows[:] = values
+    if turn is None:
+        return
+    cosine, sine = turn
+    if len(cosine) <= FEW:
+        _turn(out[1], out[0], cosine, sine, spare)
+        return
+    for k, (x, y) in enumerate(small[:2, :, 0].T.tolist()):
+        for row, along, across in ((out[0][k], x, -y), (out[1][k], y, x)):
+            if along:
+                np.multiply(cosine, along, out=row)
+            if across:
+                other = np.multiply(sine, across, out=spare[0, 0] if along else row)
+                if along:
+                    np.add(row, other, out=row)
 
 
 def _walk(
@@ -200,42 +230,50 @@ def _walk(
     columns: FloatArray,
     turns: FloatArray,
     spare: FloatArray,
-    store: FloatArray | None = None,
 ) -> None:
-    """Walk the chain; the tip's x, y, z and origin end in the ``columns`` (4, 3, n).
+    """The tip's x, y, z and origin in the base into the ``columns`` (4, 3, n), from joint to joint down to the base.
 
-    ``joints`` (joints, n) are with the table's offsets, ``turns`` (2, joints, n) and ``spare`` (2, 3, n) are room to
-    work in, ``store`` receives each joint's axes.
+    They are taken along as seen from each joint; of many poses y, z and the origin alone, for x is their product. On
+    the way up a length would have to be added along an axis, here it is one number more; and as far as the last joint
+    all poses have the same vectors. ``joints`` (joints, n) are with the table's offsets, ``turns`` (2, joints, n) and
+    ``spare`` (2, 4, n) are room to work in.
     """
     cosines, sines = cos_sin(joints, turns)
-    after = (0.0, 0.0, 0.0) if T_last_tip is None else _zxz(T_last_tip[:3, :3])
-    x, y, z = (columns[place] for place in _places(table, after))
-    o = columns[3]
-    for k, column in enumerate((x, y, z, o)):
-        column[:] = T_base_0[:3, k : k + 1]
-    for i, (alpha, a, theta, d, beta, b, slides) in enumerate(table.rows):
-        if store is not None:
-            store[0, i], store[1, i] = x, o
-        _shift(o, x, a, spare)
-        y, z = _tilt(y, z, alpha, spare)
-        if store is not None:
-            store[4, i], store[5, i] = y, o
-        z, x = _tilt(z, x, beta, spare)
-        _shift(o, y, b, spare)
+    before = _zxz(T_base_0[:3, :3])
+    first = 0 if joints.shape[1] <= FEW else 1
+    seen, spare = columns[first:], spare[:, first:]
+    small = (np.eye(4)[:3] if T_last_tip is None else T_last_tip[:3].copy())[:, first:, None]
+    x, y, z = small
+    room = np.empty((2, 4 - first, 1))
+    rows = table.rows
+    for i in range(len(rows) - 1, -1, -1):
+        alpha, a, theta, d, beta, b, slides = rows[i]
+        if d and not slides:
+            np.add(z[-1], d, out=z[-1])
+        if i == len(rows) - 1:
+            room = spare
+            x, y, z = (seen[:, place] for place in _places(rows, before))
+            _spread(small, None if slides else (cosines[i], sines[i]), (x, y, z), room)
+        elif not slides:
+            _turn(y, x, cosines[i], sines[i], room)
         if slides:
-            x, y = _tilt(x, y, theta, spare)
-            _shift(o, z, joints[i], spare)
-        else:
-            _turn(x, y, cosines[i], sines[i], spare)
-            _shift(o, z, d, spare)
-        if store is not None:
-            store[2, i], store[3, i] = z, o
-    if T_last_tip is not None:
-        for axis, length in zip((x, y, z), T_last_tip[:3, 3].tolist(), strict=True):
-            _shift(o, axis, length, spare)
-        x, y = _tilt(x, y, after[0], spare)
-        y, z = _tilt(y, z, after[1], spare)
-        _tilt(x, y, after[2], spare)
+            np.add(z[-1], joints[i], out=z[-1])
+            y, x = _tilt(y, x, theta, room)
+        if b:
+            np.add(y[-1], b, out=y[-1])
+        x, z = _tilt(x, z, beta, room)
+        if a:
+            np.add(x[-1], a, out=x[-1])
+        z, y = _tilt(z, y, alpha, room)
+    y, x = _tilt(y, x, before[2], room)
+    z, y = _tilt(z, y, before[1], room)
+    _tilt(y, x, before[0], room)
+    np.add(columns[3], T_base_0[:3, 3:], out=columns[3])
+    if first:
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            np.multiply(columns[1, i], columns[2, j], out=columns[0, k])
+            np.multiply(columns[1, j], columns[2, i], out=spare[0, 0])
+            np.subtract(columns[0, k], spare[0, 0], out=columns[0, k])
 
 
 def chain_frames(
@@ -256,23 +294,43 @@ def chain_frames(
     -------
     ChainFrames
     """
-    store = aligned(6, len(joints), 3, joints.shape[1])
-    tip = tip_columns(table, joints, T_base_0, T_last_tip, store)
+    n = joints.shape[1]
+    cosines, sines = cos_sin(joints)
+    store, tip, spare = aligned(6, len(joints), 3, n), aligned(4, 3, n), aligned(2, 3, n)
+    x, y, z, o = axes = aligned(4, 3, n)
+    for k, column in enumerate(axes):
+        column[:] = T_base_0[:3, k : k + 1]
+    for i, (alpha, a, theta, d, beta, b, slides) in enumerate(table.rows):
+        store[0, i], store[1, i] = x, o
+        _shift(o, x, a, spare)
+        y, z = _tilt(y, z, alpha, spare)
+        store[4, i], store[5, i] = y, o
+        z, x = _tilt(z, x, beta, spare)
+        _shift(o, y, b, spare)
+        if slides:
+            x, y = _tilt(x, y, theta, spare)
+            _shift(o, z, joints[i], spare)
+        else:
+            _turn(x, y, cosines[i], sines[i], spare)
+            _shift(o, z, d, spare)
+        store[2, i], store[3, i] = z, o
+    tip[:] = 0.0
+    tip[3] = o
+    for column, factors in zip(tip, np.eye(4)[:3].T if T_last_tip is None else T_last_tip[:3].T, strict=True):
+        for axis, factor in zip((x, y, z), factors.tolist(), strict=True):
+            _shift(column, axis, factor, spare)
     x_before, o_before, z, o, y_tilt, o_tilt = handed_on(store)
     return ChainFrames(x_before, o_before, z, o, y_tilt, o_tilt, handed_on(tip))
 
 
 def tip_columns(
-    table: DHMTable,
-    joints: FloatArray,
-    T_base_0: FloatArray,
-    T_last_tip: FloatArray | None = None,
-    store: FloatArray | None = None,
+    table: DHMTable, joints: FloatArray, T_base_0: FloatArray, T_last_tip: FloatArray | None = None
 ) -> FloatArray:
     """The tip frame's x, y, z axes and origin in the base frame, shape (4, 3, n); arguments as `chain_frames`."""
     n = joints.shape[1]
     tip = aligned(4, 3, n)
-    _walk(table, joints, T_base_0, T_last_tip, tip, aligned(2, len(joints), n), aligned(2, 3, n), store)
+    with row_arithmetic():
+        _walk(table, joints, T_base_0, T_last_tip, tip, aligned(2, len(joints), n), aligned(2, 4, n))
     return tip
 
 
@@ -309,18 +367,19 @@ def forward(
         out[:, :3] = tip_columns(table, theta.T + offsets, T_base_0, T_last_tip).transpose(2, 1, 0)
         return out
     room = -(-min(n, BLOCK) // LINE) * LINE
-    angles, turns, spare = aligned(joints, room), aligned(2, joints, room), aligned(2, 3, room)
+    angles, turns, spare = aligned(joints, room), aligned(2, joints, room), aligned(2, 4, room)
     # elements of the matrices in their order, a row of numbers for each: transposed once a block
     elements = aligned(4, 4, room)
     elements[3] = np.array([0.0, 0.0, 0.0, 1.0])[:, None]
-    for start in range(0, n, BLOCK):
-        block = slice(start, min(start + BLOCK, n))
-        part = slice(0, block.stop - start)
-        np.add(theta[block].T, offsets, out=angles[:, part])
-        here = elements[:, :, part]
-        columns = here[:3].swapaxes(0, 1)
-        _walk(table, angles[:, part], T_base_0, T_last_tip, columns, turns[..., part], spare[..., part])
-        out[block].reshape(-1, 16)[:] = here.reshape(16, -1).T
+    with row_arithmetic():
+        for start in range(0, n, BLOCK):
+            block = slice(start, min(start + BLOCK, n))
+            part = slice(0, block.stop - start)
+            np.add(theta[block].T, offsets, out=angles[:, part])
+            here = elements[:, :, part]
+            columns = here[:3].swapaxes(0, 1)
+            _walk(table, angles[:, part], T_base_0, T_last_tip, columns, turns[..., part], spare[..., part])
+            out[block].reshape(-1, 16)[:] = here.reshape(16, -1).T
     return out
 
 

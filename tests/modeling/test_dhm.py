@@ -73,6 +73,28 @@ def test_step_of_a_row_is_the_chain_of_elementary_motions():
     assert_same_poses(dhm.forward(table, [[0.7]])[0], expected, 1e-15, 1e-15)
 
 
+TURN = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi, 0.3])
+ROW = st.tuples(
+    TURN, st.sampled_from([0.0, 0.2]), TURN, st.sampled_from([0.0, 0.4]), TURN, st.booleans(), st.booleans()
+)
+FRAME = st.builds(lambda *v: frames.from_xyz_angles(v), *[st.sampled_from([0.0, 0.1])] * 3, TURN, TURN, TURN)
+
+
+@settings(max_examples=150)
+@given(st.lists(ROW, min_size=1, max_size=7), FRAME, st.none() | FRAME, st.integers(0, 99))
+def test_quarter_turns_and_sliding_joints_end_where_their_steps_do(rows, T_base_0, T_last_tip, seed):
+    alpha, a, theta, d, beta, b, slides = zip(*rows, strict=True)
+    table = dhm.DHMTable(alpha, a, theta, d, beta, 0.1 * np.array(b), slides)
+    q = np.random.default_rng(seed).uniform(-2.0, 2.0, (3, len(rows)))
+    asked = np.tile(T_base_0, (3, 1, 1))
+    for i in range(len(rows)):
+        asked = asked @ np.array([table.step(i, value) for value in q[:, i]])
+    asked = asked if T_last_tip is None else asked @ T_last_tip
+    assert_same_poses(dhm.forward(table, q, T_base_0, T_last_tip), asked, 1e-14, 1e-14)
+    chain = dhm.chain_frames(table, q.T + table.offsets[:, None], T_base_0, T_last_tip)
+    assert np.abs(chain.tip - asked[:, :3].transpose(2, 1, 0)).max() < 1e-14
+
+
 def test_axes_of_the_chain_are_the_derivatives_of_the_tip():
     """What each number of the table moves: along or about the axes and points that `chain_frames` gives."""
     rng = np.random.default_rng(7)

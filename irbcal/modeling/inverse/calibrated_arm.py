@@ -21,7 +21,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned
+from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned, row_arithmetic
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
@@ -34,8 +34,8 @@ from irbcal.modeling.robot import Robot
 
 __all__ = ["InverseResult", "Method", "Reason", "fixed_point_history", "solve"]
 
-BLOCK = 5000
-"""Poses per block: the working set of a block stays in the processor's cache. See `irbcal.modeling.dhm.BLOCK`."""
+BLOCK = 8192
+"""Poses per block: more, and rows no longer stay in the cache; fewer, and the calls of numpy outweigh their work."""
 
 NEAR_NOMINAL = 0.02
 """Entries of the nominal table may be this far (m or rad) from ortho-parallel: the iteration makes it good."""
@@ -106,7 +106,7 @@ def solve(
         If shapes do not fit, the seed looks like degrees, or the nominal arm has no closed-form inverse.
     """
     stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+    with row_arithmetic("ignore"):
         return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
 
 
@@ -153,6 +153,29 @@ class _State:
         self.margin = np.full(n, np.nan)
         self.rank = np.full(n, np.inf)
 
+    def keep(
+        self,
+        these: IntArray | slice,
+        index: IntArray,
+        better: BoolArray,
+        now: Sequence[FloatArray],
+        before: Sequence[FloatArray],
+        iterations: int,
+    ) -> None:
+        """Joints and errors of some poses of a block: those of now where they are better, else those of before.
+
+        After the first iteration there are none of before, and where it found none the state stays.
+        """
+        rows, better = index[these], better[these]
+        self.iterations[rows] += iterations
+        for kept, new, old in zip((self.q, self.position, self.rotation), now, before, strict=True):
+            if better.all():
+                kept[..., rows] = new[..., these]
+            elif iterations > 1:
+                kept[..., rows] = np.where(better, new[..., these], old[..., these])
+            else:
+                kept[..., rows[better]] = new[..., these][..., better]
+
 
 class _Solver:
     def __init__(
@@ -179,18 +202,24 @@ class _Solver:
         return 1e-6 + float(np.linalg.norm(difference[:, :3, 3], axis=1).max())
 
     def start_turns(self, q: FloatArray, near: FloatArray) -> FloatArray:
-        """Joints (6, n) shifted near the limits at the turns nearest to ``near`` (6, n)."""
-        return np.ascontiguousarray(closed_form.into_limits(self.wider, q.T, near.T)[0].T)
+        """Joints (6, n) shifted near the limits at the turns nearest to ``near`` (6, n), in place."""
+        stay = (np.abs(near - q) <= np.pi) & (q >= self.wider.lower[:, None]) & (q <= self.wider.upper[:, None])
+        if not stay.all():
+            turn = np.flatnonzero(~stay.all(axis=0))
+            q[:, turn] = closed_form.into_limits(self.wider, q[:, turn].T, np.broadcast_to(near, q.shape)[:, turn].T)[
+                0
+            ].T
+        return q
 
     def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
         """Whether both errors (n,) are within the tolerances."""
         return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
 
     def inside(self, joints: FloatArray) -> BoolArray:
-        """Whether joints (n, 6) are within the limits as they are."""
+        """Whether joints (6, n) are within the limits as they are."""
         lower = self.nominal.lower - closed_form.LIMIT_TOLERANCE
         upper = self.nominal.upper + closed_form.LIMIT_TOLERANCE
-        return np.logical_and.reduce((joints >= lower) & (joints <= upper), axis=1)
+        return np.logical_and.reduce((joints >= lower[:, None]) & (joints <= upper[:, None]), axis=0)
 
     def out_of_reach(self, state: _State, rows: IntArray | slice) -> BoolArray:
         """Whether the nominal arm does not reach poses, nor the calibrated one nearly so."""
@@ -228,8 +257,9 @@ class _Solver:
             H = newton.columns(T[block])
             usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0)
             bad_pose[block] = ~usable
-            todo = start + np.flatnonzero(usable & ~bad_seed[block])
-            H = np.take(H, todo - start, axis=-1)
+            todo = np.flatnonzero(usable & ~bad_seed[block])
+            H = H if len(todo) == len(usable) else np.take(H, todo, axis=-1)
+            todo += start
             work = (todo, branch_signs(branch[todo]), np.full(len(todo), np.inf), H, H, near[:, todo])
             left = self._fixed_point(work, state, first=True)
             later += [] if left is None else [left]
@@ -249,7 +279,7 @@ class _Solver:
 
     def _turns(self, T: FloatArray, near: FloatArray, state: _State) -> None:
         """Bring solutions that ended beyond a limit back by whole turns, where that is possible."""
-        beyond = self.good(state.position, state.rotation) & ~self.inside(state.q.T)
+        beyond = self.good(state.position, state.rotation) & ~self.inside(state.q)
         for start in range(0, len(rows := np.flatnonzero(beyond)), BLOCK):
             block = rows[start : start + BLOCK]
             turned, fits = closed_form.into_limits(self.nominal, state.q[:, block].T, near[:, block].T)
@@ -257,22 +287,22 @@ class _Solver:
             # joint gains tell one turn from another: the steps make that good
             q, position, rotation, iterations = newton.solve(self.chain, newton.columns(T[block]), turned, self.good)
             state.iterations[block] += iterations
-            take = self.good(position, rotation) & self.inside(q.T)
+            take = self.good(position, rotation) & self.inside(q)
             block = block[take]
             state.q[:, block], state.position[block], state.rotation[block] = q[:, take], position[take], rotation[take]
 
     def _result(self, state: _State, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray) -> InverseResult:
         converged = self.good(state.position, state.rotation)
-        joints = np.where(converged, state.q, np.nan).T.copy()
         found = np.where(converged, self.closed.configuration(np.where(converged, state.q, 0.0).T), -1)
+        state.q[:, ~converged] = np.nan
         reason = np.full(len(branch), Reason.NOT_FOUND)
         if not converged.all():
             reason[self.out_of_reach(state, slice(None))] = Reason.OUT_OF_REACH
         reason[bad_seed], reason[bad_pose], reason[converged] = Reason.BAD_SEED, Reason.NOT_A_POSE, Reason.CONVERGED
         return InverseResult(
-            joints=joints,
+            joints=state.q.T.copy(),
             converged=converged,
-            inside=self.inside(joints),
+            inside=self.inside(state.q),
             configuration=found,
             branch_kept=found == branch,
             iterations=state.iterations,
@@ -292,7 +322,9 @@ class _Solver:
         """
         index, signs, last, H, fake, q = work
         few = len(index) // 8 if first else 0
-        for _ in range(FIXED_POINT_ITERATIONS):
+        position = rotation = last
+        for count in range(1, FIXED_POINT_ITERATIONS + 1):
+            before = q, position, rotation
             q_new, margin = self.closed.branch(fake.reshape(12, -1), signs)
             if first:
                 state.margin[index] = margin
@@ -302,24 +334,25 @@ class _Solver:
                 q = _same_turn(q_new, q)
             tip = self.chain.tip(q)
             position, rotation = newton.errors(tip, H)
-            state.iterations[index] += 1
             merit = self.chain.merit(position, rotation)
             better = merit < last  # False for NaN: no nominal solution
-            keep = index if better.all() else index[better]
-            for array, value in ((state.q, q), (state.position, position), (state.rotation, rotation)):
-                array[..., keep] = value if keep is index else value[..., better]
-            go = (merit <= STALLED * last) & ~self.good(position, rotation)
-            left = np.count_nonzero(go)
-            if left == 0:
+            on = np.flatnonzero((merit <= STALLED * last) & ~self.good(position, rotation))
+            found = q, position, rotation
+            if len(on) <= few or count == FIXED_POINT_ITERATIONS:
+                state.keep(slice(None), index, better, found, before, count)
+            elif len(on) < len(index):
+                gone = np.ones(len(index), dtype=bool)
+                gone[on] = False
+                state.keep(np.flatnonzero(gone), index, better, found, before, count)
+            if len(on) == 0 or count == FIXED_POINT_ITERATIONS:
                 return None
             last = merit
-            if left < len(go):
-                on = np.flatnonzero(go)
-                index, signs, last, H, fake, tip, q = (
-                    np.take(v, on, axis=-1) for v in (index, signs, last, H, fake, tip, q)
+            if len(on) < len(index):
+                index, signs, last, H, fake, tip, q, position, rotation = (
+                    np.take(v, on, axis=-1) for v in (index, signs, last, H, fake, tip, q, position, rotation)
                 )
             fake = _next_fake(fake, tip, H)
-            if left <= few:
+            if len(on) <= few:
                 return index, signs, last, H, fake, q
         return None
 
@@ -398,13 +431,16 @@ def _next_fake(fake: FloatArray, tip: FloatArray, H: FloatArray) -> FloatArray:
     n = tip.shape[2]
     terms, along, column = aligned(3, 3, n), aligned(4, 3, n), aligned(3, n)
     np.subtract(H[3], tip[3], out=column)
-    for k in range(4):  # the transpose of the tip's axes times a column
+    for k in (0, 1, 3):  # the transpose of the tip's axes times a column; z is the product of x and y
         np.multiply(tip[:3], H[k] if k < 3 else column, out=terms)
         np.add(np.add(terms[:, 0], terms[:, 1], out=along[k]), terms[:, 2], out=along[k])
-    for k in range(4):
+    for k in (0, 1, 3):
         np.multiply(fake[:3], along[k][:, None], out=terms)
         np.add(np.add(terms[0], terms[1], out=tip[k]), terms[2], out=tip[k])
     np.add(tip[3], fake[3], out=tip[3])
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(tip[0, i], tip[1, j], out=tip[2, k])
+        np.subtract(tip[2, k], np.multiply(tip[0, j], tip[1, i], out=column[0]), out=tip[2, k])
     return tip
 
 

@@ -22,21 +22,23 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import LINE, BoolArray, FloatArray, IntArray, aligned, handed_on, lock
+from irbcal.arrays import LINE, FloatArray, IntArray, aligned, handed_on, lock, row_arithmetic
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
+from irbcal.modeling.inverse import wrist_frame
 from irbcal.modeling.inverse.branches import Branches, branch_number
-from irbcal.modeling.inverse.poses import check_poses, is_rotation
+from irbcal.modeling.inverse.poses import ROTATION_TOLERANCE, check_poses, is_rotation
+from irbcal.modeling.inverse.wrist_frame import WristFrame
 
 if TYPE_CHECKING:
     from irbcal.modeling.arm import Arm
 
 BLOCK = 5000
-"""Poses per block: the working set of a block stays in the processor's cache. See `irbcal.modeling.dhm.BLOCK`."""
+"""Poses per block: more, and rows no longer stay in the cache; fewer, and the calls of numpy outweigh their work."""
 
-ROOM = 16
-"""Rows of numbers that the steps of a branch work in."""
+ROOM = 46
+"""Rows of numbers that the steps of all branches work in."""
 
 EXACT = 1e-9
 """Largest deviation (m or rad) from an ortho-parallel table that counts as rounding."""
@@ -46,6 +48,7 @@ REACH_TOLERANCE = 1e-12
 
 TAU = 2.0 * np.pi
 _CANONICAL = np.array([0.0, -1.0, 0.0, -1.0, 1.0, -1.0]) * (np.pi / 2)
+_LAST_ROW = np.ones(4)  # the last row of a pose adds up to 1
 _ON_SINGULARITY = 1e-12  # sine of q5 below which q4 is not defined by the pose
 
 
@@ -74,8 +77,7 @@ class OrthoParallel:
         Lengths, metres, with the signs they have when all ``alpha`` are those of Table 5.1 and ``a3 > 0``.
     signs, shifts : ndarray, shape (6,)
         ``joint = signs * q + shifts`` with q the angles of Nubiola 2011, section 6.1, radians.
-    linear : ndarray, shape (12, 12)
-    constant : ndarray, shape (12,)
+    wrist : WristFrame
         The columns n, o, a of eq. 6.1 and the wrist centre (the origin of frame 4) less ``d1``, all in frame 0, from
         the columns x, y, z and origin of ``T_base_tip``.
     """
@@ -87,8 +89,7 @@ class OrthoParallel:
     a4: float
     signs: FloatArray
     shifts: FloatArray
-    linear: FloatArray
-    constant: FloatArray
+    wrist: WristFrame
 
     def __post_init__(self) -> None:
         lock(self)
@@ -142,11 +143,7 @@ class OrthoParallel:
         before = frames.transform(frames.rot_x(table.alpha[0])) @ frames.transform(None, [table.a[0], 0.0, 0.0])
         before = arm.T_base_0 @ before @ frames.transform(frames.rot_y(table.beta[0]))
         after = frames.transform(frames.rot_x(np.pi) if mirrored[5] else None) @ arm.T_last_tip
-        left = frames.transform(None, [0.0, 0.0, -d[0]]) @ frames.inverse(before)
-        right = frames.inverse(after) @ frames.transform(None, [0.0, 0.0, -d[5]])
-        linear = np.kron(right.T, left[:3, :3])
-        constant = np.concatenate([np.zeros(9), left[:3, 3]])
-        return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, np.asarray(linear, dtype=float), constant)
+        return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, wrist_frame.between(before, after, d[0], d[5]))
 
     @property
     def forearm(self) -> float:
@@ -175,57 +172,63 @@ class OrthoParallel:
         """
         T = check_poses(T_base_tip)
         n = len(T)
-        joints, valid = np.empty((n, 8, 6)), np.empty((n, 8), dtype=bool)
-        shoulder, margins = np.empty(n), np.empty((n, 2))
-        # columns of the linear map in the order of the elements of T, whose last row is constant
-        blocks = np.zeros((12, 4, 4))
-        blocks[:, :3] = self.linear.reshape(12, 4, 3).swapaxes(1, 2)
-        linear = blocks.reshape(12, 16)
-        room = aligned(12 + 48 + 6 + ROOM, -(-min(n, BLOCK) // LINE) * LINE)
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        joints, valid = np.empty((n, 8, 6)), np.empty((2, 4, n), dtype=bool)
+        shoulder, margins = np.empty(n), np.empty((2, n))
+        room = aligned(24 + 48 + ROOM, -(-min(n, BLOCK) // LINE) * LINE)
+        with row_arithmetic("ignore"):
             for start in range(0, n, BLOCK):
                 block = slice(start, min(start + BLOCK, n))
                 rows = room[:, : block.stop - start]
-                X, out = _map(linear, T[block].reshape(-1, 16).T, rows[:12]), rows[12:60]
-                shoulder[block], margins[block], valid[block] = self._eight(X, out.reshape(8, 6, -1), rows[60:])
+                R, p = self.wrist.place(wrist_frame.columns(T[block], rows[:12]), rows[12:24])
+                whole = np.abs(T[block, 3] @ _LAST_ROW - 1.0) <= ROTATION_TOLERANCE
+                np.copyto(p[0], np.nan, where=~(whole & is_rotation(R, rows[24:])))
+                out = rows[24:72]
+                shoulder[block], margins[:, block] = self._eight(R, p, out.reshape(2, 2, 2, 6, -1), rows[72:])
                 joints[block].reshape(-1, 48)[:] = out.T
-        return Branches(handed_on(joints), handed_on(valid), handed_on(shoulder), handed_on(margins), self)
+            np.greater_equal(margins[:, None], -REACH_TOLERANCE, out=valid)
+        reached = handed_on(valid).reshape(8, n).T
+        return Branches(handed_on(joints), reached, handed_on(shoulder), handed_on(margins).T, self)
 
-    def _eight(self, X: FloatArray, out: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """All branches of a block into ``out`` (8, 6, n); X (12, n) from the linear map without the constant.
+    def _eight(self, R: FloatArray, p: FloatArray, out: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """All branches of a block into ``out`` (2, 2, 2, 6, n): back, down, flip, joint.
 
-        The 6 + `ROOM` ``rows`` are room to work in.
+        R (9, n) and p (3, n) are of `WristFrame.place`, the `ROOM` ``rows`` room to work in. Returns the distance of
+        the wrist centre from axis 1 (n,) and the margins of reach (2, n), metres.
         """
-        plane, room = rows[:6], rows[6:]
-        X[9:] += self.constant[9:, None]
-        X[9, ~is_rotation(X, room)] = np.nan
-        r = _shoulder(X, plane, room)[0].copy()
-        margins = np.empty((2, len(r)))
-        k1 = np.subtract(r, self.a2)
-        q1 = self._joint(0, np.arctan2(X[10], X[9]))
-        for back in range(2):
-            if back:
-                _half_turn(q1, q1)
-                np.multiply(plane, -1.0, out=plane)
-                np.subtract(-self.a2, r, out=k1)
-            margins[back], triangle = self._triangle(k1, X[11], room[:7])
-            branches = out[4 * back : 4 * back + 4]
-            branches[:, 0] = q1
-            for down, (left, right) in enumerate(branches.reshape(2, 2, 6, -1)):
-                if down:
-                    triangle.other_side()
-                c23, s23 = self._upper(k1, X[11], triangle, left[1:3], room[7:10])
-                self._wrist(X, plane, c23, s23, left[3:], room[10:])
-                np.multiply(left[4], -1.0, out=right[4])
-                for joint in range(1, 6):
-                    self._joint(joint, left[joint])
-                self._joint(4, right[4])
-                right[1:3] = left[1:3]
-                _half_turn(left[3], right[3])
-                _half_turn(left[5], right[5])
-            if not (margins[back] >= -REACH_TOLERANCE).all():
-                branches[:, :, ~(margins[back] >= -REACH_TOLERANCE)] = np.nan
-        return r, margins.T, np.repeat(margins.T >= -REACH_TOLERANCE, 4, axis=1)
+        n = R.shape[1]
+        plane, k1, rows = rows[:6], rows[6:8].reshape(2, 1, n), rows[8:]
+        r = _shoulder(R, p, plane, rows)[0].copy()
+        np.subtract(r, self.a2, out=k1[0, 0])
+        np.subtract(-self.a2, r, out=k1[1, 0])
+        margins, triangle = self._triangle(k1, p[2], rows[:14].reshape(7, 2, 1, n))
+        across, delta = rows[14:22].reshape(2, 2, 2, n)
+        for up_down, value in zip((across, delta), triangle[2:], strict=True):
+            up_down[:, :1] = value
+            np.multiply(value, -1.0, out=up_down[:, 1:])
+        joints = np.moveaxis(out, 3, 0)
+        left, right = joints[:, :, :, 0], joints[:, :, :, 1]
+        q1 = rows[22:24].reshape(2, 1, n)
+        self._joint(0, np.arctan2(p[1], p[0], out=q1[0, 0]))
+        _half_turn(q1[0, 0], q1[1, 0])
+        nothing = _nothing(margins, rows[36:38].reshape(2, 1, n))
+        np.add(q1, nothing, out=left[0, :, :1])
+        joints[0] = left[0, :, :1, None]
+        triangle = triangle._replace(across=across, delta=delta)
+        c23, s23 = self._upper(k1, p[2], triangle, left[1:3], rows[24:36].reshape(3, 2, 2, n))
+        # behind axis 1 the plane points the other way: the same as the forearm mirrored, and half a turn of joint 4
+        np.multiply(c23[1], -1.0, out=c23[1])
+        self._wrist(R, plane, c23, s23, left[3:], rows[:24].reshape(6, 2, 2, n), ahead=np.array([[[1.0]], [[-1.0]]]))
+        np.add(left[1:], nothing, out=left[1:])
+        np.multiply(left[4], -1.0, out=right[4])
+        for joint in range(1, 6):
+            self._joint(joint, left[joint])
+        self._joint(4, right[4])
+        right[1:3] = left[1:3]
+        _half_turn(left[3, 0], right[3, 0])
+        right[3, 1] = left[3, 1]
+        _half_turn(left[3, 1], left[3, 1])
+        _half_turn(left[5], right[5])
+        return r, margins[:, 0]
 
     # ------------------------------------------------------------------ one branch for each pose
 
@@ -250,15 +253,14 @@ class OrthoParallel:
         margin : ndarray, shape (n,)
             As ``reach_margin`` of `Branches`, of the pose as given.
         """
-        joints, rows = aligned(6, columns.shape[1]), aligned(12 + 6 + ROOM, columns.shape[1])
-        X, plane, room = rows[:12], rows[12:18], rows[18:]
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            _map(self.linear, columns, X)
-            X[9:] += self.constant[9:, None]
+        joints, rows = aligned(6, columns.shape[1]), aligned(12 + 6 + 16, columns.shape[1])
+        plane, room = rows[12:18], rows[18:]
+        with row_arithmetic("ignore"):
+            R, p = self.wrist.place(columns, rows[:12])
             shoulder, elbow, wrist = signs
-            r, c1, s1 = _shoulder(X, plane, room)
+            r, c1, s1 = _shoulder(R, p, plane, room)
             np.arctan2(np.multiply(s1, shoulder, out=s1), np.multiply(c1, shoulder, out=c1), out=joints[0])
-            k1, k2 = shoulder * r, X[11]
+            k1, k2 = shoulder * r, p[2]
             k1 -= self.a2
             np.multiply(plane, shoulder, out=plane)
             margin = None
@@ -270,13 +272,14 @@ class OrthoParallel:
             own, triangle = self._triangle(k1, k2, room[:7])
             triangle.other_side(elbow)
             c23, s23 = self._upper(k1, k2, triangle, joints[1:3], room[7:10])
-            self._wrist(X, plane, c23, s23, joints[3:], room[10:])
+            self._wrist(R, plane, c23, s23, joints[3:], room[10:])
             other = np.multiply(
                 np.subtract(1.0, wrist, out=room[0]), 0.5 * np.pi, out=room[0]
             )  # half a turn or nothing
             for joint in (3, 5):
                 np.subtract(joints[joint], np.copysign(other, joints[joint], out=room[1]), out=joints[joint])
             np.multiply(joints[4], wrist, out=joints[4])
+            np.add(joints, _nothing(own, room[0]), out=joints)
             for joint in range(6):
                 self._joint(joint, joints[joint])
         return joints, own if margin is None else margin
@@ -314,10 +317,7 @@ class OrthoParallel:
         np.multiply(high, np.add(rho, outer, out=delta), out=high)  # 2 a3 L (1 - cos delta)
         np.multiply(np.subtract(low, high, out=along), 0.25 / a3, out=along)
         np.multiply(low, high, out=across)
-        # poses beyond the tolerance get the square root of a negative number: NaN
-        stretched = across < 0
-        if stretched.any():
-            across[stretched & (margin >= -REACH_TOLERANCE)] = 0.0
+        np.maximum(across, 0.0, out=across)
         np.multiply(np.sqrt(across, out=across), 0.5 / a3, out=across)
         np.arctan2(across, along, out=delta)
         np.add(along, a3, out=along)
@@ -356,9 +356,17 @@ class OrthoParallel:
 
     @staticmethod
     def _wrist(
-        X: FloatArray, plane: FloatArray, c23: FloatArray, s23: FloatArray, q: FloatArray, room: FloatArray
+        R: FloatArray,
+        plane: FloatArray,
+        c23: FloatArray,
+        s23: FloatArray,
+        q: FloatArray,
+        room: FloatArray,
+        ahead: ArrayLike = 1.0,
     ) -> None:
         """Angles q4, q5, q6 with sin q5 >= 0 into ``q`` (3, n), in 6 rows of room.
+
+        ``ahead`` is the cosine of the q4 that is taken where the pose leaves it open.
 
         They are of the rotation of the wrist (Nubiola 2011, section 6.1.4, eq. 6.29). q5 and q4 are those of eqs. 6.30,
         6.31 and 6.33; the other branch (eq. 6.32) turns all three. q6 comes from the
@@ -367,26 +375,25 @@ class OrthoParallel:
         """
         x, s5, turned, other = room[0], room[1], room[2:4], room[4:6]
         a_r, a_t = plane[2], plane[5]
-        c5 = np.multiply(c23, a_r, out=s5)
-        np.subtract(c5, np.multiply(s23, X[8], out=x), out=c5)
-        np.multiply(s23, a_r, out=x)
-        np.add(x, np.multiply(c23, X[8], out=turned[0]), out=x)
-        np.multiply(x, -1.0, out=x)  # cos q4 sin q5
-        q[1] = c5
+        c5 = np.multiply(c23, a_r, out=other[0])
+        np.subtract(c5, np.multiply(s23, R[8], out=x), out=c5)
+        np.multiply(c23, -R[8], out=x)
+        np.subtract(x, np.multiply(s23, a_r, out=s5), out=x)  # cos q4 sin q5
         np.multiply(x, x, out=s5)
-        np.add(s5, np.multiply(a_t, a_t, out=turned[0]), out=s5)
+        np.add(s5, a_t * a_t, out=s5)
         np.sqrt(s5, out=s5)
         y = a_t
         singular = s5 < _ON_SINGULARITY
-        if singular.any():  # q4 = 0 is as good as any
-            x[singular] = 1.0
+        if singular.any():
+            x[singular] = np.broadcast_to(ahead, x.shape)[singular]
             y = np.where(singular, 0.0, y)
         np.arctan2(y, x, out=q[0])
-        np.arctan2(s5, q[1], out=q[1])
-        np.multiply(plane[:2], s23, out=turned)
-        np.add(turned, np.multiply(X[2:6:3], c23, out=other), out=turned)
+        np.arctan2(s5, c5, out=q[1])
+        along, across, up = (v.reshape(2, *(1,) * (c23.ndim - 1), -1) for v in (plane[:2], plane[3:5], R[2:6:3]))
+        np.multiply(along, s23, out=turned)
+        np.add(turned, np.multiply(up, c23, out=other), out=turned)
         np.multiply(turned, y, out=turned)
-        np.add(turned, np.multiply(plane[3:5], x, out=other), out=turned)
+        np.add(turned, np.multiply(across, x, out=other), out=turned)
         np.arctan2(turned[0], turned[1], out=q[2])
 
     # ------------------------------------------------------------------ about joints
@@ -443,35 +450,37 @@ def _refuse(
             )
 
 
-def _map(linear: FloatArray, columns: FloatArray, out: FloatArray) -> FloatArray:
-    """The product of a small matrix and columns (k, n), in pieces too small for threads that would wait on others."""
-    for start in range(0, columns.shape[1], 1024):
-        np.matmul(linear, columns[:, start : start + 1024], out=out[:, start : start + 1024])
-    return out
-
-
-def _shoulder(X: FloatArray, plane: FloatArray, room: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _shoulder(
+    R: FloatArray, p: FloatArray, plane: FloatArray, room: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Radius of the wrist centre, and cosine and sine of q1, for the front; into ``plane`` n, o, a along and across it.
 
     q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind (eq. 6.7) all signs are the other ones. The
     first 6 rows of the room are used, of which the results are the first 3.
     """
     r, c1, s1 = room[:3]
-    np.multiply(X[9], X[9], out=r)
-    np.add(r, np.multiply(X[10], X[10], out=c1), out=r)
+    np.multiply(p[0], p[0], out=r)
+    np.add(r, np.multiply(p[1], p[1], out=c1), out=r)
     np.sqrt(r, out=r)
     np.divide(1.0, r, out=c1)
-    np.multiply(X[10], c1, out=s1)
-    np.multiply(X[9], c1, out=c1)
+    np.multiply(p[1], c1, out=s1)
+    np.multiply(p[0], c1, out=c1)
     on_axis = r == 0.0
     if on_axis.any():
         c1[on_axis], s1[on_axis] = 1.0, 0.0
-    x, y, radial, across, spare = X[:9:3], X[1:9:3], plane[:3], plane[3:], room[3:6]
+    x, y, radial, across, spare = R[::3], R[1::3], plane[:3], plane[3:], room[3:6]
     np.multiply(x, c1, out=radial)
     np.add(radial, np.multiply(y, s1, out=spare), out=radial)
     np.multiply(y, c1, out=across)
     np.subtract(across, np.multiply(x, s1, out=spare), out=across)
     return r, c1, s1
+
+
+def _nothing(margin: FloatArray, out: FloatArray) -> FloatArray:
+    """Zero, or NaN where poses are out of reach: added at the end, for arcs of NaN take twice as long."""
+    np.add(margin, REACH_TOLERANCE, out=out)
+    np.sqrt(np.minimum(out, 0.0, out=out), out=out)
+    return np.multiply(out, 0.0, out=out)
 
 
 def _half_turn(angle: FloatArray, out: FloatArray | None = None) -> FloatArray:
