@@ -272,6 +272,8 @@ def run(
     ready.notes = [*(calibrated_before(robot_file) if saved is None else taken_from(saved)), *ready.notes]
     source = ready.measurements.source
     sessions = () if ready.fit.session is None else session_names(ready.fit)
+    sha256 = hashlib.sha256(robot_file.read_bytes()).hexdigest() if saved is None else saved.record.robot.urdf_sha256
+    prior = prior_file.of_robot(options.prior, arm.name, sha256, ready.measurements.simulated)
     say(f"identifying base and tool from {ready.fit.poses} poses")
     _check_known_targets(known, ready.fit, source)
     nominal = identify(arm, ready.fit, "nominal", known_targets=known)
@@ -281,8 +283,6 @@ def run(
         choice = choose_level(arm, ready.fit, options.seed, progress=say, known_targets=known)
         model = choice.level
     say(f"identifying model {model}")
-    sha256 = hashlib.sha256(robot_file.read_bytes()).hexdigest() if saved is None else saved.record.robot.urdf_sha256
-    prior = prior_file.of_robot(options.prior, arm.name, sha256, ready.measurements.simulated)
     fit = _identified(arm, ready, model, options, known, say, prior)
     if fit.other_bases:
         ready.fit, ready.heldout = (
@@ -339,6 +339,10 @@ def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
     try:
         check_averaging(arm, poses)
     except IdentificationError as error:
+        if options.prior is not None:
+            raise OptionError(
+                f"prior: it is for model auto, and {error}, without the prior", parameter="prior"
+            ) from None
         return level, [f"{taken}{error}."]
     return "auto", []
 

@@ -121,8 +121,9 @@ _Acceptance = Annotated[
         "--acceptance-deg",
         min=1.0,
         max=180.0,
-        help="Largest angle between reflector and beam; with --device of the tool's axis with surface, bar, string.",
-        show_default="30; 60 to touch, 90 for a ballbar, 120 for strings",
+        help="Largest angle between reflector and beam, up to 90; with --device of the tool's axis with surface, bar, "
+        "string, or of a camera's view with the board's normal.",
+        show_default="30; 60 to touch, 90 for a ballbar, 120 for strings, 50 for a camera",
     ),
 ]
 _Approach = Annotated[
@@ -227,9 +228,15 @@ def plan(
         return
     if poses is not None:
         raise typer.BadParameter("is for --device and --compare-devices", param_hint="--poses")
-    for name, value in (("--approach-mm", approach), ("--prior-mm", prior)):
-        if value is not None:
-            raise typer.BadParameter("is for --device", param_hint=name)
+    if approach is not None:
+        raise typer.BadParameter("is for --device", param_hint="--approach-mm")
+    if prior is not None:
+        raise typer.BadParameter("is for --device and --compare-devices", param_hint="--prior-mm")
+    if acceptance is not None and acceptance > 90.0:
+        raise typer.BadParameter(
+            f"a reflector cannot be seen from behind: expected 90 or less without --device, found {acceptance:g}",
+            param_hint="--acceptance-deg",
+        )
     place = _tracker(tracker)
     heights = _numbers(min_height, 2, "--min-height", "FRONT,BACK in mm")
     centre, edge = _cube(cube_centre, cube_edge)

@@ -177,7 +177,11 @@ def population(likelihoods: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[Fl
     Returns
     -------
     mean, std : ndarray, shape (k,)
-        ``std`` has the scatter of the sisters, and what is not known of their mean.
+        ``std`` has the scatter of the sisters, and what is not known of their mean were the other terms known. The
+        prior has no correlations, and of all such this one is nearest to what is known (in the sense of Kullback and
+        Leibler, from the prior to it): of terms that look alike, only whose sum sisters show, the sum stays known,
+        and each by itself may be farther off than ``std``. Marginal deviations would be right for each, and would
+        forget the sum, which is what makes the robot's errors.
     """
     n, k = len(likelihoods), len(likelihoods[0][1])
     T, mean = np.full(k, 0.1), np.zeros(k)

@@ -123,6 +123,8 @@ class Kind(ABC):
     Attributes
     ----------
     name : str
+    shown_as : str
+        What is drawn of its features, as a label says it; its name unless given.
     size : int
         Residuals of a row.
     own : dict of str to Own
@@ -140,6 +142,7 @@ class Kind(ABC):
     """
 
     name: ClassVar[str]
+    shown_as: ClassVar[str] = ""
     size: ClassVar[int]
     own: ClassVar[Mapping[str, Own]]
     needs: ClassVar[tuple[str, ...]] = ()

@@ -5,7 +5,10 @@ it touches a ball, lies in a plane, is so far from a point. Each kind has residu
 the tool's rotation and by unknowns of its own, and a start of these in closed form. All places are in the base link;
 what is known in the measuring frame comes with its derivative by the base.
 
-A kind is added by a class here, or in a file of its own, and its name in `KINDS`; nothing else names kinds.
+A kind is added by a class here, or in a file of its own, and its name in `KINDS`: rows of it are then read, fitted,
+judged and drawn. Kinds are named elsewhere only where a device is of them (`irbcal.identification.devices`,
+`irbcal.planning.device_access`) or one is drawn otherwise than as a ball on a foot (`irbcal.viewer.features`), and
+``point`` for the rows of a tracker.
 """
 
 from __future__ import annotations
@@ -48,7 +51,7 @@ __all__ = ["DIMENSIONS", "KINDS", "STEPS", "Kind", "Misses", "Own", "Seen", "Sha
 class Point(Kind):
     """The tool's point is at one place: a ball in a socket, a pointer at a tip; or where a tracker saw it."""
 
-    name, size, own = "point", 3, {"centre": Own("place")}
+    name, size, own, shown_as = "point", 3, {"centre": Own("place")}, "socket"
 
     def misses(self, seen: Seen, own: Mapping[str, FloatArray]) -> Misses:
         """``p - c``."""
@@ -91,7 +94,7 @@ class Sphere(Kind):
 class Radius(Sphere):
     """The tool's point is ``value + offset`` from a place: string encoders, laser distances, ballbars."""
 
-    name, own = "radius", {"centre": Own("place"), "offset": Own("number")}
+    name, own, shown_as = "radius", {"centre": Own("place"), "offset": Own("number")}, "anchor"
     needs, metric, spread = ("value",), True, True
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
@@ -235,7 +238,7 @@ class Gauge(Plane):
 class Offset(Kind):
     """A ball on the tool, seen in the axes of a sensor in the hall: laser fans, three dial gauges in a nest."""
 
-    name, size = "offset", 3
+    name, size, shown_as = "offset", 3, "sensor"
     own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", unit="rad")}
     needs = ("xyz",)
 
@@ -260,7 +263,7 @@ class Offset(Kind):
 class OffsetOnTool(Kind):
     """A ball in the hall, seen in the axes of a sensor on the tool: cameras or laser fans that the arm carries."""
 
-    name, size = "offset-on-tool", 3
+    name, size, shown_as = "offset-on-tool", 3, "ball"
     own: ClassVar[Mapping[str, Own]] = {"centre": Own("place"), "axes": Own("turn", of="target", unit="rad")}
     needs = ("xyz",)
 
@@ -319,7 +322,7 @@ class Pose(Kind):
 class Angle(Kind):
     """An axis of the tool against the horizontal: an inclinometer; the feature is what is level."""
 
-    name, size = "angle", 1
+    name, size, shown_as = "angle", 1, "level"
     own: ClassVar[Mapping[str, Own]] = {"axis": Own("axis", of="target", unit="rad"), "up": Own("axis", unit="rad")}
     needs, spread, pointed = ("value",), True, False
 

@@ -1,7 +1,8 @@
 """Devices that stand in for a tracker: what features they are, where to put them about an arm, poses that touch them.
 
 Places are in the base link, scaled to the arm's reach. Poses are found by moving random joints of an arm until they
-meet what the device's kind asks for, so that a new kind needs nothing here; a camera's are those that see the board.
+meet what the device's kind asks for; a camera's are those that see the board, those of strings any above the floor.
+Where a device is of a kind with other unknowns than a place, `placed` says what they are.
 """
 
 from __future__ import annotations

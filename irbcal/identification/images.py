@@ -18,7 +18,7 @@ from irbcal.arrays import FloatArray
 from irbcal.identification import camera
 from irbcal.identification.constraint_kind import Expected, Kind, Misses, Own, Seen, cross, eliminated, ones
 from irbcal.measurement.features import Feature
-from irbcal.measurement.imaging import FITTED, Imaging, per_pixel
+from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel
 from irbcal.modeling import frames
 from irbcal.units import MM
 
@@ -35,7 +35,7 @@ NO_ROBOT = 1.0 * MM
 class Image(Kind):
     """Corners of a board on the tool, seen by a camera in the hall; the tool's point is the board's origin."""
 
-    name, size, on_tool = "image", 6, False
+    name, size, shown_as = "image", 6, "camera"
     needs, metric, spread = ("corners",), True, True
     own: ClassVar[Mapping[str, Own]] = {
         "centre": Own("place"),
@@ -43,6 +43,11 @@ class Image(Kind):
         "axes": Own("turn", of="target", unit="rad"),
         **{name: Own("number", unit="px" if name != "k1" else "") for name in FITTED},
     }
+
+    @property
+    def on_tool(self) -> bool:
+        """Whether it is the camera that the tool carries."""
+        return TARGETS[self.name] == "camera"
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """Numbers of the lens that are not fitted."""
@@ -168,7 +173,7 @@ class Image(Kind):
 class ImageOnTool(Image):
     """Corners of a board in the hall, seen by a camera on the tool; the tool's point is the camera's centre."""
 
-    name, on_tool = "image-on-tool", True
+    name, shown_as = "image-on-tool", "board"
     own: ClassVar[Mapping[str, Own]] = {
         name: Own(item.shape, "target" if name in FITTED else item.of, item.unit) for name, item in Image.own.items()
     }

@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 
 from irbcal import atomic
-from irbcal.arrays import lock
+from irbcal.arrays import NameArray, lock
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import TableLike
-from irbcal.measurement.known_features import given_rows
+from irbcal.measurement.known_features import filled, given_rows
 from irbcal.names import without_formulas
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
@@ -83,6 +83,15 @@ class FoundCorners(Speaks):
         return out
 
 
+@dataclass(frozen=True, eq=False)
+class _Board:
+    """What finds a board; the size of its camera's images in pixels; its name in each row of the joints' table."""
+
+    detector: Any
+    size: tuple[int, int] | None
+    names: NameArray
+
+
 def corners(images: str | Path, joints: TableLike, features: TableLike, *, legacy: bool = False) -> FoundCorners:
     """Find the corners of ChArUco boards in pictures.
 
@@ -92,7 +101,7 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
         Folder of the pictures (PNG, JPEG, TIFF, ...).
     joints : str, Path or DataFrame
         A row a picture: ``image`` (its file's name), joints (``q1_deg`` ...), and what the rows shall have besides:
-        ``pose`` (the picture's name unless given), ``feature``, ``place``.
+        ``pose`` (the picture's name unless given), ``feature``, and what names of features are made of, as ``place``.
     features : str, Path or DataFrame
         The features' file of the calibration (`irbcal.measurement.imaging`); its boards have ``dictionary`` (OpenCV's
         name, such as ``DICT_5X5_100``) and ``marker_mm`` (three quarters of the square unless given), too.
@@ -113,20 +122,21 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
     cv2 = _opencv()
     cells, source, _ = columns.read(joints, [IMAGE])
     name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
-    known = _boards(cv2, features, name_of, legacy)
+    known = _boards(cv2, features, name_of, legacy, cells, source)
     folder = Path(images)
     parts, missed = [], []
-    for row, cell in zip(cells.index, cells.to_dict("records"), strict=True):
+    for k, (row, cell) in enumerate(zip(cells.index, cells.to_dict("records"), strict=True)):
         picture = str(cell[IMAGE]).strip()
         feature = str(cell.get("feature", "")).strip() or (next(iter(known)) if len(known) == 1 else "")
-        if feature not in known:
+        one = next((board for name, board in known.items() if feature in (name, board.names[k])), None)
+        if one is None:
             raise MeasurementError(
                 f"expected the board in this picture, one of {', '.join(known)}; found {feature or 'nothing'}",
                 file=source,
                 row=int(row),
                 column="feature",
             )
-        detector, size = known[feature]
+        size = one.size
         grey = cv2.imread(str(folder / picture), cv2.IMREAD_GRAYSCALE) if picture else None
         if grey is None:
             words = f"there is no picture {picture or 'named'} in {folder} that OpenCV reads"
@@ -134,13 +144,13 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
         if size is not None and grey.shape[::-1] != size:
             words = f"{picture} has {grey.shape[1]} × {grey.shape[0]} pixels, the camera {size[0]} × {size[1]}"
             raise MeasurementError(words, file=source, row=int(row), column=IMAGE)
-        uv, number, _, _ = detector.detectBoard(grey)
+        uv, number, _, _ = one.detector.detectBoard(grey)
         found = 0 if number is None else len(number)
         if found < imaging.FEWEST:
             missed.append((picture, found))
             continue
         more = {"corner": np.ravel(number)} | dict(zip(("u_px", "v_px"), np.reshape(uv, (-1, 2)).T, strict=True))
-        parts.append(pd.DataFrame({"pose": picture} | cell | {"feature": feature} | more))
+        parts.append(pd.DataFrame({"pose": picture} | cell | {"feature": one.names[k]} | more))
     if not parts:
         raise MeasurementError(
             f"no picture shows {imaging.FEWEST} corners of its board: are squares_x, squares_y and dictionary right, "
@@ -161,11 +171,13 @@ def _opencv() -> Any:
         ) from None
 
 
-def _boards(cv2: Any, features: TableLike, name_of: str, legacy: bool) -> dict[str, tuple[Any, tuple[int, int] | None]]:
-    """A detector for each board, and the size of its camera's images in pixels."""
+def _boards(
+    cv2: Any, features: TableLike, name_of: str, legacy: bool, cells: pd.DataFrame, source: str
+) -> dict[str, _Board]:
+    """Boards by their names; those of patterns such as ``board {place}`` have another one at each place."""
     given = given_rows(features)
     imaging.shared(given)
-    out: dict[str, tuple[Any, tuple[int, int] | None]] = {}
+    out: dict[str, _Board] = {}
     for one in [one for one in given if one["kind"] in imaging.TARGETS]:
         known = imaging.imaging_of(one)
         if known.squares is None or known.square is None:
@@ -187,7 +199,8 @@ def _boards(cv2: Any, features: TableLike, name_of: str, legacy: bool) -> dict[s
         board = cv2.aruco.CharucoBoard(known.squares, known.square, marker, dictionary)
         board.setLegacyPattern(legacy)
         size = None if known.size is None else (int(known.size[0]), int(known.size[1]))
-        out[one["feature"]] = cv2.aruco.CharucoDetector(board), size
+        names = filled(one["feature"], cells, one, source)
+        out[one["feature"]] = _Board(cv2.aruco.CharucoDetector(board), size, names)
     if not out:
         kinds = " or ".join(imaging.TARGETS)
         raise MeasurementError(f"there is no feature of kind {kinds}", file=name_of)

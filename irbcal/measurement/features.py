@@ -29,7 +29,7 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns, imaging
+from irbcal.measurement import columns, imaging, quaternion_columns
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.feature_loads import payloads
 from irbcal.measurement.known_features import (
@@ -46,7 +46,6 @@ from irbcal.measurement.known_features import (
 )
 from irbcal.measurement.load_columns import PLACE
 from irbcal.measurement.table import MeasurementSet
-from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Motion
 from irbcal.summary import Speaks, Told
@@ -277,13 +276,6 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
     u95 = _number(cells, {"u95_mm": MM, "u95_deg": DEG}, source)
     own = np.array([np.nan if not n or known[n].u95 is None else known[n].u95 for n in names], dtype=float)
     xyz = np.column_stack([_number(cells, {f"{axis}_mm": MM}, source) for axis in "xyz"])
-    turned = np.full((len(cells), 3, 3), np.nan)
-    if all(name in cells.columns for name in columns.QUATERNION):
-        quaternion = np.column_stack([_number(cells, {name: 1.0}, source) for name in columns.QUATERNION])
-        there = np.isfinite(quaternion).all(axis=1)
-        turned[there] = frames.matrix_from_quaternion(
-            quaternion[there] / np.linalg.norm(quaternion[there], axis=1)[:, None]
-        )
     pose = np.asarray(columns.names(cells, "pose", source), dtype=object)
     simulated = "simulated" in cells.columns and bool(
         (~cells["simulated"].astype(str).str.lower().isin(["", "no", "0", "false"])).any()
@@ -298,7 +290,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         _number(cells, {"value_mm": MM, "value_deg": DEG}, source),
         np.where(np.isfinite(u95), u95, own),
         xyz,
-        turned,
+        _rotations(cells, source),
         np.asarray(cells.index, dtype=int),
         cells,
         {name: one for name, one in known.items() if name in set(names)},
@@ -369,6 +361,15 @@ def _number(cells: pd.DataFrame, units: Mapping[str, float], source: str) -> Flo
             values = numbers_of(cells, name, source, "a number or nothing", lost=True) * unit
             out = np.where(np.isfinite(out), out, values)
     return out
+
+
+def _rotations(cells: pd.DataFrame, source: str) -> FloatArray:
+    """Measured orientations, shape (m, 3, 3); NaN where there is none."""
+    own = [name for name in columns.QUATERNION if name in cells.columns]
+    table = pd.DataFrame({"row": cells.index} | {name: _number(cells, {name: 1.0}, source) for name in own})
+    quaternion_columns.check(table, source)
+    found = quaternion_columns.rotations(table)
+    return np.full((len(cells), 3, 3), np.nan) if found is None else found
 
 
 def _joints(cells: pd.DataFrame, arm: Arm, source: str) -> tuple[FloatArray, bool]:

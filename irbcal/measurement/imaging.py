@@ -97,6 +97,12 @@ class Imaging:
         return out | {"u95_px": repr(self.u95)}
 
 
+def camera_and_board(one: Mapping[str, str]) -> tuple[str, str]:
+    """Names of camera and board of a feature: one is the target, the other the feature."""
+    pair = one["target"], one["feature"]
+    return pair if TARGETS[one["kind"]] == "camera" else pair[::-1]
+
+
 def shared(given: Sequence[dict[str, str]]) -> None:
     """Fill in what other features say of the same camera or board.
 
@@ -110,7 +116,7 @@ def shared(given: Sequence[dict[str, str]]) -> None:
     for again in (False, True):
         for one in mine:
             one["target"] = one.get("target") or TARGETS[one["kind"]]
-            camera, board = (one["target"], one["feature"])[:: 1 if one["kind"] == "image-on-tool" else -1]
+            camera, board = camera_and_board(one)
             owner = [("camera", camera, name) for name in (*LENS, *SIZE, FIT)] + [
                 ("board", board, n) for n in (*BOARD, MARKER, DICTIONARY)
             ]
@@ -139,7 +145,7 @@ def imaging_of(one: Mapping[str, str]) -> Imaging:
     def refuse(words: str, column: str) -> MeasurementError:
         return MeasurementError(words, file=one["source"], row=int(one["row"]), column=column)
 
-    camera = one["target"] if one["kind"] == "image-on-tool" else one["feature"]
+    camera = camera_and_board(one)[0]
     value = {name: float(one[name]) for name in NUMBERS if one.get(name)}
     for name in ("fx_px", "cx_px", "cy_px"):
         if name not in value:

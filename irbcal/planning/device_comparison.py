@@ -164,7 +164,7 @@ def compare_devices(
     >>> print(compare_devices("irb1600"))  # doctest: +SKIP
     """
     check_seed(seed)
-    counts = [number("poses", count, 5, 100_000, whole=True) for count in poses]
+    counts = sorted({number("poses", count, 5, 100_000, whole=True) for count in poses})
     arm = open_robot(robot, base_link=base_link, tip_link=tip_link, coupling=coupling).robot.arm
     say: Callable[[str], object] = progress or (lambda text: None)
     size = None if prior is None else number("prior", prior, 1e-6, 0.1)

@@ -198,8 +198,9 @@ def device_plan(
     candidates : int
         Poses that they are chosen from, in all.
     acceptance : float, optional
-        Largest angle between the tool's axis and the surface's normal, the bar or the string, radians; 60 degrees, for
-        ballbars 90 and for strings 120 unless given.
+        Largest angle between the tool's axis and the surface's normal, the bar or the string, or between a camera's
+        view and the board's normal, radians; 60 degrees, for ballbars 90, for strings 120 and for a camera 50 unless
+        given.
     approach : float
         Last part of the way to a feature, along the tool's axis, that must be free, metres.
     prior : float, optional

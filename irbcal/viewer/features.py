@@ -6,7 +6,6 @@ feature that agrees with the row: the ball's centre, the foot in the plane, the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from string import Formatter
 from typing import Any
@@ -24,28 +23,13 @@ from irbcal.identification.constraint_problem import TOOL, ConstraintProblem, Fe
 from irbcal.identification.constraints import KINDS
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.features import DISTANCE, FeatureSet, Length
-from irbcal.measurement.imaging import FITTED
+from irbcal.measurement.imaging import FITTED, TARGETS
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
 from irbcal.units import DEG, MM
 from irbcal.viewer import shapes
 from irbcal.viewer.scene import Points
-
-WORDS: Mapping[str, str] = {
-    "point": "socket",
-    "sphere": "sphere",
-    "radius": "anchor",
-    "plane": "plane",
-    "line": "line",
-    "gauge": "gauge",
-    "offset": "sensor",
-    "offset-on-tool": "ball",
-    "image": "camera",
-    "image-on-tool": "board",
-    "angle": "level",
-}
-"""What is drawn of a kind, as its label says; what is level stands beside the base."""
 
 FRAME = "frame"
 """The frame in which a device measured whole poses: rows of kind ``pose`` have no feature."""
@@ -106,7 +90,7 @@ def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | Non
         size = small
         if row.kind == "sphere":
             size = abs((row.found | row.known)["radius"][0]) * MM
-        elif row.kind == "image-on-tool" and "squares_x" in row.imaging:
+        elif TARGETS.get(row.kind) == "camera" and "squares_x" in row.imaging:
             edges = np.array([float(row.imaging[name]) for name in ("squares_x", "squares_y")])
             edges *= float(row.imaging["square_mm"]) * MM
             T = T @ frames.transform(None, np.r_[0.5 * edges, 0.0])
@@ -118,7 +102,7 @@ def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | Non
             size = float(
                 np.clip(1.5 * row.spread_mm * MM, 0.05 * reach, (0.25 if row.kind == "plane" else 0.5) * reach)
             )
-        out.append(ShownFeature(row.name, row.kind, f"{row.name} · {WORDS[row.kind]}", T, size))
+        out.append(ShownFeature(row.name, row.kind, f"{row.name} · {KINDS[row.kind].shown_as or row.kind}", T, size))
     centres = {one.name: one.T_scene[:3, 3] for one in out}
     for length in section.lengths:
         if length.first in centres and length.second in centres:
@@ -180,11 +164,11 @@ def bodies(features: tuple[ShownFeature, ...], reach: float) -> tuple[list[Any],
             parts.append((shapes.rod(T[:3, 3] - half, T[:3, 3] + half, width), colour))
         elif one.kind == "sphere":
             glass.append((shapes.moved(shapes.sphere(size), T[:3, 3]), BALL))
-        elif one.kind == "image":  # a camera with the way it looks
+        elif TARGETS.get(one.kind) == "board":  # a camera with the way it looks
             cone = shapes.cone(0.4 * size, 1.8 * size, 0.0, 2.5 * size)
             body = shapes.box([2.4 * size, 2.4 * size, 3.0 * size]) - np.array([0.0, 0.0, 1.5 * size])
             parts += [(part @ T[:3, :3].T + T[:3, 3], SOCKET) for part in (cone, body)]
-        elif one.kind in ("plane", "image-on-tool"):
+        elif one.kind == "plane" or TARGETS.get(one.kind) == "camera":
             patch = shapes.box([2 * size, 2 * size, 0.6 * thin])
             glass.append((patch @ T[:3, :3].T + T[:3, 3], FLAT))
             solid.append((shapes.rod(T[:3, 3], T[:3, 3] + 0.2 * size * T[:3, 2], 0.6 * thin), FLAT))

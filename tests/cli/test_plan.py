@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import trimesh
+import typer
 from solids import hulls, link_frames, touches_itself
 from support import arm
 from typer.testing import CliRunner
@@ -223,6 +224,21 @@ def test_wrong_calls_are_told_apart_from_refusals(tmp_path):
         done = CliRunner().invoke(app, ["plan", "--robot", "irb1600", "--out", str(tmp_path / "p"), *arguments])
         assert done.exit_code == 2, arguments
     assert not (tmp_path / "p").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        (("--acceptance-deg", "90.5"), "expected 90 or less without --device, found 90.5"),
+        (("--prior-mm", "2"), "is for --device and --compare-devices"),
+        (("--approach-mm", "50"), "is for --device"),
+    ],
+)
+def test_what_is_for_devices_is_refused_without_one(tmp_path, option, words):
+    with pytest.raises(typer.BadParameter) as refusal:
+        call("--out", tmp_path / "p", *option)
+    assert refusal.value.message.endswith(words)
+    assert refusal.value.param_hint == option[0]
 
 
 def test_there_is_no_robot_without_its_name(tmp_path):

@@ -1,5 +1,6 @@
 """What sisters tell of a type: mean and scatter of SIMULATED populations, and from the store to a calibration."""
 
+import hashlib
 import json
 from dataclasses import replace
 
@@ -9,11 +10,14 @@ from fleet_support import measured
 from typer.testing import CliRunner
 
 import irbcal
+from irbcal import calibrating
 from irbcal.cli import main
 from irbcal.errors import CalibrationError, OptionError
+from irbcal.files import robots
 from irbcal.fleet.prior import population, type_prior
 from irbcal.fleet.store import opened
 from irbcal.identification import dictionaries
+from irbcal.identification.type_prior import TypePrior
 
 
 def test_mean_and_scatter_of_a_population_are_found():
@@ -35,6 +39,14 @@ def test_what_no_sister_shows_stays_open():
     found, std = population([(np.diag([1e4, 0.0]), np.array([1e4, 0.0]))] * 6)
     assert found == pytest.approx([1.0, 0.0], abs=1e-3)
     assert std[1] > 1.0
+
+
+def test_of_two_terms_that_look_alike_the_sum_stays_known():
+    """A prior without correlations keeps what sisters show: by hand the sum is known to 0.008, each to 2.8 alone."""
+    J = np.array([[50.0, 50.0]])
+    found, std = population([(J.T @ J, (J.T @ [100.0]).ravel())] * 6)
+    assert found == pytest.approx([1.0, 1.0], abs=1e-2)
+    assert np.hypot(*std) < 0.1
 
 
 def test_numbers_that_cannot_be_are_refused(stored):
@@ -77,6 +89,21 @@ def test_from_the_store_to_a_calibration(store, tmp_path, monkeypatch):
     for options in ({"model": 34}, {"terms": "all"}, {"loss": "huber"}):
         with pytest.raises(OptionError, match="prior: it is for model auto of terms joint-map: leave out"):
             irbcal.calibrate(tmp_path / "new.csv", "irb1600", prior=out, **options)
+
+
+def test_a_prior_is_never_dropped_in_silence(tmp_path, monkeypatch):
+    """Too few poses for model auto refuse it; another robot's is refused before anything is fitted."""
+    sha256 = hashlib.sha256(robots.robot_file("irb1600").read_bytes()).hexdigest()
+    one = np.ones(1)
+    own = TypePrior("irb1600_6_145", sha256, tuple("abcde"), True, ("delta_a1",), ("m",), one, one, one)
+    measured(tmp_path, "few.csv", 17, 17, poses=11)
+    with pytest.raises(
+        OptionError, match=r"prior: it is for model auto, and 8 poses are too few .*, without the prior"
+    ):
+        irbcal.calibrate(tmp_path / "few.csv", "irb1600", prior=own)
+    monkeypatch.setattr(calibrating, "identify", None)
+    with pytest.raises(OptionError, match="prior: it is of robot irb120"):
+        irbcal.calibrate(tmp_path / "few.csv", "irb1600", prior=replace(own, type="irb120"))
 
 
 def test_too_few_sisters_and_other_files_are_refused(store, stored, tmp_path):

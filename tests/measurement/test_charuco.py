@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import MeasurementError, OptionError
+from irbcal.measurement import features
 
 SIZE, SQUARES, SQUARE, SCALE = (640, 480), (8, 6), 0.03, 60  # pixels of a square as drawn
 KNOWN = {
@@ -81,11 +82,23 @@ def test_a_file_for_a_calibration_comes_out(pictures, tmp_path):
     told = CliRunner().invoke(app, [*line, "--out", str(tmp_path / "corners.csv")])
     assert told.exit_code == 0, told.output
     assert "70 corners in 2 images" in told.output
-    seen = irbcal.measurement.features.read(
-        tmp_path / "corners.csv", tmp_path / "camera.csv", irbcal.read_urdf("irb1600").arm
-    )
+    seen = features.read(tmp_path / "corners.csv", tmp_path / "camera.csv", irbcal.read_urdf("irb1600").arm)
     assert len(seen) == 2
     assert list(seen.cells.place) == ["a", "b"]
+
+
+def test_a_board_is_named_by_its_place(pictures):
+    """Of one board at several places each place is a feature of its own, which the rows then name."""
+    folder, joints = pictures
+    known = pd.DataFrame([KNOWN | {"feature": "board {place}"}])
+    table = irbcal.corners(folder, joints.iloc[:2], known).to_frame()
+    assert table.groupby("image").feature.unique().map(list).to_dict() == {"0.png": ["board a"], "1.png": ["board b"]}
+    seen = features.read(table, known, irbcal.read_urdf("irb1600").arm)
+    assert list(seen.feature) == ["board a", "board b"]
+    with pytest.raises(MeasurementError, match=r"asks for the column place, which .* does not have"):
+        irbcal.corners(folder, joints.drop(columns="place"), known)
+    with pytest.raises(MeasurementError, match=r"row 2, column feature.*one of board {place}; found board c"):
+        irbcal.corners(folder, joints.assign(feature=["board a", "board c", ""]), known)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,28 @@ def known(*rows):
     return pd.DataFrame([dict(row) for row in rows]).fillna("")
 
 
+def turned(qw, qy, qz):
+    """Rows with an orientation."""
+    return table(feature="A", x_mm="1", y_mm="2", z_mm="3", qw=qw, qx="0", qy=qy, qz=qz)
+
+
+POSED = known({"feature": "A", "kind": "pose"})
+
+
+def test_rows_may_have_an_orientation_or_none():
+    seen = features.read(
+        turned(["1", "", "0.5003", "0.5"], ["0", "", "0.5", "-0.5"], "0").assign(
+            qx=["0", "", "0.5", "0.5"], qz=["0", "", "0.5", "0.5"]
+        ),
+        POSED,
+        cases.arm(),
+    )
+    np.testing.assert_allclose(seen.rotation[0], np.eye(3), atol=1e-15)
+    assert np.isnan(seen.rotation[1]).all()
+    np.testing.assert_allclose(seen.rotation[2], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-3)
+    np.testing.assert_allclose(seen.rotation[2] @ seen.rotation[2].T, np.eye(3), atol=1e-15)
+
+
 def test_names_are_made_of_columns():
     rows = table(place=["left", "left", "right", "right"], socket=["0", "1", "0", "1"])
     seen = features.read(
@@ -107,6 +129,14 @@ def test_rows_of_a_tracker_have_places_and_no_feature():
             r"column value_mm: expected a number within ±1e\+06, found 1e\+300",
         ),
         (table(feature="A", q2_deg="1e20"), known({"feature": "A", "kind": "point"}), "column q2_deg"),
+        (
+            turned(["1", "2", "1", "1"], "0", "0"),
+            POSED,
+            "row 2, columns? qw, qx, qy, qz: expected a unit quaternion or nothing, found 2, 0, 0, 0",
+        ),
+        (turned("1", ["0", "0", "", "0"], "0"), POSED, "row 3.*unit quaternion or nothing, found 1, 0, nan, 0"),
+        (turned("0", "0", "0"), POSED, "row 1.*unit quaternion or nothing, found 0, 0, 0, 0"),
+        (turned("1", "0", "0").drop(columns="qz"), POSED, "missing column qz"),
         (table(feature="A").drop(columns="q6_deg"), known({"feature": "A", "kind": "point"}), "missing column q6_deg"),
     ],
 )

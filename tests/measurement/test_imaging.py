@@ -34,7 +34,7 @@ def test_corners_of_an_image_become_a_row():
     seen = features.read(corners(), known(), cases.arm())
     assert len(seen) == 2
     assert list(seen.target) == ["camera"] * 2
-    assert list(seen.row) == [1, 7] or list(seen.row) == [2, 8] or seen.row[1] - seen.row[0] == 6
+    assert list(seen.row) == [1, 7]
     xy = [[0.03, 0.03], [0.06, 0.03], [0.09, 0.03], [0.03, 0.06], [0.06, 0.06], [0.09, 0.06]]
     for image in seen.corners:  # numbered and measured places are the same
         np.testing.assert_allclose(image[:, :2], xy, atol=1e-12)

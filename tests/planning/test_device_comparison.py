@@ -1,6 +1,10 @@
+from types import SimpleNamespace
+
 import pytest
 
 from irbcal.errors import OptionError
+from irbcal.identification.devices import DEVICES
+from irbcal.planning import device_comparison
 from irbcal.planning.device_comparison import compare_devices
 
 
@@ -20,6 +24,18 @@ def test_devices_stand_in_the_order_of_an_independent_calculation(found):
     frame = found.to_frame()
     assert list(frame["left_with_joints_mm"]) == sorted(frame["left_with_joints_mm"])
     assert frame["device"].iloc[0] == "tracker"
+
+
+def test_the_best_is_first_by_the_largest_number_of_poses_however_they_are_given(monkeypatch):
+    left = {name: float(k) for k, name in enumerate(DEVICES)}
+    signs = {50: 1.0, 20: -1.0}  # what is best of many is worst of few
+    monkeypatch.setattr(device_comparison, "DeviceModel", lambda *_: SimpleNamespace(before=1.0))
+    monkeypatch.setattr(
+        device_comparison, "_left", lambda model, name, count, noise: (signs[count] * left.get(name, 99.0),) * 2
+    )
+    found = compare_devices("irb1600", (50, 20, 50))
+    assert list(dict.fromkeys(row.device for row in found.rows)) == [*DEVICES, "tracker"]
+    assert len(found.rows) == 2 * (len(DEVICES) + 1)
 
 
 def test_numbers_of_poses_are_checked():

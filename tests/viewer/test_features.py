@@ -8,6 +8,7 @@ import pytest
 import irbcal
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.charts import inline
+from irbcal.identification.constraints import KINDS, Point
 from irbcal.modeling import frames
 from irbcal.units import MM
 from irbcal.viewer import building, features, page
@@ -112,6 +113,22 @@ def test_figures_of_such_a_calibration_do_not_speak_of_position_errors(touched):
         words = " ".join([figure.caption, *map(str, map(inline, figure.drawings))]).lower()
         assert "distance from feature" in words
         assert "position error" not in words
+
+
+def test_a_kind_that_was_added_is_drawn_under_its_name(touched, monkeypatch):
+    class Tip(Point):
+        name, shown_as = "tip", "needle"
+
+    class Plain(Point):
+        name, shown_as = "plain", ""
+
+    section = touched[0].features
+    for kind, label in ((Tip(), "needle"), (Plain(), "plain")):
+        monkeypatch.setitem(KINDS, kind.name, kind)
+        row = section.features[0].model_copy(update={"kind": kind.name})
+        shown = features.shown(section.model_copy(update={"features": [row]}), 1.5)
+        assert shown[0].label == f"left/0 · {label}"
+        assert features.bodies(shown, 1.5)[0]
 
 
 def test_cameras_and_boards_are_drawn_where_they_stand():

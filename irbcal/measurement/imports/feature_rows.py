@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from irbcal.arrays import BoolArray
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.atomic import write_together
 from irbcal.errors import OptionError
 from irbcal.measurement.imports import dialect, map_file
@@ -64,7 +64,7 @@ class RowColumns(_Model):
 
     ``values`` are columns of several features that share a row; else ``feature`` (unless ``keep`` hands on columns that
     name it together, such as place and socket) and, for kinds that have one, ``value``. ``position`` is what a sensor
-    or tracker saw. ``keep`` hands columns on under new names.
+    or tracker saw. ``u95`` has the unit of the values. ``keep`` hands columns on under new names.
     """
 
     joints: Annotated[list[Column], Field(min_length=1, max_length=20)]
@@ -262,9 +262,8 @@ def _understood(text: TextTable, wanted: FeatureMap, before: int) -> tuple[pd.Da
     shared |= joint_values(text, asked, units.joints, "c") if asked else {}
     shared |= _beside(text, wanted)
     if position:
-        factor = _length(wanted, text.source)
         for axis, k in zip("xyz", position, strict=True):
-            shared[f"{axis}_mm"] = text.numbers(k, "a position or nothing", _gone(text, k, wanted)) * factor
+            shared[f"{axis}_mm"] = _measured(text, k, wanted, "a position or nothing")[1]
     frame = joint_rules_applied(pd.DataFrame(shared, index=range(count)), wanted.joints)
     frames, lost = [], 0
     places: dict[str, int | None] = {**(readings or single)} or {"": None}
@@ -272,8 +271,8 @@ def _understood(text: TextTable, wanted: FeatureMap, before: int) -> tuple[pd.Da
         own = frame if not name else frame.assign(feature=name)
         if place is not None:
             gone = _gone(text, place, wanted)
-            column, factor = _value(wanted, text.source)
-            own = own.assign(**{column: text.numbers(place, "a value or nothing", gone) * factor})[~gone]
+            unit, values = _measured(text, place, wanted, "a value or nothing", wanted.values)
+            own = own.assign(**{f"value_{unit}": values})[~gone]
             lost += int(gone.sum())
         frames.append(own)
     rows = pd.concat(frames).sort_index(kind="stable")
@@ -291,11 +290,12 @@ def _beside(text: TextTable, wanted: FeatureMap) -> dict[str, Any]:
             out[name] = text.text(text.find(column, f"the {name}")).to_numpy()
     for new, column in columns.keep.items():
         out[new] = text.text(text.find(column, new)).to_numpy()
-    for key, name in (("u95", "u95_mm"), ("payload", "payload_kg")):
-        column = getattr(columns, key)
-        if column is not None:
-            k = text.find(column, f"the {key}")
-            out[name] = text.numbers(k, "a number or nothing", _gone(text, k, wanted))
+    if columns.u95 is not None:
+        unit, values = _measured(text, text.find(columns.u95, "the u95"), wanted, "a number or nothing", wanted.values)
+        out[f"u95_{unit}"] = values
+    if columns.payload is not None:
+        k = text.find(columns.payload, "the payload")
+        out["payload_kg"] = text.numbers(k, "a number or nothing", _gone(text, k, wanted))
     return out | {name: value for name, value in wanted.fixed.model_dump().items() if value is not None}
 
 
@@ -304,16 +304,19 @@ def _gone(text: TextTable, k: int, wanted: FeatureMap) -> BoolArray:
     return text.is_one_of(k, [*ALWAYS_LOST, *_markers(wanted)])
 
 
-def _length(wanted: FeatureMap, source: str) -> float:
-    if wanted.units.lengths is None:
-        undeclared(source, "the unit of the lengths", "units.lengths=mm", "m or inch")
-    return LENGTH_MM[wanted.units.lengths]
-
-
-def _value(wanted: FeatureMap, source: str) -> tuple[str, float]:
-    """Column of the values, and its unit."""
-    if wanted.values == "length":
-        return "value_mm", _length(wanted, source)
-    if wanted.units.angles is None:
-        undeclared(source, "the unit of the angles", "units.angles=deg", "rad")
-    return "value_deg", ANGLE_DEG[wanted.units.angles]
+def _measured(
+    text: TextTable, k: int, wanted: FeatureMap, expected: str, what: Literal["length", "angle"] = "length"
+) -> tuple[str, FloatArray]:
+    """A column of lengths or angles: ``mm`` or ``deg``, and its numbers in that unit, NaN where lost."""
+    units = wanted.units
+    if what == "length":
+        if units.lengths is None:
+            undeclared(text.source, "the unit of the lengths", "units.lengths=mm", "m or inch")
+        text.check_unit(k, units.lengths, "lengths in")
+        unit, factor = "mm", LENGTH_MM[units.lengths]
+    else:
+        if units.angles is None:
+            undeclared(text.source, "the unit of the angles", "units.angles=deg", "rad")
+        text.check_unit(k, units.angles, "angles in")
+        unit, factor = "deg", ANGLE_DEG[units.angles]
+    return unit, text.numbers(k, expected, _gone(text, k, wanted)) * factor

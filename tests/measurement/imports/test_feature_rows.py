@@ -64,6 +64,34 @@ def test_an_inclinometer_shows_angles(wide):
         irbcal.import_features(wide, set_=changes)
 
 
+def test_an_uncertainty_has_the_unit_of_its_value(tmp_path):
+    """By hand: 0.05 mm told in metres, and 0.01 degrees told in radians."""
+    path = tmp_path / "readings.csv"
+    path.write_text("a,b,c,d,e,f,value [m],u95 [m]\n1,2,3,4,5,6,1.20025,0.00005\n")
+    changes = {"columns.joints": list("abcdef"), "columns.value": 7, "columns.u95": 8, "units.joints": "deg"}
+    changes |= {"fixed.feature": "s", "fixed.kind": "radius", "units.lengths": "m"}
+    table = irbcal.import_features(path, set_=changes).table
+    assert table[["value_mm", "u95_mm"]].iloc[0].tolist() == pytest.approx([1200.25, 0.05])
+    seen = features.read(table, None, cases.arm())
+    assert [seen.value[0], seen.u95[0]] == pytest.approx([1.20025, 0.00005])
+    path.write_text(f"a,b,c,d,e,f,value,u95\n1,2,3,4,5,6,0.3,{np.radians(0.01)}\n")
+    changes |= {"fixed.kind": "angle", "values": "angle", "units.angles": "rad", "units.lengths": None}
+    table = irbcal.import_features(path, set_=changes).table
+    assert "u95_mm" not in table
+    seen = features.read(table, None, cases.arm())
+    assert [seen.value[0], seen.u95[0]] == pytest.approx([0.3, np.radians(0.01)])
+
+
+@pytest.mark.parametrize("column", ["value", "u95", "position"])
+def test_another_unit_in_the_header_is_refused(tmp_path, column):
+    path = tmp_path / "readings.csv"
+    path.write_text("a,b,c,d,e,f,x [inch]\n1,2,3,4,5,6,7\n")
+    changes = {"columns.joints": list("abcdef"), "units.joints": "deg", "units.lengths": "mm", "fixed.feature": "s"}
+    changes[f"columns.{column}"] = ["x", "x", "x"] if column == "position" else "x"
+    with pytest.raises(MeasurementError, match=r"column x \[inch\]: expected lengths in mm .*, found inch"):
+        irbcal.import_features(path, set_=changes)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
