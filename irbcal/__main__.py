@@ -1,8 +1,11 @@
 """Where the program starts, as ``irbcal`` and as ``python -m irbcal``."""
 
+import atexit
 import gc
 import os
 import signal
+import sys
+import threading
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables by which the number of threads of linear algebra is told."""
@@ -11,9 +14,8 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 def start() -> None:
     """Run the command line; Ctrl-C ends it with exit code 130 and without a word from the first moment on."""
     signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # while the program is loaded there is nothing to tidy up
-    gc.set_threshold(
-        100_000, 20, 100
-    )  # modules and tables are loaded once and stay: searching them for cycles is in vain
+    # modules and tables are loaded once and stay: searching them for cycles is in vain
+    gc.set_threshold(300_000, 20, 100)
     if not any(name in os.environ for name in THREADS):
         # matrices here are small: more threads take more CPU time, and a busy machine makes them wait for each other
         os.environ.update(dict.fromkeys(THREADS, "1"))
@@ -26,6 +28,28 @@ def start() -> None:
         main()
     except KeyboardInterrupt:
         os._exit(130)
+    except SystemExit as end:
+        if isinstance(end.code, str):
+            raise
+        leave(end.code or 0)
+    leave(0)
+
+
+def leave(code: int) -> None:
+    """End the process as `sys.exit` does, but without taking all modules apart: a tenth of a short command's time.
+
+    Where threads or children may still be at work, Python ends them itself.
+    """
+    if threading.active_count() > 1 or "joblib" in sys.modules or "multiprocessing.process" in sys.modules:
+        sys.exit(code)
+    atexit._run_exitfuncs()
+    try:
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                stream.flush()
+    except (OSError, ValueError):  # Python says what is wrong with them
+        sys.exit(code)
+    os._exit(code)
 
 
 if __name__ == "__main__":

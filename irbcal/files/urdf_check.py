@@ -15,7 +15,7 @@ from irbcal.modeling.arm import Arm, relative_difference
 if TYPE_CHECKING:
     import pinocchio as pin
 
-CHECK_POSES = 10_000
+CHECK_POSES = 2_000
 SECOND_POSES = 50
 """Poses that yourdfpy computes, too: one by one, in Python."""
 LIMIT = 1e-9

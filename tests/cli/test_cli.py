@@ -422,3 +422,37 @@ def test_help_does_not_list_robots():
     for name, command in get_command(app).commands.items():
         for parameter in command.params:
             assert "irb1600, irb120" not in (getattr(parameter, "help", "") or ""), name
+
+
+END = """
+import atexit, sys
+from irbcal import __main__
+atexit.register(lambda: print("tidied up"))
+print("nothing is lost", end=" ")
+sys.argv = ["irbcal", *sys.argv[1:]]
+__main__.start()
+print("not reached")
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["--version"], 0, f"nothing is lost irbcal {irbcal.__version__}\ntidied up\n"),
+        (["fk", "no-such-robot"], 2, "nothing is lost tidied up\n"),
+        (["evaluate", "/nowhere", "no.csv"], 1, "nothing is lost tidied up\n"),
+    ],
+)
+def test_the_end_of_a_command_is_that_of_any_program(words, code, said):
+    """Output that was held back is written, what was to be done at the end is done, the exit code is kept."""
+    done = subprocess.run([sys.executable, "-c", END, *words], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (code, said), done.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+def test_output_that_cannot_be_written_is_not_called_done():
+    with open("/dev/full", "w") as full:
+        words = [sys.executable, "-m", "irbcal", "--version"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode != 0
+    assert "No space left" in done.stderr

@@ -42,7 +42,7 @@ class WristFrame:
         return WristFrame(np.asarray(linear, dtype=float), left[:3, 3])
 
     def place(self, columns: FloatArray, out: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Columns n, o, a of eq. 6.1 (9, n) and wrist centre (3, n).
+        """Columns n, o, a of the hand (9, n) and wrist centre (3, n).
 
         Parameters
         ----------
