@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, aligned
+from irbcal.arrays import FloatArray, aligned, row_arithmetic
 from irbcal.identification.choices import ConeSolver
 
 MAX_ITERATIONS = 60
@@ -60,6 +60,7 @@ def certificate(r: FloatArray, Q: FloatArray, w: FloatArray | None = None) -> tu
     return w, max(float(np.vdot(w, r)), 0.0)
 
 
+@row_arithmetic()
 def solve(r: FloatArray, Q: FloatArray, tolerance: float = 1e-5) -> tuple[FloatArray, FloatArray]:
     """Minimum of ``max_j |r_j - Q_j z|`` over ``z`` by a primal-dual interior-point method.
 
@@ -86,13 +87,13 @@ def solve(r: FloatArray, Q: FloatArray, tolerance: float = 1e-5) -> tuple[FloatA
     m, n = len(r), Q.shape[1]
     unit = largest(r)
     r = np.ascontiguousarray(r.T) / unit
-    A = np.ascontiguousarray(Q.reshape(m, 3, n).transpose(1, 0, 2))
-    flat_A = A.reshape(3 * m, n)
+    A = np.ascontiguousarray(Q.reshape(m, 3, n).transpose(2, 1, 0))
+    flat_A = A.reshape(n, 3 * m)
     x = np.append(np.zeros(n), 1.5)  # z and t of the program
     s, z = np.empty((4, m)), np.zeros((4, m))
     z[0] = 1.0 / m
     for _ in range(MAX_ITERATIONS):
-        s[0], s[1:] = x[n], r - (flat_A @ x[:n]).reshape(3, m)
+        s[0], s[1:] = x[n], r - (x[:n] @ flat_A).reshape(3, m)
         gap = float(np.vdot(s, z))
         if gap <= tolerance * max(float(x[n]) - gap, tolerance):
             break
@@ -100,7 +101,7 @@ def solve(r: FloatArray, Q: FloatArray, tolerance: float = 1e-5) -> tuple[FloatA
         lam = _scaled(v, beta, z)
         inverse = np.asarray(np.linalg.inv(_normal_matrix(v, beta, A)), dtype=np.float64)
         # what rounding left of the equality constraints; without its correction the multipliers drift
-        drift = np.append(z[1:].ravel() @ flat_A, 1.0 - z[0].sum())
+        drift = np.append(flat_A @ z[1:].ravel(), 1.0 - z[0].sum())
         newton = partial(_newton, v, beta, flat_A, inverse, drift)
         _, ds, dz = newton(-lam)
         reach = min(1.0, _to_boundary(lam, ds), _to_boundary(lam, dz))
@@ -114,22 +115,22 @@ def solve(r: FloatArray, Q: FloatArray, tolerance: float = 1e-5) -> tuple[FloatA
 
 
 def _normal_matrix(v: FloatArray, beta: FloatArray, A: FloatArray) -> FloatArray:
-    """Sum of the scaled cones' normal matrices in (y, t), from derivatives A (3, m, n).
+    """Sum of the scaled cones' normal matrices in (y, t), from derivatives A (n, 3, m).
 
     Each is ``beta^-2 (2 g g^T - G^T diag(1, -1, -1, -1) G)`` with ``g = G^T (v0, -v1)``.
     """
-    _, m, n = A.shape
-    stack = aligned(4, m, n)
-    a, scale = stack[3], 1.0 / beta
-    np.multiply(A[0], v[1][:, None], out=a)
+    n, _, m = A.shape
+    stack = aligned(n, 4, m)
+    a, scale = stack[:, 3], 1.0 / beta
+    np.multiply(A[:, 0], v[1], out=a)
     for k in (1, 2):
-        np.add(a, np.multiply(A[k], v[k + 1][:, None], out=stack[0]), out=a)
-    bent = (2.0 * v[0] * scale**2) @ a
-    np.multiply(A, scale[:, None], out=stack[:3])
-    np.multiply(a, (np.sqrt(2.0) * scale)[:, None], out=a)
-    flat = stack.reshape(4 * m, n)
+        np.add(a, np.multiply(A[:, k], v[k + 1], out=stack[:, 0]), out=a)
+    bent = a @ (2.0 * v[0] * scale**2)
+    np.multiply(A, scale, out=stack[:, :3])
+    np.multiply(a, np.sqrt(2.0) * scale, out=a)
+    flat = stack.reshape(n, 4 * m)
     H = np.empty((n + 1, n + 1))
-    H[:n, :n] = flat.T @ flat
+    H[:n, :n] = flat @ flat.T
     H[:n, n] = H[n, :n] = bent
     H[n, n] = np.sum((2.0 * v[0] ** 2 - 1.0) * scale**2)
     return H
@@ -139,10 +140,10 @@ def _newton(
     v: FloatArray, beta: FloatArray, flat_A: FloatArray, inverse: FloatArray, drift: FloatArray, q: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Step of (y, t), and of s and z in scaled coordinates, for the right-hand side ``W dz + W^-1 ds = q``."""
-    m, n = len(beta), flat_A.shape[1]
+    m, n = len(beta), len(flat_A)
     back = _scaled(v, 1.0 / beta, q, -1.0)
-    dx = inverse @ (np.append(-(back[1:].ravel() @ flat_A), back[0].sum()) - drift)
-    Gdx = np.concatenate([np.full(m, -dx[n]), flat_A @ dx[:n]]).reshape(4, m)
+    dx = inverse @ (np.append(-(flat_A @ back[1:].ravel()), back[0].sum()) - drift)
+    Gdx = np.concatenate([np.full(m, -dx[n]), dx[:n] @ flat_A]).reshape(4, m)
     dz = _scaled(v, 1.0 / beta, Gdx, -1.0) + q
     return dx, q - dz, dz
 

@@ -24,6 +24,10 @@ STEP_TOLERANCE = 1e-7
 """Largest step (metres, radians) after which the iteration has converged: convergence is at least a factor of
 1,000 a step near the minimum, so that what is left after a step of this size is below a nanometre."""
 
+CHORD = 1e-5
+"""Step (metres, radians) after which derivatives are taken once as they were before it. They have changed by as large a
+share, and that share of what noise lets a parameter vary is missed: less than 1e-4 of its standard deviation."""
+
 MAX_ITERATIONS = 60
 """Iterations, counted anew when directions are frozen."""
 
@@ -87,7 +91,8 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
         If base and tool are not determined, equations are too few or the iteration does not converge.
     """
     m = len(problem.points)
-    H, g, rss = problem.normal_equations(state)
+    slopes: list[FloatArray] = []
+    H, g, rss = problem.normal_equations(state, slopes=slopes)
     sums = [rss]
     ranks: list[int] = []
     held: FloatArray | None = None
@@ -101,7 +106,7 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
             held = observability.information(problem, H, rss).weakest(min(ranks[-PATIENCE:]))
             last = iteration + MAX_ITERATIONS
             state = _put_back(problem, observability.information(problem, H, rss, held), state)
-            H, g, rss = problem.normal_equations(state)
+            H, g, rss = problem.normal_equations(state, slopes=(slopes := []))
         seen = observability.information(problem, H, rss, held)
         ranks.append(seen.rank)
         step = _step(seen, g, state)
@@ -113,7 +118,10 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
         shrink = 1.0
         while True:
             moved = problem.moved(state, shrink * step)
-            H, g, new_rss = problem.normal_equations(moved)
+            if slopes and size * shrink < CHORD:
+                g, new_rss = problem.gradient_near(moved, slopes.pop())
+            else:
+                H, g, new_rss = problem.normal_equations(moved, slopes=(slopes := []))
             # a step that is lost in rounding, or only puts held directions back, need not lower the sum
             if new_rss <= rss * (1 + 1e-6) or size * shrink < 1e-7:
                 break

@@ -304,7 +304,9 @@ class Problem:
         for block in self._blocks:
             yield block.rows, self._derivatives(block, arm, joint_map, state)[1].transpose(2, 1, 0)
 
-    def normal_equations(self, state: State, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float]:
+    def normal_equations(
+        self, state: State, weights: FloatArray | None = None, slopes: list[FloatArray] | None = None
+    ) -> tuple[FloatArray, FloatArray, float]:
         """Weighted sums over all rows, a block of poses at a time.
 
         Parameters
@@ -312,6 +314,8 @@ class Problem:
         state : State
         weights : ndarray, shape (rows,), optional
             Factors on residuals and derivatives, `self.weights` unless given.
+        slopes : list, optional
+            Takes the weighted derivatives for `gradient_near`, where they are not too many to keep.
 
         Returns
         -------
@@ -336,7 +340,14 @@ class Problem:
             H = H + flat @ flat.T
             g = g + flat @ r.ravel()
             rss += float(np.vdot(r, r))
+            if slopes is not None and len(self._blocks) == 1:
+                slopes.append(flat)
         return H, g, rss
+
+    def gradient_near(self, state: State, slopes: FloatArray) -> tuple[FloatArray, float]:
+        """``g`` and ``rss`` of `normal_equations` with the derivatives (unknowns, 3 rows) of a state close by."""
+        r = (self.weights[:, None] * self.residuals(state)).T
+        return slopes @ r.ravel(), float(np.vdot(r, r))
 
     def rss(self, state: State, weights: FloatArray | None = None) -> float:
         """Weighted sum of squared residuals, m^2."""

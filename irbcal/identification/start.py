@@ -64,11 +64,12 @@ def closed_form(problem: Problem) -> tuple[State, float]:
         np.multiply(y, 1.0 / size, out=rows[3 * k : 3 * k + 3, k])
     _place_rows(problem, tip, rows[9:])
     M = rows.reshape(unknowns, -1)
-    eigenvalues, V = np.linalg.eigh(M @ M.T)
+    MM = M @ M.T
+    eigenvalues, V = np.linalg.eigh(MM)
     keep = eigenvalues > 1e-12 * eigenvalues[-1]
     solution = V[:, keep] @ ((V[:, keep].T @ (M @ _without_targets(problem, tip).ravel())) / eigenvalues[keep])
     W = frames.nearest_rotation(solution[:9].reshape(3, 3) / size)
-    return placed(problem, W, tip), float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
+    return placed(problem, W, tip, (M[9:], MM[9:, 9:])), float(np.sqrt(max(eigenvalues[0], 0.0) / eigenvalues[-1]))
 
 
 def _place_rows(problem: Problem, tip: FloatArray, out: FloatArray) -> None:
@@ -76,8 +77,7 @@ def _place_rows(problem: Problem, tip: FloatArray, out: FloatArray) -> None:
     for k in range(3):
         out[k, k] = 1.0
     for slot, t in enumerate(problem.free):
-        mine = np.flatnonzero(problem.points.target == t)
-        out[3 + 3 * slot : 6 + 3 * slot, :, mine] = -tip[:3, :, mine]
+        np.multiply(tip[:3], -1.0 * (problem.points.target == t), out=out[3 + 3 * slot : 6 + 3 * slot])
 
 
 def _known_targets(problem: Problem) -> FloatArray:
@@ -93,17 +93,27 @@ def _without_targets(problem: Problem, tip: FloatArray) -> FloatArray:
     return np.asarray(tip[3] + tip[0] * x + tip[1] * y + tip[2] * z)
 
 
-def placed(problem: Problem, W: FloatArray, tip: FloatArray | None = None) -> State:
-    """Base and targets by least squares where the inverse base rotation ``W`` is known; ``tip`` as `nominal_tip`."""
+def placed(
+    problem: Problem,
+    W: FloatArray,
+    tip: FloatArray | None = None,
+    rows: tuple[FloatArray, FloatArray] | None = None,
+) -> State:
+    """Base and targets by least squares where the inverse base rotation ``W`` is known; ``tip`` as `nominal_tip`.
+
+    ``rows`` are those of `_place_rows` (3 + 3 T, 3 m) and their sums of products, where they are known.
+    """
     points, free = problem.points, problem.free
     tip = nominal_tip(problem) if tip is None else tip
     y = points.xyz.T
     center = y.mean(axis=1, keepdims=True)
-    rows = np.zeros((3 + 3 * len(free), 3, len(points)))
-    _place_rows(problem, tip, rows)
-    left = rows.reshape(len(rows), -1)
+    if rows is None:
+        empty = np.zeros((3 + 3 * len(free), 3, len(points)))
+        _place_rows(problem, tip, empty)
+        left = empty.reshape(len(empty), -1)
+        rows = left, left @ left.T
     right = _without_targets(problem, tip) - W @ (y - center)
-    rest = np.linalg.lstsq(left @ left.T, left @ right.ravel(), rcond=1e-12)[0]
+    rest = np.linalg.lstsq(rows[1], rows[0] @ right.ravel(), rcond=1e-12)[0]
     targets = _known_targets(problem)
     targets[free] = rest[3:].reshape(-1, 3)
     return State(

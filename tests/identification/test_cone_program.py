@@ -50,18 +50,18 @@ def test_step_of_the_interior_point_method_solves_its_equations():
         return x
 
     s, z = inside(), inside()
-    A = np.ascontiguousarray(Q.reshape(m, 3, n).transpose(1, 0, 2))
+    A = np.ascontiguousarray(Q.reshape(m, 3, n).transpose(2, 1, 0))
     v, beta = cone_program._scaling(s, z)
     scaled = cone_program._scaled
     assert np.abs(scaled(v, beta, z) - scaled(v, 1 / beta, s, -1.0)).max() < 1e-9 * np.abs(s).max()
     inverse = np.linalg.inv(cone_program._normal_matrix(v, beta, A))
     q = rng.standard_normal((4, m))
-    flat_A = A.reshape(3 * m, n)
+    flat_A = A.reshape(n, 3 * m)
     dx, ds, dz = cone_program._newton(v, beta, flat_A, inverse, np.zeros(n + 1), q)
     # s + G x is constant along the step, and the step of z leaves the equality constraints
-    Gdx = np.concatenate([np.full((1, m), -dx[n]), (flat_A @ dx[:n]).reshape(3, m)])
+    Gdx = np.concatenate([np.full((1, m), -dx[n]), (dx[:n] @ flat_A).reshape(3, m)])
     assert np.abs(scaled(v, beta, ds) + Gdx).max() < 1e-8 * np.abs(Gdx).max()
     back = scaled(v, 1 / beta, dz, -1.0)
     assert abs(back[0].sum()) < 1e-8 * np.abs(back[0]).sum()
-    assert np.abs(back[1:].ravel() @ flat_A).max() < 1e-8 * np.abs(back).max()
+    assert np.abs(flat_A @ back[1:].ravel()).max() < 1e-8 * np.abs(back).max()
     assert np.abs(ds + dz - q).max() < 1e-12

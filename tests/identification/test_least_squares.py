@@ -8,7 +8,7 @@ from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError
 from irbcal.files import urdf
-from irbcal.identification import fit, least_squares, observability
+from irbcal.identification import fit, least_squares, observability, residuals
 from irbcal.measurement import cleaning, table
 
 
@@ -119,6 +119,25 @@ def test_ordinary_fits_are_not_frozen(monkeypatch):
     points = measured(random_robot(nominal, "34", rng), nominal.random_joints(60, 1), 5e-5, rng)
     monkeypatch.setattr(least_squares, "_put_back", lambda *_: pytest.fail("frozen"))
     assert fit.identify(nominal, points, "34").solution.iterations < 8
+
+
+@pytest.mark.parametrize("noise", [0.0, 5e-5, 5e-4])
+def test_derivatives_taken_again_as_they_were_do_not_move_the_minimum(monkeypatch, noise):
+    nominal = arm()
+    rng = np.random.default_rng(34)
+    points = measured(random_robot(nominal, "34", rng, size=0.2), nominal.random_joints(60, 2), noise, rng)
+    asked = []
+    near = residuals.Problem.gradient_near
+    monkeypatch.setattr(residuals.Problem, "gradient_near", lambda *a: asked.append(1) or near(*a))
+    quick = fit.identify(nominal, points, "34").solution
+    assert asked == [1]
+    monkeypatch.setattr(least_squares, "CHORD", 0.0)
+    whole = fit.identify(nominal, points, "34").solution
+    assert asked == [1]
+    deviation = np.sqrt(np.diag(whole.information.covariance()))[-len(whole.state.errors) :]
+    assert (np.abs(quick.state.errors - whole.state.errors) < 1e-4 * deviation + 1e-9).all()
+    assert np.abs(quick.state.T_world_base - whole.state.T_world_base).max() < 1e-9
+    assert quick.rss == pytest.approx(whole.rss, rel=1e-9, abs=1e-15)
 
 
 def test_what_does_not_converge_is_refused(monkeypatch):

@@ -121,6 +121,20 @@ def test_normal_equations_are_the_sums_of_the_jacobian(monkeypatch):
     assert rss == pytest.approx(r @ r, rel=1e-13)
 
 
+def test_a_gradient_with_the_derivatives_of_the_state_itself_is_that_of_the_sums(monkeypatch):
+    problem, state = problem_and_state(poses=11)
+    problem.weights = np.random.default_rng(3).uniform(0.5, 2.0, problem.rows)
+    slopes = []
+    _, g, rss = problem.normal_equations(state, slopes=slopes)
+    near, same = problem.gradient_near(state, slopes[0])
+    assert np.abs(near - g).max() < 1e-12 * np.abs(g).max()
+    assert same == pytest.approx(rss, rel=1e-13)
+    monkeypatch.setattr(residuals, "BLOCK", 3)
+    problem, state = problem_and_state(poses=11)
+    problem.normal_equations(state, slopes=(none := []))
+    assert none == []
+
+
 def test_targets_seen_in_some_poses_only():
     problem, state = problem_and_state(poses=9)
     points = problem.points
