@@ -233,18 +233,19 @@ def _walk(
 ) -> None:
     """The tip's x, y, z and origin in the base into the ``columns`` (4, 3, n), from joint to joint down to the base.
 
-    They are taken along as seen from each joint; of many poses y, z and the origin alone, for x is their product. On
-    the way up a length would have to be added along an axis, here it is one number more; and as far as the last joint
-    all poses have the same vectors. ``joints`` (joints, n) are with the table's offsets, ``turns`` (2, joints, n) and
-    ``spare`` (2, 4, n) are room to work in.
+    y, z and the origin are taken along, as seen from each joint; x is the product of the other two. On the way up a
+    length would have to be added along an axis, here it is one number more; and as far as the last joint all poses have
+    the same vectors. ``joints`` (joints, n) are with the table's offsets, ``turns`` (2, joints, n) and ``spare``
+    (2, 3, n) are room to work in.
     """
     cosines, sines = cos_sin(joints, turns)
     before = _zxz(T_base_0[:3, :3])
-    first = 0 if joints.shape[1] <= FEW else 1
-    seen, spare = columns[first:], spare[:, first:]
-    small = (np.eye(4)[:3] if T_last_tip is None else T_last_tip[:3].copy())[:, first:, None]
+    n = joints.shape[1]
+    # elements x, y, z of the vectors: rows without gaps are worth a copy where they are short
+    seen = np.empty((3, 3, n)) if n <= FEW else columns[1:].swapaxes(0, 1)
+    small = (np.eye(4)[:3] if T_last_tip is None else T_last_tip[:3].copy())[:, 1:, None]
     x, y, z = small
-    room = np.empty((2, 4 - first, 1))
+    room = np.empty((2, 3, 1))
     rows = table.rows
     for i in range(len(rows) - 1, -1, -1):
         alpha, a, theta, d, beta, b, slides = rows[i]
@@ -252,7 +253,7 @@ def _walk(
             np.add(z[-1], d, out=z[-1])
         if i == len(rows) - 1:
             room = spare
-            x, y, z = (seen[:, place] for place in _places(rows, before))
+            x, y, z = (seen[place] for place in _places(rows, before))
             _spread(small, None if slides else (cosines[i], sines[i]), (x, y, z), room)
         elif not slides:
             _turn(y, x, cosines[i], sines[i], room)
@@ -268,12 +269,13 @@ def _walk(
     y, x = _tilt(y, x, before[2], room)
     z, y = _tilt(z, y, before[1], room)
     _tilt(y, x, before[0], room)
-    np.add(columns[3], T_base_0[:3, 3:], out=columns[3])
-    if first:
-        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            np.multiply(columns[1, i], columns[2, j], out=columns[0, k])
-            np.multiply(columns[1, j], columns[2, i], out=spare[0, 0])
-            np.subtract(columns[0, k], spare[0, 0], out=columns[0, k])
+    np.add(seen[:, -1], T_base_0[:3, 3:], out=seen[:, -1])
+    if n <= FEW:
+        columns[1:] = seen.swapaxes(0, 1)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(columns[1, i], columns[2, j], out=columns[0, k])
+        np.multiply(columns[1, j], columns[2, i], out=spare[0, 0])
+        np.subtract(columns[0, k], spare[0, 0], out=columns[0, k])
 
 
 def chain_frames(
@@ -330,7 +332,7 @@ def tip_columns(
     n = joints.shape[1]
     tip = aligned(4, 3, n)
     with row_arithmetic():
-        _walk(table, joints, T_base_0, T_last_tip, tip, aligned(2, len(joints), n), aligned(2, 4, n))
+        _walk(table, joints, T_base_0, T_last_tip, tip, aligned(2, len(joints), n), aligned(2, 3, n))
     return tip
 
 
@@ -367,7 +369,7 @@ def forward(
         out[:, :3] = tip_columns(table, theta.T + offsets, T_base_0, T_last_tip).transpose(2, 1, 0)
         return out
     room = -(-min(n, BLOCK) // LINE) * LINE
-    angles, turns, spare = aligned(joints, room), aligned(2, joints, room), aligned(2, 4, room)
+    angles, turns, spare = aligned(joints, room), aligned(2, joints, room), aligned(2, 3, room)
     # elements of the matrices in their order, a row of numbers for each: transposed once a block
     elements = aligned(4, 4, room)
     elements[3] = np.array([0.0, 0.0, 0.0, 1.0])[:, None]
