@@ -11,10 +11,12 @@ import pandas as pd
 
 from irbcal.correction import languages, write_moves
 from irbcal.correction.moves import Move, Moves
+from irbcal.correction.trajectory_files import write_trajectory
 from irbcal.errors import ProgramError
 from irbcal.files import robots, urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.trajectory import Trajectory
 from irbcal.practice import makers
 
 PROGRAMS = 10_000
@@ -62,6 +64,9 @@ def measured_file(points, path):
     return path
 
 
+TRAJECTORY = "ROS JointTrajectory"
+
+
 def commands(add, folder):
     """Start-up, and the demonstration from file to report."""
     demo = robots.demo_file("demo_identification.csv")
@@ -91,6 +96,9 @@ def large(add, folder, simulated, arm):
             before[name] = seconds
     auto = ("calibrate", fit, "--robot", "irb1600", "--out", folder / "auto", "--force")
     add(f"irbcal calibrate, model auto, {poses:,} poses x 3", *spent(*auto, times=1))
+    for objective in ("max", "pnorm"):
+        words = ("calibrate", fit, "--robot", "irb1600", "--out", folder / objective, "--model", "34", "--force")
+        add(f"irbcal calibrate, {objective}, {poses:,} poses x 3", *spent(*words, "--objective", objective, times=1))
 
 
 def huge(add, folder, simulated, arm):
@@ -132,9 +140,14 @@ def programs(add, folder):
     arms = {"irb1600": urdf.read("irb1600").arm}
     demo = robots.demo_file("demo_identification.csv")
     spent("calibrate", demo, "--robot", "irb1600", "--out", folder / "irb1600", "--model", "34", times=1)
-    for name in ("RAPID, poses", "CSV", *(one.NAME for one in languages.known() if one.write_moves is not None)):
+    for name in (
+        "RAPID, poses",
+        "CSV",
+        TRAJECTORY,
+        *(one.NAME for one in languages.known() if one.write_moves is not None),
+    ):
         robot = "irb1600"
-        if name not in ("RAPID, poses", "CSV", "RAPID"):
+        if name not in ("RAPID, poses", "CSV", "RAPID", TRAJECTORY):
             robot = of_maker(name, samples, arms, folder)
         found, count = [], ROWS if name == "CSV" else PROGRAMS
         for size in (10, count // 2, count):
@@ -201,6 +214,11 @@ def program(name, arm, q, folder):
         file = folder / "job.csv"
         pd.DataFrame(np.round(np.degrees(q), 4), columns=[f"q{k}_deg" for k in range(1, 7)]).to_csv(file, index=False)
         return file
+    if name == TRAJECTORY:
+        times = 0.01 * np.arange(len(q))
+        middle = np.array([0.0, 0.2, 0.1, 0.2, 0.8, 0.1])
+        way = middle + 0.3 * np.sin(0.5 * times[:, None] * np.array([1.0, 1.3, 0.7, 1.1, 0.9, 1.7]))
+        return write_trajectory(Trajectory(times, way, names=arm.joint_names), folder / "job.yaml")
     if name == "RAPID, poses":
         file = folder / "job.mod"
         file.write_text(rapid(arm, q))

@@ -8,8 +8,12 @@ from irbcal.correction import languages
 from irbcal.files import controller_frames
 from irbcal.modeling import frames
 
-GIVEN = {"urscript": ("--tool", "active=0,0,0,0,0,0"), "inform": ("--tool", "0=0,0,0,0,0,0")}
-"""What must be said of a program's tool."""
+GIVEN = {
+    "urscript": ("--tool", "active=0,0,0,0,0,0"),
+    "inform": ("--tool", "0=0,0,0,0,0,0"),
+    "kawasaki": ("--where", "20,30,-80,15,60,10=218.013,546.559,234.426,53.4846,52.0439,-62.0339"),
+}
+"""What must be said of a program's tool, or of the controller's base and flange."""
 
 
 def fixed(values, decimals=6):
@@ -30,7 +34,11 @@ def program(name, data, arm, start, n, folder, samples):
     maker = languages.by_name()[name].MAKER.of(arm)
     q = waves(maker, arm, start, n)
     at = controller_frames.controller_frames(data, name, arm.base_link, arm.tip_link)
-    T = frames.inverse(at.T_base_world) @ arm.forward(q) @ at.T_tip_flange if at.base_known else arm.forward(q)
+    T = (
+        frames.inverse(at.T_base_world) @ arm.forward(q) @ at.T_tip_flange
+        if at.base_known or name == "kawasaki"
+        else arm.forward(q)
+    )
     joints = maker.program_joints(q)
     rows, postures = maker.numbers(T, np.zeros((n, 6))), np.array(maker.postures(arm, q)).T
     return WRITERS[name](rows, joints, postures, folder, samples)
@@ -74,6 +82,15 @@ def inform(rows, _, __, folder, ___):
     return _written(folder / "JOB.JBI", [*lines, *(f"MOVL C{k:05d} V=250.0" for k in range(len(rows))), "END"])
 
 
+def kawasaki(rows, joints, _, folder, __):
+    """Straight moves to poses behind a stop at joints."""
+    lines = [".PROGRAM job()", "  TOOL NULL", "  BASE NULL", "  JMOVE #start"]
+    lines += [*(f"  LMOVE place[{k}]" for k in range(1, len(rows) + 1)), ".END", ".TRANS"]
+    lines += [f"place[{k}] {' '.join(fixed(row))}" for k, row in enumerate(rows, start=1)]
+    start = " ".join(fixed(np.degrees(joints[0])))
+    return _written(folder / "job.as", [*lines, ".END", ".JOINTS", f"#start {start}", ".END"])
+
+
 def urscript(rows, joints, _, folder, __):
     """Straight moves to poses behind a stop at joints."""
     lines = ["def job():", f"  movej([{', '.join(fixed(joints[0], 9))}], a=1.4, v=1.05)"]
@@ -99,6 +116,13 @@ def val3(rows, _, __, folder, samples):
     return folder
 
 
-WRITERS = {"krl": krl, "fanuc": fanuc, "inform": inform, "urscript": urscript, "val3": val3}
-ARMS = {"krl": "kuka", "fanuc": "fanuc", "inform": "yaskawa", "urscript": "kuka", "val3": "staubli"}
+WRITERS = {"krl": krl, "fanuc": fanuc, "inform": inform, "kawasaki": kawasaki, "urscript": urscript, "val3": val3}
+ARMS = {
+    "krl": "kuka",
+    "fanuc": "fanuc",
+    "inform": "yaskawa",
+    "kawasaki": "kawasaki",
+    "urscript": "kuka",
+    "val3": "staubli",
+}
 """Makers whose sample arms the programs are for; URScript takes any arm."""

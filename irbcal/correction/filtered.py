@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 SHOWN = 10
 """Changes that are shown; all are in the frame."""
+
+LEFT_SHOWN = 50
+"""Targets left for one reason that are shown each by itself; all are in the JSON result."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -168,11 +172,25 @@ class Filtered(Speaks):
             mean = self.expected_error / MM
             told.append(f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses")
         told += [*self._last_moves_in_words(), *self._paths_in_words()]
-        told += [f"  left as it was: {item.target} (line {item.line}): {item.reason}" for item in self.left]
+        told += self._left_in_words()
         told += [f"Note: {caution}" for caution in self.cautions]
         told += [f"Note: line {note.line}: {note.text}" for note in self.notes]
         if self.written is not None:
             told.append(f"Written to {self.written}")
+        return told
+
+    def _left_in_words(self) -> list[Told]:
+        """What was left as it was: each by itself, of very many with the same reason the first."""
+        told, alike = list[Told](), Counter[str]()
+        for item in self.left:
+            alike[item.reason] += 1
+            if alike[item.reason] <= LEFT_SHOWN:
+                told.append(f"  left as it was: {item.target} (line {item.line}): {item.reason}")
+        for reason, count in alike.items():
+            if count > LEFT_SHOWN:
+                lines = [item.line for item in self.left if item.reason == reason][LEFT_SHOWN:]
+                where = f"lines {min(lines)} to {max(lines)}"
+                told.append(f"  left as they were: {count - LEFT_SHOWN} more in {where}: {reason}")
         return told
 
     def _last_moves_in_words(self) -> list[Told]:

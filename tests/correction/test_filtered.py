@@ -62,6 +62,14 @@ def test_the_summary_tells_the_first_changes_and_everything_that_was_left():
     assert "0.5000" in found._repr_html_()
 
 
+def test_of_very_many_left_for_one_reason_the_first_are_told_and_how_many_more():
+    left = [Left(f"p{k}", k, "out of reach") for k in range(1, 121)] + [Left("other", 7, "it is computed")]
+    text = filtered(2, left=tuple(left)).summary()
+    assert text.count("left as it was: p") == 50
+    assert "left as it was: other (line 7): it is computed" in text
+    assert "left as they were: 70 more in lines 51 to 120: out of reach" in text
+
+
 def test_nothing_corrected_is_said():
     assert filtered(0).summary() == "no target corrected"
     assert filtered(1).complete

@@ -208,7 +208,7 @@ class _Reader:
         if len(tokens) > 1 and not all(token.kind == "number" or token.word == "," for token in inside):
             return self.sections.names.get(name, [])
         key = keyed(name, "".join(token.word for token in inside) if len(tokens) > 1 else None)
-        return [other for other in self.sections.names.get(name, []) if other.split(" (")[0] == key]
+        return self.sections.numbered.get(key, [])
 
     def _frame(self, word: str, rest: Tokens, at: int) -> None:
         """``TOOL`` and ``BASE``."""

@@ -47,6 +47,8 @@ class Sections:
         By name and index in lower case, ``#p[1,2]``.
     names : dict of str to list of str
         Locations of each name.
+    numbered : dict of str to list of str
+        Locations of each name and index: several where it is given again.
     begins : list of int
         Behind the first line of each program.
     """
@@ -55,6 +57,7 @@ class Sections:
     comments: list[str] = field(default_factory=list)
     locations: dict[str, Found] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
+    numbered: dict[str, list[str]] = field(default_factory=dict)
     begins: list[int] = field(default_factory=list)
 
 
@@ -105,7 +108,7 @@ def _location(out: Sections, text: str, start: int, section: str) -> None:
     while (value := _VALUE.match(text, at)) is not None:
         numbers.append(Number(float(value[1]), start + value.start(1), start + value.end(1)))
         at = value.end()
-    key = keyed(head[1], head[2])
+    key = plain = keyed(head[1], head[2])
     shown = text[head.start(1) : head.end()].strip()
     whole = len(numbers) >= 6 and not text[at:].strip()
     empty = [Number(0.0, start, start)] * 6
@@ -120,6 +123,7 @@ def _location(out: Sections, text: str, start: int, section: str) -> None:
         key = f"{key} (again in line {start})"
     out.locations[key] = one
     out.names.setdefault(head[1].lower(), []).append(key)
+    out.numbered.setdefault(plain, []).append(key)
 
 
 def keyed(name: str, index: str | None) -> str:
