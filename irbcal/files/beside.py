@@ -11,6 +11,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from irbcal.errors import CalibrationError
 from irbcal.files.schema import Record
 from irbcal.files.section import Section
@@ -116,12 +118,24 @@ def _read(reference: Any, folder: Path, name: str) -> dict[str, list[Any]]:
         table = parquet.read_table(BytesIO(content))
     except Exception as error:  # whatever pyarrow raises on a damaged file
         raise CalibrationError(f"this is no Parquet file: {error}", file=folder / name) from None
+    del content
     columns: dict[str, list[Any]] = {}
     for label in table.column_names:
         part, dot, _ = label.partition(".")
-        values = table.column(label).to_pylist()
+        values = _values(table.column(label))
         if not dot:
             columns[part] = values
         else:
             columns.setdefault(part, []).append("".join(values) if part == SIGNS else values)
     return columns
+
+
+def _values(column: Any) -> list[Any]:
+    """The values of a column; those of text share their words, of which a long table has few."""
+    import pyarrow as pa
+
+    if not pa.types.is_string(column.type):
+        return column.to_pylist()
+    coded = column.combine_chunks().dictionary_encode()
+    words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+    return words[coded.indices.fill_null(len(words) - 1).to_numpy()].tolist()

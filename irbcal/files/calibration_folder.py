@@ -221,7 +221,8 @@ def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the file"
         raise CalibrationError(f"{where}: {first['msg']}", file=json_path, parameter=where) from None
-    refuse_absurd(record.model_dump(exclude={seal.KEY}), json_path)
+    tables = {name: dict(table) for name in beside.FILES if (table := getattr(record, name)) is not None}
+    refuse_absurd(record.model_dump(exclude={seal.KEY, *beside.FILES}) | tables, json_path)
     return Saved(folder, record, urdf_bytes), content
 
 

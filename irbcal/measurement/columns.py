@@ -150,9 +150,11 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
         raise MeasurementError(f"expected column names, found what is none: {error}", file=source, row=1) from None
     check_header(names, required, source)
     if typed is not None:
+        del text  # long files stand in memory once
         plain = plain_csv.parse(data, names, typed)
         if plain is not None:
             return plain
+        text = _decoded(data, source)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)

@@ -5,6 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+DEEP = int(pd.__version__.partition(".")[0]) < 3
+"""Whether copies are of the content: from pandas 3 on whoever writes to a table, or to one that shares its content, has
+his own from then on, and a long table need not stand in memory several times."""
+
 
 class OwnTables:
     """Base of frozen dataclasses that keep DataFrames of their own: every access to such a field hands out a copy.
@@ -16,7 +20,7 @@ class OwnTables:
         own: dict[str, Any] = {}
         for field in fields(self):  # type: ignore[arg-type]  # those who inherit are dataclasses
             if isinstance(self.__dict__[field.name], pd.DataFrame):
-                own[field.name] = self.__dict__.pop(field.name).copy()
+                own[field.name] = self.__dict__.pop(field.name).copy(deep=DEEP)
         self.__dict__["_own"] = own
 
     if not TYPE_CHECKING:  # the fields are declared by those who inherit
@@ -25,5 +29,5 @@ class OwnTables:
             """Tables are kept under another name, so each access to one ends here."""
             own = self.__dict__.get("_own", {})
             if name in own:
-                return own[name].copy()
+                return own[name].copy(deep=DEEP)
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")

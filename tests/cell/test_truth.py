@@ -1,5 +1,7 @@
 """What the cell says that it hides is what it does."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from irbcal.modeling import frames
@@ -14,7 +16,7 @@ def test_parameters_of_the_truth_make_the_true_points_again(cell):
     table = cell.arm.table
     for column, unit in (("alpha", DEG), ("a", MM), ("theta", DEG), ("d", MM)):
         errors = [values.get(f"delta_{column}{j}", 0.0) * unit for j in range(1, 7)]
-        table = type(table)(**{**vars(table), column: getattr(table, column) + errors})
+        table = replace(table, **{column: getattr(table, column) + errors})
     theta = q.copy()
     A, B = (values[f"stiffness_{name}"] * DEG for name in "AB")
     theta[:, 1] += A * np.sin(q[:, 1]) + B * np.cos(q[:, 1] + q[:, 2])

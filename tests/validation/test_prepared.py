@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from iso9283_files import CYCLES, cycles, write
 from support import arm, random_robot
 
 from irbcal.measurement import table
+from irbcal.validation import prepared
 from irbcal.validation.prepared import prepare
 
 
@@ -56,3 +59,11 @@ def test_targets_of_the_calibration(record, tmp_path):
     ready = prepare(table.read(write(tmp_path / "iso.csv", more, q, T, ("smr1", "smr9"))), record)
     assert set(ready.points.names()) == {"smr1"}
     assert {item.target for item in ready.excluded} == {"smr9"}
+
+
+@settings(max_examples=100)
+@given(st.lists(st.lists(st.sampled_from([0.0, -0.0, 1.0, -1.0, 0.1, 1e-300]), min_size=3, max_size=3), max_size=12))
+def test_rows_that_may_be_copies_are_those_that_are(rows):
+    array = np.array(rows).reshape(-1, 3)
+    _, group, count = np.unique(array, axis=0, return_inverse=True, return_counts=True)
+    assert prepared._alike(array).tolist() == np.flatnonzero(count[group.ravel()] > 1).tolist()
