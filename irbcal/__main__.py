@@ -29,7 +29,7 @@ def start() -> None:
     except KeyboardInterrupt:
         os._exit(130)
     except SystemExit as end:
-        if isinstance(end.code, str):
+        if end.code is not None and not (isinstance(end.code, int) and 0 <= end.code < 256):
             raise
         leave(end.code or 0)
     leave(0)
@@ -38,11 +38,14 @@ def start() -> None:
 def leave(code: int) -> None:
     """End the process as `sys.exit` does, but without taking all modules apart: a tenth of a short command's time.
 
-    Where threads or children may still be at work, Python ends them itself.
+    What is registered with `atexit` is done and Python's streams are flushed; buffers of libraries in C are not. Where
+    threads or children may still be at work, Python ends itself.
     """
-    if threading.active_count() > 1 or "joblib" in sys.modules or "multiprocessing.process" in sys.modules:
+    if _at_work():
         sys.exit(code)
     atexit._run_exitfuncs()
+    if _at_work():
+        sys.exit(code)
     try:
         for stream in (sys.stdout, sys.stderr):
             if stream is not None:
@@ -50,6 +53,10 @@ def leave(code: int) -> None:
     except (OSError, ValueError):  # Python says what is wrong with them
         sys.exit(code)
     os._exit(code)
+
+
+def _at_work() -> bool:
+    return threading.active_count() > 1 or "joblib" in sys.modules or "multiprocessing.process" in sys.modules
 
 
 if __name__ == "__main__":

@@ -181,16 +181,18 @@ class Filtered(Speaks):
 
     def _left_in_words(self) -> list[Told]:
         """What was left as it was: each by itself, of very many with the same reason the first."""
-        told, alike = list[Told](), Counter[str]()
+        told, many = list[Told](), Counter(item.reason for item in self.left)
+        rest = dict[str, list[int]]()
         for item in self.left:
-            alike[item.reason] += 1
-            if alike[item.reason] <= LEFT_SHOWN:
+            lines = rest.setdefault(item.reason, [])
+            if many[item.reason] <= LEFT_SHOWN or len(lines) < LEFT_SHOWN:
                 told.append(f"  left as it was: {item.target} (line {item.line}): {item.reason}")
-        for reason, count in alike.items():
-            if count > LEFT_SHOWN:
-                lines = [item.line for item in self.left if item.reason == reason][LEFT_SHOWN:]
-                where = f"lines {min(lines)} to {max(lines)}"
-                told.append(f"  left as they were: {count - LEFT_SHOWN} more in {where}: {reason}")
+            lines.append(item.line)
+        for reason, lines in rest.items():
+            if len(lines) > LEFT_SHOWN:
+                more = lines[LEFT_SHOWN:]
+                where = f"lines {min(more)} to {max(more)}" if len(more) > 1 else f"line {more[0]}"
+                told.append(f"  left as they were: {len(more)} more in {where}: {reason}")
         return told
 
     def _last_moves_in_words(self) -> list[Told]:

@@ -49,6 +49,7 @@ from irbcal.identification.selection import Choice as LevelChoice
 from irbcal.measurement import near
 from irbcal.measurement.blocks import MARK
 from irbcal.measurement.last_moves import last_moves
+from irbcal.measurement.own_tables import shared
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.measurement.table import MeasurementSet
@@ -311,7 +312,7 @@ def _pose_table(outcome: Outcome) -> PoseTable:
 
 def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:
     """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints), of each set."""
-    table = measurements.table
+    table = shared(measurements)
     first = table.groupby("pose_index", sort=True)[[name for name in ("pose", "group") if name in table]].first()
     groups = first["group"].to_numpy(dtype=object) if "group" in first else None
     q = measurements.joints()

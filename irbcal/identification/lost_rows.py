@@ -16,6 +16,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.identification import slips
+from irbcal.measurement.own_tables import shared
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
@@ -61,7 +62,7 @@ class LostRow:
         """One sentence, with the row of the file where this is at hand."""
         where = f"pose {self.pose}"
         if measurements is not None:
-            table = measurements.table
+            table = shared(measurements)
             rows = table["row"][table["pose"].astype(str) == self.pose]
             where = f"row {rows.iloc[0]} of {Path(measurements.source).name}" if len(rows) else where
         late = self.late > 0

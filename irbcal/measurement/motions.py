@@ -10,6 +10,7 @@ from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import near
 from irbcal.measurement.load_columns import PLACE
+from irbcal.measurement.own_tables import shared
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.terms.situation import Motion
@@ -38,7 +39,7 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     MeasurementError
         If several loads were carried and it is not told where which.
     """
-    first = measurements.table.groupby("pose_index", sort=True)["pose"].first().astype(str)
+    first = shared(measurements).groupby("pose_index", sort=True)["pose"].first().astype(str)
     stop, mine = near.numbered((first.to_numpy(), measurements.joints()), (points.pose_ids.astype(str), points.q))
     size = max(stop.max(initial=-1), mine.max(initial=-1)) + 1
     known = np.bincount(stop, minlength=size)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 DEEP = int(pd.__version__.partition(".")[0]) < 3
-"""Whether copies are of the content: from pandas 3 on whoever writes to a table, or to one that shares its content, has
-his own from then on, and a long table need not stand in memory several times."""
+"""Whether `shared` copies: from pandas 3 on a table gets content of its own when it is written to."""
 
 
 class OwnTables:
@@ -20,7 +19,7 @@ class OwnTables:
         own: dict[str, Any] = {}
         for field in fields(self):  # type: ignore[arg-type]  # those who inherit are dataclasses
             if isinstance(self.__dict__[field.name], pd.DataFrame):
-                own[field.name] = self.__dict__.pop(field.name).copy(deep=DEEP)
+                own[field.name] = self.__dict__.pop(field.name).copy()
         self.__dict__["_own"] = own
 
     if not TYPE_CHECKING:  # the fields are declared by those who inherit
@@ -29,5 +28,11 @@ class OwnTables:
             """Tables are kept under another name, so each access to one ends here."""
             own = self.__dict__.get("_own", {})
             if name in own:
-                return own[name].copy(deep=DEEP)
+                return own[name].copy()
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+
+def shared(holder: OwnTables, name: str = "table") -> pd.DataFrame:
+    """A table for reading only: a long one need not stand in memory twice."""
+    table: pd.DataFrame = holder.__dict__["_own"][name]
+    return table.copy(deep=DEEP)

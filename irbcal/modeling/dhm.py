@@ -8,8 +8,8 @@ One row of the table is the step from frame i-1 to frame i (eqs. 5.1 and 5.2), w
 ``beta_i`` tilts axis i about the point where it meets the common normal. All six numbers of a row together place a
 joint anywhere near its nominal place: the general parametrisation, for which a plain table is too small. A joint adds
 its angle to ``theta_i`` (revolute) or its travel to ``d_i`` (prismatic). Forward kinematics walks the
-chain with the axes of the moving frame held as arrays of shape (3, poses), a block of poses at a time:
-no 4x4 products and no loop over poses.
+chain from the tip to the base, derivatives (`chain_frames`) from the base to the tip, with axes held as arrays of shape
+(3, poses), a block of poses at a time: no 4x4 products and no loop over poses.
 """
 
 from __future__ import annotations
@@ -238,6 +238,9 @@ def _walk(
     the same vectors. ``joints`` (joints, n) are with the table's offsets, ``turns`` (2, joints, n) and ``spare``
     (2, 3, n) are room to work in.
     """
+    if not len(table):
+        columns[:] = (T_base_0 if T_last_tip is None else T_base_0 @ T_last_tip)[:3].T[:, :, None]
+        return
     cosines, sines = cos_sin(joints, turns)
     before = _zxz(T_base_0[:3, :3])
     n = joints.shape[1]
@@ -350,7 +353,7 @@ def forward(
     theta : ndarray, shape (n, joints)
         Effective joints, radians and metres (the table's offsets are added here).
     T_base_0, T_last_tip : ndarray, shape (4, 4), optional
-        Constant transforms before frame 0 and after the last frame; identity unless given.
+        Constant rigid transforms before frame 0 and after the last frame; identity unless given.
 
     Returns
     -------

@@ -16,6 +16,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.files.calibration_folder import JSON_NAME, URDF_NAME, folder_of
 from irbcal.files.schema import Record
+from irbcal.measurement.own_tables import shared
 from irbcal.names import check_names, fault_of
 from irbcal.options import shown
 from irbcal.reading import read_bytes
@@ -245,7 +246,7 @@ def _label(key: str) -> str:
 
 def _of_columns(ready: Prepared) -> dict[str, str]:
     """What columns of the file say of the judged poses."""
-    table = ready.measurements.table
+    table = shared(ready.measurements)
     rows = table[table["pose_index"].isin(ready.number)]
     out: dict[str, str] = {}
     for column in table.columns:

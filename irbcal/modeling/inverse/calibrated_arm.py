@@ -28,7 +28,7 @@ from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
 from irbcal.modeling.inverse.newton import CalibratedChain
 from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
-from irbcal.modeling.inverse.poses import check_poses, is_rotation
+from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
@@ -255,7 +255,7 @@ class _Solver:
         for start in range(0, n, BLOCK):
             block = slice(start, min(start + BLOCK, n))
             H = newton.columns(T[block])
-            usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0)
+            usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0) & has_last_row(T[block])
             bad_pose[block] = ~usable
             todo = np.flatnonzero(usable & ~bad_seed[block])
             H = H if len(todo) == len(usable) else np.take(H, todo, axis=-1)
@@ -344,7 +344,7 @@ class _Solver:
                 gone = np.ones(len(index), dtype=bool)
                 gone[on] = False
                 state.keep(np.flatnonzero(gone), index, better, found, before, count)
-            if len(on) == 0 or count == FIXED_POINT_ITERATIONS:
+            if len(on) == 0:
                 return None
             last = merit
             if len(on) < len(index):

@@ -28,7 +28,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.inverse import wrist_frame
 from irbcal.modeling.inverse.branches import Branches, branch_number
-from irbcal.modeling.inverse.poses import ROTATION_TOLERANCE, check_poses, is_rotation
+from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation
 from irbcal.modeling.inverse.wrist_frame import WristFrame
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ REACH_TOLERANCE = 1e-12
 
 TAU = 2.0 * np.pi
 _CANONICAL = np.array([0.0, -1.0, 0.0, -1.0, 1.0, -1.0]) * (np.pi / 2)
-_LAST_ROW = np.ones(4)  # the last row of a pose adds up to 1
 _ON_SINGULARITY = 1e-12  # sine of q5 below which q4 is not defined by the pose
 
 
@@ -180,8 +179,7 @@ class OrthoParallel:
                 block = slice(start, min(start + BLOCK, n))
                 rows = room[:, : block.stop - start]
                 R, p = self.wrist.place(wrist_frame.columns(T[block], rows[:12]), rows[12:24])
-                whole = np.abs(T[block, 3] @ _LAST_ROW - 1.0) <= ROTATION_TOLERANCE
-                np.copyto(p[0], np.nan, where=~(whole & is_rotation(R, rows[24:])))
+                np.copyto(p[0], np.nan, where=~(has_last_row(T[block]) & is_rotation(R, rows[24:])))
                 out = rows[24:72]
                 shoulder[block], margins[:, block] = self._eight(R, p, out.reshape(2, 2, 2, 6, -1), rows[72:])
                 joints[block].reshape(-1, 48)[:] = out.T

@@ -37,3 +37,9 @@ def is_rotation(X: FloatArray, room: FloatArray | None = None) -> BoolArray:
     for value, wanted in ((squares, 3.0), (determinant, 1.0)):
         np.abs(np.subtract(value, wanted, out=value), out=value)
     return np.maximum(squares, determinant, out=squares) <= ROTATION_TOLERANCE
+
+
+def has_last_row(T: FloatArray) -> BoolArray:
+    """Whether the last row of poses (n, 4, 4) is 0, 0, 0, 1: a mask (n,)."""
+    off = T[:, 3] - np.array([0.0, 0.0, 0.0, 1.0])
+    return np.asarray(np.multiply(off, off, out=off) @ np.ones(4) <= ROTATION_TOLERANCE**2)

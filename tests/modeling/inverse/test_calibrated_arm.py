@@ -240,3 +240,18 @@ def test_fixed_point_history_and_its_table():
     rows = [line for line in run.stdout.splitlines() if line.startswith(("| 1 | position", "| 3 | position"))]
     assert "| 1.176 |" in rows[0]
     assert "| 3.881 |" in rows[1]
+
+
+def test_slow_poses_of_all_blocks_go_on_together():
+    """Of an arm far from the nominal one some poses need more iterations than one round has."""
+    nominal = arm()
+    rng = np.random.default_rng(1)
+    columns = ("alpha", "a", "theta", "d", "beta")
+    changes = {name: getattr(nominal.table, name) + 0.012 * rng.uniform(-1.0, 1.0, 6) for name in columns}
+    robot = Robot(nominal.with_table(replace(nominal.table, **changes)))
+    q = 0.5 * nominal.random_joints(300, 3)
+    T = robot.poses(q)
+    result = calibrated_arm.solve(robot, nominal, T, configuration=closed_form.configuration(nominal, q))
+    assert_solved(robot, result, T)
+    slow = result.iterations[result.method == Method.FIXED_POINT] > calibrated_arm.FIXED_POINT_ITERATIONS
+    assert slow.sum() > 10
