@@ -144,6 +144,9 @@ def test_few_new_poses_join_an_earlier_calibration(earlier, tmp_path, program):
     alone = irbcal.calibrate(new, "irb1600", "34", holdout=4)
     errors = [distances(item.robot_calibrated(), other).mean() for item in (found, alone)]
     assert errors[0] < 0.6 * errors[1]
+    # no fifth of the poses is a whole session, whose base nothing else would tell
+    known = record.certainty
+    assert all(known.leave_fifths_out_mm[k] < 1.5 * known.leave_one_out_mm[k] for k in known.leave_one_out_mm)
 
 
 def test_a_third_session_keeps_the_first_two(earlier, tmp_path):

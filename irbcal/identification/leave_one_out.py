@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.identification.linearisation import Linearisation
 from irbcal.identification.mackay import Posterior
 from irbcal.measurement.places import places
@@ -105,9 +105,18 @@ def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray,
     return u
 
 
-def block_numbers(place: IntArray, blocks: int = BLOCKS) -> IntArray:
-    """Number of the contiguous block that each pose belongs to, in the order of the poses, repeats together."""
-    return place * blocks // (int(place.max(initial=0)) + 1)
+def block_numbers(place: IntArray, session: NameArray | None, blocks: int = BLOCKS) -> IntArray:
+    """Number of the contiguous block that each pose belongs to, in the order of the poses, repeats together.
+
+    Each session is cut by itself: without all poses of one its base would be anywhere.
+    """
+    _, first, rank = np.unique(place, return_index=True, return_inverse=True)
+    number = np.zeros(len(first), dtype=int)
+    own = np.zeros(len(first), dtype=int) if session is None else np.unique(session[first], return_inverse=True)[1]
+    for k in range(int(own.max(initial=-1)) + 1):
+        mine = np.flatnonzero(own == k)
+        number[mine] = np.arange(len(mine)) * blocks // len(mine)
+    return number[rank]
 
 
 def block_residuals(
@@ -115,7 +124,8 @@ def block_residuals(
 ) -> tuple[FloatArray, IntArray]:
     """As `residuals`, leaving out contiguous blocks of poses in place of single ones."""
     a = found.temper / found.s2
-    number = block_numbers(places(linear.problem.points), blocks)
+    points = linear.problem.points
+    number = block_numbers(places(points), points.session, blocks)
     k = len(columns)
     H, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for block in linear.blocks(columns):

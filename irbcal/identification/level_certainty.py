@@ -96,13 +96,14 @@ def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray, 
     weights = np.repeat(problem.weights, 3)
     J = problem.jacobian(state) * weights[:, None]
     e = problem.residuals(state).ravel() * weights
-    place = place[np.concatenate([points.pose, points.pose[points.oriented()]])]
+    pose = np.concatenate([points.pose, points.pose[points.oriented()]])
+    number, place = leave_one_out.block_numbers(place, points.session)[pose], place[pose]
     order = np.argsort(place, kind="stable")
     rows = (3 * order[:, None] + np.arange(3)).ravel()
     back = np.argsort(order)[: len(points)]
     J, e, a = np.ascontiguousarray(J[rows].T), e[rows], fit.solution.information.sigma**-2.0
     single = leave_one_out.single(J, e, np.repeat(place[order], 3), covariance, a)
-    blocks = np.repeat(leave_one_out.block_numbers(place)[order], 3)
+    blocks = np.repeat(number[order], 3)
     several, share = e.copy(), a * count / int(drawn.sum())
     for part in np.unique(blocks):
         mine = blocks == part

@@ -89,3 +89,13 @@ def test_repeats_of_a_place_are_left_out_together(monkeypatch):
         c = np.linalg.solve(J @ J.T / found.s2 + np.diag(prior), J @ y / found.s2)
         expected = rows.y[mine] - c @ rows.J[:, mine]
         np.testing.assert_allclose(u[np.isin(pose, n)].ravel(), expected, rtol=1e-5, atol=1e-6)
+
+
+def test_blocks_are_fifths_of_each_session():
+    place = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 3, 13, 14])
+    whole = leave_one_out.block_numbers(place, None)
+    assert whole.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 1, 4, 4]
+    session = np.array(["mon"] * 10 + ["tue"] * 6, dtype=object)
+    own = leave_one_out.block_numbers(place, session)
+    # pose 13 repeats a place of the first session, and goes with it
+    assert own.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 0, 1, 2, 1, 3, 4]
