@@ -182,7 +182,7 @@ class EvidenceFit(Speaks):
     sigma : float
         Residual standard deviation of a coordinate, metres.
     loo, loo_blocks : dict of str to float
-        Root mean square length of leave-one-pose-out residuals (of contiguous fifths of the poses) by target, ``""``
+        Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
         for all, metres.
     dictionaries : tuple of DictionaryResult
     groups : tuple of GroupResult

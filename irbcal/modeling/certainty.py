@@ -101,7 +101,7 @@ class Certainty:
     coefficients : ndarray, shape (terms,)
         Their sizes join the uncertainty where the last move is not known.
     loo, loo_blocks : dict of str to float
-        Root mean square length of leave-one-pose-out residuals (of contiguous fifths of the poses) by target, ``""``
+        Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
         for all, metres; empty where not known.
     ranges : ndarray, shape (2, joints), optional
         Smallest and largest commanded joints of the fit, radians (metres).
