@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -181,16 +180,14 @@ class Filtered(Speaks):
 
     def _left_in_words(self) -> list[Told]:
         """What was left as it was: each by itself, of very many with the same reason the first."""
-        told, many = list[Told](), Counter(item.reason for item in self.left)
-        rest = dict[str, list[int]]()
+        told, alike = list[Told](), dict[str, list[int]]()
         for item in self.left:
-            lines = rest.setdefault(item.reason, [])
-            if many[item.reason] <= LEFT_SHOWN or len(lines) < LEFT_SHOWN:
+            lines = alike.setdefault(item.reason, [])
+            if len(lines) < LEFT_SHOWN:
                 told.append(f"  left as it was: {item.target} (line {item.line}): {item.reason}")
             lines.append(item.line)
-        for reason, lines in rest.items():
-            if len(lines) > LEFT_SHOWN:
-                more = lines[LEFT_SHOWN:]
+        for reason, lines in alike.items():
+            if more := lines[LEFT_SHOWN:]:
                 where = f"lines {min(more)} to {max(more)}" if len(more) > 1 else f"line {more[0]}"
                 told.append(f"  left as they were: {len(more)} more in {where}: {reason}")
         return told

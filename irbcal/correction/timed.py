@@ -19,6 +19,7 @@ from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.program import Goals, Left, Program
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import newton
+from irbcal.modeling.inverse.poses import pose_columns
 from irbcal.modeling.moves_along import lean_along
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
@@ -123,7 +124,7 @@ def _moving(robot: Robot, computing: Arm, given: Trajectory, q: FloatArray, lean
     def along(p: FloatArray, v: FloatArray, a: FloatArray, k: int) -> FloatArray:
         return p + k * step * v + 0.5 * (k * step) ** 2 * a
 
-    wanted = {k: newton.columns(computing.forward(along(given.q, given.dq, bend, k))) for k in range(-2, 3)}
+    wanted = {k: pose_columns(computing.forward(along(given.q, given.dq, bend, k))) for k in range(-2, 3)}
     line = newton.CalibratedChain(robot, 1.0)
     inverse = np.linalg.pinv(line.linearised(wanted[0], q.T)[0])
 

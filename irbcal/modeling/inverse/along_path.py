@@ -16,6 +16,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm, closed_form, newton, redundancy
+from irbcal.modeling.inverse.poses import pose_columns
 from irbcal.modeling.inverse.redundancy import Criterion
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
@@ -210,7 +211,7 @@ def follow(
     """
     value = None if wanted is None or len(near) < 7 else redundancy.criterion(wanted, nominal, near)
     way = _Way(robot, nominal, value, tolerance)
-    H = newton.columns(T_base_tip)
+    H = pose_columns(T_base_tip)
     start, far = _starts(way, robot, nominal, T_base_tip[:1], near)
     n, joints = len(T_base_tip), len(near)
     if not len(start):
@@ -250,7 +251,7 @@ def _starts(way: _Way, robot: Robot, nominal: Arm, T: FloatArray, near: FloatArr
         seeds.append(nominal.random_joints(STARTS, 0))
     q = np.concatenate(seeds)
     q = q[np.isfinite(q).all(axis=1)]
-    H = np.repeat(newton.columns(T), len(q), axis=2)
+    H = np.repeat(pose_columns(T), len(q), axis=2)
     found, *left, _ = newton.solve(way.chain, H, q.T.copy(), way.good)
     q = np.ascontiguousarray(found.T)[way.good(*left)]
     q = closed_form.into_limits(nominal, q, np.tile(near, (len(q), 1)))[0] if len(q) else q

@@ -14,7 +14,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
-from irbcal.modeling.inverse.poses import check_poses, is_rotation
+from irbcal.modeling.inverse.poses import check_poses, is_rotation, pose_columns
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
@@ -71,7 +71,7 @@ def solve(
     if len(seed) not in (1, n):
         raise RobotError(f"seed joints need shape ({joints},) or ({n}, {joints}), found {seed.shape}")
     seed = np.broadcast_to(seed, (n, joints))
-    H = newton.columns(T)
+    H = pose_columns(T)
     usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0)
     good_seed = np.isfinite(seed).all(axis=1)
     chain = newton.CalibratedChain(robot, reach(nominal))

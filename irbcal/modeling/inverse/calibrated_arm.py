@@ -28,7 +28,7 @@ from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
 from irbcal.modeling.inverse.newton import CalibratedChain
 from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
-from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation
+from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
@@ -129,7 +129,7 @@ def fixed_point_history(
         Metres and radians; NaN where the nominal arm does not reach.
     """
     solver = _Solver(robot, nominal, 0.0, 0.0)
-    H = newton.columns(check_poses(T_base_tip))
+    H = pose_columns(check_poses(T_base_tip))
     signs = branch_signs(closed_form.check_configuration(configuration, len(T_base_tip)))
     fake, q, errors = H, np.zeros((6, 1)), []
     for iteration in range(iterations):
@@ -254,7 +254,7 @@ class _Solver:
         later: list[_Work] = []
         for start in range(0, n, BLOCK):
             block = slice(start, min(start + BLOCK, n))
-            H = newton.columns(T[block])
+            H = pose_columns(T[block])
             usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0) & has_last_row(T[block])
             bad_pose[block] = ~usable
             todo = np.flatnonzero(usable & ~bad_seed[block])
@@ -273,7 +273,7 @@ class _Solver:
         hard = np.flatnonzero(~done & ~bad_pose & ~bad_seed)
         for start in range(0, len(hard), BLOCK):
             rows = hard[start : start + BLOCK]
-            self._newton_starts(newton.columns(T[rows]), branch[rows], near[:, rows], seed is not None, rows, state)
+            self._newton_starts(pose_columns(T[rows]), branch[rows], near[:, rows], seed is not None, rows, state)
         self._turns(T, near, state)
         return self._result(state, branch, bad_pose, bad_seed)
 
@@ -285,7 +285,7 @@ class _Solver:
             turned, fits = closed_form.into_limits(self.nominal, state.q[:, block].T, near[:, block].T)
             block, turned = block[fits], turned[fits].T
             # joint gains tell one turn from another: the steps make that good
-            q, position, rotation, iterations = newton.solve(self.chain, newton.columns(T[block]), turned, self.good)
+            q, position, rotation, iterations = newton.solve(self.chain, pose_columns(T[block]), turned, self.good)
             state.iterations[block] += iterations
             take = self.good(position, rotation) & self.inside(q)
             block = block[take]

@@ -187,11 +187,6 @@ def _step(J: FloatArray, e: FloatArray, damping: FloatArray | float) -> FloatArr
 # ------------------------------------------------------------------ poses as columns (4, 3, n)
 
 
-def columns(T: FloatArray) -> FloatArray:
-    """Columns x, y, z and origin (4, 3, n) of poses (n, 4, 4)."""
-    return np.ascontiguousarray(T[:, :3].transpose(2, 1, 0))
-
-
 def errors(tip: FloatArray, H: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distance of the origins and angle of the relative rotation of columns (4, 3, n), metres and radians.
 

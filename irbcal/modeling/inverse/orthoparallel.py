@@ -28,7 +28,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.inverse import wrist_frame
 from irbcal.modeling.inverse.branches import Branches, branch_number
-from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation
+from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
 from irbcal.modeling.inverse.wrist_frame import WristFrame
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Triangle(NamedTuple):
     across: FloatArray
     delta: FloatArray
 
-    def other_side(self, side: FloatArray | float = -1.0) -> None:
+    def other_side(self, side: FloatArray) -> None:
         """The elbow down where ``side`` is -1, in place."""
         for value in (self.across, self.delta):
             np.multiply(value, side, out=value)
@@ -178,7 +178,8 @@ class OrthoParallel:
             for start in range(0, n, BLOCK):
                 block = slice(start, min(start + BLOCK, n))
                 rows = room[:, : block.stop - start]
-                R, p = self.wrist.place(wrist_frame.columns(T[block], rows[:12]), rows[12:24])
+                columns = pose_columns(T[block], rows[:12].reshape(4, 3, -1)).reshape(12, -1)
+                R, p = self.wrist.place(columns, rows[12:24])
                 np.copyto(p[0], np.nan, where=~(has_last_row(T[block]) & is_rotation(R, rows[24:])))
                 out = rows[24:72]
                 shoulder[block], margins[:, block] = self._eight(R, p, out.reshape(2, 2, 2, 6, -1), rows[72:])
@@ -284,14 +285,13 @@ class OrthoParallel:
 
     # ------------------------------------------------------------------ the steps
 
-    def _joint(self, joint: int, q: FloatArray) -> FloatArray:
+    def _joint(self, joint: int, q: FloatArray) -> None:
         """Joint angle from the thesis's angle, within a half turn of zero, in place."""
         if self.signs[joint] < 0:
             np.multiply(q, -1.0, out=q)
         if self.shifts[joint]:
             np.add(q, self.shifts[joint], out=q)
             _within_a_half_turn(q)
-        return q
 
     def _triangle(self, k1: FloatArray, k2: FloatArray, room: FloatArray) -> tuple[FloatArray, Triangle]:
         """Margin of reach, and the triangle of upper arm, forearm and reach, in 7 rows of room.

@@ -43,3 +43,12 @@ def has_last_row(T: FloatArray) -> BoolArray:
     """Whether the last row of poses (n, 4, 4) is 0, 0, 0, 1: a mask (n,)."""
     off = T[:, 3] - np.array([0.0, 0.0, 0.0, 1.0])
     return np.asarray(np.multiply(off, off, out=off) @ np.ones(4) <= ROTATION_TOLERANCE**2)
+
+
+def pose_columns(T: FloatArray, out: FloatArray | None = None) -> FloatArray:
+    """Columns x, y, z and origin (4, 3, n) of poses (n, 4, 4), into ``out`` where it is given."""
+    columns = T[:, :3].transpose(2, 1, 0)
+    if out is None:
+        return np.ascontiguousarray(columns)
+    out[:] = columns
+    return out

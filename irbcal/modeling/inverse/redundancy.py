@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import any_arm, closed_form, newton
+from irbcal.modeling.inverse.poses import pose_columns
 from irbcal.modeling.inverse.result import InverseResult
 from irbcal.modeling.robot import Robot
 
@@ -83,7 +84,7 @@ def settled(
     ----------
     chain : CalibratedChain
     H : ndarray, shape (4, 3, n)
-        Columns of the poses, as `newton.columns` makes them.
+        Columns of the poses, as `irbcal.modeling.inverse.poses.pose_columns` makes them.
     q : ndarray, shape (n, joints)
         Joints that reach them.
     wanted : callable
@@ -135,7 +136,7 @@ def solve(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: FloatArray, n
     found = any_arm.solve(robot, nominal, T_base_tip, near)
     chain, wanted = newton.CalibratedChain(robot, any_arm.reach(nominal)), criterion(name, nominal, near)
     q = np.array(found.joints)
-    H = newton.columns(np.asarray(T_base_tip, dtype=float))
+    H = pose_columns(np.asarray(T_base_tip, dtype=float))
     rows = np.flatnonzero(found.converged)
     if not len(rows):
         return found

@@ -89,12 +89,6 @@ class WristFrame:
         return bool(np.array_equal(self.linear[:9], np.eye(9, 12)))
 
 
-def columns(T: FloatArray, out: FloatArray) -> FloatArray:
-    """Columns of poses (n, 4, 4) into ``out`` (12, n)."""
-    out.reshape(4, 3, -1)[:] = T[:, :3].transpose(2, 1, 0)
-    return out
-
-
 def between(before: FloatArray, after: FloatArray, d1: float, d6: float) -> WristFrame:
     """The map for an arm: ``before`` joint 1 and ``after`` joint 6 (4, 4), and the distances along their axes (m)."""
     left = frames.transform(None, [0.0, 0.0, -d1]) @ frames.inverse(before)

@@ -9,6 +9,7 @@ from support import arm, assert_derivative, assert_same_poses, on_a_rail, random
 from irbcal.files import urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import newton
+from irbcal.modeling.inverse.poses import pose_columns
 from irbcal.modeling.robot import Robot
 
 
@@ -26,7 +27,7 @@ def a_robot(name, folder):
 def test_jacobian_of_newton_steps(name, tmp_path):
     robot = a_robot(name, tmp_path)
     chain = newton.CalibratedChain(robot, 1.3)
-    H = newton.columns(robot.poses(robot.arm.random_joints(4, 1)))
+    H = pose_columns(robot.poses(robot.arm.random_joints(4, 1)))
     q = robot.arm.random_joints(4, 2).T
     J, e, cost, errors = chain.linearised(H, q)
     for k in range(4):
@@ -47,7 +48,7 @@ def test_errors_are_a_distance_and_an_angle():
     rng = np.random.default_rng(3)
     T = np.array([frames.transform(random_rotation(rng), rng.normal(size=3)) for _ in range(20)])
     H = np.array([frames.transform(random_rotation(rng), rng.normal(size=3)) for _ in range(20)])
-    position, rotation = newton.errors(newton.columns(T), newton.columns(H))
+    position, rotation = newton.errors(pose_columns(T), pose_columns(H))
     np.testing.assert_allclose(position, np.linalg.norm((T - H)[:, :3, 3], axis=1), rtol=0, atol=1e-15)
     np.testing.assert_allclose(rotation, frames.rotation_distance(T[:, :3, :3], H[:, :3, :3]), rtol=0, atol=1e-14)
     # eq. 6.41 as printed, of the relative pose
@@ -64,9 +65,9 @@ def test_turning_and_shifting_columns():
     for k in range(10):
         expected[k, :3, :3] = frames.rotation_from_vector(turn[:, k]) @ T[k, :3, :3]
         expected[k, :3, 3] += shift[:, k]
-    found = newton.moved(newton.columns(T), turn, shift)
-    np.testing.assert_allclose(found, newton.columns(expected), rtol=0, atol=1e-14)
-    back = newton.rotation_vector(newton.columns(T), found)
+    found = newton.moved(pose_columns(T), turn, shift)
+    np.testing.assert_allclose(found, pose_columns(expected), rtol=0, atol=1e-14)
+    back = newton.rotation_vector(pose_columns(T), found)
     small = np.linalg.norm(turn, axis=0) < 3.0
     assert small.sum() > 5
     np.testing.assert_allclose(back[:, small], turn[:, small], rtol=0, atol=1e-12)
@@ -80,7 +81,7 @@ def test_steps_come_home_from_nearby(name, tmp_path):
     T = robot.poses(q)
     start = q + np.random.default_rng(6).uniform(-0.05, 0.05, q.shape)
     found, position, rotation, evaluations = newton.solve(
-        chain, newton.columns(T), start.T.copy(), lambda p, r: (p <= 1e-11) & (r <= 1e-11)
+        chain, pose_columns(T), start.T.copy(), lambda p, r: (p <= 1e-11) & (r <= 1e-11)
     )
     good = (position <= 1e-11) & (rotation <= 1e-11)
     assert good.mean() > 0.97
@@ -91,7 +92,7 @@ def test_steps_come_home_from_nearby(name, tmp_path):
 def test_a_pose_that_is_met_already_costs_one_evaluation():
     robot = Robot(arm())
     q = robot.arm.random_joints(10, 7)
-    H = newton.columns(robot.poses(q))
+    H = pose_columns(robot.poses(q))
     chain = newton.CalibratedChain(robot, 1.0)
     found, _, _, evaluations = newton.solve(chain, H, q.T.copy(), lambda p, r: (p <= 1e-9) & (r <= 1e-9))
     assert np.array_equal(found, q.T)

@@ -5,8 +5,8 @@ import pytest
 from support import arm, random_rotation
 
 from irbcal.errors import RobotError
-from irbcal.modeling.inverse import calibrated_arm, closed_form, newton
-from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation
+from irbcal.modeling.inverse import calibrated_arm, closed_form
+from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
 from irbcal.modeling.inverse.result import Reason
 from irbcal.modeling.robot import Robot
 
@@ -24,7 +24,7 @@ def test_rotations_are_told_from_other_matrices():
     rotations = np.where(np.isnan(T[:, :3, :3]), 0.0, T[:, :3, :3])
     good = np.abs(rotations @ rotations.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) < 1e-6
     good &= np.linalg.det(rotations) > 0
-    assert is_rotation(newton.columns(T).reshape(12, -1)).tolist() == good.tolist()
+    assert is_rotation(pose_columns(T).reshape(12, -1)).tolist() == good.tolist()
     assert good.tolist() == [True, False, False, False, False, False, True, True]
 
 
