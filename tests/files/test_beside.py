@@ -57,3 +57,11 @@ def test_without_pyarrow_all_stands_in_the_json_file(large, tmp_path, monkeypatc
     monkeypatch.setattr(beside, "_pyarrow", lambda: False)
     calibration_folder.write(tmp_path / "plain", saved.record, saved.urdf, "report")
     assert json.loads((tmp_path / "plain" / "calibration.json").read_text())["schema_name"] == "irbcal-calibration-1"
+
+
+@pytest.mark.parametrize("chunks", [[], [["a", None], ["b", "a"]], [["x"]], [[1.5, None]], [[True, False]]])
+def test_values_of_a_column_are_those_of_pyarrow(chunks):
+    import pyarrow as pa
+
+    column = pa.chunked_array(chunks, type=None if chunks else pa.string())
+    assert beside._values(column) == column.to_pylist()

@@ -25,6 +25,7 @@ def test_only_programs_and_locations_are_read():
     assert (shelf.external, shelf.reasons) == ("JT7", [])
     assert found.locations["short"].reasons == ["its six numbers are not understood"]
     assert found.locations["#p[1,2]"].reasons == ["there are two of this name"]
+    assert [found.locations[key].reasons for key in found.numbered["#p[1,2]"]] == [["there are two of this name"]] * 2
     assert TEXT[found.begins[0] :].startswith("  .end_x")
 
 
