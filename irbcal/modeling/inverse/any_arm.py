@@ -14,7 +14,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
-from irbcal.modeling.inverse.poses import check_poses, is_rotation, pose_columns
+from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
@@ -72,7 +72,7 @@ def solve(
         raise RobotError(f"seed joints need shape ({joints},) or ({n}, {joints}), found {seed.shape}")
     seed = np.broadcast_to(seed, (n, joints))
     H = pose_columns(T)
-    usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0)
+    usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0) & has_last_row(T)
     good_seed = np.isfinite(seed).all(axis=1)
     chain = newton.CalibratedChain(robot, reach(nominal))
     search = _Search(chain, nominal, H, seed, position, rotation)

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from irbcal.modeling.inverse.orthoparallel import OrthoParallel
 
 
+_SIGNS = 1.0 - 2.0 * ((np.arange(8) >> np.array([[2], [1], [0]])) & 1)
+
+
 def branch_number(back: ArrayLike = False, down: ArrayLike = False, flip: ArrayLike = False) -> IntArray:
     """Number of a branch (0 to 7) from its configuration; takes arrays too."""
     return 4 * np.asarray(back, dtype=int) + 2 * np.asarray(down, dtype=int) + np.asarray(flip, dtype=int)
@@ -37,7 +40,7 @@ def branch_number(back: ArrayLike = False, down: ArrayLike = False, flip: ArrayL
 
 def branch_signs(branch: IntArray) -> FloatArray:
     """Shoulder, elbow and wrist of branches (n,): 1 where front, up, not flipped, -1 where not, shape (3, n)."""
-    return 1.0 - 2.0 * ((branch >> np.array([[2], [1], [0]])) & 1)
+    return np.take(_SIGNS, branch, axis=1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,7 +50,8 @@ class Branches(Speaks):
     Attributes
     ----------
     joints : ndarray, shape (n, 8, 6)
-        Joint angles of each branch, radians, each within a half turn of zero; NaN where there is no solution.
+        Joint angles of each branch, radians, each within a half turn of zero; NaN where there is no solution. In
+        memory the poses of a joint lie side by side, as arithmetic on all poses wants them.
     valid : ndarray of bool, shape (n, 8)
         Whether the branch reaches the pose. Joint limits are not regarded: see
         `irbcal.modeling.inverse.closed_form.into_limits`.

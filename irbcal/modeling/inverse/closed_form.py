@@ -27,6 +27,7 @@ __all__ = [
     "has_closed_form",
     "into_limits",
     "nearest",
+    "whole_turns",
     "with_configuration",
 ]
 
@@ -76,19 +77,28 @@ def into_limits(arm: Arm, joints: ArrayLike, near: ArrayLike | None = None) -> t
         Whether all are within the limits, to `LIMIT_TOLERANCE`; False for NaN.
     """
     joints = np.asarray(joints, dtype=float)
-    near = np.zeros(joints.shape[-1]) if near is None else np.asarray(near, dtype=float)
-    first = np.ceil((arm.lower - LIMIT_TOLERANCE - joints) * (1.0 / TAU))
-    last = np.floor((arm.upper + LIMIT_TOLERANCE - joints) * (1.0 / TAU))
-    turns = np.rint((near - joints) * (1.0 / TAU))
-    fits = first <= last
-    turns = np.where(fits, np.minimum(np.maximum(turns, first), last), turns)
+    turns, fits = whole_turns(arm.lower, arm.upper, joints, 0.0 if near is None else np.asarray(near, dtype=float))
     slides = arm.table.prismatic
     if slides.any():
         turns[..., slides] = 0.0
         travel = joints[..., slides]
         low, high = arm.lower[slides] - LIMIT_TOLERANCE, arm.upper[slides] + LIMIT_TOLERANCE
         fits[..., slides] = (travel >= low) & (travel <= high)
-    return joints + TAU * turns, fits.all(axis=-1)
+    return joints + TAU * turns, np.asarray(fits.all(axis=-1))
+
+
+def whole_turns(
+    lower: FloatArray, upper: FloatArray, joints: FloatArray, near: FloatArray | float
+) -> tuple[FloatArray, BoolArray]:
+    """Whole turns that bring joints within limits, nearest to ``near``, and whether there are any (else the nearest).
+
+    All radians, of shapes that go together.
+    """
+    first = np.ceil((lower - LIMIT_TOLERANCE - joints) * (1.0 / TAU))
+    last = np.floor((upper + LIMIT_TOLERANCE - joints) * (1.0 / TAU))
+    turns = np.rint((near - joints) * (1.0 / TAU))
+    fits = np.asarray(first <= last)
+    return np.where(fits, np.minimum(np.maximum(turns, first), last), turns), fits
 
 
 def has_closed_form(arm: Arm) -> bool:

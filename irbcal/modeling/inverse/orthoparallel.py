@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from irbcal.arrays import LINE, FloatArray, IntArray, aligned, handed_on, lock, 
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
-from irbcal.modeling.inverse import wrist_frame
+from irbcal.modeling.inverse import wrist_angles, wrist_frame
 from irbcal.modeling.inverse.branches import Branches, branch_number
 from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
 from irbcal.modeling.inverse.wrist_frame import WristFrame
@@ -37,18 +38,20 @@ if TYPE_CHECKING:
 BLOCK = 5000
 """Poses per block: more, and rows no longer stay in the cache; fewer, and the calls of numpy outweigh their work."""
 
-ROOM = 46
+ROOM = 43
 """Rows of numbers that the steps of all branches work in."""
 
 EXACT = 1e-9
 """Largest deviation (m or rad) from an ortho-parallel table that counts as rounding."""
+
+FRONT_AND_BACK = np.array([[[1.0]], [[-1.0]]])
+"""Cosine of q4 where the pose leaves it open."""
 
 REACH_TOLERANCE = 1e-12
 """Metres by which rounding may put a stretched arm's wrist centre out of reach."""
 
 TAU = 2.0 * np.pi
 _CANONICAL = np.array([0.0, -1.0, 0.0, -1.0, 1.0, -1.0]) * (np.pi / 2)
-_ON_SINGULARITY = 1e-12  # sine of q5 below which q4 is not defined by the pose
 
 
 class Triangle(NamedTuple):
@@ -144,7 +147,7 @@ class OrthoParallel:
         after = frames.transform(frames.rot_x(np.pi) if mirrored[5] else None) @ arm.T_last_tip
         return OrthoParallel(arm.name, a2, a3, d4, a4, signs, shifts, wrist_frame.between(before, after, d[0], d[5]))
 
-    @property
+    @cached_property
     def forearm(self) -> float:
         """Distance of axis 3 from the wrist centre, metres."""
         return float(np.hypot(self.a4, self.d4))
@@ -153,6 +156,15 @@ class OrthoParallel:
     def reach(self) -> float:
         """Distance of axis 2 from the wrist centre of the stretched arm, metres."""
         return self.a3 + self.forearm
+
+    @cached_property
+    def _bend(self) -> float:
+        """Joint 3 with the forearm along the upper arm, within a half turn of zero, radians.
+
+        To it the angle between the two is added, or taken away (Nubiola 2011, eqs. 6.21 and 6.22).
+        """
+        bend = self.signs[2] * (np.arctan2(self.a4, self.d4) - 0.5 * np.pi) + self.shifts[2]
+        return float(bend - TAU * np.rint(bend / TAU))
 
     # ------------------------------------------------------------------ the eight branches
 
@@ -171,22 +183,20 @@ class OrthoParallel:
         """
         T = check_poses(T_base_tip)
         n = len(T)
-        joints, valid = np.empty((n, 8, 6)), np.empty((2, 4, n), dtype=bool)
-        shoulder, margins = np.empty(n), np.empty((2, n))
-        room = aligned(24 + 48 + ROOM, -(-min(n, BLOCK) // LINE) * LINE)
+        joints = aligned(2, 2, 2, 6, -(-n // LINE) * LINE)[..., :n]
+        shoulder, margins, valid = np.empty(n), np.empty((2, n)), np.empty((2, 4, n), dtype=bool)
+        room = aligned(24 + ROOM, -(-min(n, BLOCK) // LINE) * LINE)
         with row_arithmetic("ignore"):
             for start in range(0, n, BLOCK):
                 block = slice(start, min(start + BLOCK, n))
                 rows = room[:, : block.stop - start]
                 columns = pose_columns(T[block], rows[:12].reshape(4, 3, -1)).reshape(12, -1)
                 R, p = self.wrist.place(columns, rows[12:24])
-                np.copyto(p[0], np.nan, where=~(has_last_row(T[block]) & is_rotation(R, rows[24:])))
-                out = rows[24:72]
-                shoulder[block], margins[:, block] = self._eight(R, p, out.reshape(2, 2, 2, 6, -1), rows[72:])
-                joints[block].reshape(-1, 48)[:] = out.T
+                np.copyto(p[0], np.nan, where=~(has_last_row(T[block], rows[24:]) & is_rotation(R, rows[24:])))
+                shoulder[block], margins[:, block] = self._eight(R, p, joints[..., block], rows[24:])
             np.greater_equal(margins[:, None], -REACH_TOLERANCE, out=valid)
-        reached = handed_on(valid).reshape(8, n).T
-        return Branches(handed_on(joints), reached, handed_on(shoulder), handed_on(margins).T, self)
+        found, reached = handed_on(joints).reshape(8, 6, n), handed_on(valid).reshape(8, n)
+        return Branches(found.transpose(2, 0, 1), reached.T, handed_on(shoulder), handed_on(margins).T, self)
 
     def _eight(self, R: FloatArray, p: FloatArray, out: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """All branches of a block into ``out`` (2, 2, 2, 6, n): back, down, flip, joint.
@@ -195,38 +205,41 @@ class OrthoParallel:
         the wrist centre from axis 1 (n,) and the margins of reach (2, n), metres.
         """
         n = R.shape[1]
-        plane, k1, rows = rows[:6], rows[6:8].reshape(2, 1, n), rows[8:]
-        r = _shoulder(R, p, plane, rows)[0].copy()
+        plane, r, (k1, nothing), rows = rows[:6], rows[6], rows[7:11].reshape(2, 2, 1, n), rows[11:]
+        _shoulder(R, p, r, plane, rows)
         np.subtract(r, self.a2, out=k1[0, 0])
         np.subtract(-self.a2, r, out=k1[1, 0])
         margins, triangle = self._triangle(k1, p[2], rows[:14].reshape(7, 2, 1, n))
-        across, delta = rows[14:22].reshape(2, 2, 2, n)
-        for up_down, value in zip((across, delta), triangle[2:], strict=True):
-            up_down[:, :1] = value
-            np.multiply(value, -1.0, out=up_down[:, 1:])
-        joints = np.moveaxis(out, 3, 0)
+        _nothing(margins, nothing)
+        joints = out.transpose(3, 0, 1, 2, 4)
         left, right = joints[:, :, :, 0], joints[:, :, :, 1]
-        q1 = rows[22:24].reshape(2, 1, n)
+        q1 = rows[14:16].reshape(2, 1, n)
         self._joint(0, np.arctan2(p[1], p[0], out=q1[0, 0]))
-        _half_turn(q1[0, 0], q1[1, 0])
-        nothing = _nothing(margins, rows[36:38].reshape(2, 1, n))
+        _half_turn(q1[0, 0], q1[1, 0], rows[16])
         np.add(q1, nothing, out=left[0, :, :1])
         joints[0] = left[0, :, :1, None]
-        triangle = triangle._replace(across=across, delta=delta)
-        c23, s23 = self._upper(k1, p[2], triangle, left[1:3], rows[24:36].reshape(3, 2, 2, n))
+        np.add(triangle.delta, nothing, out=triangle.delta)
+        for side, down in ((left[2, :, :1], self.signs[2] < 0), (left[2, :, 1:], self.signs[2] > 0)):
+            (np.subtract if down else np.add)(self._bend, triangle.delta, out=side)
+            if (self._bend < 0) if down else (self._bend > 0):
+                _within_a_half_turn(side, rows[14:16].reshape(2, 1, n))
+        c23, s23 = self._upper(k1, p[2], triangle, left[1], rows[14:])
         # behind axis 1 the plane points the other way: the same as the forearm mirrored, and half a turn of joint 4
         np.multiply(c23[1], -1.0, out=c23[1])
-        self._wrist(R, plane, c23, s23, left[3:], rows[:24].reshape(6, 2, 2, n), ahead=np.array([[[1.0]], [[-1.0]]]))
-        np.add(left[1:], nothing, out=left[1:])
+        q4 = left[3, 0], right[3, 1]
+        wrist_angles.of_rotation(R, plane, c23, s23, (q4, *left[4:]), rows[:24].reshape(6, 2, 2, n), FRONT_AND_BACK)
+        for first, second, side in zip(q4, (right[3, 0], left[3, 1]), nothing, strict=True):
+            np.add(first, side, out=first)
+            self._joint(3, first)
+            _half_turn(first, second, rows[:2])
+        for joint in (1, 4, 5):
+            np.add(left[joint], nothing, out=left[joint])
         np.multiply(left[4], -1.0, out=right[4])
-        for joint in range(1, 6):
+        for joint in (1, 4, 5):
             self._joint(joint, left[joint])
         self._joint(4, right[4])
         right[1:3] = left[1:3]
-        _half_turn(left[3, 0], right[3, 0])
-        right[3, 1] = left[3, 1]
-        _half_turn(left[3, 1], left[3, 1])
-        _half_turn(left[5], right[5])
+        _half_turn(left[5], right[5], rows[:4].reshape(2, 2, n))
         return r, margins[:, 0]
 
     # ------------------------------------------------------------------ one branch for each pose
@@ -252,12 +265,13 @@ class OrthoParallel:
         margin : ndarray, shape (n,)
             As ``reach_margin`` of `Branches`, of the pose as given.
         """
-        joints, rows = aligned(6, columns.shape[1]), aligned(12 + 6 + 16, columns.shape[1])
+        joints, rows = aligned(6, columns.shape[1]), aligned(12 + 6 + 14, columns.shape[1])
         plane, room = rows[12:18], rows[18:]
         with row_arithmetic("ignore"):
             R, p = self.wrist.place(columns, rows[:12])
             shoulder, elbow, wrist = signs
-            r, c1, s1 = _shoulder(R, p, plane, room)
+            r = room[7]
+            c1, s1 = _shoulder(R, p, r, plane, room)
             np.arctan2(np.multiply(s1, shoulder, out=s1), np.multiply(c1, shoulder, out=c1), out=joints[0])
             k1, k2 = shoulder * r, p[2]
             k1 -= self.a2
@@ -270,8 +284,9 @@ class OrthoParallel:
                 k1, k2 = np.where(rho > 0, k1 * (wanted / rho), wanted), np.where(rho > 0, k2 * (wanted / rho), 0.0)
             own, triangle = self._triangle(k1, k2, room[:7])
             triangle.other_side(elbow)
-            c23, s23 = self._upper(k1, k2, triangle, joints[1:3], room[7:10])
-            self._wrist(R, plane, c23, s23, joints[3:], room[10:])
+            np.add(self._bend, np.multiply(triangle.delta, self.signs[2], out=triangle.delta), out=joints[2])
+            c23, s23 = self._upper(k1, k2, triangle, joints[1:2], room[7:14])
+            wrist_angles.of_rotation(R, plane, c23, s23, (joints[3:4], *joints[4:, None]), room[6:12, None])
             other = np.multiply(
                 np.subtract(1.0, wrist, out=room[0]), 0.5 * np.pi, out=room[0]
             )  # half a turn or nothing
@@ -279,8 +294,9 @@ class OrthoParallel:
                 np.subtract(joints[joint], np.copysign(other, joints[joint], out=room[1]), out=joints[joint])
             np.multiply(joints[4], wrist, out=joints[4])
             np.add(joints, _nothing(own, room[0]), out=joints)
-            for joint in range(6):
+            for joint in (0, 1, 3, 4, 5):
                 self._joint(joint, joints[joint])
+            _within_a_half_turn(joints[2], room[0])
         return joints, own if margin is None else margin
 
     # ------------------------------------------------------------------ the steps
@@ -322,77 +338,36 @@ class OrthoParallel:
         return margin, Triangle(rho2, along, across, delta)
 
     def _upper(
-        self, k1: FloatArray, k2: FloatArray, triangle: Triangle, q: FloatArray, room: FloatArray
+        self, k1: FloatArray, k2: FloatArray, triangle: Triangle, q2: FloatArray, room: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Angles q2 and q3 into ``q`` (2, n), and cosine and sine of q2 + q3, in 3 rows of room.
+        """Angle q2 into ``q2`` (..., 1 or 2, n), for the elbow as it is and to the other side; cosine, sine of q2 + q3.
 
-        q3 is that of Nubiola 2011, eqs. 6.21 and 6.22. With k1 and k2 of eqs. 6.25 and 6.26, two linear
-        equations (eqs. 6.23 and 6.24, together eq. 6.27) give q2 by eq. 6.28.
+        With k1 and k2 of Nubiola 2011, eqs. 6.25 and 6.26, two linear equations (eqs. 6.23 and 6.24, together eq. 6.27)
+        give q2 by eq. 6.28. Room is for five arrays like the triangle's and, behind, the results.
         """
-        c23, s23, spare = room
-        rho2, along, across, delta = triangle
-        np.multiply(k1, along, out=s23)
-        np.subtract(s23, np.multiply(k2, across, out=spare), out=s23)
-        np.multiply(k2, along, out=c23)
-        np.add(c23, np.multiply(k1, across, out=spare), out=c23)
-        np.arctan2(s23, c23, out=q[0])
-        np.add(delta, np.arctan2(self.a4, self.d4) - 0.5 * np.pi, out=q[1])
-        _within_a_half_turn(q[1], spare)
+        rho2, along, across, _ = triangle
+        used = 5 * (rho2.size // rho2.shape[-1])
+        first, second, third, fourth, scale = room[:used].reshape(5, *rho2.shape)
+        s2, c2 = u, v = room[used:].reshape(2, *q2.shape)
+        np.multiply(k1, along, out=first)
+        np.multiply(k2, across, out=second)
+        np.multiply(k2, along, out=third)
+        np.multiply(k1, across, out=fourth)
+        np.subtract(first, second, out=s2[..., :1, :])
+        np.add(third, fourth, out=c2[..., :1, :])
+        if q2.shape[-2] > 1:
+            np.add(first, second, out=s2[..., 1:, :])
+            np.subtract(third, fourth, out=c2[..., 1:, :])
+        np.arctan2(s2, c2, out=q2)
         # along the forearm
-        np.divide(self.a3, rho2, out=spare)
-        s23, c23 = np.subtract(k1, np.multiply(s23, spare, out=s23), out=s23), np.multiply(c23, spare, out=c23)
-        np.subtract(c23, k2, out=c23)
-        u, v = s23, c23
-        cos_b, sin_b = self.d4 / self.forearm**2, self.a4 / self.forearm**2
-        if not sin_b:
-            return np.multiply(u, cos_b, out=u), np.multiply(v, cos_b, out=v)
-        np.multiply(u, sin_b, out=spare)
-        np.multiply(u, cos_b, out=u)
-        np.subtract(u, v * sin_b, out=u)
-        np.multiply(v, cos_b, out=v)
-        return u, np.add(v, spare, out=v)
-
-    @staticmethod
-    def _wrist(
-        R: FloatArray,
-        plane: FloatArray,
-        c23: FloatArray,
-        s23: FloatArray,
-        q: FloatArray,
-        room: FloatArray,
-        ahead: ArrayLike = 1.0,
-    ) -> None:
-        """Angles q4, q5, q6 with sin q5 >= 0 into ``q`` (3, n), in 6 rows of room.
-
-        ``ahead`` is the cosine of the q4 that is taken where the pose leaves it open.
-
-        They are of the rotation of the wrist (Nubiola 2011, section 6.1.4, eq. 6.29). q5 and q4 are those of eqs. 6.30,
-        6.31 and 6.33; the other branch (eq. 6.32) turns all three. q6 comes from the
-        rotation with the angle q4 found undone, which is eqs. 6.36, 6.37 and 6.38 at any q5 and not at the singularity
-        (section 6.1.5, eq. 6.35) alone, in place of eq. 6.34: errors of q4 next to it are made good by q6.
-        """
-        x, s5, turned, other = room[0], room[1], room[2:4], room[4:6]
-        a_r, a_t = plane[2], plane[5]
-        c5 = np.multiply(c23, a_r, out=other[0])
-        np.subtract(c5, np.multiply(s23, R[8], out=x), out=c5)
-        np.multiply(c23, -R[8], out=x)
-        np.subtract(x, np.multiply(s23, a_r, out=s5), out=x)  # cos q4 sin q5
-        np.multiply(x, x, out=s5)
-        np.add(s5, a_t * a_t, out=s5)
-        np.sqrt(s5, out=s5)
-        y = a_t
-        singular = s5 < _ON_SINGULARITY
-        if singular.any():
-            x[singular] = np.broadcast_to(ahead, x.shape)[singular]
-            y = np.where(singular, 0.0, y)
-        np.arctan2(y, x, out=q[0])
-        np.arctan2(s5, c5, out=q[1])
-        along, across, up = (v.reshape(2, *(1,) * (c23.ndim - 1), -1) for v in (plane[:2], plane[3:5], R[2:6:3]))
-        np.multiply(along, s23, out=turned)
-        np.add(turned, np.multiply(up, c23, out=other), out=turned)
-        np.multiply(turned, y, out=turned)
-        np.add(turned, np.multiply(across, x, out=other), out=turned)
-        np.arctan2(turned[0], turned[1], out=q[2])
+        cosine, sine = self.d4 / self.forearm**2, self.a4 / self.forearm**2
+        factor = 1.0 if sine else cosine
+        np.divide(self.a3 * factor, rho2, out=scale)
+        np.subtract(np.multiply(k1, factor, out=first), np.multiply(s2, scale, out=u), out=u)
+        np.subtract(np.multiply(c2, scale, out=v), np.multiply(k2, factor, out=second), out=v)
+        if sine:
+            u, v = u * cosine - v * sine, v * cosine + u * sine
+        return u, v
 
     # ------------------------------------------------------------------ about joints
 
@@ -413,19 +388,25 @@ class OrthoParallel:
         ndarray of int, shape (...)
             0 to 7; joints exactly at a singularity count as front, up, no-flip.
         """
-        q = self.angles(joints)
-        c3, s3 = cos_sin(q[..., 2])
-        elbow = self.d4 * c3 + self.a4 * s3  # forearm times sine of its angle from the upper arm
-        return branch_number(self.radius(joints) < 0, elbow < 0, cos_sin(q[..., 4])[1] < 0)
+        joints = np.asarray(joints, dtype=float)
+        bent = self.signs[2] * (joints[..., 2] - self._bend)  # angle of the forearm from the upper arm
+        flipped = self.signs[4] * (joints[..., 4] - self.shifts[4])
+        down, flip = (angle - TAU * np.rint(angle * (1.0 / TAU)) < 0 for angle in (bent, flipped))
+        return branch_number(self.radius(joints) < 0, down, flip)
 
     def radius(self, joints: ArrayLike) -> FloatArray:
         """Distance of the wrist centre from axis 1, metres, negative behind it, for joints (..., 6).
 
         The bracket of Nubiola 2011, eq. 6.4.
         """
-        q = self.angles(joints)
-        c23, s23 = cos_sin(q[..., 1] + q[..., 2])
-        return np.asarray(self.a2 + self.a3 * cos_sin(q[..., 1])[1] + self.d4 * c23 + self.a4 * s23)
+        joints = np.asarray(joints, dtype=float)
+        q = aligned(2, *joints.shape[:-1])
+        for k, joint in enumerate((1, 2)):
+            np.multiply(joints[..., joint] - self.shifts[joint], self.signs[joint], out=q[k, ...])
+        q[1] += q[0]
+        (_, c23), (s2, s23) = cos_sin(q)
+        radius = self.a2 + self.a3 * s2 + self.d4 * c23
+        return np.asarray(radius + self.a4 * s23 if self.a4 else radius)
 
     def wrist_angle(self, joints: ArrayLike) -> FloatArray:
         """Angle between axes 4 and 6 as lines, radians, for joints (..., 6)."""
@@ -449,14 +430,14 @@ def _refuse(
 
 
 def _shoulder(
-    R: FloatArray, p: FloatArray, plane: FloatArray, room: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Radius of the wrist centre, and cosine and sine of q1, for the front; into ``plane`` n, o, a along and across it.
+    R: FloatArray, p: FloatArray, r: FloatArray, plane: FloatArray, room: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Radius of the wrist centre into ``r``, and into ``plane`` n, o, a along and across it; cosine and sine of q1.
 
-    q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind (eq. 6.7) all signs are the other ones. The
-    first 6 rows of the room are used, of which the results are the first 3.
+    For the front: q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind (eq. 6.7) all signs are the other
+    ones. The first 5 rows of the room are used, of which the results are the first 2.
     """
-    r, c1, s1 = room[:3]
+    c1, s1 = room[:2]
     np.multiply(p[0], p[0], out=r)
     np.add(r, np.multiply(p[1], p[1], out=c1), out=r)
     np.sqrt(r, out=r)
@@ -466,12 +447,12 @@ def _shoulder(
     on_axis = r == 0.0
     if on_axis.any():
         c1[on_axis], s1[on_axis] = 1.0, 0.0
-    x, y, radial, across, spare = R[::3], R[1::3], plane[:3], plane[3:], room[3:6]
+    x, y, radial, across, spare = R[::3], R[1::3], plane[:3], plane[3:], room[2:5]
     np.multiply(x, c1, out=radial)
     np.add(radial, np.multiply(y, s1, out=spare), out=radial)
     np.multiply(y, c1, out=across)
     np.subtract(across, np.multiply(x, s1, out=spare), out=across)
-    return r, c1, s1
+    return c1, s1
 
 
 def _nothing(margin: FloatArray, out: FloatArray) -> FloatArray:
@@ -481,9 +462,9 @@ def _nothing(margin: FloatArray, out: FloatArray) -> FloatArray:
     return np.multiply(out, 0.0, out=out)
 
 
-def _half_turn(angle: FloatArray, out: FloatArray | None = None) -> FloatArray:
+def _half_turn(angle: FloatArray, out: FloatArray, spare: FloatArray | None = None) -> None:
     """Angle turned by 180 degrees towards zero."""
-    return np.subtract(angle, np.copysign(np.pi, angle), out=out)
+    np.subtract(angle, np.copysign(np.pi, angle, out=spare), out=out)
 
 
 def _within_a_half_turn(angle: FloatArray, spare: FloatArray | None = None) -> None:

@@ -39,10 +39,14 @@ def is_rotation(X: FloatArray, room: FloatArray | None = None) -> BoolArray:
     return np.maximum(squares, determinant, out=squares) <= ROTATION_TOLERANCE
 
 
-def has_last_row(T: FloatArray) -> BoolArray:
-    """Whether the last row of poses (n, 4, 4) is 0, 0, 0, 1: a mask (n,)."""
-    off = T[:, 3] - np.array([0.0, 0.0, 0.0, 1.0])
-    return np.asarray(np.multiply(off, off, out=off) @ np.ones(4) <= ROTATION_TOLERANCE**2)
+def has_last_row(T: FloatArray, room: FloatArray | None = None) -> BoolArray:
+    """Whether the last row of poses (n, 4, 4) is 0, 0, 0, 1: a mask (n,). ``room`` (4 rows or more) may be given."""
+    off = aligned(4, len(T)) if room is None else room[:4]
+    off[:] = T[:, 3].T
+    np.subtract(off[3], 1.0, out=off[3])
+    if off.size and off.min() == 0.0 == off.max():
+        return np.ones(len(T), dtype=bool)
+    return np.asarray(np.maximum.reduce(np.abs(off, out=off), axis=0) <= ROTATION_TOLERANCE)
 
 
 def pose_columns(T: FloatArray, out: FloatArray | None = None) -> FloatArray:

@@ -180,6 +180,46 @@ def test_result_of_a_pose_does_not_depend_on_its_neighbours():
         assert_same_poses(robot.poses(alone.joints), robot.poses(together.joints[part]), 3e-10, 3e-10)
 
 
+@pytest.mark.parametrize("seeded", [False, True])
+def test_poses_that_are_done_stay_as_they_are(monkeypatch, seeded):
+    """Whether they are taken out at once or go along until the others are done, when some of them stalled."""
+    nominal, robot = like_table_6_1("irb120", 3.9)
+    q = nominal.random_joints(4_000, 8)
+    T = robot.poses(q)
+    branch = {"seed": q} if seeded else {"configuration": closed_form.configuration(nominal, q)}
+    found = []
+    for most in (0.0, 1.0):
+        monkeypatch.setattr(calibrated_arm, "MOST", most)
+        found.append(calibrated_arm.solve(robot, nominal, T, **branch, thorough=False))
+    along, out = found
+    assert 10 < (out.method == Method.NEWTON).sum() < 1_000
+    assert (along.method == out.method).all()
+    assert (along.iterations == out.iterations).mean() > 0.999
+    assert np.nanmax(np.abs(along.joints - out.joints)) < 1e-6
+    assert (np.isnan(along.joints) == np.isnan(out.joints)).all()
+
+
+def test_the_better_of_two_iterations_is_kept():
+    q, errors = np.arange(12.0).reshape(2, 6, 1), np.array([[1e-3], [1e-2]])
+    for better in (True, False):
+        state = calibrated_arm._State(1)
+        now, before = ((q[k], errors[k], 2 * errors[k]) for k in (0, 1))
+        state.keep(np.array([0]), np.array([True]), np.array([better]), now, before, 3)
+        assert (state.q == q[0 if better else 1]).all()
+        assert state.position[0] == 0.5 * state.rotation[0] == errors[0 if better else 1, 0]
+        assert state.iterations[0] == 3
+
+
+def test_poses_of_which_none_can_be_used():
+    nominal, robot = like_table_6_1("irb1600", 1.2)
+    T = np.full((3, 4, 4), np.nan)
+    result = calibrated_arm.solve(robot, nominal, T)
+    assert (result.reason == Reason.NOT_A_POSE).all()
+    assert (result.iterations == 0).all()
+    assert np.isnan(result.joints).all()
+    calibrated_arm.solve(robot, nominal, nominal.forward(np.zeros((3, 6))), seed=np.full(6, np.nan))
+
+
 def test_shapes_are_refused():
     nominal, robot = like_table_6_1("irb1600", 1.2)
     T = nominal.forward(np.zeros((3, 6)))

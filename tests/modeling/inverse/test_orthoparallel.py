@@ -92,6 +92,7 @@ def test_other_directions_of_axes(signs, upper):
     T = other.forward(q)
     branches = closed_form.branches(other, T)
     assert_all_branches_reach(other, branches, T)
+    assert np.abs(branches.joints[branches.valid]).max() <= np.pi + 1e-12
     found = branches.joints[np.arange(len(q)), closed_form.configuration(other, q)]
     assert np.median(whole_turns_apart(found, q)) < 1e-12
 

@@ -5,7 +5,7 @@ import pytest
 from support import arm, random_rotation
 
 from irbcal.errors import RobotError
-from irbcal.modeling.inverse import calibrated_arm, closed_form
+from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
 from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
 from irbcal.modeling.inverse.result import Reason
 from irbcal.modeling.robot import Robot
@@ -44,6 +44,9 @@ def test_the_last_row_is_that_of_a_rigid_transform():
     T[:, 3] = np.eye(4)[3]
     T[:2, 3] = (9, -8, 0, 0), (0, 0, 0, np.nan)
     assert closed_form.branches(nominal, T).valid.any(axis=1).tolist() == [False] * 2 + [True] * 5
-    found = calibrated_arm.solve(Robot(nominal), nominal, T)
-    assert (found.reason[:2] == Reason.NOT_A_POSE).all()
-    assert found.converged[2:].all()
+    for found in (
+        calibrated_arm.solve(Robot(nominal), nominal, T),
+        any_arm.solve(Robot(nominal), nominal, T, np.full(6, 0.2)),
+    ):
+        assert (found.reason[:2] == Reason.NOT_A_POSE).all()
+        assert found.converged[2:].all()
