@@ -8,7 +8,7 @@ size; every other direction is *held*: the parameters keep the smallest change f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -212,7 +212,6 @@ def information(problem: Problem, H: FloatArray, rss: float, held: FloatArray | 
         equations to spare.
     """
     b = problem.outer
-    equations = 3 * problem.rows
     values, vectors = np.linalg.eigh(H[:b, :b])
     null = values < 1e-9 * values[-1]
     if null.any() and not problem.arm.planar:
@@ -226,9 +225,24 @@ def information(problem: Problem, H: FloatArray, rss: float, held: FloatArray | 
     scale = np.array([p.scale for p in problem.parameters])
     S = (H[b:, b:] - H[b:, :b] @ follow) * scale[:, None] * scale
     eigenvalues, directions = _eigen(0.5 * (S + S.T), held)
-    largest = eigenvalues.max(initial=0.0)
-    solid = eigenvalues > ROUNDING * max(largest, 0.0)
-    known = b - int(null.sum()) + int(solid.sum())
+    seen, sigma = _judged(problem, eigenvalues, b - int(null.sum()), rss, held)
+    return Information(eigenvalues, directions, seen, scale, H_nn_inverse, follow, sigma, vectors[:, null])
+
+
+def judged_again(problem: Problem, found: Information, rss: float, held: FloatArray | None = None) -> Information:
+    """The `information` of the same normal matrix with another sum of squares."""
+    outer = len(found.H_nn_inverse) - found.outer_null.shape[1]
+    seen, sigma = _judged(problem, found.eigenvalues, outer, rss, held)
+    return replace(found, seen=seen, sigma=sigma)
+
+
+def _judged(
+    problem: Problem, eigenvalues: FloatArray, outer: int, rss: float, held: FloatArray | None
+) -> tuple[BoolArray, float]:
+    """Which directions are seen, and the standard deviation of a coordinate, with so many outer unknowns seen."""
+    equations = 3 * problem.rows
+    solid = eigenvalues > ROUNDING * max(eigenvalues.max(initial=0.0), 0.0)
+    known = outer + int(solid.sum())
     spare = equations - known
     if spare < 1:
         raise IdentificationError(
@@ -236,9 +250,9 @@ def information(problem: Problem, H: FloatArray, rss: float, held: FloatArray | 
             f"{known} unknowns: measure at least {-(-(1 - spare) // 3)} more points or choose a "
             "smaller model"
         )
-    sigma = np.sqrt(rss / spare)
-    seen = solid & ((eigenvalues > sigma**2) if held is None else (np.arange(len(scale)) >= held.shape[1]))
-    return Information(eigenvalues, directions, seen, scale, H_nn_inverse, follow, float(sigma), vectors[:, null])
+    sigma = float(np.sqrt(rss / spare))
+    seen = solid & ((eigenvalues > sigma**2) if held is None else (np.arange(len(eigenvalues)) >= held.shape[1]))
+    return seen, sigma
 
 
 def _eigen(S: FloatArray, held: FloatArray | None) -> tuple[FloatArray, FloatArray]:

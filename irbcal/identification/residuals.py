@@ -31,15 +31,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock, row_arithmetic
+from irbcal.identification import pose_blocks
+from irbcal.identification.pose_blocks import PoseBlock
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames, parameters
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import JointMap, fourier_terms, stiffness_terms
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import Parameter
-
-BLOCK = 2048
-"""Poses whose Jacobian is in memory at a time."""
 
 ORIENTATION_LENGTH = 0.3
 """Metres per radian: a rotation of the target frame counts as the motion of a point this far away."""
@@ -77,41 +76,6 @@ class State:
     def bases(self) -> FloatArray:
         """Bases of all sessions, the last one's last, shape (sessions, 4, 4)."""
         return np.concatenate([self.others, self.T_world_base[None]])
-
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Some poses with their points, and where their rows stand; private, and made once for a problem: not locked.
-
-    Attributes
-    ----------
-    q : ndarray, shape (n, joints)
-    pose, target : ndarray of int, shape (m,)
-        Row of ``q`` and target of each point.
-    xyz : ndarray, shape (3, m)
-    turned : ndarray of int, shape (o,)
-        Points with a measured orientation.
-    rotation : ndarray, shape (o, 3, 3)
-    rows : ndarray of int, shape (m + o,)
-        Of the whole problem: the points', then the orientations'.
-    session : ndarray of int, shape (m + o,)
-        Of each row.
-    stiffness : ndarray, shape (2, m)
-        Terms of A and B at each point; empty where no parameter needs them.
-    fourier : ndarray, shape (4, m)
-        Terms of joint 6; likewise.
-    """
-
-    q: FloatArray
-    pose: IntArray
-    target: IntArray
-    xyz: FloatArray
-    turned: IntArray
-    rotation: FloatArray
-    rows: IntArray
-    session: IntArray
-    stiffness: FloatArray
-    fourier: FloatArray
 
 
 class Problem:
@@ -188,37 +152,8 @@ class Problem:
         self.kinds = _places(self.parameters)
         self._blocks = self._cut(points, oriented)
 
-    def _cut(self, points: PointSet, oriented: BoolArray) -> list[_Block]:
-        """The points in blocks of poses."""
-        starts = range(0, points.poses, BLOCK)
-        session = self.session_of_points()
-        edges = np.searchsorted(points.pose, [*starts, points.poses])
-        before = np.concatenate([[0], np.cumsum(oriented)])
-        none = np.zeros((0, 0))
-        blocks = []
-        for k, start in enumerate(starts):
-            rows = slice(edges[k], edges[k + 1])
-            q = points.q[start : start + BLOCK]
-            pose = points.pose[rows] - start
-            turned = np.flatnonzero(oriented[rows])
-            o = len(points) + before[edges[k]]
-            blocks.append(
-                _Block(
-                    q=q,
-                    pose=pose,
-                    target=points.target[rows],
-                    xyz=np.ascontiguousarray(points.xyz[rows].T),
-                    turned=turned,
-                    rotation=np.zeros((0, 3, 3)) if points.rotation is None else points.rotation[rows][turned],
-                    rows=np.r_[rows, o : o + len(turned)],
-                    session=np.r_[session[rows], session[rows][turned]],
-                    stiffness=np.asarray(stiffness_terms(q, self.joint_map.phases))[:, pose]
-                    if "stiffness" in self.kinds
-                    else none,
-                    fourier=fourier_terms(q)[:, pose] if "fourier" in self.kinds else none,
-                )
-            )
-        return blocks
+    def _cut(self, points: PointSet, oriented: BoolArray) -> list[PoseBlock]:
+        return pose_blocks.cut(points, oriented, self.session_of_points(), self.joint_map.phases, self.kinds)
 
     def of_poses(self, keep: BoolArray) -> Problem:
         """The same unknowns and weights with some of the poses, shape (n,)."""
@@ -277,6 +212,8 @@ class Problem:
 
     def model(self, state: State) -> tuple[Arm, JointMap]:
         """Arm and joint map with the state's error parameters added."""
+        if not state.errors.any():
+            return self.arm, self.joint_map
         table, joint_map = parameters.apply(self.parameters, state.errors, self.arm.table, self.joint_map)
         return self.arm.with_table(table), joint_map
 
@@ -346,7 +283,8 @@ class Problem:
 
     def gradient_near(self, state: State, slopes: FloatArray) -> tuple[FloatArray, float]:
         """``g`` and ``rss`` of `normal_equations` with the derivatives (unknowns, 3 rows) of a state close by."""
-        r = (self.weights[:, None] * self.residuals(state)).T
+        (block,) = self._blocks
+        r = self.weights[block.rows] * self._misses(block, *self.model(state), state)
         return slopes @ r.ravel(), float(np.vdot(r, r))
 
     def rss(self, state: State, weights: FloatArray | None = None) -> float:
@@ -354,48 +292,56 @@ class Problem:
         weights = self.weights if weights is None else weights
         return float(np.sum((weights[:, None] * self.residuals(state)) ** 2))
 
-    def _residuals(self, block: _Block, tip: FloatArray, state: State) -> tuple[FloatArray, FloatArray]:
-        """Residuals (3, rows) of one block and its predicted points (3, m), from tip frames (4, 3, m)."""
-        m = len(block.pose)
-        local = state.targets[block.target].T
-        p = tip[3] + tip[0] * local[0] + tip[1] * local[1] + tip[2] * local[2]
-        T = frames.inverse(state.bases)
+    def _residuals(self, block: PoseBlock, tip: FloatArray, state: State) -> tuple[FloatArray, FloatArray]:
+        """Residuals (3, rows) of one block and its predicted points (3, t, f), from tip frames (4, 3, f)."""
+        m = block.target.size
+        local = state.targets.T[:, block.target]
+        x, y, z, o = tip[:, :, None]
+        p = np.multiply(x, local[0])
+        for axis, along in ((y, local[1]), (z, local[2])):
+            p += axis * along
+        p += o
         r = np.empty((3, m + len(block.turned)))
-        R: FloatArray = T[-1, :3, :3]
-        if len(T) == 1:
-            r[:, :m] = R @ block.xyz + T[-1, :3, 3:] - p
+        R: FloatArray = state.T_world_base[:3, :3].T
+        if not len(state.others):
+            at_points = np.matmul(R, block.xyz, out=r[:, :m] if r.shape[1] == m else None)
+            at_points -= (R @ state.T_world_base[:3, 3])[:, None]
+            np.subtract(at_points, p.reshape(3, m), out=r[:, :m])
         else:
-            each = T[block.session]
-            r[:, :m] = np.einsum("mij,jm->im", each[:m, :3, :3], block.xyz) + each[:m, :3, 3].T - p
+            each = frames.inverse(state.bases)[block.session]
+            r[:, :m] = np.einsum("mij,jm->im", each[:m, :3, :3], block.xyz) + each[:m, :3, 3].T - p.reshape(3, m)
             R = each[m:, :3, :3]
         if len(block.turned):
-            predicted = tip[:3, :, block.turned].transpose(2, 1, 0) @ state.rotations[block.target[block.turned]]
+            predicted = tip[:3, :, block.turned].transpose(2, 1, 0) @ state.rotations[block.target[0, block.turned]]
             measured = R @ block.rotation
             r[:, m:] = self.orientation_length * _rotation_vectors(measured @ predicted.transpose(0, 2, 1)).T
         return r, p
 
-    def _misses(self, block: _Block, arm: Arm, joint_map: JointMap, state: State) -> FloatArray:
+    def _misses(self, block: PoseBlock, arm: Arm, joint_map: JointMap, state: State) -> FloatArray:
         """Residuals (3, rows) of one block."""
         theta = joint_map.effective(block.q).T + arm.table.offsets[:, None]
-        tip = dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_last_tip)[..., block.pose]
-        return self._residuals(block, tip, state)[0]
+        tip = dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_last_tip)
+        return self._residuals(block, tip[..., block.frames], state)[0]
 
-    def _derivatives(self, block: _Block, arm: Arm, joint_map: JointMap, state: State) -> tuple[FloatArray, FloatArray]:
+    def _derivatives(
+        self, block: PoseBlock, arm: Arm, joint_map: JointMap, state: State
+    ) -> tuple[FloatArray, FloatArray]:
         """Residuals (3, rows) and derivatives (unknowns, 3, rows) of one block."""
-        # the frames at every point, not pose: that costs no more than to hand them out
-        theta = joint_map.effective(block.q)[block.pose].T + arm.table.offsets[:, None]
+        theta = joint_map.effective(block.q)[block.frames].T + arm.table.offsets[:, None]
         chain = dhm.chain_frames(arm.table, theta, arm.T_base_0, arm.T_last_tip)
         tip = chain.tip
         r, p = self._residuals(block, tip, state)
-        m = len(block.pose)
+        m = block.target.size
         J = np.zeros((self.unknowns, 3, r.shape[1]))
-        J[0, 1, :m], J[0, 2, :m] = -p[2], p[1]
-        J[1, 0, :m], J[1, 2, :m] = p[2], -p[0]
-        J[2, 0, :m], J[2, 1, :m] = -p[1], p[0]
-        J[3, 0, :m] = J[4, 1, :m] = J[5, 2, :m] = 1.0
-        for slot, k in enumerate(self.free):
-            np.multiply(tip[:3], block.target == k, out=J[6 + 3 * slot : 9 + 3 * slot, :, :m])
-        self._robot_columns(J[self.outer :, :, :m], chain, p, block)
+        at_points = J[:, :, :m].reshape(*J.shape[:2], *block.target.shape)  # a view
+        for k, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+            np.multiply(p[j], -1.0, out=at_points[k, i])
+            at_points[k, j], at_points[3 + k, k] = p[i], 1.0
+        own = [(block.target == k).astype(float) for k in self.free]
+        with row_arithmetic():
+            for slot, mine in enumerate(own):
+                np.multiply(tip[:3, :, None], mine, out=at_points[6 + 3 * slot : 9 + 3 * slot])
+            self._robot_columns(at_points[self.outer :], chain, p, block)
         if len(block.turned):
             self._orientation_columns(J[:, :, m:], chain, tip, block)
         self.share_out(J, block.session)
@@ -408,10 +354,10 @@ class Problem:
             J[self.others + 6 * k : self.others + 6 * k + 6, :, mine] = J[:6, :, mine]
             J[:6, :, mine] = 0.0
 
-    def _orientation_columns(self, J: FloatArray, chain: dhm.ChainFrames, tip: FloatArray, block: _Block) -> None:
+    def _orientation_columns(self, J: FloatArray, chain: dhm.ChainFrames, tip: FloatArray, block: PoseBlock) -> None:
         """Fill derivatives of the predicted rotation vectors, (unknowns, 3, o)."""
         turned = block.turned
-        target = block.target[turned]
+        target = block.target[0, turned]
         length = self.orientation_length
         for k in range(3):
             J[k, k] = length
@@ -422,10 +368,11 @@ class Problem:
         axes = {"theta": chain.z, "alpha": chain.x_before, "beta": chain.y_tilt}
         self._fill(J[self.outer :], {kind: length * axis[..., turned] for kind, axis in axes.items()}, block, turned)
 
-    def _robot_columns(self, J: FloatArray, chain: dhm.ChainFrames, p: FloatArray, block: _Block) -> None:
-        """Fill derivatives by the robot's error parameters, (k, 3, m)."""
+    def _robot_columns(self, J: FloatArray, chain: dhm.ChainFrames, p: FloatArray, block: PoseBlock) -> None:
+        """Fill derivatives by the robot's error parameters, (k, 3, t, f)."""
         kinds = set(self.kinds)
-        columns: dict[str, FloatArray] = {"a": chain.x_before, "d": chain.z, "b": chain.y_tilt}
+        axes = {"a": chain.x_before, "d": chain.z, "b": chain.y_tilt}
+        columns = {kind: axis[:, :, None] for kind, axis in axes.items()}
         if "alpha" in kinds:
             columns["alpha"] = _turned(chain.x_before, chain.o_before, p)
         if kinds & {"theta", "stiffness", "fourier", "gain"}:
@@ -434,8 +381,8 @@ class Problem:
             columns["beta"] = _turned(chain.y_tilt, chain.o_tilt, p)
         self._fill(J, columns, block, slice(None))
 
-    def _fill(self, J: FloatArray, columns: Mapping[str, FloatArray], block: _Block, points: IntArray | slice) -> None:
-        """Derivatives of some points by every error parameter, from those by the DHM columns at them.
+    def _fill(self, J: FloatArray, columns: Mapping[str, FloatArray], block: PoseBlock, some: IntArray | slice) -> None:
+        """Derivatives at some frames of a block by every error parameter, from those by the DHM columns at them.
 
         Absent columns have no effect.
         """
@@ -447,13 +394,13 @@ class Problem:
                 for slot, index in zip(slots, indices, strict=True):
                     along = columns.get("d" if self.arm.table.prismatic[index] else "theta")
                     if along is not None:
-                        J[slot] = along[index] * block.q[block.pose[points], index]
+                        J[slot] = along[index] * block.q[block.frames, index][some]
             elif theta is not None and kind == "fourier":
                 for slot, index in zip(slots, indices, strict=True):
-                    np.multiply(theta[5], block.fourier[index, points], out=J[slot])
+                    np.multiply(theta[5], block.fourier[index, some], out=J[slot])
             elif theta is not None and kind == "stiffness":  # A turns joint 2, B joints 2 and 3
                 for slot, index in zip(slots, indices, strict=True):
-                    np.multiply(theta[1] + theta[2] if index else theta[1], block.stiffness[index, points], out=J[slot])
+                    np.multiply(theta[1] + theta[2] if index else theta[1], block.stiffness[index, some], out=J[slot])
 
 
 def _places(error_parameters: Sequence[Parameter]) -> dict[str, tuple[IntArray, IntArray]]:
@@ -490,11 +437,11 @@ def _rotation_vectors(R: FloatArray) -> FloatArray:
 
 
 def _turned(axis: FloatArray, origin: FloatArray, p: FloatArray) -> FloatArray:
-    """Velocity ``axis x (p - origin)`` for axes and origins (joints, 3, m) and points (3, m)."""
-    arm = p - origin
-    out = np.empty_like(axis)
+    """Velocity ``axis x (p - origin)`` for axes and origins (joints, 3, f) and points (3, t, f)."""
+    arm = p - origin[:, :, None]
+    out = np.empty_like(arm)
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
-        np.multiply(axis[:, i], arm[:, j], out=out[:, k])
-        out[:, k] -= axis[:, j] * arm[:, i]
+        np.multiply(axis[:, i, None], arm[:, j], out=out[:, k])
+        out[:, k] -= axis[:, j, None] * arm[:, i]
     return out

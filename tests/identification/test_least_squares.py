@@ -113,6 +113,24 @@ def test_frozen_directions_are_held_and_the_rest_is_seen():
     assert np.abs(frozen.covariance() - C).max() < 1e-5 * np.abs(C).max()
 
 
+@pytest.mark.parametrize("frozen", [False, True])
+def test_what_is_seen_with_other_residuals_is_judged_without_the_matrix(frozen):
+    nominal, points = near_the_noise(1, 3e-4)
+    problem, _ = fit.make_problem(nominal, points, "34")
+    H, _, rss = problem.normal_equations(fit.first_state(problem))
+    found = observability.information(problem, H, rss)
+    held = found.weakest(found.rank - 3) if frozen else None
+    found = observability.information(problem, H, rss, held)
+    ranks = []
+    for factor in (1e-2, 1.0, 1e4):
+        again = observability.judged_again(problem, found, factor * rss, held)
+        anew = observability.information(problem, H, factor * rss, held)
+        for name in ("seen", "sigma", "eigenvalues", "follow"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(anew, name))
+        ranks.append(again.rank)
+    assert (len(set(ranks)) == 1) == frozen
+
+
 def test_ordinary_fits_are_not_frozen(monkeypatch):
     nominal = arm()
     rng = np.random.default_rng(33)

@@ -7,7 +7,7 @@ import pytest
 from support import TARGETS, arm, central_differences, measured, random_robot
 
 from irbcal.files import urdf
-from irbcal.identification import residuals
+from irbcal.identification import pose_blocks, residuals
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import Parameter
 
@@ -112,7 +112,7 @@ def test_base_columns_are_the_derivative_of_the_moved_prediction():
 
 
 def test_normal_equations_are_the_sums_of_the_jacobian(monkeypatch):
-    monkeypatch.setattr(residuals, "BLOCK", 3)
+    monkeypatch.setattr(pose_blocks, "BLOCK", 3)
     problem, state = problem_and_state(poses=11)
     J, r = problem.jacobian(state), problem.residuals(state).ravel()
     H, g, rss = problem.normal_equations(state)
@@ -129,7 +129,7 @@ def test_a_gradient_with_the_derivatives_of_the_state_itself_is_that_of_the_sums
     near, same = problem.gradient_near(state, slopes[0])
     assert np.abs(near - g).max() < 1e-12 * np.abs(g).max()
     assert same == pytest.approx(rss, rel=1e-13)
-    monkeypatch.setattr(residuals, "BLOCK", 3)
+    monkeypatch.setattr(pose_blocks, "BLOCK", 3)
     problem, state = problem_and_state(poses=11)
     problem.normal_equations(state, slopes=(none := []))
     assert none == []
