@@ -96,7 +96,7 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
     sums = [rss]
     ranks: list[int] = []
     held: FloatArray | None = None
-    seen: observability.Information | None = None  # of H, once it has been looked at
+    looked: tuple[FloatArray, FloatArray | None, observability.Information] | None = None
     last = MAX_ITERATIONS
     if record:
         record(0, state)
@@ -108,11 +108,11 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
             last = iteration + MAX_ITERATIONS
             state = _put_back(problem, observability.information(problem, H, rss, held), state)
             H, g, rss = problem.normal_equations(state, slopes=(slopes := []))
-            seen = None
-        if seen is None:
-            seen = observability.information(problem, H, rss, held)
+        if looked and looked[0] is H and looked[1] is held:
+            seen = observability.judged_again(problem, looked[2], rss, held)
         else:
-            seen = observability.judged_again(problem, seen, rss, held)
+            seen = observability.information(problem, H, rss, held)
+        looked = H, held, seen
         ranks.append(seen.rank)
         step = _step(seen, g, state)
         size = np.abs(step).max()
@@ -124,10 +124,10 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
         while True:
             moved = problem.moved(state, shrink * step)
             if slopes and size * shrink < CHORD:
-                g, new_rss = problem.gradient_near(moved, slopes.pop())
+                g, new_rss = problem.gradient_near(moved, slopes)
+                slopes = []
             else:
                 H, g, new_rss = problem.normal_equations(moved, slopes=(slopes := []))
-                seen = None
             # a step that is lost in rounding, or only puts held directions back, need not lower the sum
             if new_rss <= rss * (1 + 1e-6) or size * shrink < 1e-7:
                 break

@@ -17,15 +17,15 @@ BLOCK = 2048
 
 @dataclass(frozen=True, eq=False)
 class PoseBlock:
-    """Some poses with their points, and where their rows stand; made once for a problem: not locked.
+    """Some points with the frames at which they are, and where their rows stand; made once for a problem: not locked.
 
-    Points are arranged in t rows of f. Where every pose has as many points and none has an orientation, the frames of a
-    pose are needed once, for the t points below one another; else once for every point, and there is one row.
+    Points are arranged in t rows of f. Where poses have t points each, and none an orientation, the frames of a pose
+    are needed once, for the points below one another; else once for every point, and there is one row.
 
     Attributes
     ----------
     q : ndarray, shape (n, joints)
-        Of each pose, radians.
+        Of poses, radians.
     frames : ndarray of int, shape (f,), or slice
         Rows of ``q`` at which frames are needed.
     target : ndarray of int, shape (t, f)
@@ -60,7 +60,7 @@ class PoseBlock:
 def cut(
     points: PointSet, oriented: BoolArray, session: IntArray, phases: FloatArray, kinds: Container[str]
 ) -> list[PoseBlock]:
-    """Points in blocks of `BLOCK` poses.
+    """Points in blocks of at most `BLOCK` poses, those with as many points as most others by themselves.
 
     Parameters
     ----------
@@ -77,36 +77,40 @@ def cut(
     Returns
     -------
     list of PoseBlock
+        Poses without points are in none.
     """
-    starts = range(0, points.poses, BLOCK)
-    edges = np.searchsorted(points.pose, [*starts, points.poses])
-    before = np.concatenate([[0], np.cumsum(oriented)])
+    before = np.cumsum(oriented) - 1 + len(points)
     none = np.zeros((0, 0))
-    blocks = []
-    for k, start in enumerate(starts):
-        rows = slice(edges[k], edges[k + 1])
-        q = points.q[start : start + BLOCK]
-        pose = points.pose[rows] - start
-        turned = np.flatnonzero(oriented[rows])
-        o = len(points) + before[edges[k]]
-        order = np.arange(len(pose))[None]
-        frames: IntArray | slice = pose
-        each = len(pose) // len(q)
-        if not len(turned) and len(pose) == each * len(q) and (pose == np.repeat(np.arange(len(q)), each)).all():
-            order, frames = order.reshape(-1, each).T, slice(None)
-        flat = order.ravel()
-        blocks.append(
-            PoseBlock(
-                q=q,
-                frames=frames,
-                target=points.target[rows][order],
-                xyz=np.ascontiguousarray(points.xyz[rows][flat].T),
-                turned=turned,
-                rotation=np.zeros((0, 3, 3)) if points.rotation is None else points.rotation[rows][turned],
-                rows=np.concatenate([edges[k] + flat, o + np.arange(len(turned))]),
-                session=np.concatenate([session[rows][flat], session[rows][turned]]),
-                stiffness=np.asarray(stiffness_terms(q, phases))[:, frames] if "stiffness" in kinds else none,
-                fourier=fourier_terms(q)[:, frames] if "fourier" in kinds else none,
-            )
+
+    def block(q: FloatArray, frames: IntArray | slice, at: IntArray) -> PoseBlock:
+        flat = at.ravel()
+        turned = np.flatnonzero(oriented[flat])
+        return PoseBlock(
+            q=q,
+            frames=frames,
+            target=points.target[at],
+            xyz=np.ascontiguousarray(points.xyz[flat].T),
+            turned=turned,
+            rotation=np.zeros((0, 3, 3)) if points.rotation is None else points.rotation[flat[turned]],
+            rows=np.concatenate([flat, before[flat[turned]]]),
+            session=np.concatenate([session[flat], session[flat[turned]]]),
+            stiffness=np.asarray(stiffness_terms(q, phases))[:, frames] if "stiffness" in kinds else none,
+            fourier=fourier_terms(q)[:, frames] if "fourier" in kinds else none,
         )
+
+    edges = np.searchsorted(points.pose, [*range(0, points.poses, BLOCK), points.poses])
+    blocks = []
+    for start, first, end in zip(range(0, points.poses, BLOCK), edges[:-1], edges[1:], strict=True):
+        q = points.q[start : start + BLOCK]
+        pose, at = points.pose[first:end] - start, np.arange(first, end)
+        counts = np.bincount(pose, minlength=len(q))
+        usual = 1 + int(np.argmax(np.bincount(counts)[1:])) if len(at) else 0
+        shared = counts == (0 if oriented[first:end].any() else usual)
+        own = shared[pose]
+        if 2 * np.count_nonzero(own) < len(at):
+            own[:] = False
+        if usual and own.any():
+            blocks.append(block(q if shared.all() else q[shared], slice(None), at[own].reshape(-1, usual).T))
+        if not own.all():
+            blocks.append(block(q, pose[~own], at[~own][None]))
     return blocks

@@ -252,7 +252,7 @@ class Problem:
         weights : ndarray, shape (rows,), optional
             Factors on residuals and derivatives, `self.weights` unless given.
         slopes : list, optional
-            Takes the weighted derivatives for `gradient_near`, where they are not too many to keep.
+            Takes the weighted derivatives of each block for `gradient_near`, where they are not too many to keep.
 
         Returns
         -------
@@ -277,15 +277,18 @@ class Problem:
             H = H + flat @ flat.T
             g = g + flat @ r.ravel()
             rss += float(np.vdot(r, r))
-            if slopes is not None and len(self._blocks) == 1:
+            if slopes is not None and self.points.poses <= pose_blocks.BLOCK:
                 slopes.append(flat)
         return H, g, rss
 
-    def gradient_near(self, state: State, slopes: FloatArray) -> tuple[FloatArray, float]:
-        """``g`` and ``rss`` of `normal_equations` with the derivatives (unknowns, 3 rows) of a state close by."""
-        (block,) = self._blocks
-        r = self.weights[block.rows] * self._misses(block, *self.model(state), state)
-        return slopes @ r.ravel(), float(np.vdot(r, r))
+    def gradient_near(self, state: State, slopes: Sequence[FloatArray]) -> tuple[FloatArray, float]:
+        """``g`` and ``rss`` of `normal_equations` with the derivatives of a state close by, (unknowns, 3 rows) each."""
+        model = self.model(state)
+        g, rss = np.zeros(self.unknowns), 0.0
+        for block, flat in zip(self._blocks, slopes, strict=True):
+            r = self.weights[block.rows] * self._misses(block, *model, state)
+            g, rss = g + flat @ r.ravel(), rss + float(np.vdot(r, r))
+        return g, rss
 
     def rss(self, state: State, weights: FloatArray | None = None) -> float:
         """Weighted sum of squared residuals, m^2."""

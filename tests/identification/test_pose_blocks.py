@@ -54,8 +54,10 @@ def assert_every_point_at_home(points, blocks):
         np.testing.assert_array_equal(block.fourier, fourier_terms(q[:f]))
 
 
-@pytest.mark.parametrize("size", [2048, 4])
-@pytest.mark.parametrize("kind", ["all", "one target", "some missing", "one missing", "oriented", "some oriented"])
+@pytest.mark.parametrize("size", [2048, 4, 1])
+@pytest.mark.parametrize(
+    "kind", ["all", "one target", "some missing", "one missing", "no pose 4", "oriented", "some oriented"]
+)
 def test_every_point_stands_once_and_at_its_own_pose(points, kind, size, monkeypatch):
     monkeypatch.setattr(pose_blocks, "BLOCK", size)
     everywhere = np.arange(len(points))
@@ -64,15 +66,16 @@ def test_every_point_stands_once_and_at_its_own_pose(points, kind, size, monkeyp
         "one target": lambda: some(points, points.target == 1),
         "some missing": lambda: some(points, np.random.default_rng(2).random(len(points)) < 0.6),
         "one missing": lambda: some(points, everywhere != 7),
+        "no pose 4": lambda: some(points, points.pose != 4),
         "oriented": lambda: oriented(points, 1.0),
         "some oriented": lambda: oriented(points, 0.3),
     }[kind]()
     blocks = cut(points)
-    assert len(blocks) == -(-POSES // size)
+    assert max(len(block.q) for block in blocks) <= size
     assert_every_point_at_home(points, blocks)
 
 
-def test_frames_are_shared_where_every_pose_has_as_many_points(points):
+def test_frames_are_shared_where_poses_have_as_many_points(points):
     (block,) = cut(points)
     assert block.target.shape == (3, POSES)
     # one target each: which one may change from pose to pose
@@ -81,10 +84,18 @@ def test_frames_are_shared_where_every_pose_has_as_many_points(points):
     assert set(block.target.ravel()) == {0, 1, 2}
     # as many points as three each would be, but one pose has a second measurement of a target, another lacks one
     order = np.sort(np.r_[np.delete(np.arange(len(points)), 4), 30])
-    uneven = some(points, order)
-    (block,) = cut(uneven)
-    assert block.target.shape == (1, len(points))
-    assert_every_point_at_home(uneven, [block])
+    most, others = cut(some(points, order))
+    assert most.target.shape == (3, POSES - 2)
+    assert others.target.shape == (1, 6)
+    assert_every_point_at_home(some(points, order), [most, others])
+    # where hardly two poses are alike nothing is shared
+    few = some(points, points.target <= points.pose % 5)
+    (block,) = cut(some(few, few.pose < 3))
+    assert block.target.shape == (1, 6)
+
+
+def test_no_points(points):
+    assert cut(some(points, points.pose < 0)) == []
 
 
 def test_sessions_go_with_the_rows(points):

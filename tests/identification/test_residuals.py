@@ -126,7 +126,7 @@ def test_a_gradient_with_the_derivatives_of_the_state_itself_is_that_of_the_sums
     problem.weights = np.random.default_rng(3).uniform(0.5, 2.0, problem.rows)
     slopes = []
     _, g, rss = problem.normal_equations(state, slopes=slopes)
-    near, same = problem.gradient_near(state, slopes[0])
+    near, same = problem.gradient_near(state, slopes)
     assert np.abs(near - g).max() < 1e-12 * np.abs(g).max()
     assert same == pytest.approx(rss, rel=1e-13)
     monkeypatch.setattr(pose_blocks, "BLOCK", 3)

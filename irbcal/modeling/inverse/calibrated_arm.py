@@ -1,12 +1,6 @@
 r"""Inverse kinematics of a calibrated robot (Nubiola 2011, section 6.2), for batches.
 
-The fixed point of the thesis (Figures 6.2 and 6.3), with T_n the nominal and T_R the calibrated forward
-kinematics and H the target::
-
-    H_fake,i = H_fake,i-1 H_aprox,i-1^-1 H,    q_i = inverse of T_n at H_fake,i,    H_aprox,i = T_R(q_i)
-
-takes the closed-form inverse in one branch and no derivatives; its error shrinks by about a hundred in each
-iteration, but not next to a singularity, and it cannot go where the nominal arm does not reach. Poses for
+The fixed point of the thesis (`irbcal.modeling.inverse.fixed_point`) takes most poses there. Poses for
 which it stalls change over to damped Newton steps (Levenberg-Marquardt) on the geometric Jacobian of the
 calibrated arm times that of its joint map, from several starts. What neither solves is flagged with the reason.
 """
@@ -14,9 +8,8 @@ calibrated arm times that of its joint map, from several starts. What neither so
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,25 +19,16 @@ from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
-from irbcal.modeling.inverse.newton import CalibratedChain
-from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
+from irbcal.modeling.inverse.fixed_point import FixedPoint, State, Work
+from irbcal.modeling.inverse.orthoparallel import TAU
 from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
-__all__ = ["InverseResult", "Method", "Reason", "fixed_point_history", "solve"]
+__all__ = ["InverseResult", "Method", "Reason", "solve"]
 
 BLOCK = 8192
 """Poses per block: more, and rows no longer stay in the cache; fewer, and the calls of numpy outweigh their work."""
-
-NEAR_NOMINAL = 0.02
-"""Entries of the nominal table may be this far (m or rad) from ortho-parallel: the iteration makes it good."""
-
-FIXED_POINT_ITERATIONS = 12
-"""Nubiola 2011, Table 6.1, needs three."""
-
-STALLED = 0.5
-"""An iteration that leaves more than this share of the error is given up for Newton's steps."""
 
 NEWTON_STARTS = ((1, 0, 10), (6, 0, 10), (24, 2, 10), (96, 2, 10), (64, 0, 40))
 """Number of starts, and `newton.solve`'s straighten and patience, one after the other for the poses still left.
@@ -56,28 +40,8 @@ CLOSE = 0.1
 """A target beyond the nominal reach is out of reach when several starts leave more than this share of the largest
 distance between the nominal and the calibrated arm's tips."""
 
-SLACK = 0.05
-"""Radians that a start may be beyond a limit: the iteration may bring it back."""
-
 PULL = 5e-4
 """Share of the reach by which a start is moved inside the nominal reach: off the elbow singularity."""
-
-MOST = 0.85
-"""Poses that are done go along until they are more than the rest of these: to take them out costs a quarter round."""
-
-
-class _Work(NamedTuple):
-    """Poses under way: places in the state (n,), signs of the branch (3, n), last merit (n,), target and fake target.
-
-    Both are columns (4, 3, n). Joints (6, n) are the last ones; at first those whose turns to keep, where there are.
-    """
-
-    places: IntArray
-    signs: FloatArray
-    last: FloatArray
-    H: FloatArray
-    fake: FloatArray
-    q: FloatArray | None
 
 
 def solve(
@@ -124,83 +88,6 @@ def solve(
         return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
 
 
-def fixed_point_history(
-    robot: Robot, nominal: Arm, T_base_tip: FloatArray, configuration: ArrayLike, iterations: int
-) -> tuple[FloatArray, FloatArray]:
-    """Errors of the fixed point alone, iteration by iteration (Nubiola 2011, Table 6.1).
-
-    Parameters
-    ----------
-    robot : Robot
-    nominal : Arm
-    T_base_tip : ndarray, shape (n, 4, 4)
-    configuration : array_like of int, shape () or (n,)
-    iterations : int
-
-    Returns
-    -------
-    position, rotation : ndarray, shape (iterations, n)
-        Metres and radians; NaN where the nominal arm does not reach.
-    """
-    solver = _Solver(robot, nominal, 0.0, 0.0)
-    H = pose_columns(check_poses(T_base_tip))
-    signs = branch_signs(closed_form.check_configuration(configuration, len(T_base_tip)))
-    fake, errors = H, list[tuple[FloatArray, FloatArray]]()
-    q = np.zeros((6, H.shape[2]))
-    for iteration in range(iterations):
-        q_new, _ = solver.closed.branch(fake.reshape(12, -1), signs)
-        q = _same_turn(q_new, q) if iteration else solver.start_turns(q_new, q)
-        tip = solver.chain.tip(q)
-        errors.append(newton.errors(tip, H))
-        fake = _next_fake(fake, tip, H)
-    position, rotation = np.array(errors).swapaxes(0, 1)
-    return position, rotation
-
-
-class _State:
-    """Best known joints and their errors for all poses."""
-
-    def __init__(self, n: int) -> None:
-        self.q = np.full((6, n), np.nan)
-        self.position, self.rotation = np.full(n, np.nan), np.full(n, np.nan)
-        self.iterations = np.zeros(n, dtype=int)
-        self.method = np.zeros(n, dtype=np.int8)
-        self.margin = np.full(n, np.nan)
-        self.rank = np.full(n, np.inf)
-
-    def keep(
-        self,
-        index: IntArray,
-        these: BoolArray,
-        better: BoolArray,
-        now: Sequence[FloatArray],
-        before: Sequence[FloatArray] | None,
-        iterations: int,
-    ) -> None:
-        """Joints and errors of these poses of a block: those of now where they are better, else those of before.
-
-        After the first iteration there are none of before, and where it found none the state stays.
-        """
-        places: IntArray | slice = index
-        if np.count_nonzero(these) < len(index) // 8:
-            few = np.flatnonzero(these)
-            places, these, better = index[few], these[few], better[few]
-            now = [np.take(v, few, axis=-1) for v in now]
-            before = None if before is None else [np.take(v, few, axis=-1) for v in before]
-        elif index[-1] - index[0] == len(index) - 1:
-            places = slice(index[0], index[-1] + 1)
-        self.iterations[places] += iterations * these
-        if before is None:
-            these = these & better
-        elif not (better | ~these).all():
-            now = [np.where(better, new, old) for new, old in zip(now, before, strict=True)]
-        for kept, best in zip((self.q, self.position, self.rotation), now, strict=True):
-            if isinstance(places, slice):
-                np.copyto(kept[..., places], best, where=these)
-            else:
-                kept[..., places[these]] = best[..., these]
-
-
 class _Solver:
     def __init__(
         self,
@@ -212,34 +99,17 @@ class _Solver:
     ) -> None:
         self.stages = stages
         self.robot, self.nominal = robot, nominal
-        self.closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
-        self.chain = CalibratedChain(robot, self.closed.reach)
-        self.tolerance = position, rotation
+        self.iteration = FixedPoint(robot, nominal, position, rotation)
+        self.closed, self.chain, self.good = self.iteration.closed, self.iteration.chain, self.iteration.good
         self.pull = PULL * self.closed.reach
-        self.wider = replace(nominal, lower=nominal.lower - SLACK, upper=nominal.upper + SLACK)
 
     @cached_property
     def difference(self) -> float:
         """About the largest distance (m) between tips of the two arms, from random joints."""
         q = self.nominal.random_joints(500, 0)
+        q -= TAU * np.rint(q / TAU)  # joints of many turns look like degrees
         difference = self.robot.poses(q) - self.nominal.forward(q)
         return 1e-6 + float(np.linalg.norm(difference[:, :3, 3], axis=1).max())
-
-    def start_turns(self, q: FloatArray, near: FloatArray | None) -> FloatArray:
-        """Joints (6, n) shifted near the limits at the turns nearest to ``near`` (6, n) or zero, in place."""
-        lower, upper = self.wider.lower, self.wider.upper
-        stay = (q >= lower[:, None]) & (q <= upper[:, None])
-        if near is not None:
-            stay &= np.abs(near - q) <= np.pi
-        for j in np.flatnonzero(~stay.all(axis=1)):
-            turn = np.flatnonzero(~stay[j])
-            close = 0.0 if near is None else near[j, turn]
-            q[j, turn] += TAU * closed_form.whole_turns(lower[j], upper[j], q[j, turn], close)[0]
-        return q
-
-    def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
-        """Whether both errors (n,) are within the tolerances."""
-        return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
 
     def inside(self, joints: FloatArray) -> BoolArray:
         """Whether joints (6, n) are within the limits as they are."""
@@ -247,7 +117,7 @@ class _Solver:
         upper = self.nominal.upper + closed_form.LIMIT_TOLERANCE
         return np.logical_and.reduce((joints >= lower[:, None]) & (joints <= upper[:, None]), axis=0)
 
-    def out_of_reach(self, state: _State, rows: IntArray | slice) -> BoolArray:
+    def out_of_reach(self, state: State, rows: IntArray | slice) -> BoolArray:
         """Whether the nominal arm does not reach poses, nor the calibrated one nearly so."""
         return (state.margin[rows] < 0) & ~(state.position[rows] <= CLOSE * self.difference)
 
@@ -275,9 +145,9 @@ class _Solver:
         T = check_poses(T_base_tip)
         n = len(T)
         near, bad_seed, branch = self.asked_for(n, seed, configuration)
-        state = _State(n)
+        state = State(n)
         bad_pose = np.zeros(n, dtype=bool)
-        later: list[_Work] = []
+        later: dict[bool, list[Work]] = {False: [], True: []}
         for start in range(0, n, BLOCK):
             block = slice(start, min(start + BLOCK, n))
             H = pose_columns(T[block])
@@ -287,15 +157,15 @@ class _Solver:
             H = H if len(todo) == len(usable) else np.take(H, todo, axis=-1)
             todo += start
             first = np.full(len(todo), np.inf)
-            work = _Work(todo, branch_signs(branch[todo]), first, H, H, None if near is None else near[:, todo])
-            left = self._fixed_point(work, state, first=True)
-            later += [] if left is None else [left]
+            work = Work(todo, branch_signs(branch[todo]), first, H, H, None if near is None else near[:, todo])
+            left, sums = self.iteration.run(work, state)
+            later[sums] += [] if left is None else [left]
         # the few that take longer, of all blocks together
-        if later:
-            together: list[NDArray[Any]] = [np.concatenate(parts, axis=-1) for parts in zip(*later, strict=True)]
-            for start in range(0, len(together[0]), BLOCK):
+        for sums, parts in later.items():
+            together: list[NDArray[Any]] = [np.concatenate(values, axis=-1) for values in zip(*parts, strict=True)]
+            for start in range(0, len(together[0]) if parts else 0, BLOCK):
                 block = slice(start, start + BLOCK)
-                self._fixed_point(_Work(*(np.ascontiguousarray(v[..., block]) for v in together)), state)
+                self.iteration.run(Work(*(np.ascontiguousarray(v[..., block]) for v in together)), state, sums)
         done = self.good(state.position, state.rotation)
         state.method[done] = Method.FIXED_POINT
         hard = np.flatnonzero(~done & ~bad_pose & ~bad_seed)
@@ -306,7 +176,7 @@ class _Solver:
         self._turns(T, near, state)
         return self._result(state, branch, bad_pose, bad_seed)
 
-    def _turns(self, T: FloatArray, near: FloatArray | None, state: _State) -> None:
+    def _turns(self, T: FloatArray, near: FloatArray | None, state: State) -> None:
         """Bring solutions that ended beyond a limit back by whole turns, where that is possible."""
         beyond = self.good(state.position, state.rotation) & ~self.inside(state.q)
         for start in range(0, len(rows := np.flatnonzero(beyond)), BLOCK):
@@ -322,7 +192,7 @@ class _Solver:
             block = block[take]
             state.q[:, block], state.position[block], state.rotation[block] = q[:, take], position[take], rotation[take]
 
-    def _result(self, state: _State, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray) -> InverseResult:
+    def _result(self, state: State, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray) -> InverseResult:
         converged = self.good(state.position, state.rotation)
         found = np.where(converged, self.closed.configuration(np.where(converged, state.q, 0.0).T), -1)
         state.q[:, ~converged] = np.nan
@@ -343,63 +213,14 @@ class _Solver:
             reason=reason,
         )
 
-    # -------------------------------------------------------------- the fixed point
-
-    def _fixed_point(self, work: _Work, state: _State, first: bool = False) -> _Work | None:
-        """The iteration of Nubiola 2011, Figure 6.2, for a block, until few poses are left: those, or None.
-
-        The fake target is moved by what the columns of the tip lack, added where the thesis multiplies transforms
-        (`_next_fake`): the error shrinks as fast, in a tenth of the arithmetic. That a fake target is no rigid
-        transform in between does no harm, since the closed form takes it as it is.
-        """
-        index, signs, last, H, fake, q = work
-        if not len(index):
-            return None
-        few = len(index) // 8 if first else 0
-        before: Sequence[FloatArray] | None = None
-        alive = np.ones(len(index), dtype=bool)
-        for count in range(1, FIXED_POINT_ITERATIONS + 1):
-            q_new, margin = self.closed.branch(fake.reshape(12, -1), signs)
-            if first and count == 1:
-                state.margin[index] = margin
-                q = self.start_turns(q_new, q)
-            else:
-                assert q is not None
-                q = _same_turn(q_new, q)
-            lacking = self.chain.tip(q)
-            np.subtract(H, lacking, out=lacking)
-            position, rotation = newton.lengths(lacking)
-            merit = self.chain.merit(position, rotation)
-            on = alive & (merit <= STALLED * last) & ~self.good(position, rotation)  # False for NaN: not within reach
-            left = np.count_nonzero(on)
-            ends = left <= few or count == FIXED_POINT_ITERATIONS
-            if ends or left < np.count_nonzero(alive):
-                done = alive if ends else alive & ~on
-                state.keep(index, done, merit < last, (q, position, rotation), before, count)
-            if left == 0:
-                return None
-            alive, last = on, merit
-            fake = np.add(fake, lacking, out=lacking)
-            if left <= few or left < MOST * len(index):
-                rows = np.flatnonzero(on)
-                index = index[rows]
-                signs, last, H, fake, q, position, rotation = (
-                    np.take(v, rows, axis=-1) for v in (signs, last, H, fake, q, position, rotation)
-                )
-                alive = np.ones(left, dtype=bool)
-            if left <= few:
-                return _Work(index, signs, last, H, fake, q)
-            before = q, position, rotation
-        return None
-
     # -------------------------------------------------------------- damped Newton
 
     def _newton_starts(
-        self, H: FloatArray, branch: IntArray, near: FloatArray | None, rows: IntArray, state: _State
+        self, H: FloatArray, branch: IntArray, near: FloatArray | None, rows: IntArray, state: State
     ) -> None:
         """Newton's steps for poses that the fixed point left: from where it came to, then from many starts at once."""
         pulled, state.margin[rows] = self.closed.branch(H.reshape(12, -1), branch_signs(branch), self.pull)
-        pulled = self.start_turns(pulled, near)
+        pulled = self.iteration.start_turns(pulled, near)
         start = np.where(np.isfinite(state.q[:, rows]).all(axis=0), state.q[:, rows], pulled)
         lacking = state.margin[rows] > -2.0 * self.difference
         beyond = rows[~lacking]  # how far they are from the nearest joints is all there is to say
@@ -429,7 +250,7 @@ class _Solver:
                     shift *= (0.0, 0.5, 1.5)[len(tried) % 3] * self.difference
                     other = newton.moved(goal, turn, shift)
                     q, _ = self.closed.branch(other.reshape(12, -1), branch_signs(branch[todo]), self.pull)
-                    tried.append(self.start_turns(q, close))
+                    tried.append(self.iteration.start_turns(q, close))
                 these = branch[todo], rows[todo]
                 lacking[todo] = self._newton_choice(goal, np.stack(tried, axis=1), *these, state, straighten, patience)
 
@@ -439,7 +260,7 @@ class _Solver:
         starts: FloatArray,
         branch: IntArray,
         rows: IntArray,
-        state: _State,
+        state: State,
         straighten: int,
         patience: int,
     ) -> BoolArray:
@@ -463,22 +284,3 @@ class _Solver:
         state.position[where], state.rotation[where] = position[column], rotation[column]
         state.method[where] = Method.NEWTON
         return state.rank[rows] > -4.0
-
-
-def _next_fake(fake: FloatArray, tip: FloatArray, H: FloatArray) -> FloatArray:
-    """The product fake tip^-1 H of columns (4, 3, n), step 1 of Nubiola 2011, section 6.2."""
-    missing = np.concatenate([H[:3], (H[3] - tip[3])[None]])
-    along = np.einsum("kin,cin->ckn", tip[:3], missing)
-    moved = np.einsum("kin,ckn->cin", fake[:3], along)
-    moved[3] += fake[3]
-    return moved
-
-
-def _same_turn(q: FloatArray, before: FloatArray) -> FloatArray:
-    """Joints q at the turns nearest to the joints before, in place."""
-    turns = before - q
-    turns *= 1.0 / TAU
-    np.rint(turns, out=turns)
-    turns *= TAU
-    q += turns
-    return q

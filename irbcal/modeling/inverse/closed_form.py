@@ -133,7 +133,8 @@ def nearest(arm: Arm, branches: Branches, near: ArrayLike, limits: bool = True) 
     branch : ndarray of int, shape (n,)
         -1 where no branch is left.
     """
-    around = np.broadcast_to(np.asarray(near, dtype=float), (len(branches.joints), 6))[:, None, :]
+    around = np.broadcast_to(np.asarray(near, dtype=float), (len(branches.joints), 6))
+    around = np.ascontiguousarray(around.T).T[:, None, :]  # in memory as the branches are
     joints = branches.joints
     singular = branches.valid & (branches.wrist <= 1e-10)
     if singular.any():

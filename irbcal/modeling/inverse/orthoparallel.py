@@ -340,10 +340,11 @@ class OrthoParallel:
     def _upper(
         self, k1: FloatArray, k2: FloatArray, triangle: Triangle, q2: FloatArray, room: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Angle q2 into ``q2`` (..., 1 or 2, n), for the elbow as it is and to the other side; cosine, sine of q2 + q3.
+        """Angle q2, and cosine and sine of q2 + q3, for the elbow as it is and, where asked for, to the other side.
 
         With k1 and k2 of Nubiola 2011, eqs. 6.25 and 6.26, two linear equations (eqs. 6.23 and 6.24, together eq. 6.27)
-        give q2 by eq. 6.28. Room is for five arrays like the triangle's and, behind, the results.
+        give q2 by eq. 6.28, into ``q2`` (..., 1 or 2, n). Room is for five arrays like the triangle's and, behind, the
+        results.
         """
         rho2, along, across, _ = triangle
         used = 5 * (rho2.size // rho2.shape[-1])
@@ -410,7 +411,7 @@ class OrthoParallel:
 
     def wrist_angle(self, joints: ArrayLike) -> FloatArray:
         """Angle between axes 4 and 6 as lines, radians, for joints (..., 6)."""
-        q5 = self.angles(joints)[..., 4]
+        q5 = self.signs[4] * (np.asarray(joints, dtype=float)[..., 4] - self.shifts[4])
         return np.abs(q5 - np.pi * np.rint(q5 / np.pi))
 
 
@@ -432,10 +433,11 @@ def _refuse(
 def _shoulder(
     R: FloatArray, p: FloatArray, r: FloatArray, plane: FloatArray, room: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Radius of the wrist centre into ``r``, and into ``plane`` n, o, a along and across it; cosine and sine of q1.
+    """Angle q1, as its cosine and sine, for the wrist in front of axis 1; distance of its centre; n, o, a in the plane.
 
-    For the front: q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind (eq. 6.7) all signs are the other
-    ones. The first 5 rows of the room are used, of which the results are the first 2.
+    q1 is that of Nubiola 2011, section 6.1.1, eqs. 6.5 and 6.6; behind (eq. 6.7) all signs are the other ones. The
+    distance goes into ``r``, n, o, a along and across the arm's plane into ``plane``. The first 5 rows of the room are
+    used, of which the results are the first 2.
     """
     c1, s1 = room[:2]
     np.multiply(p[0], p[0], out=r)

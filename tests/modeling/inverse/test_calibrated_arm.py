@@ -1,44 +1,18 @@
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from inverse_cases import assert_solved, like_table_6_1
 from support import arm, assert_same_poses, random_robot
 
 from irbcal.errors import RobotError
-from irbcal.modeling import frames
 from irbcal.modeling.inverse import calibrated_arm, closed_form
 from irbcal.modeling.inverse.result import Method, Reason
 from irbcal.modeling.robot import Robot
 
-ROOT = Path(__file__).parents[3]
 MANY = 20_000
-
-
-def largest_error(nominal, robot):
-    q = nominal.random_joints(1000, 0)
-    return np.linalg.norm((robot.poses(q) - nominal.forward(q))[:, :3, 3], axis=1).max()
-
-
-def like_table_6_1(name, millimetres, seed=0):
-    """A level-34 robot whose nominal errors reach about so many millimetres."""
-    nominal = arm(name)
-    size = 0.1
-    for _ in range(4):
-        robot = random_robot(nominal, "34", np.random.default_rng(seed), size)
-        size *= millimetres * 1e-3 / largest_error(nominal, robot)
-    return nominal, robot
-
-
-def assert_solved(robot, result, T, rows=slice(None), tolerance=1e-9):
-    assert result.converged[rows].all()
-    assert_same_poses(robot.poses(result.joints[rows]), T[rows], tolerance, tolerance)
-    assert (result.reason[rows] == Reason.CONVERGED).all()
-    assert (result.method[rows] != Method.NONE).all()
 
 
 @pytest.mark.parametrize("millimetres", [1.2, 2.4, 3.9])
@@ -180,36 +154,6 @@ def test_result_of_a_pose_does_not_depend_on_its_neighbours():
         assert_same_poses(robot.poses(alone.joints), robot.poses(together.joints[part]), 3e-10, 3e-10)
 
 
-@pytest.mark.parametrize("seeded", [False, True])
-def test_poses_that_are_done_stay_as_they_are(monkeypatch, seeded):
-    """Whether they are taken out at once or go along until the others are done, when some of them stalled."""
-    nominal, robot = like_table_6_1("irb120", 3.9)
-    q = nominal.random_joints(4_000, 8)
-    T = robot.poses(q)
-    branch = {"seed": q} if seeded else {"configuration": closed_form.configuration(nominal, q)}
-    found = []
-    for most in (0.0, 1.0):
-        monkeypatch.setattr(calibrated_arm, "MOST", most)
-        found.append(calibrated_arm.solve(robot, nominal, T, **branch, thorough=False))
-    along, out = found
-    assert 10 < (out.method == Method.NEWTON).sum() < 1_000
-    assert (along.method == out.method).all()
-    assert (along.iterations == out.iterations).mean() > 0.999
-    assert np.nanmax(np.abs(along.joints - out.joints)) < 1e-6
-    assert (np.isnan(along.joints) == np.isnan(out.joints)).all()
-
-
-def test_the_better_of_two_iterations_is_kept():
-    q, errors = np.arange(12.0).reshape(2, 6, 1), np.array([[1e-3], [1e-2]])
-    for better in (True, False):
-        state = calibrated_arm._State(1)
-        now, before = ((q[k], errors[k], 2 * errors[k]) for k in (0, 1))
-        state.keep(np.array([0]), np.array([True]), np.array([better]), now, before, 3)
-        assert (state.q == q[0 if better else 1]).all()
-        assert state.position[0] == 0.5 * state.rotation[0] == errors[0 if better else 1, 0]
-        assert state.iterations[0] == 3
-
-
 def test_poses_of_which_none_can_be_used():
     nominal, robot = like_table_6_1("irb1600", 1.2)
     T = np.full((3, 4, 4), np.nan)
@@ -218,6 +162,16 @@ def test_poses_of_which_none_can_be_used():
     assert (result.iterations == 0).all()
     assert np.isnan(result.joints).all()
     calibrated_arm.solve(robot, nominal, nominal.forward(np.zeros((3, 6))), seed=np.full(6, np.nan))
+
+
+def test_limits_of_many_turns():
+    """Joints of many turns are found; as seeds they would look like degrees."""
+    nominal, robot = like_table_6_1("irb1600", 2.4)
+    wide = replace(nominal, lower=np.full(6, -40.0), upper=np.full(6, 40.0))
+    q = nominal.random_joints(200, 11)
+    q[:, 4] = 1e-6
+    T, branch = robot.poses(q), closed_form.configuration(nominal, q)
+    assert_solved(robot, calibrated_arm.solve(robot, wide, T, configuration=branch), T)
 
 
 def test_shapes_are_refused():
@@ -260,40 +214,3 @@ def test_any_pose_of_any_robot(part, name, seed, size):
     result = calibrated_arm.solve(robot, nominal, T, configuration=branch)
     assert_solved(robot, result, T)
     assert result.branch_kept.all()
-
-
-def test_fixed_point_history_and_its_table():
-    nominal, robot = like_table_6_1("irb1600", 2.4)
-    q = nominal.random_joints(1000, 7)
-    T = nominal.forward(q)
-    position, rotation = calibrated_arm.fixed_point_history(robot, nominal, T, closed_form.configuration(nominal, q), 3)
-    calibrated = robot.poses(closed_form.into_limits(nominal, q)[0])
-    assert position[0] == pytest.approx(np.linalg.norm((calibrated - T)[:, :3, 3], axis=1), abs=1e-8)
-    assert rotation[0] == pytest.approx(frames.rotation_distance(calibrated[:, :3, :3], T[:, :3, :3]), abs=1e-8)
-    assert np.nanmedian(position[2]) < 1e-2 * np.nanmedian(position[1]) < 1e-3 * np.nanmedian(position[0])
-    run = subprocess.run(
-        [sys.executable, str(ROOT / "scripts" / "table_6_1"), "--poses", "300"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    rows = [line for line in run.stdout.splitlines() if line.startswith(("| 1 | position", "| 3 | position"))]
-    assert "| 1.176 |" in rows[0]
-    assert "| 3.881 |" in rows[1]
-
-
-@pytest.mark.parametrize("one_round", [10, 12])
-def test_slow_poses_of_all_blocks_go_on_together(monkeypatch, one_round):
-    """Of an arm far from the nominal one some poses need more iterations than one round has, which 10 just end."""
-    monkeypatch.setattr(calibrated_arm, "FIXED_POINT_ITERATIONS", one_round)
-    nominal = arm()
-    rng = np.random.default_rng(1)
-    columns = ("alpha", "a", "theta", "d", "beta")
-    changes = {name: getattr(nominal.table, name) + 0.012 * rng.uniform(-1.0, 1.0, 6) for name in columns}
-    robot = Robot(nominal.with_table(replace(nominal.table, **changes)))
-    q = 0.5 * nominal.random_joints(300, 3)
-    T = robot.poses(q)
-    result = calibrated_arm.solve(robot, nominal, T, configuration=closed_form.configuration(nominal, q))
-    assert_solved(robot, result, T)
-    slow = result.iterations[result.method == Method.FIXED_POINT] > one_round
-    assert slow.sum() > 10
