@@ -25,7 +25,7 @@ from fuzzing import commands, corpus, kill, run  # noqa: E402
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="needs Linux")
 
-CASES = 200
+CASES = 120
 WITHOUT = {"calibrate", "plan", "joints", "report", "simulate"}
 """Commands that compute for long: the script has them."""
 
