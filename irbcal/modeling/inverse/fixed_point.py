@@ -145,10 +145,10 @@ class FixedPoint:
         """The iteration of Nubiola 2011, Figure 6.2, for a block, until few poses are left: those, or None.
 
         Next fake targets are products of transforms (`_next_fake`) at first, which undoes what base, tool or one joint
-        are turned by. Where that is less than `SUMS` they are sums from then on, of the fake target and of what the
-        columns of the tip lack: the error shrinks by no less than that turn in each iteration, for a tenth of the
-        arithmetic. Such a fake target is nearly a rigid transform; the closed form takes it as it is. Whether they are
-        sums is returned, and told as ``again`` for the poses that are left.
+        are turned by. Where that is less than `SUMS` for all poses of the block, they are sums from then on, of the
+        fake target and of what the columns of the tip lack: the error shrinks by no less than that turn in each
+        iteration, for a tenth of the arithmetic. Such a fake target is nearly a rigid transform; the closed form takes
+        it as it is. Whether they are sums is returned, and told as ``again`` for the poses that are left.
         """
         index, signs, last, H, fake, q = work
         first, sums = again is None, bool(again)
@@ -200,6 +200,8 @@ def history(
     robot: Robot, nominal: Arm, T_base_tip: FloatArray, configuration: ArrayLike, iterations: int
 ) -> tuple[FloatArray, FloatArray]:
     """Errors of the fixed point alone, iteration by iteration (Nubiola 2011, Table 6.1).
+
+    All fake targets are products, as in the thesis; a solution may take sums from the second on (`FixedPoint.run`).
 
     Parameters
     ----------
