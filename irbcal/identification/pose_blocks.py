@@ -83,6 +83,7 @@ def cut(
     none = np.zeros((0, 0))
 
     def block(q: FloatArray, frames: IntArray | slice, at: IntArray) -> PoseBlock:
+        """The points ``at`` (t, f) of ``points``, at these frames of ``q``."""
         flat = at.ravel()
         turned = np.flatnonzero(oriented[flat])
         return PoseBlock(

@@ -14,7 +14,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
-from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
+from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
@@ -72,11 +72,11 @@ def solve(
         raise RobotError(f"seed joints need shape ({joints},) or ({n}, {joints}), found {seed.shape}")
     seed = np.broadcast_to(seed, (n, joints))
     H = pose_columns(T)
-    usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0) & has_last_row(T)
+    good_pose = usable(T, H)
     good_seed = np.isfinite(seed).all(axis=1)
     chain = newton.CalibratedChain(robot, reach(nominal))
     search = _Search(chain, nominal, H, seed, position, rotation)
-    todo = np.flatnonzero(usable & good_seed)
+    todo = np.flatnonzero(good_pose & good_seed)
     with np.errstate(invalid="ignore", over="ignore"):
         search.run(todo, seed[todo][None])
         if thorough:
@@ -92,7 +92,8 @@ def solve(
             for _ in parallel.threads(again, blocks, START_S * STARTS * len(left)):
                 pass
     reason = np.full(n, Reason.NOT_FOUND)
-    reason[~good_seed], reason[~usable], reason[search.converged] = Reason.BAD_SEED, Reason.NOT_A_POSE, Reason.CONVERGED
+    reason[~good_seed], reason[~good_pose] = Reason.BAD_SEED, Reason.NOT_A_POSE
+    reason[search.converged] = Reason.CONVERGED
     return InverseResult(
         joints=np.where(search.converged[:, None], search.q, np.nan),
         converged=search.converged,

@@ -21,7 +21,7 @@ from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
 from irbcal.modeling.inverse.fixed_point import FixedPoint, State, Work
 from irbcal.modeling.inverse.orthoparallel import TAU
-from irbcal.modeling.inverse.poses import check_poses, has_last_row, is_rotation, pose_columns
+from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
@@ -151,10 +151,10 @@ class _Solver:
         for start in range(0, n, BLOCK):
             block = slice(start, min(start + BLOCK, n))
             H = pose_columns(T[block])
-            usable = is_rotation(H.reshape(12, -1)) & np.isfinite(H[3]).all(axis=0) & has_last_row(T[block])
-            bad_pose[block] = ~usable
-            todo = np.flatnonzero(usable & ~bad_seed[block])
-            H = H if len(todo) == len(usable) else np.take(H, todo, axis=-1)
+            good_pose = usable(T[block], H)
+            bad_pose[block] = ~good_pose
+            todo = np.flatnonzero(good_pose & ~bad_seed[block])
+            H = H if len(todo) == len(good_pose) else np.take(H, todo, axis=-1)
             todo += start
             first = np.full(len(todo), np.inf)
             work = Work(todo, branch_signs(branch[todo]), first, H, H, None if near is None else near[:, todo])

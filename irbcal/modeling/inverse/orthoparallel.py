@@ -232,12 +232,11 @@ class OrthoParallel:
             np.add(first, side, out=first)
             self._joint(3, first)
             _half_turn(first, second, rows[:2])
+        np.subtract(nothing, left[4], out=right[4])
+        self._joint(4, right[4])
         for joint in (1, 4, 5):
             np.add(left[joint], nothing, out=left[joint])
-        np.multiply(left[4], -1.0, out=right[4])
-        for joint in (1, 4, 5):
             self._joint(joint, left[joint])
-        self._joint(4, right[4])
         right[1:3] = left[1:3]
         _half_turn(left[5], right[5], rows[:4].reshape(2, 2, n))
         return r, margins[:, 0]
@@ -372,9 +371,9 @@ class OrthoParallel:
 
     # ------------------------------------------------------------------ about joints
 
-    def angles(self, joints: ArrayLike) -> FloatArray:
-        """The thesis's angles q (n, ..., 6) of joint angles, radians; not reduced to a turn."""
-        return (np.asarray(joints, dtype=float) - self.shifts) * self.signs
+    def angle(self, joints: ArrayLike, joint: int) -> FloatArray:
+        """The thesis's angle q (...) of a joint, counted from 0, for joints (..., 6), radians; not within a turn."""
+        return np.asarray((np.asarray(joints, dtype=float)[..., joint] - self.shifts[joint]) * self.signs[joint])
 
     def configuration(self, joints: ArrayLike) -> IntArray:
         """Branch that joint angles lie in.
@@ -391,8 +390,7 @@ class OrthoParallel:
         """
         joints = np.asarray(joints, dtype=float)
         bent = self.signs[2] * (joints[..., 2] - self._bend)  # angle of the forearm from the upper arm
-        flipped = self.signs[4] * (joints[..., 4] - self.shifts[4])
-        down, flip = (angle - TAU * np.rint(angle * (1.0 / TAU)) < 0 for angle in (bent, flipped))
+        down, flip = (q - TAU * np.rint(q * (1.0 / TAU)) < 0 for q in (bent, self.angle(joints, 4)))
         return branch_number(self.radius(joints) < 0, down, flip)
 
     def radius(self, joints: ArrayLike) -> FloatArray:
@@ -400,18 +398,14 @@ class OrthoParallel:
 
         The bracket of Nubiola 2011, eq. 6.4.
         """
-        joints = np.asarray(joints, dtype=float)
-        q = aligned(2, *joints.shape[:-1])
-        for k, joint in enumerate((1, 2)):
-            np.multiply(joints[..., joint] - self.shifts[joint], self.signs[joint], out=q[k, ...])
-        q[1] += q[0]
-        (_, c23), (s2, s23) = cos_sin(q)
+        q2, q3 = self.angle(joints, 1), self.angle(joints, 2)
+        (_, c23), (s2, s23) = cos_sin(np.stack([q2, q2 + q3]))
         radius = self.a2 + self.a3 * s2 + self.d4 * c23
         return np.asarray(radius + self.a4 * s23 if self.a4 else radius)
 
     def wrist_angle(self, joints: ArrayLike) -> FloatArray:
         """Angle between axes 4 and 6 as lines, radians, for joints (..., 6)."""
-        q5 = self.signs[4] * (np.asarray(joints, dtype=float)[..., 4] - self.shifts[4])
+        q5 = self.angle(joints, 4)
         return np.abs(q5 - np.pi * np.rint(q5 / np.pi))
 
 

@@ -49,6 +49,11 @@ def has_last_row(T: FloatArray, room: FloatArray | None = None) -> BoolArray:
     return np.asarray(np.maximum.reduce(np.abs(off, out=off), axis=0) <= ROTATION_TOLERANCE)
 
 
+def usable(T: FloatArray, columns: FloatArray) -> BoolArray:
+    """Whether poses (n, 4, 4), whose `pose_columns` are given, too, are finite rigid transforms: a mask (n,)."""
+    return is_rotation(columns.reshape(12, -1)) & np.isfinite(columns[3]).all(axis=0) & has_last_row(T)
+
+
 def pose_columns(T: FloatArray, out: FloatArray | None = None) -> FloatArray:
     """Columns x, y, z and origin (4, 3, n) of poses (n, 4, 4), into ``out`` where it is given."""
     columns = T[:, :3].transpose(2, 1, 0)
