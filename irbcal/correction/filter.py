@@ -300,9 +300,9 @@ def filter_program(
     refuse_filtered(program)
     alone = []
     for goals in _of_arm(program, nominal):
-        fake = _fake_targets(robot, nominal, goals, controller)
-        alone.append((goals, _refused(fake, program.refused(goals, fake))))
+        alone.append((goals, _fake_targets(robot, nominal, goals, controller)))
     found, program, left, last_moves = _in_course(robot, nominal, program, alone, controller, speeds)
+    found = [(goals, _writable(program, nominal, goals, fake)) for goals, fake in found]
     names: list[str] = []
     for goals, fake in found:
         names += [goals.names[k] for k in np.flatnonzero(fake.ok)]
@@ -422,6 +422,16 @@ def _fake_targets(robot: Robot, nominal: Arm, goals: Goals, controller: Arm | No
     found = correct_poses(robot, nominal, goals.values, seed, branch, controller)
     reason = "its configuration data fit no solution of the robot within the joint limits"
     return _refused(found, ["" if known else reason for known in told])
+
+
+def _writable(program: Program, nominal: Arm, goals: Goals, fake: Corrected) -> Corrected:
+    """Corrections without those that would write another configuration of the arm, or that the language refuses."""
+    kept = _refused(fake, program.refused(goals, fake))
+    if goals.kind == "joint" or not closed_form.has_closed_form(nominal):
+        return kept
+    before, after = (closed_form.configuration(nominal, np.nan_to_num(q)) for q in (kept.q_nominal, kept.q))
+    changed = kept.ok & (before != after)
+    return _refused(kept, [*np.where(changed, "its correction would need another configuration of the arm", "")])
 
 
 def _refused(found: Corrected, reasons: Sequence[str]) -> Corrected:

@@ -174,18 +174,6 @@ class MakerProgram(TextProgram):
         pairs = zip(targets, self.postures(q), strict=True)
         return [posture if target.configuration_spans else None for target, posture in pairs]
 
-    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
-        """Corrections with which the arm would stand in another posture, turns aside."""
-        out = [""] * len(goals.names)
-        if goals.kind == "joint":
-            return out
-        rows = np.flatnonzero(fake.ok)
-        for row, new in zip(rows.tolist(), self.postures(fake.q[rows]), strict=True):
-            old = self.targets[int(goals.numbers[row])].configuration
-            if new is not None and isinstance(old, Posture) and old.whole and new[:3] != old[:3]:
-                out[row] = "its correction would need another configuration of the arm"
-        return out
-
     def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
         """New text of numbers and configurations."""
         out: list[Edit] = []

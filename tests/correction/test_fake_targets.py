@@ -8,8 +8,10 @@ from irbcal.cell.demonstration import demonstration_cell
 from irbcal.correction.fake_targets import correct_joints, correct_poses
 from irbcal.files import robots
 from irbcal.measurement.points import distances
-from irbcal.modeling import frames
+from irbcal.modeling import frames, parameters
 from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.robot import Robot
 
 
 @pytest.mark.parametrize("name", ["irb1600", "irb120"])
@@ -40,6 +42,20 @@ def test_fake_poses_keep_the_configuration_that_is_meant():
     assert (closed_form.configuration(nominal, found.q[found.ok]) == branch[found.ok]).all()
     seeded = correct_poses(robot, nominal, T, seed=q)
     assert np.abs(seeded.q_nominal[seeded.ok] - q[seeded.ok]).max() < 1e-6, "turns are those of the seed"
+
+
+def test_no_correction_flips_the_wrist():
+    """Joint 5 is 2e-3 rad off: poses nearer to its zero would need it on the other side, with small joint changes."""
+    nominal = arm()
+    offset = [p for p in parameters.level_parameters("34", nominal) if p.name == "delta_theta5"]
+    table, joint_map = parameters.apply(offset, np.array([2e-3]), nominal.table, JointMap(np.zeros(6)))
+    q = np.tile([0.2, 0.3, -0.1, 0.4, 0.0, 0.5], (40, 1))
+    q[:, 4] = np.linspace(-3.95e-3, 3.95e-3, 40)
+    branch = closed_form.configuration(nominal, q)
+    found = correct_poses(Robot(nominal.with_table(table), joint_map), nominal, nominal.forward(q), q, branch)
+    crosses = (q[:, 4] > 0) & (q[:, 4] < 2e-3)
+    assert (found.ok == ~crosses).all()
+    assert all("another configuration" in reason for reason in found.reason[crosses])
 
 
 def test_targets_out_of_reach_are_left_with_a_reason():

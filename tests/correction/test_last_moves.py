@@ -10,6 +10,10 @@ from support import arm, random_robot
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import rapid, table
 from irbcal.modeling import frames
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import families
+from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.modeling.terms.term_map import TermMap
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +145,20 @@ def test_of_many_targets_reached_from_two_sides_the_worst_are_named(robot):
     apart = [float(text.split("up to ")[1].split(" mm")[0]) for text in notes]
     assert apart == sorted(apart, reverse=True)
     assert notes[-1].startswith("so are 2 more targets")  # all but the first and the last
+
+
+def test_a_last_move_never_flips_the_wrist(robot):
+    nominal = arm("irb120")
+    only_fifth = [t for t in families()["direction"].terms(nominal) if t.joint == 4]
+    terms = TermMap(nominal, tuple(only_fifth), np.full(len(only_fifth), -2e-4))
+    leaning = Robot(nominal, TermJointMap(terms))
+    q = joints(8)
+    q[:, 4] = np.tile([5e-5, 0.3], 4)  # joint 5 comes down to nearly zero, where the last move asks for less
+    found = filter_program(leaning, nominal, module(q, [f"p{k}" for k in range(8)]), "abc")
+    flipped = [f"p{k}" for k in range(2, 8, 2)]
+    assert [left.target for left in found.left] == flipped
+    assert all("another configuration" in left.reason for left in found.left)
+    assert (found.q[:, 4] > 0).all()
 
 
 def joint_alone(robot, q):

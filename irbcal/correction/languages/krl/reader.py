@@ -82,7 +82,7 @@ def _values_first(statements: Statements, data: Data, lines: list[Line]) -> list
 
 def _is_value(line: Line, data: Data) -> bool:
     """Whether a line gives a value to a variable that is declared, to one of its components, or to a numbered frame."""
-    if line.next.kind != "name" or line.word() in ("$tool", "$base"):
+    if line.next.kind != "name" or line.word() in ("$tool", "$base", "fdat_act"):
         return False
     name = line.word()
     line.at = 1

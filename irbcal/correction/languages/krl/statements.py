@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.course import Course, State
-from irbcal.correction.languages.krl.data import POSE, Data, Variable, aggregate, target
+from irbcal.correction.languages.krl.data import POSE, Aggregate, Data, Variable, aggregate, target
 from irbcal.correction.languages.krl.tokens import END, Line, names_in
 from irbcal.correction.languages.krl.writing import KUKA
 from irbcal.correction.listing import Listing
@@ -23,6 +23,11 @@ CLOSE = ("endif", "endswitch", "endfor", "endwhile", "until", "endloop")
 ROUTINE = ("def", "deffct", "defdat", "end", "endfct", "enddat")
 NULLFRAME = "0"
 KNOWN = ("wait", "continue", "bas", "pulse", "halt", "return", "ini", "user_msg")
+TAKES_FDAT = ("#frames", "#ptp_params", "#cp_params")
+"""Commands of ``BAS`` that set tool and base from ``FDAT_ACT``."""
+NO_FRAMES = tuple("#acc_cp #acc_glue #acc_ptp #vel_cp #vel_ptp #cp_dat #ptp_dat #group #out_sync #out_async".split())
+"""Commands of ``BAS`` that leave tool and base."""
+FIXED_TOOL = "the tool is fixed and the part on the robot (#TCP)"
 
 
 class Statements:
@@ -51,7 +56,9 @@ class Statements:
         self.tools: dict[str, FloatArray] = {}
         self.frames: dict[str, FloatArray] = {}
         self.notes: list[tuple[int, str]] = []
-        self._fdat: str | None = None
+        self._fdat: State | None = None
+        self._fdat_taken = True
+        self._before_spline = State()
         self._called = False
         self._mentioned: list[tuple[Token, int]] = []
 
@@ -66,51 +73,99 @@ class Statements:
             self._mention(line.tokens[1:], line.part)
         elif word in ROUTINE:
             self.course.restart()
-            self._fdat = None
+            self._forget_fdat()
         elif word in (*OPEN, *LOOPS):
             self._mention(line.tokens, line.part)
             if word in ("spline", "ptp_spline"):
+                self._before_spline = self.course.state
                 self._with(line, self.course.state, lasting=True)
             else:
                 self.course.open(word in LOOPS)
+                self._forget_fdat()
         elif word in ALTERNATIVE:
             self.course.alternative()
+            self._forget_fdat()
         elif word in CLOSE:
             self.course.close(line.start)
+            self._forget_fdat()
+        elif word == "endspline":
+            if self.course.state != self._before_spline:
+                why = f"the spline block that ends in line {self.listing.line(line.start)} has its own tool or base"
+                self.course.state = State(None, None, why)
         elif word in ("goto", "interrupt", "return", "halt") or (line.word(1) == ":" and len(line.tokens) == 2):
             self.course.forget()
             if line.word(1) == ":" and len(line.tokens) == 2:
                 self.course.state = State(None, None, f"the label in line {self.listing.line(line.start)} is jumped to")
+                self._forget_fdat()
         elif word == "bas" and line.word(1) == "(":
             self._bas(line)
         else:
             self._assignment(line)
 
     def _bas(self, line: Line) -> None:
-        """``BAS(#TOOL,n)``, ``BAS(#BASE,n)``, ``BAS(#FRAMES)``; ``BAS(#INITMOV,…)`` leaves nothing known."""
-        what, n = line.word(2), line.word(4)
+        """What ``BAS`` does to tool and base, as KUKA's bas.src has it.
+
+        ``#FRAMES``, ``#PTP_PARAMS`` and ``#CP_PARAMS`` set both from ``FDAT_ACT``; ``#INITMOV`` sets both to what the
+        version of the controller says, so that they count as those before the first of the program.
+        """
+        command, n = line.word(2), line.word(4)
         plain = n if n.isdecimal() and line.word(5) == ")" else None
-        why = f"BAS in line {self.listing.line(line.start)} computes the tool or base"
-        if what == "#tool":
-            self.course.tool(plain, why)
-        elif what == "#base":
-            self.course.frame(plain, why)
-        elif what == "#frames" and self._fdat is not None:
-            self.course.state = self._of_fdat(line.part, self._fdat)
+        where = self.listing.line(line.start)
+        computed = f"BAS in line {where} computes the tool or base"
+        if command == "#tool":
+            self.course.tool(plain, computed)
+        elif command == "#base":
+            self.course.frame(plain, computed)
+        elif command == "#ex_base":
+            self.course.frame(None, f"BAS in line {where} ties the base to an external axis")
+        elif command in TAKES_FDAT:
+            why = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"
+            self.course.state = self._fdat or State(None, None, why)
+            self._fdat_taken = True
+        elif command == "#initmov":
+            self.course.state = State()
+        elif command not in NO_FRAMES:
+            self.course.state = State(None, None, computed)
+
+    def _forget_fdat(self) -> None:
+        """``FDAT_ACT`` may have another value from here on."""
+        self._fdat, self._fdat_taken = None, True
+
+    def _checked_fdat(self, state: State) -> State:
+        """Tool and base of a move; unknown where ``FDAT_ACT`` names others and no ``BAS`` has taken it."""
+        fdat = self._fdat
+        if fdat is None or self._fdat_taken or (fdat.tool, fdat.frame) == (state.tool, state.frame):
+            return state
+        names = f"tool {fdat.tool} and base {fdat.frame}"
+        return State(None, None, fdat.why or f"FDAT_ACT names {names}, but no BAS sets them before the move")
 
     def _of_fdat(self, part: int, name: str) -> State:
-        """Tool and base of an inline form's data."""
+        """Tool and base of the frame data of an inline form."""
         variable = self.data.lookup(part, name)
         if variable is None or len(variable.entries) != 1 or variable.changes:
             return State(None, None, f"the frame data {name.upper()} are not in these files")
-        values = variable.entries[0][1].values
+        return self._of_frame_data(variable.entries[0][1], name.upper())
+
+    def _of_frame_data(self, data: Aggregate, name: str) -> State:
+        values = data.values
         numbers = [values[key].number for key in ("tool_no", "base_no") if key in values]
         if "ipo_frame" in values and values["ipo_frame"].text.strip().lower() != "#base":
-            return State(None, None, f"{name.upper()} says that the tool is fixed and the part on the robot (#TCP)")
+            return State(None, None, f"{name} says that {FIXED_TOOL}")
         plain = [str(int(number.value)) for number in numbers if number is not None and number.value % 1 == 0]
         if len(plain) < 2:
-            return State(None, None, f"the frame data {name.upper()} name no tool or base")
+            return State(None, None, f"the frame data {name} name no tool or base")
         return State(*plain)
+
+    def _set_fdat(self, line: Line) -> None:
+        """A value of ``FDAT_ACT``: frame data by their name, or in braces."""
+        self._fdat_taken = False
+        in_braces = aggregate(line, self.listing)
+        if in_braces is not None:
+            self._fdat = self._of_frame_data(in_braces, f"in line {self.listing.line(line.start)}")
+        elif line.next.kind == "name" and line.at + 1 == len(line.tokens):
+            self._fdat = self._of_fdat(line.part, line.word())
+        else:
+            self._fdat = State(None, None, f"FDAT_ACT is computed in line {self.listing.line(line.start)}")
 
     def _assignment(self, line: Line) -> None:
         """An assignment, or any other statement."""
@@ -126,6 +181,10 @@ class Statements:
             self._assigned(line, first, index)
             return
         variable = self.data.lookup(line.part, first.word)
+        if member and first.word == "fdat_act":
+            self._fdat = State(None, None, f"a part of FDAT_ACT is set in line {self.listing.line(line.start)}")
+            self._fdat_taken = False
+            return
         if member and variable is not None and line.word(2) == "=":
             variable.changes.append(first.start)
             self._mention(tokens[line.at :], line.part)
@@ -145,8 +204,12 @@ class Statements:
             why = f"{word.upper()} is computed in line {self.listing.line(first.start)}"
             (self.course.tool if word == "$tool" else self.course.frame)(name, why)
             return
+        if word == "$ipo_mode":
+            if any(token.word == "#tcp" for token in line.tokens):
+                self.course.state = State(None, None, FIXED_TOOL)
+            return
         if word == "fdat_act":
-            self._fdat = line.word() if line.next.kind == "name" else None
+            self._set_fdat(line)
             return
         if word in ("tool_data", "base_data") and index:
             one = aggregate(line, self.listing)
@@ -219,7 +282,7 @@ class Statements:
                 line.at = k + 2
                 if token.word == "$ipo_mode":
                     fixed = any(name.word == "#tcp" for name in tokens[k:])
-                    state = State(None, None, "the tool is fixed and the part on the robot (#TCP)") if fixed else state
+                    state = State(None, None, FIXED_TOOL) if fixed else state
                     continue
                 name = self._frame_value(line, token.word == "$tool")
                 why = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
@@ -232,7 +295,8 @@ class Statements:
     def _move(self, line: Line, name: str) -> None:
         """The points of a move."""
         ends = [k for k, token in enumerate(line.tokens) if token.word == "with"]
-        state = self._with(line, self.course.state) if ends else self.course.state
+        state = self._checked_fdat(self.course.state)
+        state = self._with(line, state) if ends else state
         line.at = 1
         roles: tuple[Role, ...] = ("via", "to") if name in ("CIRC", "SCIRC") else ("to",)
         goal: Found | None = None

@@ -171,6 +171,28 @@ def test_what_can_be_corrected(robots, body):
     assert len(found.targets) >= 1
 
 
+def test_inline_forms_are_corrected_with_the_tool_of_their_point(robots):
+    nominal, robot, _ = robots
+    q = well_inside(nominal, 6)
+    tools = {"1": frames.transform(None, [0.0, 0.0, 0.4]), "2": TOOL}
+    src, dat = ["DEF job()", "BAS(#INITMOV,0)", "$TOOL=TOOL_DATA[1]", "$BASE=$NULLFRAME"], ["DEFDAT job"]
+    for k, numbers in enumerate(pose_numbers(nominal.forward(q) @ TOOL, ZYX)):
+        s, t = status_and_turn(nominal, q[k])
+        dat.append(f"DECL E6POS XP{k}={{{text(numbers)},S {s},T {t}}}")
+        dat.append(f"DECL FDAT FP{k}={{TOOL_NO 2,BASE_NO 0,IPO_FRAME #BASE}}")
+        kind, move = ("P", "PTP") if k % 2 else ("L", "LIN")
+        src += [f"{kind}DAT_ACT={kind}CDAT{k}", f"FDAT_ACT=FP{k}"]
+        src += [f"BAS(#{'PTP' if k % 2 else 'CP'}_PARAMS,10)", f"{move} XP{k}"]
+    config = "DEFDAT $CONFIG\nDECL FDAT FDAT_ACT={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}\nENDDAT\n"
+    files = {"job.src": "\n".join([*src, "END", ""]), "job.dat": "\n".join([*dat, "ENDDAT", ""]), "$config.dat": config}
+    found = corrected(robot, nominal, parsed(robots, files, tools=tools))
+    assert found.left == ()
+    new = read_back(found.files["job.dat"])
+    T = poses([new[f"XP{k}"][0] for k in range(6)], ZYX) @ frames.inverse(TOOL)
+    assert_same_poses(T, nominal.forward(found.q), 2e-8, 2e-7)
+    assert_same_poses(robot.poses(found.q), nominal.forward(q), 2e-7, 2e-7)
+
+
 def test_missing_tools_are_named(robots):
     with pytest.raises(ProgramError, match=r"job.src: line 6: .* uses the tool 1.*--tool 1=… \(also: --frame 2=\)"):
         parsed(robots, {"job.src": f"{HEAD}LIN {P}\nEND\n"})
