@@ -171,6 +171,14 @@ def test_places_that_were_measured_before_prove_nothing(earlier, tmp_path):
     assert sum("@" in name for name in np.array(record.points.target)[record.points.heldout]) == 15
 
 
+def test_the_first_new_pose_can_be_held_out_like_the_others(earlier, tmp_path):
+    folder, robots = earlier
+    record = irbcal.calibrate(new_file(robots, tmp_path / "new.csv"), with_=folder, holdout=9).record
+    first = arm().random_joints(12, 31)[0]
+    assert record.poses_heldout == 9
+    assert np.abs(record.used_points(True)[0].q - first).max(axis=1).min() < 1e-9  # the seed draws it
+
+
 def test_what_is_refused(earlier, tmp_path):
     folder, robots = earlier
     new = new_file(robots, tmp_path / "new.csv")

@@ -13,6 +13,7 @@ from irbcal.errors import CalibrationError
     [
         (("robot", "dhm_calibrated", 1, "a_mm"), 60_000.0),
         (("robot", "dhm_nominal", 1, "alpha_deg"), 1e308),
+        (("robot", "dhm_nominal", 1, "theta_deg"), 2e4),
         (("robot", "base_to_frame0", 0, 3), 1e308),
         (("robot", "upper", 2), 1e308),
         (("joint_origins", 0, "calibrated", "xyz_m", 0), 51.0),

@@ -12,6 +12,8 @@ from irbcal.identification.explained import explain
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.warm_up import WarmUp
 
 MM = 1e-3
 NOISE = 1e-5
@@ -85,6 +87,18 @@ def test_warmth_is_told_apart_from_use():
     assert last.timed < 3 * NOISE
     assert last.mean > 2 * last.timed
     assert all(stage.timed is None for stage in stages[: stages.index(last)])
+
+
+def test_the_time_constant_of_the_warm_up_is_found():
+    """A quarter of the measurement: evidence rises from half of it to there, and falls beyond."""
+    truth, rng = Truth(["gravity"], scale=1.0), np.random.default_rng(5)
+    motion = Motion.in_order(truth.nominal.random_joints(150, 3))
+    span = float(np.ptp(motion.elapsed))
+    warm = WarmUp(0.25 * span, span).terms(truth.nominal)
+    values = [*truth.map.coefficients, *(term.size * rng.standard_normal() for term in warm)]
+    truth.map = TermMap(truth.nominal, (*truth.map.terms, *warm), np.array(values))
+    points = replace(truth.measured(motion, NOISE, 3), previous=motion.q - motion.moves)
+    assert identify_averaged(truth.nominal, points, motion).evidence.tau == pytest.approx(0.25 * span)
 
 
 def test_nothing_held_out_leaves_the_poses_that_are_left_out_one_at_a_time(weighed):
