@@ -365,14 +365,16 @@ class Record(Section):
         return matrix_of(self.covariance)
 
     def _certainty(self, robot: Robot) -> Certainty:
-        nominal, listed = self.arm(calibrated=False), {row.name: row for row in self.parameters}
+        nominal = self.arm(calibrated=False)
+        listed = {row.name for row in self.parameters}
         terms: dict[str, Term] = {}
         if isinstance(robot.joint_map, TermJointMap):
             terms = {term.name: term for term in robot.joint_map.terms.terms}
         if robot.frame_terms is not None:
             terms |= {term.name: term for term in robot.frame_terms.terms}
         known = {name: term_of(parameter(name), nominal) for name in listed if name in all_names(nominal)} | terms
-        names = [name for name in listed if name in known]
+        # row by row, as the columns of the covariance are: terms of two families may be the same function
+        rows = [row for row in self.parameters if row.name in known]
         factor = dict(UNIT_OUTSIDE.values())
         section, evidence = self.certainty, self.evidence
         loo, fifths, ranges = {}, {}, None
@@ -384,10 +386,10 @@ class Record(Section):
             ranges = robot.joint_map.ranges
         return Certainty(
             nominal=nominal,
-            terms=tuple(known[name] for name in names),
+            terms=tuple(known[row.name] for row in rows),
             covariance=self.covariance_matrix(),
             free_targets=tuple(name for name in robot.targets if f"target_{name}_x" in listed),
-            coefficients=np.array([listed[name].value * factor.get(listed[name].unit, 1.0) for name in names]),
+            coefficients=np.array([row.value * factor.get(row.unit, 1.0) for row in rows]),
             loo=in_metres(loo),
             loo_blocks=in_metres(fifths),
             ranges=ranges,

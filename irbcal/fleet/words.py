@@ -30,7 +30,7 @@ _TERM = re.compile(r"[a-z]+(\d+)(?:\+\d+)* (\S+)")
 
 HIGHEST = 6
 """Cycles per turn up to which a wave is compared: which higher ones a model has is chance from fit to fit."""
-_WAVE = re.compile(r"[a-z]+[0-9+]+ (?:sin|cos) (\d+)")
+_WAVE = re.compile(r"[a-z]+[0-9+]+ (?:sin|cos) (\d+)(?: \w+)?")
 
 
 def high_wave(name: str) -> bool:

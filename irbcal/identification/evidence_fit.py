@@ -17,7 +17,7 @@ from irbcal.identification.shown import FamilyShown
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.terms import chain
-from irbcal.modeling.terms.gear import in_words
+from irbcal.modeling.terms.gear import gear_terms, in_words
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
@@ -357,7 +357,7 @@ class EvidenceFit(Speaks):
     def amplitude(self, gear: GearFound) -> float:
         """By how much a gear turns its joint to and fro, radians."""
         by_name = {t.name: c for t, c in zip(self.terms, self.coefficients, strict=True)}
-        pair = [by_name[f"rz{gear.joint + 1} {wave} {gear.cycles_per_turn}"] for wave in ("cos", "sin")]
+        pair = [by_name[term.name] for term in gear_terms(gear.joint, gear.cycles_per_turn)]
         return float(np.hypot(*pair))
 
     def motion(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> Motion:

@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.files.calibration_folder import JSON_NAME
@@ -74,3 +75,21 @@ def test_files_of_earlier_versions_are_read(folder):
     robot = old.robot_calibrated()
     assert robot.certainty.ranges is None
     assert robot.certainty.loo == {}
+
+
+def test_intervals_are_as_wide_as_the_errors_where_two_families_share_a_function(tmp_path):
+    """Joint 6's series of the thesis and the harmonics are averaged: each keeps its columns of the covariance."""
+    nominal, rng = arm(), np.random.default_rng(2)
+    robot = random_robot(nominal, "34", rng)
+    points = measured(robot, nominal.random_joints(40, 2), 3e-5, rng)
+    irbcal.calibrate(write_measurements(tmp_path / "m.csv", points), "irb1600", holdout=0).save(tmp_path / "out")
+    loaded = irbcal.load(tmp_path / "out")
+    families = {term.family for term in loaded.robot_calibrated().certainty.terms}
+    assert {"thesis", "harmonics"} <= families
+    names = [row.name for row in loaded.record.parameters]
+    assert len(set(names)) == len(names)
+    q = nominal.random_joints(300, 9)
+    found = loaded.robot_calibrated().predict(q, target="smr1")
+    errors = found.position - (robot.points(q, "smr1") + 3e-5 * rng.standard_normal((300, 3)))
+    assert 0.92 <= (np.abs(errors) <= found.interval).mean() <= 0.985
+    assert np.sqrt(np.mean(found.interval**2)) < 1.5 * 1.96 * np.sqrt(np.mean(errors**2))

@@ -14,6 +14,6 @@ def test_amounts_have_the_digits_of_their_uncertainty():
 
 
 def test_high_waves_are_told_from_low_ones():
-    assert words.high_wave("rz4 cos 242")
+    assert words.high_wave("rz4 cos 242 gear")
     assert not words.high_wave("rz4 cos 2")
     assert not words.high_wave("delta_theta7")

@@ -31,6 +31,9 @@ RATE_STEP = 1e-4
 Value: TypeAlias = int | float | str | tuple[float, ...]
 """A parameter of a basis: the frequency of a harmonic, the link of a gravity term, …"""
 
+TWINS = ("thesis", "gear")
+"""Families whose terms may be the same functions as those of another family."""
+
 COEFFICIENT_KEYS = {"rad": "coefficient_rad", "m": "coefficient_m", "1": "coefficient"}
 """Unit -> key of the coefficient in JSON; other units stand in the key ``unit`` beside ``coefficient``."""
 
@@ -78,10 +81,14 @@ class Term:
 
     @property
     def name(self) -> str:
-        """Short name, unique within a model: ``rz4 cos 242`` (joints counted from 1)."""
+        """Short name, unique within a model: ``rz4 cos 3`` (joints counted from 1).
+
+        Terms of the families `TWINS` end with their family: a harmonic may be the same function.
+        """
         values = [_short(x) for x in self.parameters.values()]
         joints = "+".join(str(j + 1) for j in (self.joint, *self.also))
-        return " ".join([f"{self.axis}{joints}", self.basis, *values])
+        family = [self.family] if self.family in TWINS else []
+        return " ".join([f"{self.axis}{joints}", self.basis, *values, *family])
 
     def to_json(self, coefficient: float, std: float) -> dict[str, Any]:
         """The term with its coefficient and standard deviation (both in ``unit``) as a JSON object."""

@@ -50,7 +50,7 @@ def test_terms_are_written_and_read(term, coefficient, std):
 
 def test_json_counts_joints_from_one_and_names_the_unit():
     term = Term(3, "rz", "cos", 5e-5, "gear_4_242", "gear", parameters={"cycles_per_turn": 242})
-    assert term.name == "rz4 cos 242"
+    assert term.name == "rz4 cos 242 gear"
     entry = term.to_json(3.1e-5, 4e-6)
     assert list(entry)[:5] == ["joint", "axis", "basis", "cycles_per_turn", "coefficient_rad"]
     assert (entry["joint"], entry["coefficient_rad"], entry["std"]) == (4, 3.1e-5, 4e-6)
