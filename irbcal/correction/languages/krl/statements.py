@@ -25,19 +25,17 @@ NULLFRAME = "0"
 KNOWN = ("wait", "continue", "bas", "pulse", "halt", "return", "ini", "user_msg")
 TAKES_FDAT = ("#frames", "#ptp_params", "#cp_params")
 """Commands of ``BAS`` that set tool and base from ``FDAT_ACT``."""
-NO_FRAMES = tuple(
-    [
-        "#acc_cp",
-        "#acc_glue",
-        "#acc_ptp",
-        "#vel_cp",
-        "#vel_ptp",
-        "#cp_dat",
-        "#ptp_dat",
-        "#group",
-        "#out_sync",
-        "#out_async",
-    ]
+NO_FRAMES = (
+    "#acc_cp",
+    "#acc_glue",
+    "#acc_ptp",
+    "#vel_cp",
+    "#vel_ptp",
+    "#cp_dat",
+    "#ptp_dat",
+    "#group",
+    "#out_sync",
+    "#out_async",
 )
 """Commands of ``BAS`` that leave tool and base."""
 FIXED_TOOL = "the tool is fixed and the part on the robot (#TCP)"
