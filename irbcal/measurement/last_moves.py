@@ -39,6 +39,9 @@ def last_moves(q: ArrayLike, groups: NameArray | None = None) -> FloatArray:
 def previous_stops(q: FloatArray, pose: IntArray, groups: NameArray) -> FloatArray:
     """The stop before each pose, from the order of a file's rows.
 
+    Where the robot stands still from one pose to the next (`STILL`), the next one is a repeat: it has the stop before
+    of the first, because its joints still lean to the side they came from.
+
     Parameters
     ----------
     q : ndarray, shape (n, joints)
@@ -59,6 +62,8 @@ def previous_stops(q: FloatArray, pose: IntArray, groups: NameArray) -> FloatArr
     before = np.full((len(stops), q.shape[1]), np.nan)
     same = np.r_[False, of[1:] == of[:-1]]
     before[same] = q[stops[np.flatnonzero(same) - 1]]
+    repeat = same & (np.abs(before - q[stops]) <= STILL).all(axis=1)
+    before = before[np.maximum.accumulate(np.where(repeat, 0, np.arange(len(stops))))]
     out = np.full(q.shape, np.nan)
     out[stops[::-1]] = before[::-1]  # the first stretch of each pose
     unlike = (before != out[stops]).any(axis=1)

@@ -43,3 +43,13 @@ def test_previous_stops_do_not_cross_groups_and_are_unknown_where_two_differ():
     before = previous_stops(q, np.array([0, 1, 2, 1, 3]), np.full(5, "", dtype=object))
     assert np.isnan(before[[0, 1]]).all()
     assert np.array_equal(before[[2, 3]], q[[1, 1]])
+
+
+def test_a_repeat_has_the_stop_before_of_its_first_reading():
+    q = np.radians([[0.0, 5.0], [10.0, 5.0], [10.0, 5.001], [10.0, 5.0], [4.0, 2.0], [4.0, 2.0]])
+    before = previous_stops(q, np.arange(6), np.full(6, "", dtype=object))
+    assert np.array_equal(before[1:], q[[0, 0, 0, 3, 3]])
+    groups = np.array(["a", "a", "b", "b", "b", "b"], dtype=object)
+    before = previous_stops(q, np.arange(6), groups)
+    assert np.isnan(before[[0, 2, 3]]).all()  # a repeat of a pose whose stop before is not known
+    assert np.array_equal(before[[1, 4, 5]], q[[0, 3, 3]])
