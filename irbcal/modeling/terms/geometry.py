@@ -10,6 +10,7 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Situation
 from irbcal.modeling.terms.term import AXES, Basis, Family, Term
+from irbcal.modeling.terms.waves import Expansion
 from irbcal.units import MM
 
 DHM_COLUMNS = {"rx": "alpha", "ry": "beta", "rz": "theta", "tx": "a", "ty": "b", "tz": "d"}
@@ -31,6 +32,10 @@ class Constant(Basis):
     def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
         """Zeros, shape (terms, n, joints)."""
         return np.zeros((len(terms), *here.motion.q.shape))
+
+    def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
+        """A wave without turns."""
+        return {(0.0,) * len(arm.joint_names): 1.0 + 0.0j}
 
 
 class Geometry(Family):

@@ -19,6 +19,7 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import AXES, Basis, Family, Term, revolute
+from irbcal.modeling.terms.waves import Expansion, expanded_lever
 
 SIZE = 3e-4
 VECTORS = ("x", "y", "z")
@@ -69,6 +70,12 @@ class Gravity(Basis):
             rate = _dot(turned, _cross(g, axes)) + _dot(_cross(z, vectors), _cross(g, axes_dot))
             out[:, :, i] += moves_vector * rate
         return out
+
+    def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
+        """Waves of the joints that carry the axis or the link."""
+        vector = term.parameters["vector"]
+        v = np.eye(3)[VECTORS.index(vector)] if isinstance(vector, str) else np.asarray(vector, dtype=float)
+        return expanded_lever(arm, term.joint, _link(term), v, gravity)
 
 
 def _link(term: Term) -> int:

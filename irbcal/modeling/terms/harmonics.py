@@ -12,6 +12,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.situation import Situation
 from irbcal.modeling.terms.term import Basis, Family, Term, revolute
+from irbcal.modeling.terms.waves import Expansion
 
 SIZE = 2e-4
 LOW = 2
@@ -45,6 +46,12 @@ class Harmonic(Basis):
         """Derivative of the slopes along joint speeds (n, joints), shape (terms, n, joints)."""
         cycles, phase = self._phase(terms, here)
         return _at_own_joint(terms, -(cycles**2) * cos_sin(phase)[0] * dq.T[[t.joint for t in terms]], here)
+
+    def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
+        """One wave of the joint."""
+        cycles = float(str(term.parameters["cycles_per_turn"]))
+        turns = tuple(cycles if j == term.joint else 0.0 for j in range(len(arm.joint_names)))
+        return {turns: complex(np.exp(-1j * self._shift))}
 
 
 def _at_own_joint(terms: Sequence[Term], values: FloatArray, here: Situation) -> FloatArray:

@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms.gravity import Gravity
 from irbcal.modeling.terms.situation import Situation
 from irbcal.modeling.terms.term import Basis, Family, Term, revolute
+from irbcal.modeling.terms.waves import Expansion, summed
 
 SIZE = 5e-5
 """Compliance of a joint, rad/(N m)."""
@@ -63,6 +65,11 @@ class PayloadTorque(Basis):
             out[:, :, i] = np.einsum("kcn,kcn->kn", z_move, _cross(lever, g))
             out[:, :, i] += np.einsum("kcn,kcn->kn", z, _cross(arm_move, g))
         return weight[:, None] * out
+
+    def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
+        """For one kilogram; None where a joint between that of the term and the tip slides."""
+        levers = as_levers(term, arm)
+        return None if levers is None else summed(Gravity().expansion(lever, arm, gravity) for lever in levers)
 
 
 def as_levers(term: Term, arm: Arm) -> list[Term] | None:

@@ -21,6 +21,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Situation
+from irbcal.modeling.terms.waves import Expansion
 
 AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 """Rotations about and translations along the axes of a joint's frame, before the joint turns."""
@@ -150,6 +151,13 @@ class Basis(ABC):
     @abstractmethod
     def slopes(self, terms: Sequence[Term], here: Situation) -> FloatArray:
         """Derivative by the commanded joints, the stop before held, shape (terms, n, joints)."""
+
+    def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
+        """The function of a joint map's term as waves, see `irbcal.modeling.terms.waves`; None where it is no such sum.
+
+        Joint maps are evaluated by expansions where there are some: much faster than by `values`.
+        """
+        return None
 
     def slope_rates(self, terms: Sequence[Term], here: Situation, dq: FloatArray) -> FloatArray:
         """Derivative of `slopes` along joint speeds ``dq`` (n, joints), shape (terms, n, joints).

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,40 +11,16 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
-from irbcal.modeling.cos_sin import cos_sin
-from irbcal.modeling.terms.payload import as_levers, largest_torque
+from irbcal.modeling.terms import bases
+from irbcal.modeling.terms.payload import largest_torque
 from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.waves import Expansion, Turns, Waves
 
-LOADS = ("payload", "torque")
-"""Bases that depend on the load."""
-ELSEWHERE = ("decay", *LOADS)
-"""Bases that are zero for a warm arm, or are summed elsewhere."""
 HISTORY = ("direction", "share_of_move", "move")
 """Bases that are zero where the last move is not known."""
 STEPS = 60
-
-
-@dataclass(frozen=True, eq=False)
-class _Waves:
-    """Series of cosines and sines of one joint's angle."""
-
-    joint: int
-    cycles: FloatArray
-    cosine: FloatArray
-    sine: FloatArray
-
-    def sums(self, angle: FloatArray, order: int) -> FloatArray:
-        """The series or its first or second derivative, shape (n,)."""
-        phase = angle[:, None] * self.cycles
-        c, s = cos_sin(phase)
-        if order == 0:
-            return c @ self.cosine + s @ self.sine
-        if order == 1:
-            return c @ (self.cycles * self.sine) - s @ (self.cycles * self.cosine)
-        squares = self.cycles**2
-        return -(c @ (squares * self.cosine) + s @ (squares * self.sine))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -170,88 +145,83 @@ class TermJointMap:
 
     # -------------------------------------------------------------- what the terms come to
 
-    def _rows(self, *names: str, other: bool = False) -> list[int]:
-        return [k for k, term in enumerate(self.terms.terms) if (term.basis in names) is not other]
-
-    @cached_property
-    def _gain(self) -> FloatArray:
-        gain = np.zeros(len(self.terms.arm.joint_names))
-        for k in self._rows("q"):
-            term = self.terms.terms[k]
-            gain[[term.joint, *term.also]] += self.terms.coefficients[k]
-        return gain
-
-    @cached_property
-    def _waves(self) -> tuple[_Waves, ...]:
-        found: dict[int, dict[float, list[float]]] = {}
-        for k in self._rows("cos", "sin"):
-            term = self.terms.terms[k]
-            cycles = float(str(term.parameters["cycles_per_turn"]))
-            pair = found.setdefault(term.joint, {}).setdefault(cycles, [0.0, 0.0])
-            pair[term.basis == "sin"] += self.terms.coefficients[k]
-        return tuple(
-            _Waves(joint, np.array(list(series)), *np.array(list(series.values())).T) for joint, series in found.items()
-        )
-
-    @cached_property
-    def _levers(self) -> TermMap:
-        """Gravity, the vectors of one link and joint as one, and whatever is neither series, gain, history nor load."""
-        return self._lever_map(None)
-
-    @cached_property
-    def _loaded(self) -> TermMap:
-        """`_levers` with the payload that is carried."""
-        return self._lever_map(self.payload_kg)
-
-    def _lever_map(self, payload_kg: float | None) -> TermMap:
-        sums: dict[tuple[int, tuple[int, ...], int], FloatArray] = {}
-        for k in self._rows("gravity"):
-            term = self.terms.terms[k]
-            vector = term.parameters["vector"]
-            value = np.eye(3)["xyz".index(vector)] if isinstance(vector, str) else np.asarray(vector, dtype=float)
-            key = (term.joint, term.also, int(str(term.parameters["link"])))
-            sums[key] = sums.get(key, np.zeros(3)) + self.terms.coefficients[k] * value
-        sliding = []
-        for k in self._rows("payload") if payload_kg else ():
-            levers = as_levers(self.terms.terms[k], self.terms.arm)
-            sliding += [k] if levers is None else []
-            for lever in levers or ():
-                key = (lever.joint, lever.also, int(str(lever.parameters["link"])))
-                value = np.asarray(lever.parameters["vector"], dtype=float)
-                weight = float(payload_kg or 0.0) * self.terms.coefficients[k]
-                sums[key] = sums.get(key, np.zeros(3)) + weight * value
-        terms = [
-            Term(joint, "rz", "gravity", 1.0, "", "", "rad", {"link": link, "vector": tuple(map(float, v))}, also)
-            for (joint, also, link), v in sums.items()
-        ]
-        rest = [*self._rows("q", "cos", "sin", "gravity", *ELSEWHERE, *HISTORY, other=True), *sliding]
-        return TermMap(
-            self.terms.arm,
-            (*terms, *(self.terms.terms[k] for k in rest)),
-            np.concatenate([np.ones(len(terms)), self.terms.coefficients[rest]]),
-            None,
-            self.terms.gravity,
-        )
+    def _of(self, *names: str) -> TermMap:
+        """Its terms of some bases."""
+        rows = [k for k, term in enumerate(self.terms.terms) if term.basis in names]
+        chosen = tuple(self.terms.terms[k] for k in rows)
+        return TermMap(self.terms.arm, chosen, self.terms.coefficients[rows], None, self.terms.gravity)
 
     @cached_property
     def history(self) -> TermMap:
         """Its terms of the last move, functions of that alone."""
-        rows = self._rows(*HISTORY)
-        chosen = tuple(self.terms.terms[k] for k in rows)
-        return TermMap(self.terms.arm, chosen, self.terms.coefficients[rows], None, self.terms.gravity)
-
-    def _only(self, basis: str) -> TermMap:
-        rows = self._rows(basis)
-        chosen = tuple(self.terms.terms[k] for k in rows)
-        return TermMap(self.terms.arm, chosen, self.terms.coefficients[rows], None, self.terms.gravity)
-
-    @cached_property
-    def _payload(self) -> TermMap:
-        return self._only("payload")
+        return self._of(*HISTORY)
 
     @cached_property
     def _torque(self) -> TermMap:
-        return self._only("torque")
+        return self._of("torque")
+
+    @cached_property
+    def _gain(self) -> FloatArray:
+        gain = np.zeros(len(self.terms.arm.joint_names))
+        terms = self._of("q")
+        for term, coefficient in zip(terms.terms, terms.coefficients, strict=True):
+            gain[[term.joint, *term.also]] += coefficient
+        return gain
+
+    def _expanded(self, terms: TermMap) -> tuple[Waves, TermMap]:
+        """Terms as waves, and those that are none."""
+        weights: dict[tuple[int, Turns], complex] = {}
+        rest = []
+        for k, (term, coefficient) in enumerate(zip(terms.terms, terms.coefficients.tolist(), strict=True)):
+            expansion = self._expansion(term)
+            if expansion is None:
+                rest.append(k)
+                continue
+            for joint in (term.joint, *term.also):
+                for turns, weight in expansion.items():
+                    weights[joint, turns] = weights.get((joint, turns), 0.0) + coefficient * weight
+        others = TermMap(terms.arm, tuple(terms.terms[k] for k in rest), terms.coefficients[rest], None, terms.gravity)
+        return Waves(len(terms.arm.joint_names), weights), others
+
+    def _expansion(self, term: Term) -> Expansion | None:
+        return bases()[term.basis].expansion(term, self.terms.arm, self.terms.gravity)
+
+    @cached_property
+    def _unloaded(self) -> tuple[Waves, TermMap]:
+        """What depends on the joints alone, whatever is carried."""
+        apart = ("q", "decay", "payload", "torque", *HISTORY)
+        return self._expanded(self._of(*({term.basis for term in self.terms.terms} - set(apart))))
+
+    @cached_property
+    def _payload(self) -> tuple[Waves, TermMap]:
+        """What one kilogram at its usual place does."""
+        return self._expanded(self._of("payload"))
+
+    @cached_property
+    def _payload_along(self) -> tuple[Waves, ...]:
+        """What one kilogram adds a metre farther along each axis of the tip link."""
+        terms, none = self._of("payload"), np.zeros(3)
+        at_tip = self._expanded(replace(terms, terms=tuple(_placed(term, none) for term in terms.terms)))[0]
+        out = []
+        for axis in np.eye(3):
+            there = self._expanded(replace(terms, terms=tuple(_placed(term, axis) for term in terms.terms)))[0]
+            weights = dict(there.weights)
+            for key, weight in at_tip.weights.items():
+                weights[key] = weights.get(key, 0.0) - weight
+            out.append(Waves(there.joints, weights))
+        return tuple(out)
+
+    @cached_property
+    def _usual(self) -> tuple[Waves, TermMap]:
+        """`_unloaded` with the payload that is carried."""
+        (waves, rest), (of_payload, sliding) = self._unloaded, self._payload
+        if not self.payload_kg or not (of_payload or sliding.terms):
+            return waves, rest
+        weights = dict(waves.weights)
+        for key, weight in of_payload.weights.items():
+            weights[key] = weights.get(key, 0.0) + self.payload_kg * weight
+        both = (*rest.terms, *sliding.terms), np.concatenate([rest.coefficients, sliding.coefficients])
+        return Waves(waves.joints, weights), TermMap(rest.arm, *both, None, rest.gravity)
 
     def motion(
         self,
@@ -269,13 +239,6 @@ class TermJointMap:
         """What the motion of n stops says of the load: mass, place, torques as given, or as usual; see `effective`."""
         motion = self.motion(np.zeros((n, len(self.terms.arm.joint_names))), None, *given)
         return {name: getattr(motion, name) for name in LOAD}
-
-    def _parts(self, q: FloatArray, previous: ArrayLike | None) -> Sequence[tuple[TermMap, Motion]]:
-        """Terms that are summed one by one, with the motion that they see, for the load that is carried."""
-        parts = [(self._loaded, self.motion(q))] if self._loaded.terms else []
-        if previous is not None and self.history.terms:
-            parts.append((self.history, Motion.after(q, previous)))
-        return parts
 
     def effective(
         self,
@@ -308,18 +271,33 @@ class TermJointMap:
         if self.is_identity or not len(q):
             return q
         theta = q * (1.0 + self._gain)
-        for waves in self._waves:
-            theta[:, waves.joint] += waves.sums(q[:, waves.joint], 0)
-        parts = list(self._parts(q, previous))
-        if self.knows_loads and not (payload_kg is None and payload_place is None):
-            parts = [part for part in parts if part[0] is not self._loaded]
-            motion = self.motion(q, None, payload_kg, payload_place)
-            parts += [(terms, motion) for terms in (self._levers, self._payload) if terms.terms]
-        if torques is not None and self._torque.terms:
-            parts.append((self._torque, self.motion(q, torques=torques)))
-        for terms, motion in parts:
-            theta += terms.effective(motion) - q
+        if payload_kg is None and payload_place is None:
+            waves, rest = self._usual
+            waves.add(q, theta)
+            self._add_rest(rest, self.motion(q) if rest.terms else None, theta)
+        else:
+            self._add_loaded(self.motion(q, None, payload_kg, payload_place), theta, payload_place is not None)
+        if previous is not None:
+            self._add_rest(self.history, Motion.after(q, previous), theta)
+        if torques is not None:
+            self._add_rest(self._torque, self.motion(q, torques=torques), theta)
         return theta
+
+    @staticmethod
+    def _add_rest(terms: TermMap, motion: Motion | None, theta: FloatArray) -> None:
+        """Add terms that are summed one by one to effective joints (n, joints)."""
+        if terms.terms and motion is not None:
+            theta += terms.effective(motion) - motion.q
+
+    def _add_loaded(self, motion: Motion, theta: FloatArray, placed: bool) -> None:
+        """Add what depends on the joints and the load of a motion, its places among them where ``placed``."""
+        for waves, rest in (self._unloaded, self._payload):
+            self._add_rest(rest, motion, theta)
+            waves.add(motion.q, theta, motion.payload_kg if waves is self._payload[0] else None)
+        own, mass, place = self.payload_place, motion.payload_kg, motion.payload_place
+        if placed and own is not None and mass is not None and place is not None:
+            for waves, shift in zip(self._payload_along, (place - own).T, strict=True):
+                waves.add(motion.q, theta, mass * shift)
 
     def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
         """Derivative of the effective by the commanded joints, the stop before held.
@@ -338,10 +316,12 @@ class TermJointMap:
         joints = q.shape[1]
         out = np.zeros((len(q), joints, joints))
         out[:, range(joints), range(joints)] = 1.0 + self._gain
-        for waves in self._waves:
-            out[:, waves.joint, waves.joint] += waves.sums(q[:, waves.joint], 1)
-        for terms, motion in self._parts(q, previous) if len(q) else ():
-            out += terms.jacobian(motion) - np.eye(joints)
+        waves, rest = self._usual
+        waves.add_slopes(q, out)
+        if rest.terms and len(q):
+            out += rest.jacobian(self.motion(q)) - np.eye(joints)
+        if self.history.terms and len(q) and previous is not None:
+            out += self.history.jacobian(Motion.after(q, previous)) - np.eye(joints)
         return out
 
     def jacobian_derivative(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
@@ -358,10 +338,10 @@ class TermJointMap:
         """
         q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)
         out = np.zeros((len(q), q.shape[1], q.shape[1]))
-        for waves in self._waves:
-            out[:, waves.joint, waves.joint] += waves.sums(q[:, waves.joint], 2) * dq[:, waves.joint]
-        if self._loaded.terms and len(q):
-            out += self._loaded.jacobian_derivative(self.motion(q), dq)
+        waves, rest = self._usual
+        waves.add_slope_rates(q, dq, out)
+        if rest.terms and len(q):
+            out += rest.jacobian_derivative(self.motion(q), dq)
         return out
 
     def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -380,10 +360,10 @@ class TermJointMap:
         lower, upper : ndarray, shape (joints,)
             Limits of the effective joints.
         """
-        slack = np.zeros(len(self.terms.arm.joint_names))
-        for term, coefficient in zip(self._loaded.terms, self._loaded.coefficients, strict=True):
-            vector = np.asarray(term.parameters.get("vector", (1.0,)), dtype=float)
-            most = float(np.linalg.norm(vector))
+        waves, rest = self._usual
+        slack = waves.bound
+        for term, coefficient in zip(rest.terms, rest.coefficients, strict=True):
+            most = float(np.linalg.norm(np.asarray(term.parameters.get("vector", (1.0,)), dtype=float)))
             if term.basis == "payload":
                 most = float(self.payload_kg or 0.0) * largest_torque(term, self.terms.arm, lower, upper)
             slack[[term.joint, *term.also]] += abs(coefficient) * most
@@ -398,8 +378,7 @@ class TermJointMap:
             finite = np.isfinite(bounds)
             at = np.where(finite, bounds, 0.0)
             box = at * (1.0 + self._gain) + inwards * slack
-            for waves in self._waves:
-                box[waves.joint] += waves.sums(at[waves.joint : waves.joint + 1], 0)[0]
+            waves.add_own(at[None], box[None])
             limits.append(np.where(finite, box, bounds))
         return limits[0], limits[1]
 
@@ -445,37 +424,23 @@ class TermJointMap:
         Returns
         -------
         dict
-            ``gain`` of each joint; ``waves``: ``joint``, ``cycles``, ``cosine`` and ``sine``; ``levers``: ``joints``
-            that turn by ``z . (R v x g)``, with ``z`` the axis of the first of them, ``R`` the attitude of ``link``,
-            ``v`` its ``vector`` and ``g`` ``gravity``; and the nominal arm for these: rotations ``base`` and, before
-            each joint, ``frames``, ``offsets`` and whether it ``turns``. Joints and links count from 0.
+            ``gain`` of each joint, and ``waves``: ``turns`` of each joint, and for each ``joint`` that the wave moves
+            what multiplies the ``cosine`` and the ``sine`` of ``turns . q``. Joints count from 0.
 
         Raises
         ------
         RobotError
-            If there are terms of another kind.
+            If there are terms that are no waves.
         """
-        levers = [
-            {"joints": [term.joint, *term.also], "link": int(str(term.parameters["link"])) - 1, "vector": [*vector]}
-            for term in self._loaded.terms
-            if isinstance(vector := term.parameters.get("vector"), tuple)
-        ]
-        if len(levers) < len(self._loaded.terms):
+        waves, rest = self._usual
+        if rest.terms:
             raise RobotError("this joint map has terms that cannot be written in other languages")
-        arm = self.terms.arm
-        frames = [_turn(0, alpha) @ _turn(1, beta) for alpha, beta in zip(arm.table.alpha, arm.table.beta, strict=True)]
         return {
             "gain": self._gain.tolist(),
             "waves": [
-                {"joint": w.joint, "cycles": w.cycles.tolist(), "cosine": w.cosine.tolist(), "sine": w.sine.tolist()}
-                for w in self._waves
+                {"joint": joint, "turns": [*turns], "cosine": weight.real, "sine": -weight.imag}
+                for (joint, turns), weight in waves.weights.items()
             ],
-            "levers": levers,
-            "gravity": list(self.terms.gravity),
-            "base": arm.T_base_0[:3, :3].tolist(),
-            "frames": [R.tolist() for R in frames],
-            "offsets": arm.table.theta.tolist(),
-            "turns": (~arm.table.prismatic).tolist(),
         }
 
     def outside(self, q: ArrayLike) -> FloatArray:
@@ -490,9 +455,3 @@ def _placed(term: Term, place: FloatArray) -> Term:
     if term.basis != "payload":
         return term
     return replace(term, parameters={**term.parameters, "place": tuple(float(x) for x in place)})
-
-
-def _turn(axis: int, angle: float) -> FloatArray:
-    """Rotation about x (0) or y (1), shape (3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]] if axis == 0 else [[c, 0, s], [0, 1, 0], [-s, 0, c]])

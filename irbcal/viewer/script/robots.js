@@ -22,22 +22,11 @@ function places(robot, q) {
 }
 
 function effective_by_terms(q) { // see irbcal.modeling.terms.term_joint_map.TermJointMap.static_parts
-  const { gain, waves, levers, gravity, base, frames, offsets, turns } = data.joint_map;
+  const { gain, waves } = data.joint_map;
   const out = q.map((value, i) => value * (1 + gain[i]));
-  for (const { joint, cycles, cosine, sine } of waves)
-    for (let k = 0; k < cycles.length; k++)
-      out[joint] += cosine[k] * Math.cos(cycles[k] * q[joint]) + sine[k] * Math.sin(cycles[k] * q[joint]);
-  const rotation = (rows) => new THREE.Matrix4().set(...rows[0], 0, ...rows[1], 0, ...rows[2], 0, 0, 0, 0, 1);
-  const R = rotation(base), g = new THREE.Vector3(...gravity), axes = [], links = [];
-  for (let i = 0; i < q.length; i++) {
-    R.multiply(rotation(frames[i]));
-    axes.push(new THREE.Vector3(0, 0, 1).applyMatrix4(R));
-    R.multiply(new THREE.Matrix4().makeRotationZ(offsets[i] + (turns[i] ? q[i] : 0)));
-    links.push(R.clone());
-  }
-  for (const { joints, link, vector } of levers) {
-    const lever = new THREE.Vector3(...vector).applyMatrix4(links[link]).cross(g).dot(axes[joints[0]]);
-    for (const joint of joints) out[joint] += lever;
+  for (const { joint, turns, cosine, sine } of waves) {
+    const angle = turns.reduce((sum, n, i) => sum + n * q[i], 0);
+    out[joint] += cosine * Math.cos(angle) + sine * Math.sin(angle);
   }
   return out;
 }

@@ -130,18 +130,8 @@ def rewritten(parts, q):
     """The static parts in plain numbers, as another language would have it."""
     out = q * (1 + np.array(parts["gain"]))
     for wave in parts["waves"]:
-        for k, a, b in zip(wave["cycles"], wave["cosine"], wave["sine"], strict=True):
-            out[wave["joint"]] += a * np.cos(k * q[wave["joint"]]) + b * np.sin(k * q[wave["joint"]])
-    R, axes, links = np.array(parts["base"]), [], []
-    for frame, offset, turns, angle in zip(parts["frames"], parts["offsets"], parts["turns"], q, strict=True):
-        R = R @ np.array(frame)
-        axes.append(R[:, 2])
-        c, s = np.cos(offset + turns * angle), np.sin(offset + turns * angle)
-        R = R @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        links.append(R)
-    for lever in parts["levers"]:
-        turned = links[lever["link"]] @ np.array(lever["vector"])
-        out[lever["joints"]] += axes[lever["joints"][0]] @ np.cross(turned, parts["gravity"])
+        angle = np.dot(wave["turns"], q)
+        out[wave["joint"]] += wave["cosine"] * np.cos(angle) + wave["sine"] * np.sin(angle)
     return out
 
 

@@ -1,0 +1,379 @@
+r"""Terms as waves: sums of cosines and sines of combinations of joints, which are fast for one pose and for many.
+
+Series of a joint's angle, levers of gravity and payloads are all of the form ::
+
+    f(q) = sum_m Re( w_m exp(i m . q) )
+
+with whole numbers ``m`` of turns of each joint. For a lever that follows from ``R_z(q) = P_0 + P_+ exp(i q) +
+P_- exp(-i q)`` for every joint between the axis and the link: `expanded_lever`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.cos_sin import cos_sin
+
+ComplexArray: TypeAlias = NDArray[np.complex128]
+Turns: TypeAlias = tuple[float, ...]
+"""Whole numbers of turns of each joint; the first that is not zero is positive."""
+Expansion: TypeAlias = Mapping[Turns, complex]
+"""Weights by turns."""
+
+MOST = 400
+"""Waves that a lever may have: a wrist's have some tens."""
+SHORT = 3
+"""Orders that are taken one by one are fewer."""
+SERIES = 64
+"""Highest order of a joint that is reached by way of all lower ones."""
+NUMBERS = 1 << 14
+"""Exponentials that are in memory at a time."""
+NOTHING = 1e-18
+"""Weights below are rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Orders 1, 2, … of one joint's angle in the same joint."""
+
+    joint: int
+    weights: ComplexArray
+
+    @cached_property
+    def slopes(self) -> ComplexArray:
+        """Weights of the derivative by the angle."""
+        return 1j * np.arange(1, len(self.weights) + 1) * self.weights
+
+    @cached_property
+    def bends(self) -> ComplexArray:
+        """Weights of the second derivative."""
+        return 1j * np.arange(1, len(self.weights) + 1) * self.slopes
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """A sum of waves.
+
+    Parameters
+    ----------
+    joints : int
+        Number of joints.
+    weights : dict of (int, turns) to complex
+        Weight of each wave in each effective joint; joints count from 0.
+    """
+
+    joints: int
+    weights: Mapping[tuple[int, Turns], complex]
+
+    def __post_init__(self) -> None:
+        kept = {key: w for key, w in self.weights.items() if abs(w) > NOTHING}
+        object.__setattr__(self, "weights", kept)
+        lock(self)
+
+    def __bool__(self) -> bool:
+        return bool(self.weights)
+
+    # ------------------------------------------------------------ compiled
+
+    @cached_property
+    def constant(self) -> FloatArray:
+        """What does not depend on the joints, shape (joints,)."""
+        out = np.zeros(self.joints)
+        for (joint, turns), weight in self.weights.items():
+            out[joint] += 0.0 if any(turns) else weight.real
+        return out
+
+    @cached_property
+    def series(self) -> tuple[Series, ...]:
+        """Waves of whole low orders of the joint that they move, the second order among them."""
+        orders: dict[int, dict[int, complex]] = {}
+        for (joint, turns), weight in self.weights.items():
+            cycles = turns[joint]
+            if cycles and cycles == int(cycles) <= SERIES and sum(map(bool, turns)) == 1:
+                orders.setdefault(joint, {})[int(cycles)] = weight
+        out = []
+        for joint, of in orders.items():
+            if max(of) > SHORT:
+                weights = np.zeros(max(of), dtype=complex)
+                weights[[k - 1 for k in of]] = list(of.values())
+                out.append(Series(joint, weights))
+        return tuple(out)
+
+    @cached_property
+    def _mixed(self) -> Mixed:
+        """Waves that are neither constant nor part of a series."""
+        own = {(s.joint, float(k + 1)) for s in self.series for k in np.flatnonzero(s.weights)}
+        others = [
+            (joint, turns, weight)
+            for (joint, turns), weight in self.weights.items()
+            if any(turns) and not (sum(map(bool, turns)) == 1 and (joint, turns[joint]) in own)
+        ]
+        return Mixed.of(others, self.joints)
+
+    @property
+    def bound(self) -> FloatArray:
+        """The most that waves of other joints than the moved one come to, with constants, shape (joints,)."""
+        out = np.zeros(self.joints)
+        for (joint, turns), weight in self.weights.items():
+            alone = turns[joint] and sum(map(bool, turns)) == 1
+            out[joint] += 0.0 if alone else abs(weight)
+        return out
+
+    # ------------------------------------------------------------ values
+
+    def _blocks(self, q: FloatArray) -> Iterator[tuple[slice, dict[int, ComplexArray], FloatArray]]:
+        """Rows, powers of each series' joint {joint: (orders, n)}, and cosines and sines of the others (2 waves, n)."""
+        longest = max([2 * len(self._mixed.turns), *(2 * len(s.weights) for s in self.series), 1])
+        step = max(32, NUMBERS // longest)
+        for start in range(0, len(q), step):
+            rows = slice(start, start + step)
+            angles = q[rows].T
+            powers = {}
+            for series in self.series:
+                orders = np.empty((len(series.weights), angles.shape[1]), dtype=complex)
+                orders.real, orders.imag = cos_sin(angles[series.joint])
+                powers[series.joint] = np.multiply.accumulate(orders, axis=0, out=orders)
+            yield rows, powers, self._mixed.cosines_and_sines(angles)
+
+    def add(self, q: FloatArray, out: FloatArray, factor: FloatArray | None = None) -> None:
+        """Add the sum at joints q (n, joints), times a factor (n,), to ``out`` (n, joints)."""
+        mixed = self._mixed
+        for rows, powers, waves in self._blocks(q):
+            scale = 1.0 if factor is None else factor[rows]
+            for series in self.series:
+                out[rows, series.joint] += scale * (series.weights @ powers[series.joint]).real
+            for joint, value in zip(mixed.targets.tolist(), mixed.values @ waves, strict=True):
+                out[rows, joint] += scale * value
+        if self.constant.any():
+            out += self.constant if factor is None else factor[:, None] * self.constant
+
+    def add_own(self, q: FloatArray, out: FloatArray) -> None:
+        """Add the waves of each joint that depend on it alone to ``out`` (n, joints): what `bound` leaves out."""
+        own = {(j, turns): w for (j, turns), w in self.weights.items() if turns[j] and sum(map(bool, turns)) == 1}
+        Waves(self.joints, own).add(q, out)
+
+    def add_slopes(self, q: FloatArray, out: FloatArray, factor: FloatArray | None = None) -> None:
+        """Add the derivative by the joints to ``out`` (n, joints, joints); parameters as `add`."""
+        at, by, weights = self._mixed.slopes
+        for rows, powers, waves in self._blocks(q):
+            scale = 1.0 if factor is None else factor[rows]
+            for series in self.series:
+                out[rows, series.joint, series.joint] += scale * (series.slopes @ powers[series.joint]).real
+            for i, j, value in zip(at, by, weights @ waves, strict=True):
+                out[rows, i, j] += scale * value
+
+    def add_slope_rates(self, q: FloatArray, dq: FloatArray, out: FloatArray) -> None:
+        """Add the derivative of the slopes along joint speeds ``dq`` (n, joints) to ``out`` (n, joints, joints)."""
+        at, by, weights = self._mixed.slopes
+        for rows, powers, waves in self._blocks(q):
+            for series in self.series:
+                j = series.joint
+                out[rows, j, j] += (series.bends @ powers[j]).real * dq[rows, j]
+            c, s = waves.reshape(2, -1, waves.shape[1]) * (self._mixed.turns @ dq[rows].T)
+            for i, j, value in zip(at, by, weights @ np.concatenate([-s, c]), strict=True):
+                out[rows, i, j] += value
+
+
+@dataclass(frozen=True, eq=False)
+class Mixed:
+    """Waves of combinations of joints.
+
+    Attributes
+    ----------
+    turns : ndarray, shape (waves, joints)
+    targets : ndarray of int, shape (targets,)
+        Joints that they move.
+    weights : ndarray of complex, shape (targets, waves)
+    """
+
+    turns: FloatArray
+    targets: IntArray
+    weights: ComplexArray
+
+    @staticmethod
+    def of(waves: Sequence[tuple[int, Turns, complex]], joints: int) -> Mixed:
+        """From the joint moved, the turns and the weight of each."""
+        place = {turns: k for k, turns in enumerate(dict.fromkeys(turns for _, turns, _ in waves))}
+        targets = np.unique(np.array([joint for joint, _, _ in waves], dtype=int))
+        weights = np.zeros((len(targets), len(place)), dtype=complex)
+        for joint, turns, weight in waves:
+            weights[np.searchsorted(targets, joint), place[turns]] += weight
+        return Mixed(np.array(list(place), dtype=float).reshape(-1, joints), targets, weights)
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """What multiplies cosines and sines, shape (targets, 2 waves)."""
+        return np.hstack([self.weights.real, -self.weights.imag])
+
+    @cached_property
+    def slopes(self) -> tuple[list[int], list[int], FloatArray]:
+        """Joints moved and by which, of the derivatives that are not zero, and what multiplies cosines and sines."""
+        weights = 1j * self.weights[:, None, :] * self.turns.T
+        at, by = np.nonzero(np.abs(weights).any(axis=2))
+        weights = weights[at, by]
+        return self.targets[at].tolist(), by.tolist(), np.hstack([weights.real, -weights.imag])
+
+    @cached_property
+    def _products(self) -> tuple[list[tuple[int, int, int]], IntArray, IntArray]:
+        """How exponentials of combinations are made of those of joints, where that takes fewer cosines and sines.
+
+        Returns
+        -------
+        steps : list of (int, int, int)
+            Each product: the one that it is made from (-1: one), and a joint whose exponential (1) or its conjugate
+            (-1) it takes.
+        product : ndarray of int
+            Of each wave; -1 for those that are computed by themselves.
+        joints : ndarray of int
+            Whose exponentials are needed.
+        """
+        place: dict[Turns, int] = {}
+        steps: list[tuple[int, int, int]] = []
+
+        def product(turns: Turns) -> int:
+            if turns not in place:
+                last = max(k for k, n in enumerate(turns) if n)
+                less = (*turns[:last], 0.0, *turns[last + 1 :])
+                steps.append((product(less) if any(less) else -1, last, int(turns[last])))
+                place[turns] = len(steps) - 1
+            return place[turns]
+
+        every = [tuple(row) for row in self.turns.tolist()]
+        chosen = [turns for turns in every if set(map(abs, turns)) <= {0.0, 1.0}]
+        joints = np.flatnonzero(np.any(np.array(chosen).reshape(-1, self.turns.shape[1]), axis=0))
+        if len(chosen) <= 2 * len(joints):
+            return [], np.full(len(every), -1), joints[:0]
+        return steps, np.array([product(turns) if turns in chosen else -1 for turns in every]), joints
+
+    def cosines_and_sines(self, q: FloatArray) -> FloatArray:
+        """Of the waves at joints q (joints, n), shape (2 waves, n)."""
+        steps, product, joints = self._products
+        n, count = q.shape[1], len(self.turns)
+        out = np.empty((2, count, n))
+        if not steps:
+            cos_sin(self.turns @ q, out=out)
+            return out.reshape(2 * count, n)
+        of = np.empty((len(joints), n), dtype=complex)
+        of.real, of.imag = cos_sin(q[joints])
+        factors = {sign: dict(zip(joints.tolist(), z, strict=True)) for sign, z in ((1, of), (-1, of.conj()))}
+        made = np.empty((len(steps), n), dtype=complex)
+        for k, (parent, joint, sign) in enumerate(steps):
+            made[k] = factors[sign][joint]
+            if parent >= 0:
+                made[k] *= made[parent]
+        whole = product >= 0
+        out[0, whole], out[1, whole] = made.real[product[whole]], made.imag[product[whole]]
+        if not whole.all():
+            out[:, ~whole] = cos_sin(self.turns[~whole] @ q)
+        return out.reshape(2 * count, n)
+
+
+def summed(expansions: Iterable[Expansion | None]) -> Expansion | None:
+    """The sum of expansions; None if one is."""
+    out: dict[Turns, complex] = {}
+    for expansion in expansions:
+        if expansion is None:
+            return None
+        for turns, weight in expansion.items():
+            out[turns] = out.get(turns, 0.0) + weight
+    return out
+
+
+def canonical(weights: Mapping[Turns, complex]) -> dict[Turns, complex]:
+    """A real function's expansion in turns whose first number is positive: those of both signs taken together."""
+    out = {}
+    for turns, weight in weights.items():
+        first = next((n for n in turns if n), 0.0)
+        if first >= 0.0:
+            out[turns] = weight if first == 0.0 else 2.0 * weight
+    return out
+
+
+Vectors: TypeAlias = dict[Turns, ComplexArray]
+"""A vector as a sum of waves: its amplitude (3,) by turns."""
+
+_AHEAD = 0.5 * np.array([[1.0, 1.0j, 0.0], [-1.0j, 1.0, 0.0], [0.0, 0.0, 0.0]])
+"""Part of ``R_z(q)`` that goes with ``exp(i q)``; its conjugate with ``exp(-i q)``."""
+_STILL = np.diag([0.0, 0.0, 1.0]).astype(complex)
+
+
+def _turned(vectors: Vectors, joint: int, offset: float, forward: bool) -> Vectors:
+    """Vectors turned about z by a joint's angle and its offset, or back."""
+    out: Vectors = {}
+    ahead, behind = (_AHEAD, _AHEAD.conj()) if forward else (_AHEAD.conj(), _AHEAD)
+    phase = np.exp(1j * offset)
+    for turns, vector in vectors.items():
+        for step, matrix in ((0.0, _STILL), (1.0, ahead * phase), (-1.0, behind / phase)):
+            part = matrix @ vector
+            if np.abs(part).max() > NOTHING:
+                key = (*turns[:joint], turns[joint] + step, *turns[joint + 1 :])
+                out[key] = out.get(key, 0.0) + part
+    return {turns: vector for turns, vector in out.items() if np.abs(vector).max() > 1e-16}
+
+
+def _constant(vectors: Vectors, R: FloatArray) -> Vectors:
+    """Vectors in another frame, in which those of theirs is ``R`` (3, 3)."""
+    return {turns: R @ vector for turns, vector in vectors.items()}
+
+
+def _frame(arm: Arm, joint: int) -> FloatArray:
+    """Rotation of a joint's frame, before it turns, in the frame of the link before, shape (3, 3)."""
+    table = arm.table
+    ca, sa, cb, sb = (f(x[joint]) for x in (table.alpha, table.beta) for f in (np.cos, np.sin))
+    R = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]]) @ np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
+    return arm.T_base_0[:3, :3] @ R if joint == 0 else R
+
+
+def expanded_lever(arm: Arm, joint: int, link: int, vector: ArrayLike, gravity: ArrayLike) -> Expansion | None:
+    """The lever ``z_j . (R_k v x g)`` of a vector fixed to a link about a joint's axis, as waves.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    joint, link : int
+        From 0; the joint carries the link.
+    vector : array_like, shape (3,)
+        In the link's frame.
+    gravity : array_like, shape (3,)
+        In the base link.
+
+    Returns
+    -------
+    Expansion or None
+        None where there would be more than `MOST` waves.
+    """
+    table, none = arm.table, (0.0,) * len(arm.joint_names)
+    lever: Vectors = {none: np.asarray(vector, dtype=complex)}
+    down: Vectors = {none: np.asarray(gravity, dtype=complex)}
+    for k in range(link, joint - 1, -1):
+        turns = 0.0 if table.prismatic[k] else 1.0
+        lever = _turned(lever, k, table.theta[k], True) if turns else _constant(lever, _about_z(table.theta[k]))
+        lever = _constant(lever, _frame(arm, k)) if k > joint else lever
+        if len(lever) > 2 * MOST:
+            return None
+    for k in range(joint):
+        down = _constant(down, _frame(arm, k).T)
+        offset = table.theta[k]
+        down = _constant(down, _about_z(-offset)) if table.prismatic[k] else _turned(down, k, offset, False)
+    down = _constant(down, _frame(arm, joint).T)
+    out: dict[Turns, complex] = {}
+    for a, w in lever.items():
+        for b, g in down.items():
+            turns_of = tuple(x + y for x, y in zip(a, b, strict=True))
+            out[turns_of] = out.get(turns_of, 0.0) + complex(w[0] * g[1] - w[1] * g[0])
+    found = {turns: weight for turns, weight in canonical(out).items() if abs(weight) > NOTHING}
+    return found if len(found) <= MOST else None
+
+
+def _about_z(angle: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
