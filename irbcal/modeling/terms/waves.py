@@ -34,6 +34,8 @@ SHORT = 3
 """Orders that are taken one by one are fewer."""
 SERIES = 64
 """Highest order of a joint that is reached by way of all lower ones."""
+FEW = 64
+"""Poses for which products of exponentials take longer than cosines and sines."""
 NUMBERS = 1 << 14
 """Exponentials that are in memory at a time."""
 NOTHING = 1e-18
@@ -258,7 +260,7 @@ class Mixed:
         steps, product, joints = self._products
         n, count = q.shape[1], len(self.turns)
         out = np.empty((2, count, n))
-        if not steps:
+        if not steps or n < FEW:
             cos_sin(self.turns @ q, out=out)
             return out.reshape(2 * count, n)
         of = np.empty((len(joints), n), dtype=complex)
