@@ -11,7 +11,6 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.payload import Payload
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 
 FAMILIES = ("gravity", "gain", "thesis", "harmonics", "direction", "move", "torque")
@@ -26,7 +25,7 @@ def with_all_terms(nominal, seed=3, names=FAMILIES, size=0.3):
     values = size * np.array([t.size for t in terms]) * rng.standard_normal(len(terms))
     table = nominal.table
     small = {k: getattr(table, k) + 1e-3 * rng.standard_normal(len(table)) for k in ("alpha", "a", "beta", "b")}
-    joint_map = TermJointMap(TermMap(nominal, tuple(terms), values), None, 2.0)
+    joint_map = JointMap(TermMap(nominal, tuple(terms), values), None, 2.0)
     return Robot(nominal.with_table(replace(table, **small, theta=table.theta + 1e-3, d=table.d - 1e-3)), joint_map)
 
 
@@ -35,7 +34,7 @@ def robot(name, folder=None):
     if name == "level":
         return random_robot(arm("irb1600"), "34", np.random.default_rng(2))
     if name == "plain":
-        return Robot(arm("irb120"), JointMap(np.zeros(6)))
+        return Robot(arm("irb120"))
     if name == "rail":
         nominal = urdf.read(on_a_rail(folder / "rail.urdf"), "rail_base", "tool0").arm
         return with_all_terms(nominal, names=tuple(k for k in FAMILIES if k != "thesis"))

@@ -6,9 +6,9 @@ import numpy as np
 from support import TARGETS, arm, measured
 
 from irbcal.modeling import frames
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 
 
@@ -23,7 +23,7 @@ def sided_robot(name="irb120", size=3.0, others=(), seed=1):
         values += [factor * t.size * rng.standard_normal() for t in mine]
     lengths = {k: getattr(nominal.table, k) + 3e-4 * rng.standard_normal(6) for k in ("a", "d")}
     calibrated = nominal.with_table(replace(nominal.table, **lengths))
-    joint_map = TermJointMap(TermMap(nominal, tuple(terms), np.array(values)))
+    joint_map = JointMap(TermMap(nominal, tuple(terms), np.array(values)))
     return Robot(calibrated, joint_map, frames.from_xyz_angles([0.4, -1.0, 0.2, 0.1, 0.2, -2.0]), TARGETS)
 
 

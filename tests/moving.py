@@ -11,6 +11,7 @@ from irbcal.measurement.last_moves import last_moves
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.thesis_map import ThesisMap
 
 BACKLASH = np.radians(0.05)
 SERIES = np.array([-0.000373, -0.000750, -0.000956, -0.000244])
@@ -32,12 +33,17 @@ def moves(joint, angles, home=(0, 0, 0, 0, 30, 0)):
 def simulated(commands, groups=None, backlash=0.0, per_move=0.0, noise=0.0, rng=None, **joint_map):
     """Points of a robot whose joints lag and bend; returns the points, their last moves and the robot without all that."""
     nominal = arm("irb1600")
-    robot = Robot(nominal, JointMap(**joint_map), frames.transform(frames.rot_z(2.0), [3.0, -1.0, 0.5]), TARGETS)
+    robot = Robot(
+        nominal,
+        ThesisMap(**joint_map).joint_map(nominal),
+        frames.transform(frames.rot_z(2.0), [3.0, -1.0, 0.5]),
+        TARGETS,
+    )
     step = last_moves(commands, groups)
     known = np.nan_to_num(step)
     effective = robot.joint_map.effective(commands) - 0.5 * np.sign(known) * backlash + known * per_move
-    points = measured(robot.replace(joint_map=JointMap()), effective, noise, rng, groups)
-    return replace(points, q=commands), step, robot.replace(joint_map=JointMap())
+    points = measured(robot.replace(joint_map=JointMap.identity(nominal)), effective, noise, rng, groups)
+    return replace(points, q=commands), step, robot.replace(joint_map=JointMap.identity(nominal))
 
 
 def random_commands(n, seed):

@@ -9,8 +9,8 @@ from irbcal.files import robots, urdf
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.arm import relative_difference
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.thesis_map import ThesisMap
 
 TARGETS = {
     "smr1": [-0.08737, 0.087202, 0.11002],
@@ -81,11 +81,13 @@ def random_robot(nominal, level, rng, size=0.3, targets=None, T_world_base=None)
     chosen = parameters.level_parameters(level, nominal)
     errors = size * np.array([p.scale for p in chosen]) * rng.uniform(-1, 1, len(chosen))
     phases = nominal.stiffness_geometry()[0] if level in ("34", "34b") else (0.0, np.pi / 2)
-    joint_map = JointMap(np.zeros(len(nominal.joint_names)), phases=phases)
+    joint_map = ThesisMap(np.zeros(len(nominal.joint_names)), phases=phases)
     table, joint_map = parameters.apply(chosen, errors, nominal.table, joint_map)
     if T_world_base is None:
         T_world_base = frames.transform(random_rotation(rng), rng.uniform(-4, 4, 3))
-    return Robot(nominal.with_table(table), joint_map, T_world_base, TARGETS if targets is None else targets)
+    return Robot(
+        nominal.with_table(table), joint_map.joint_map(nominal), T_world_base, TARGETS if targets is None else targets
+    )
 
 
 def random_rotation(rng):

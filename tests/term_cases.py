@@ -4,12 +4,12 @@ import numpy as np
 from support import TARGETS, arm, central_differences, on_a_rail
 
 from irbcal.files import urdf
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion, Situation
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap, basis_slope_rates, basis_slopes, basis_values
 from irbcal.modeling.terms.warm_up import WarmUp
 
@@ -89,5 +89,5 @@ def framed_robot(name, rng, scale=1.0):
     values = scale * np.array([t.size for t in terms]) * rng.standard_normal(len(terms))
     both = TermMap(model, tuple(terms), values, np.abs(values))
     q = model.random_joints(50, 1)
-    joint_map = TermJointMap(both.part(False), np.array([q.min(axis=0), q.max(axis=0)]))
+    joint_map = JointMap(both.part(False), np.array([q.min(axis=0), q.max(axis=0)]))
     return Robot(model, joint_map, frame_terms=both.part(True), targets=TARGETS)

@@ -10,11 +10,11 @@ from support import arm, assert_derivative, assert_same_poses, measured, on_a_ra
 import irbcal
 from irbcal.errors import OptionError, RobotError
 from irbcal.files import seal
-from irbcal.files.joint_map_section import section_of
+from irbcal.files.joint_map_section import JointMapSection
 from irbcal.identification.averaged import AveragedFit
 from irbcal.measurement.points import distances
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.planners.calibrated_model import CalibratedModel
 from irbcal.validation.coverage import coverage
@@ -30,7 +30,7 @@ def truth(name="irb120"):
     terms = [t for family in ("gravity", "gain", "harmonics") for t in families()[family].terms(model)]
     terms = [t for t in terms if t.parameters.get("cycles_per_turn", 0) <= 2]
     values = np.array([t.size for t in terms]) * rng.standard_normal(len(terms))
-    return robot.replace(joint_map=TermJointMap(TermMap(model, tuple(terms), values)))
+    return robot.replace(joint_map=JointMap(TermMap(model, tuple(terms), values)))
 
 
 @pytest.fixture(scope="module")
@@ -70,10 +70,10 @@ def test_what_was_made_is_what_is_loaded(made, folder):
 
 def test_the_fingerprint_covers_the_terms(made):
     joint_map = made.outcome.fit.robot.joint_map
-    other = TermJointMap(
+    other = JointMap(
         TermMap(joint_map.terms.arm, joint_map.terms.terms, 1.001 * joint_map.terms.coefficients), joint_map.ranges
     )
-    changed = made.record.model_copy(update={"joint_map": section_of(other, joint_map.terms.arm)})
+    changed = made.record.model_copy(update={"joint_map": JointMapSection.of(other, joint_map.terms.arm)})
     assert seal.fingerprint(dict(made.record)) == made.record.fingerprint
     assert seal.fingerprint(dict(changed)) != made.record.fingerprint
 

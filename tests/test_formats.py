@@ -14,11 +14,11 @@ from support import arm, on_a_rail
 
 from irbcal.files import urdf
 from irbcal.files.document import _rows
-from irbcal.files.joint_map_section import section_of
+from irbcal.files.joint_map_section import JointMapSection
 from irbcal.files.schema import Record
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.payload import Payload
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 
 PAGE = (Path(__file__).parents[1] / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -33,11 +33,11 @@ def code(language, mark):
 def with_terms(model, terms):
     """What a joint map of terms needs of a ``calibration.json``."""
     values = np.array([t.size for t in terms]) * np.random.default_rng(3).standard_normal(len(terms))
-    joint_map = TermJointMap(TermMap(model, tuple(terms), values, np.abs(values)), None, 2.0)
+    joint_map = JointMap(TermMap(model, tuple(terms), values, np.abs(values)), None, 2.0)
     kinds = ["prismatic" if slides else "revolute" for slides in model.table.prismatic]
     rows = [row.model_dump() for row in _rows(model.table)]
     robot = {"joint_types": kinds, "dhm_nominal": rows, "base_to_frame0": model.T_base_0.tolist()}
-    return {"robot": robot, "joint_map": json.loads(section_of(joint_map, model).model_dump_json())}
+    return {"robot": robot, "joint_map": json.loads(JointMapSection.of(joint_map, model).model_dump_json())}
 
 
 @pytest.fixture(scope="module")
@@ -85,9 +85,9 @@ def test_python_meets_the_test_vectors(calibrations, kind, monkeypatch):
     content = names["calibration"]["joint_map"]
     assert len(content["test_vectors"]) == 5
     vector = content["test_vectors"][0]
-    assert np.abs(names["found"] - names["test"].get("q", names["test"].get("commanded"))).max() > 1e-5
+    assert np.abs(names["found"] - names["test"]["q"]).max() > 1e-5
     names["calibration"]["joint_map"] = change(content)
-    found = names["effective"](names["calibration"], vector.get("q", vector.get("commanded")), vector.get("previous_q"))
+    found = names["effective"](names["calibration"], vector["q"], vector["previous_q"])
     assert np.abs(found - vector["effective"]).max() > 1e-9  # a coefficient that is wrong is seen
 
 
@@ -104,12 +104,10 @@ def test_cpp_meets_the_test_vectors(calibrations, kind, program, tmp_path):
 
 
 def change(joint_map):
-    if "terms" in joint_map:
-        terms = [dict(term) for term in joint_map["terms"]]
-        key = next(key for key in terms[0] if key.startswith("coefficient"))
-        terms[0][key] += 1e-6
-        return joint_map | {"terms": terms}
-    return joint_map | {"stiffness_B_rad": joint_map["stiffness_B_rad"] + 1e-6}
+    terms = [dict(term) for term in joint_map["terms"]]
+    key = next(key for key in terms[0] if key.startswith("coefficient"))
+    terms[0][key] += 1e-6
+    return joint_map | {"terms": terms}
 
 
 def test_what_they_do_not_cover_they_refuse(calibrations, program, monkeypatch):
@@ -130,7 +128,7 @@ def test_joint_map_tables_name_every_field(calibrations):
     section = PAGE.partition("## The joint map")[2].partition("### In Python")[0]
     for kind in ("levels", "terms"):
         content = json.loads((calibrations / kind / "my-robot" / "calibration.json").read_text())["joint_map"]
-        assert {name for name in content if f"`{name}`" not in section} <= {"formula", "schema"}
+        assert {name for name in content if f"`{name}`" not in section} <= {"schema"}
 
 
 def test_the_schema_is_that_of_the_files(folder, tmp_path, monkeypatch):

@@ -12,12 +12,12 @@ from irbcal.files import urdf
 from irbcal.identification.averaged import identify_averaged
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.validation.coverage import coverage
 
@@ -41,7 +41,7 @@ class Loaded:
         self.compliance = rng.uniform(0.3, 1.5, len(payload)) * 1e-5
         terms = TermMap(nominal, (*others, *payload), np.concatenate([values, self.compliance]))
         base = frames.from_xyz_angles([0.4, -1.0, 0.2, 0.1, 0.2, -2.0])
-        self.robot = Robot(nominal.with_table(replace(nominal.table, **columns)), TermJointMap(terms, None, 0.0), base)
+        self.robot = Robot(nominal.with_table(replace(nominal.table, **columns)), JointMap(terms, None, 0.0), base)
 
     def measured(self, kg, poses, seed):
         """Poses with a load, its reflectors mounted anew: their names end with it."""

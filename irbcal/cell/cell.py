@@ -32,9 +32,9 @@ from irbcal.errors import MeasurementError, RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
-from irbcal.modeling.joint_map import JointMap, stiffness_terms
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.term import Term
+from irbcal.modeling.thesis_map import ThesisMap, stiffness_terms
 from irbcal.units import DEG
 
 SPEED = 60.0 * DEG
@@ -57,7 +57,7 @@ class Cell:
         The nominal arm: what the controller believes.
     table : DHMTable
         The true geometry, without what effects add to it.
-    joint_map : JointMap
+    joint_map : ThesisMap
         Gains, Fourier series; the stiffness follows from the payload, see `stiffness`.
     bodies : Bodies
         Link masses without payload.
@@ -75,7 +75,7 @@ class Cell:
 
     arm: Arm
     table: DHMTable
-    joint_map: JointMap
+    joint_map: ThesisMap
     bodies: Bodies
     tool: EndEffector
     tracker: Tracker
@@ -152,7 +152,7 @@ class Cell:
             table = effect.table(table)
         return self.arm.with_table(table)
 
-    def true_joint_map(self) -> JointMap:
+    def true_joint_map(self) -> ThesisMap:
         """The joint map with the two stiffness numbers that describe the arm's compliance best for this payload.
 
         They are fitted to compliance times gravity torque of joints 2 and 3 over 500 random poses. Arms that the

@@ -16,7 +16,6 @@ from irbcal.cell.gravity import GRAVITY
 from irbcal.cell.masses import Bodies
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.harmonics import pair
@@ -24,6 +23,7 @@ from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import AXES, Term
 from irbcal.modeling.terms.term_map import TermMap, basis_values
+from irbcal.modeling.thesis_map import ThesisMap
 
 POSES, SEED = 400, 3
 """Random poses on which levers are expressed by those that the error model keeps."""
@@ -75,7 +75,7 @@ def decays(turns: FloatArray, shifts: FloatArray, tau_min: float) -> Amounts:
     return [(t, float(start[t.joint, AXES.index(t.axis)])) for t in terms if start[t.joint, AXES.index(t.axis)]]
 
 
-def joint_map_amounts(arm: Arm, joint_map: JointMap, stiffness: bool) -> Amounts:
+def joint_map_amounts(arm: Arm, joint_map: ThesisMap, stiffness: bool) -> Amounts:
     """The thesis's joint map; ``stiffness``: with its two numbers for what gravity does."""
     out = of_family(arm, "gain", "q", joint_map.gain)
     thesis = families()["thesis"].terms(arm)

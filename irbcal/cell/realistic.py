@@ -24,8 +24,8 @@ from irbcal.cell.turning_effects import Gear, Harmonics, Wobble
 from irbcal.cell.warmth_effects import Thaw
 from irbcal.cell.weight_effects import Bending, Compliance
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import direction, harmonics, move, warm_up, wobble
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.units import DEG, MM
 
 NAMES = ("thesis", "realistic")
@@ -92,7 +92,7 @@ def realistic(cell: Cell, robot_seed: int = ROBOT_SEED) -> Cell:
         ReadingLag(),
         *(effect for effect in cell.effects if isinstance(effect, SEEING)),
     ]
-    out = cell.replace(effects=(), compliance=soft, joint_map=JointMap(GAIN * rng.standard_normal(n) * ~prismatic))
+    out = cell.replace(effects=(), compliance=soft, joint_map=ThesisMap(GAIN * rng.standard_normal(n) * ~prismatic))
     for part in parts:
         out = out.with_effect(part)
     return out

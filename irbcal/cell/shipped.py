@@ -26,7 +26,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.home import home_joints
-from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.units import DEG, MM
 
 ROBOT_SEED = 1600
@@ -133,7 +133,7 @@ def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBO
     return Cell(
         arm,
         table,
-        JointMap(np.zeros(len(arm.joint_names)), fourier=fourier),
+        ThesisMap(np.zeros(len(arm.joint_names)), fourier=fourier),
         bodies,
         thesis_tool(look, size, round(PAYLOAD_KG * size**3, 2)),
         tracker,

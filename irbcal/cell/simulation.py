@@ -327,7 +327,8 @@ def misses(run: Run, wanted: FloatArray, calibration: Record) -> FloatArray:
             f"the wanted program has {len(wanted)} poses, the simulated one {len(run.q)}", parameter="wanted"
         )
     robot = calibration.robot_calibrated()
-    robot = robot.replace(arm=calibration.arm(calibrated=False), joint_map=JointMap(np.zeros(wanted.shape[1])))
+    nominal = calibration.arm(calibrated=False)
+    robot = robot.replace(arm=nominal, joint_map=JointMap.identity(nominal))
     xyz, places = run.xyz[:, : run.targets], calibration.reference_places()
     found = places and register(run.xyz[:, run.targets :], run.names[run.targets :], "simulated points", places)
     if found:

@@ -15,9 +15,9 @@ from irbcal.cell.tool import EndEffector
 from irbcal.cell.tracker import Tracker
 from irbcal.modeling import frames
 from irbcal.modeling.dhm import DHMTable
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import FOURIER
 from irbcal.modeling.terms.term import Term
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.units import DEG, MM
 
 _BASE = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
@@ -28,7 +28,7 @@ _COLUMNS = {"alpha": DEG, "a": MM, "theta": DEG, "d": MM, "beta": DEG, "b": MM}
 def truth(
     nominal: DHMTable,
     table: DHMTable,
-    joint_map: JointMap,
+    joint_map: ThesisMap,
     tool: EndEffector,
     tracker: Tracker,
     references: Mapping[str, FloatArray],
@@ -43,7 +43,7 @@ def truth(
     ----------
     nominal, table : DHMTable
         What the controller believes, and the truth.
-    joint_map : JointMap
+    joint_map : ThesisMap
     tool : EndEffector
     tracker : Tracker
     references : dict of str to ndarray, shape (3,)

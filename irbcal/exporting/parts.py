@@ -18,13 +18,14 @@ from irbcal import __version__
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import AnyJointMap, JointMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import bases
 from irbcal.modeling.terms.direction import WIDTHS
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.situation import GRAVITY
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.modeling.terms.term_map import TermMap
 
 VERSION = "irbcal-export-1"
 """Name of the layout of exports; it changes when what they offer does."""
@@ -256,7 +257,7 @@ class Parts:
         empty |= {"waves": (), "bends": (), "levers": (), "gravity": np.array(GRAVITY)}
         empty |= {"payload_kg": 0.0, "payload_place": np.zeros(3), "nominal": Chain.of(nominal or arm)}
         told = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
-        return Parts(**(common | empty | _of_joint_map(robot.joint_map, n) | told))
+        return Parts(**(common | empty | _of_terms(robot.joint_map, n) | told))
 
     def carrying(self, payload_kg: float, place: FloatArray | None = None) -> Parts:
         """The same with another load where none is told."""
@@ -264,22 +265,7 @@ class Parts:
         return replace(self, payload_kg=payload_kg, payload_place=np.asarray(where, dtype=float))
 
 
-def _of_joint_map(joint_map: AnyJointMap, n: int) -> dict[str, Any]:
-    if isinstance(joint_map, TermJointMap):
-        return _of_terms(joint_map, n)
-    assert isinstance(joint_map, JointMap)
-    found: dict[str, Any] = {"gain": joint_map.gain}
-    if joint_map.stiffness.any():
-        (A, B), (phi_2, phi_3) = joint_map.stiffness.tolist(), joint_map.phases.tolist()
-        found["bends"] = (Bend(A, phi_2, (1,), (1,)), Bend(B, phi_3, (1, 2), (1, 2)))
-    if joint_map.fourier.any():
-        cosine, sine = np.zeros((2, n)), np.zeros((2, n))
-        cosine[:, 5], sine[:, 5] = joint_map.fourier[0::2], joint_map.fourier[1::2]
-        found |= {"cosine": cosine, "sine": sine}
-    return found
-
-
-def _of_terms(joint_map: TermJointMap, n: int) -> dict[str, Any]:
+def _of_terms(joint_map: JointMap, n: int) -> dict[str, Any]:
     terms = joint_map.terms
     found: dict[str, Any] = {
         name: np.zeros(n) for name in ("gain", "offset", "compliance", "torque", "direction", "move", "share")
@@ -290,10 +276,15 @@ def _of_terms(joint_map: TermJointMap, n: int) -> dict[str, Any]:
     places = set()
     waves: dict[tuple[int, float], list[float]] = {}
     levers: dict[tuple[int, tuple[int, ...]], dict[int, FloatArray]] = {}
+    bends: list[Bend] = []
     for term, coefficient in zip(terms.terms, map(float, terms.coefficients), strict=True):
         if term.basis == "decay" or coefficient == 0.0:
             continue  # the arm is warm
         if term.basis == "gravity":
+            bend = _bend(term, coefficient, terms)
+            if bend is not None:
+                bends.append(bend)
+                continue
             key = (term.joint, (term.joint, *term.also))
             vectors = levers.setdefault(key, {})
             link = int(str(term.parameters["link"])) - 1
@@ -322,6 +313,7 @@ def _of_terms(joint_map: TermJointMap, n: int) -> dict[str, Any]:
         "cosine": cosine,
         "sine": sine,
         "waves": single,
+        "bends": tuple(bends),
         "levers": tuple(
             Lever(joint, targets, tuple(sorted(v)), tuple(tuple(map(float, v[k])) for k in sorted(v)))
             for (joint, targets), v in levers.items()
@@ -332,6 +324,18 @@ def _of_terms(joint_map: TermJointMap, n: int) -> dict[str, Any]:
         "payload_place": np.array(next(iter(places), (0.0, 0.0, 0.0))),
         "width": np.array([widths.get(j, 1.0) for j in range(n)]),
     }
+
+
+def _bend(term: Term, coefficient: float, terms: TermMap) -> Bend | None:
+    """A lever that is one sine of a sum of joints, as that; None for others."""
+    expansion = bases()[term.basis].expansion(term, terms.arm, terms.gravity)
+    if expansion is None or len(expansion) != 1:
+        return None
+    ((turns, weight),) = expansion.items()
+    if set(turns) != {0.0, 1.0}:
+        return None
+    joints = tuple(j for j, n in enumerate(turns) if n)
+    return Bend(coefficient * abs(weight), float(np.angle(1j * weight)), joints, (term.joint, *term.also))
 
 
 def _series(waves: dict[tuple[int, float], list[float]], n: int) -> tuple[FloatArray, FloatArray, tuple[Wave, ...]]:

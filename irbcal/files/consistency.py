@@ -10,7 +10,6 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.errors import IrbcalError
 from irbcal.files import joint_origins, urdf
-from irbcal.files.joint_map_section import JointMapSection
 from irbcal.files.schema import Pose, Record
 from irbcal.files.seal import fingerprint
 from irbcal.modeling.arm import relative_difference
@@ -67,8 +66,6 @@ def _lengths(record: Record) -> Iterator[str]:
         "robot.dhm_calibrated": robot.dhm_calibrated,
         "joint_origins": record.joint_origins,
     }
-    if isinstance(record.joint_map, JointMapSection):
-        lists["joint_map.gain"] = record.joint_map.gain
     for name, values in lists.items():
         if len(values) != joints:
             yield f"{name} has {len(values)} entries for {joints} joints"
@@ -105,17 +102,11 @@ def _norm(pose: Pose) -> float:
 def _joint_map(record: Record) -> Iterator[str]:
     section, nominal = record.joint_map, record.arm(calibrated=False)
     try:
-        if isinstance(section, JointMapSection):
-            q = np.array([vector.commanded for vector in section.test_vectors], dtype=float)
-            found = section.joint_map(nominal).effective(q) if len(q) else q
-        else:
-            q, before = (np.array([getattr(v, k) for v in section.test_vectors]) for k in ("q", "previous_q"))
-            loads = np.array([vector.payload_kg for vector in section.test_vectors])
-            felt = [vector.torques_nm for vector in section.test_vectors if vector.torques_nm is not None]
-            motion = (
-                Motion(q, q - before, payload_kg=loads, torques=np.array(felt) if felt else None) if len(q) else None
-            )
-            found = q if motion is None else section.joint_map(nominal).terms.effective(motion)
+        q, before = (np.array([getattr(v, k) for v in section.test_vectors]) for k in ("q", "previous_q"))
+        loads = np.array([vector.payload_kg for vector in section.test_vectors])
+        felt = [vector.torques_nm for vector in section.test_vectors if vector.torques_nm is not None]
+        motion = Motion(q, q - before, payload_kg=loads, torques=np.array(felt) if felt else None) if len(q) else None
+        found = q if motion is None else section.joint_map(nominal).terms.effective(motion)
         effective = np.array([vector.effective for vector in section.test_vectors], dtype=float)
         miss = float(np.abs(found - effective).max()) if len(q) else 0.0
     except (IrbcalError, ValueError, IndexError, KeyError, TypeError, ArithmeticError) as error:

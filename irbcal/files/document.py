@@ -19,7 +19,7 @@ from irbcal.files.beside import SCHEMA
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.frame_terms_section import FrameTermsSection
-from irbcal.files.joint_map_section import section_of
+from irbcal.files.joint_map_section import JointMapSection
 from irbcal.files.outcome import Outcome
 from irbcal.files.point_tables import PointTable, PoseTable
 from irbcal.files.schema import (
@@ -403,7 +403,7 @@ def _moving(outcome: Outcome, data: list[DataFile], simulated: bool) -> dict[str
         "simulated": simulated,
         "robot": _robot_section(outcome),
         "joint_origins": _joint_origins(outcome.urdf, robot.arm),
-        "joint_map": section_of(robot.joint_map, robot.arm),
+        "joint_map": JointMapSection.of(robot.joint_map, robot.arm),
         "frame_terms": FrameTermsSection.of_robot(robot),
         "placement": _placement(robot),
         "data": data,

@@ -13,7 +13,7 @@ from irbcal.files.certainty_section import CertaintySection, CovarianceSection, 
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.features_section import FeaturesSection
 from irbcal.files.frame_terms_section import FrameTermsSection
-from irbcal.files.joint_map_section import JointMapSection, TermMapSection
+from irbcal.files.joint_map_section import JointMapSection
 from irbcal.files.point_tables import PointTable, PoseTable
 from irbcal.files.seal import Seal
 from irbcal.files.section import Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
@@ -27,7 +27,6 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import all_names, parameter
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 Three: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -267,7 +266,7 @@ class Record(Section):
     held: list[Sentence]
     observability: Observability
     history: dict[Name, list[float]]
-    joint_map: Annotated[JointMapSection | TermMapSection, Field(union_mode="left_to_right")]
+    joint_map: JointMapSection
     frame_terms: FrameTermsSection | None = None
     placement: Placement
     placement_nominal: Placement
@@ -312,8 +311,8 @@ class Record(Section):
 
     @property
     def usual_load(self) -> float | None:
-        """The payload that it is for where none is told, kg; None if it is not known, or for levels of the thesis."""
-        return self.joint_map.payload_kg if isinstance(self.joint_map, TermMapSection) else None
+        """The payload that it is for where none is told, kg; None if it is not known."""
+        return self.joint_map.payload_kg
 
     @model_validator(mode="after")
     def _points_of_known_poses(self) -> Record:
@@ -365,9 +364,7 @@ class Record(Section):
     def _certainty(self, robot: Robot) -> Certainty:
         nominal = self.arm(calibrated=False)
         listed = {row.name for row in self.parameters}
-        terms: dict[str, Term] = {}
-        if isinstance(robot.joint_map, TermJointMap):
-            terms = {term.name: term for term in robot.joint_map.terms.terms}
+        terms: dict[str, Term] = {term.name: term for term in robot.joint_map.terms.terms}
         if robot.frame_terms is not None:
             terms |= {term.name: term for term in robot.frame_terms.terms}
         known = {name: term_of(parameter(name), nominal) for name in listed if name in all_names(nominal)} | terms
@@ -387,11 +384,8 @@ class Record(Section):
 
     def robot_nominal(self) -> Robot:
         """The nominal robot with base and tool identified from the same poses."""
-        return Robot(
-            self.arm(calibrated=False),
-            JointMap(np.zeros(len(self.robot.joint_names))),
-            *_placed(self.placement_nominal),
-        )
+        nominal = self.arm(calibrated=False)
+        return Robot(nominal, JointMap.identity(nominal), *_placed(self.placement_nominal))
 
     def used_points(self, heldout: bool) -> tuple[PointSet, FloatArray] | None:
         """The used points, fitted or held out, and the directions from which their joints were reached.

@@ -22,9 +22,9 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM, UNIT_OUTSIDE
 
@@ -71,7 +71,7 @@ class AveragedFit(Speaks):
     def robot(self) -> Robot:
         """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
         found, terms = self.evidence, self.evidence.term_map()
-        joint_map = TermJointMap(terms.part(False), found.joint_ranges, found.usual_kg)
+        joint_map = JointMap(terms.part(False), found.joint_ranges, found.usual_kg)
         frame_terms = terms.part(True)
         return Robot(
             found.arm,

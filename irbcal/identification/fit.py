@@ -16,9 +16,9 @@ from irbcal.identification.residuals import Problem, State
 from irbcal.identification.result import Fit
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import Stiffness
 from irbcal.modeling.parameters import Parameter, level_parameters
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.stiffness import Stiffness
 from irbcal.options import checked
 
 MIN_POSES = 3
@@ -121,11 +121,11 @@ def _poses_missing(problem: Problem, spare: int) -> int:
 
 def fit_of(problem: Problem, solution: least_squares.Solution, level: Level, guess: Stiffness | None) -> Fit:
     """The robot that a solution describes, with what the fit knows of itself."""
-    arm, joint_map = problem.model(solution.state)
+    arm, thesis = problem.model(solution.state)
     names = problem.points.target_names
     targets = dict(zip(names, solution.state.targets, strict=True))
     rotations = {names[k]: solution.state.rotations[k] for k in problem.framed}
-    robot = Robot(arm, joint_map, solution.state.T_world_base, targets, rotations)
+    robot = Robot(arm, thesis.joint_map(problem.arm), solution.state.T_world_base, targets, rotations)
     return Fit(robot, level, problem, solution, guess)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.measurement.points import PointSet
-from irbcal.modeling.joint_map import fourier_terms, stiffness_terms
+from irbcal.modeling.thesis_map import fourier_terms, stiffness_terms
 
 BLOCK = 2048
 """Poses whose Jacobian is in memory at a time."""

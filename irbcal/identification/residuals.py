@@ -37,8 +37,8 @@ from irbcal.identification.pose_blocks import PoseBlock
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames, parameters
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import Parameter
+from irbcal.modeling.thesis_map import ThesisMap
 
 ORIENTATION_LENGTH = 0.3
 """Metres per radian: a rotation of the target frame counts as the motion of a point this far away."""
@@ -81,7 +81,7 @@ class State:
 class Problem:
     """Measured points and orientations against an arm with given error parameters (Nubiola 2011, section 3.5).
 
-    The prediction is that of eqs. 3.32, 3.33 and 3.34 with the joint map of `irbcal.modeling.joint_map`, from the base
+    The prediction is that of eqs. 3.32, 3.33 and 3.34 with the joint map of `irbcal.modeling.thesis_map`, from the base
     in the measuring frame to the target on the tool.
 
     A measured orientation is one more row of three residuals: the rotation vector from the predicted to the
@@ -101,7 +101,7 @@ class Problem:
     points : PointSet
     error_parameters : sequence of Parameter
     phases : array_like, shape (2,)
-        Of the stiffness terms, see `irbcal.modeling.joint_map`.
+        Of the stiffness terms, see `irbcal.modeling.thesis_map`.
     known_targets : dict of str to array_like, shape (3,), optional
         Positions in the tip link that are not identified, metres.
     orientation_length : float
@@ -137,7 +137,7 @@ class Problem:
         self.arm = arm
         self.points = points
         self.parameters = tuple(error_parameters)
-        self.joint_map = JointMap(np.zeros(len(arm.joint_names)), phases=np.asarray(phases, dtype=float))
+        self.joint_map = ThesisMap(np.zeros(len(arm.joint_names)), phases=np.asarray(phases, dtype=float))
         self.known = {k: np.asarray(v, float) for k, v in (known_targets or {}).items() if k in points.target_names}
         self.orientation_length = orientation_length
         self.sessions = session_names(points) if sessions is None else tuple(sessions)
@@ -210,7 +210,7 @@ class Problem:
         T = T[self.session_of_points()]
         return np.einsum("mij,mj->mi", T[:, :3, :3], self.points.xyz) + T[:, :3, 3]
 
-    def model(self, state: State) -> tuple[Arm, JointMap]:
+    def model(self, state: State) -> tuple[Arm, ThesisMap]:
         """Arm and joint map with the state's error parameters added."""
         if not state.errors.any():
             return self.arm, self.joint_map
@@ -320,14 +320,14 @@ class Problem:
             r[:, m:] = self.orientation_length * _rotation_vectors(measured @ predicted.transpose(0, 2, 1)).T
         return r, p
 
-    def _misses(self, block: PoseBlock, arm: Arm, joint_map: JointMap, state: State) -> FloatArray:
+    def _misses(self, block: PoseBlock, arm: Arm, joint_map: ThesisMap, state: State) -> FloatArray:
         """Residuals (3, rows) of one block."""
         theta = joint_map.effective(block.q).T + arm.table.offsets[:, None]
         tip = dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_last_tip)
         return self._residuals(block, tip[..., block.frames], state)[0]
 
     def _derivatives(
-        self, block: PoseBlock, arm: Arm, joint_map: JointMap, state: State
+        self, block: PoseBlock, arm: Arm, joint_map: ThesisMap, state: State
     ) -> tuple[FloatArray, FloatArray]:
         """Residuals (3, rows) and derivatives (unknowns, 3, rows) of one block."""
         theta = joint_map.effective(block.q)[block.frames].T + arm.table.offsets[:, None]

@@ -17,9 +17,9 @@ from irbcal.identification.observability import HELD, TIED
 from irbcal.identification.residuals import Problem
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
-from irbcal.modeling.joint_map import Stiffness
 from irbcal.modeling.parameters import thesis_count
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.stiffness import Stiffness
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM, UNIT_OUTSIDE
 

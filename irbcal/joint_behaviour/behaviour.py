@@ -38,8 +38,8 @@ from irbcal.measurement.reading_lag import ReadingLag, mixed_use
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import parameters
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import Stiffness
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.stiffness import Stiffness
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
 

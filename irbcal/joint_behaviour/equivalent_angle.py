@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.joint_behaviour.series import Series, one_series
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.thesis_map import ThesisMap
 
 
 def equivalent_error(
@@ -18,7 +18,7 @@ def equivalent_error(
 ) -> FloatArray:
     """Angle of joint 2 that moves the wrist as both joints' bending does, zero at q2 = 0.
 
-    Nubiola 2011, section 5.3: the curves of Figure 5.5 with `irbcal.modeling.joint_map.Stiffness.guess`, those of
+    Nubiola 2011, section 5.3: the curves of Figure 5.5 with `irbcal.modeling.stiffness.Stiffness.guess`, those of
     Figure 5.6 with other parameters. With both links in line it is eq. 5.17, and its sine the deflection of eq. 5.16
     over the arm's length.
 
@@ -31,7 +31,7 @@ def equivalent_error(
     stiffness : array_like, shape (2,)
         A and B, radians.
     phases : array_like, shape (2,)
-        Of upper arm and forearm, see `irbcal.modeling.joint_map`.
+        Of upper arm and forearm, see `irbcal.modeling.thesis_map`.
     lengths : array_like, shape (2,)
         Of upper arm and forearm, metres.
 
@@ -70,8 +70,8 @@ def predicted_series(series: Series, robot: Robot, stiffness: ArrayLike) -> Floa
         Radians, zero where the measured ones are.
     """
     points = series.points
-    own = robot.joint_map
-    phases = own.phases if isinstance(own, JointMap) else JointMap().phases
-    bent = robot.replace(joint_map=JointMap(np.zeros(points.q.shape[1]), np.asarray(stiffness, dtype=float), phases))
+    phases = (ThesisMap.of(robot.joint_map) or ThesisMap()).phases
+    thesis = ThesisMap(np.zeros(points.q.shape[1]), np.asarray(stiffness, dtype=float), phases)
+    bent = robot.replace(joint_map=thesis.joint_map(robot.joint_map.terms.arm))
     modelled = replace(points, xyz=points.predicted(bent))
     return one_series(modelled, np.full(points.poses, np.nan), series.joint, series.name).angle

@@ -19,8 +19,8 @@ from irbcal.identification.residuals import Problem, State
 from irbcal.joint_behaviour.terms import Kind, Term, quantile
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import parameters
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.thesis_map import ThesisMap
 
 UNSEEN = 1e-6
 """Share of a column that must be left beside all others for its coefficient to be seen."""
@@ -57,12 +57,10 @@ class Linearised:
         maps = [name for name in parameters.all_names(arm) if not name.startswith("delta_")]
         names = list(dict.fromkeys([*geometry, *turns, *maps]))
         chosen = tuple(parameters.parameter(name) for name in names)
-        own, seen = robot.joint_map, points
-        if not isinstance(own, JointMap):  # a map of other terms: held as it is, the thesis's terms come on top of it
-            seen = replace(_without_frame_terms(robot, points), q=own.effective(points.q))
-            own = JointMap(np.zeros(joints))
-        if len(own.gain) != joints:  # a map without gains says nothing of how many joints there are
-            own = replace(own, gain=np.zeros(joints))
+        own, seen = ThesisMap.of(robot.joint_map), points
+        if own is None:  # a map of other terms: held as it is, the thesis's terms come on top of it
+            seen = replace(_without_frame_terms(robot, points), q=robot.joint_map.effective(points.q))
+            own = ThesisMap(np.zeros(joints))
         held = [getattr(own, p.kind)[p.index] if p.name in maps else 0.0 for p in chosen]
         problem = Problem(arm, seen, chosen, own.phases)
         targets = np.array([robot.targets[name] for name in points.target_names])

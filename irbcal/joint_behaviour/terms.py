@@ -36,7 +36,7 @@ class Term(Speaks):
     kind : str
         ``backlash`` (reached from above minus from below, Nubiola 2011, section 4.2), ``move`` (error per radian of the
         last move), ``gain`` (eq. 3.31), ``fourier`` (section 5.2), ``gravity`` (one period a turn for each home pose of
-        joints 2 and 3) or ``stiffness`` (A and B, see `irbcal.modeling.joint_map`).
+        joints 2 and 3) or ``stiffness`` (A and B, see `irbcal.modeling.thesis_map`).
     joint : int or None
         Counted from 1; None for the stiffness of joints 2 and 3.
     names : tuple of str

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from irbcal.joint_behaviour.behaviour import JointBehaviour
     from irbcal.joint_behaviour.moves import JointMoves
     from irbcal.joint_behaviour.residuals import ResidualAnalysis
-    from irbcal.modeling.joint_map import Stiffness
+    from irbcal.modeling.stiffness import Stiffness
 
 LABELS = {"worth it": "worth it", "small": "real, but hardly worth it", "not seen": "not worth it"}
 LEFT_OUT = "left-out rms"

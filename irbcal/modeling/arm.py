@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm, frames
-from irbcal.modeling.joint_map import Stiffness
+from irbcal.modeling.stiffness import Stiffness
 from irbcal.options import shown
 from irbcal.units import DEG, MM
 

@@ -1,277 +1,255 @@
-r"""The joint map: from commanded to effective joint angles, the part of a calibration that URDF cannot carry.
-
-Effective angles (Nubiola 2011, sections 5.2 and 5.3, Table 5.7; q in radians)::
-
-    theta_i = q_i + k_i q_i                                      joint gains, every joint
-    theta_2 += A sin(q_2 + phi_2) + B sin(q_2 + q_3 + phi_3)     arm stiffness
-    theta_3 += B sin(q_2 + q_3 + phi_3)
-    theta_6 += a_1 cos q_6 + b_1 sin q_6 + a_2 cos 2 q_6 + b_2 sin 2 q_6    joint-6 Fourier series
-
-The gains are those of eq. 3.31. The Fourier series is eq. 5.8 with omega = 1, and without a_0, which is an offset of
-theta_6 (Table 5.2). The stiffness is that of eqs. 5.14 and 5.15 with the levers of eqs. 5.9, 5.10 and 5.11 in the
-torques of eqs. 5.12 and 5.13.
-
-``phi_2`` and ``phi_3`` are the directions of upper arm and forearm from the vertical at zero joints; for
-the ABB arms ``phi_2 = 0`` and ``phi_3 = 90`` degrees, which gives ``sin q_2`` and ``cos(q_2 + q_3)`` as printed.
-
-The four stiffness parameters of the thesis act through ``A`` and ``B`` alone
-(``A = kF1 (L_G1 + m L_1)``, ``B = m kF1 L_G2``): `Stiffness` converts between the two descriptions.
-"""
+"""The joint map: from commanded to effective joints by a sum of terms, what URDF cannot carry of a calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Protocol
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
-from irbcal.modeling.cos_sin import cos_sin
-from irbcal.units import MM
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import bases
+from irbcal.modeling.terms.payload import largest_torque
+from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.waves import Expansion, Turns, Waves
 
-FORMULA = "irbcal-joint-map-1"
-"""Name of the formula above in files; it changes when the formula does."""
-
-
-@dataclass(frozen=True)
-class Stiffness:
-    """The four stiffness parameters of Nubiola 2011, section 5.3 and Figure 5.3, lengths in metres.
-
-    Parameters
-    ----------
-    delta_L : float
-        Deflection of the stretched arm's end under gravity (Figure 5.4).
-    L_G1, L_G2 : float
-        Distance of the centres of mass of upper arm and forearm from axes 2 and 3.
-    m : float
-        Mass ratio F2 / F1 (the thesis prints its inverse; eqs. 5.14 and 5.15 need this one).
-    L_1, L_2 : float
-        Lengths of upper arm and forearm.
-    """
-
-    delta_L: float
-    L_G1: float
-    L_G2: float
-    m: float
-    L_1: float
-    L_2: float
-
-    @staticmethod
-    def guess(L_1: float, L_2: float) -> Stiffness:
-        """Physical guess for arm lengths in metres (Nubiola 2011, eqs. 5.19, 5.20, 5.21 and 5.22)."""
-        return Stiffness(1.5 * MM, L_1 / 2, L_2 / 2, 1.0, L_1, L_2)
-
-    def _lever(self) -> float:
-        """Turn of the stretched arm, seen from axis 2, over k F1 (Nubiola 2011, eq. 5.17), metres."""
-        return self.L_G1 + self.m * (self.L_1 + self.L_G2) + self.m * self.L_2 / (self.L_1 + self.L_2) * self.L_G2
-
-    @property
-    def k_F1(self) -> float:
-        """Compliance times weight of the upper arm, rad/m (Nubiola 2011, eq. 5.18, from eqs. 5.16 and 5.17)."""
-        return float(np.arcsin(self.delta_L / (self.L_1 + self.L_2))) / self._lever()
-
-    @property
-    def coefficients(self) -> tuple[float, float]:
-        """The two observable numbers (A, B) in radians: factors of the sines in what the joints bend by.
-
-        Nubiola 2011, eqs. 5.14 and 5.15, with the torques of eqs. 5.12 and 5.13 put in. The sines of the levers are
-        those of `stiffness_terms`; what is left of the torques over F1 is the brackets here.
-        """
-        return (self.k_F1 * (self.L_G1 + self.m * self.L_1), self.m * self.k_F1 * self.L_G2)
-
-    def with_coefficients(self, A: float, B: float) -> Stiffness | None:
-        """The parameters that give (A, B) with L_G1 and m held at their present values.
-
-        Returns
-        -------
-        Stiffness or None
-            None where no such parameters exist: a forearm term without an upper-arm term (A = 0).
-        """
-        k_F1 = A / (self.L_G1 + self.m * self.L_1)
-        if k_F1 == 0.0:
-            return replace(self, delta_L=0.0) if B == 0.0 else None
-        changed = replace(self, L_G2=B / (self.m * k_F1))
-        angle = k_F1 * changed._lever()
-        if not abs(angle) < np.pi / 2:
-            return None
-        return replace(changed, delta_L=float((self.L_1 + self.L_2) * np.sin(angle)))
-
-    def with_payload(self, delta_kg: float, L_P: float, upper_arm_kg: float) -> Stiffness:
-        """The parameters with more (or less) mass on the forearm; compliance and upper arm stay as they are.
-
-        With ``p = delta_kg / upper_arm_kg`` the forearm's share grows to ``m' = m + p`` and its centre of mass moves
-        to ``m' L_G2' = m L_G2 + p L_P``, so that ``A' = A + kF1 p L_1`` and ``B' = B + kF1 p L_P``, see `coefficients`.
-
-        Parameters
-        ----------
-        delta_kg : float
-            Mass added to what the robot carried when it was measured; negative if it carries less.
-        L_P : float
-            Distance of that mass from axis 3, along the forearm, metres.
-        upper_arm_kg : float
-            Mass of the upper arm: what axis 2 carries and axis 3 does not.
-
-        Returns
-        -------
-        Stiffness
-
-        Raises
-        ------
-        RobotError
-            If the upper arm has no mass, or more is taken off than the forearm weighs.
-
-        Notes
-        -----
-        The split of A into compliance and masses rests on L_G1, m and the upper arm's mass, which positions cannot
-        show: the extrapolation is a physical guess, not a measurement.
-        """
-        if not upper_arm_kg > 0.0:
-            raise RobotError(
-                f"the upper arm's mass must be positive, found {upper_arm_kg:g} kg", parameter="upper_arm_kg"
-            )
-        share = delta_kg / upper_arm_kg
-        m = self.m + share
-        if not m > 0.0:
-            raise RobotError(
-                f"a payload {-delta_kg:g} kg smaller is impossible: the forearm weighs {self.m * upper_arm_kg:g} kg",
-                parameter="delta_kg",
-            )
-        changed = replace(self, m=m, L_G2=(self.m * self.L_G2 + share * L_P) / m)
-        angle = self.k_F1 * changed._lever()
-        return replace(changed, delta_L=float((self.L_1 + self.L_2) * np.sin(angle)))
-
-
-class AnyJointMap(Protocol):
-    """From commanded to effective joints: the thesis's `JointMap`, or a sum of terms.
-
-    A sum of terms is an `irbcal.modeling.terms.term_joint_map.TermJointMap`. ``previous`` is the stop before, as
-    commanded: maps that have no use for it ignore it, the others take the last move as unknown where it is not given.
-    Likewise the load, see `TermJointMap.effective`.
-    """
-
-    @property
-    def is_identity(self) -> bool:
-        """Whether effective and commanded joints are the same."""
-        ...
-
-    @property
-    def has_history(self) -> bool:
-        """Whether effective joints depend on the stop before."""
-        ...
-
-    @property
-    def history_std(self) -> FloatArray:
-        """By how much each joint's stop is uncertain where the stop before is not known, shape (joints,)."""
-        ...
-
-    @property
-    def in_words(self) -> str:
-        """What the map does, in a few words."""
-        ...
-
-    def effective(
-        self,
-        q: ArrayLike,
-        previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
-        torques: ArrayLike | None = None,
-    ) -> FloatArray:
-        """Effective joints, shape (n, joints)."""
-        ...
-
-    def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
-        """Derivative of the effective by the commanded joints, shape (n, joints, joints)."""
-        ...
-
-    def jacobian_derivative(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
-        """Time derivative of `jacobian` at joint speeds ``dq``, shape (n, joints, joints)."""
-        ...
-
-    def commanded(self, theta: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
-        """Commanded joints that give effective ones, shape (n, joints)."""
-        ...
-
-    def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """A box of effective joints whose commands all respect joint limits."""
-        ...
-
-    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> AnyJointMap:
-        """The map with another payload (kg, its centre in the tip link in metres)."""
-        ...
-
-    def load(self, n: int, *given: ArrayLike | None) -> Mapping[str, FloatArray | None]:
-        """What a motion of n stops says of the load, what is not told being as usual."""
-        ...
+HISTORY = ("direction", "share_of_move", "move")
+"""Bases that are zero where the last move is not known."""
+STEPS = 60
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointMap:
-    """Commanded to effective joints; stiffness and Fourier series are for arms with six revolute joints.
+    """Commanded to effective joints by a sum of terms about the joints' own axes.
+
+    The arm is warm and carries ``payload_kg`` unless told otherwise. Where the stop before is not given, terms of the
+    last move are zero; where torques are not given, theirs are.
 
     Parameters
     ----------
-    gain : array_like, shape (n,)
-        Relative gain errors k_i (Nubiola 2011, eq. 3.31), dimensionless, of all n joints; six unless given.
-    stiffness : array_like, shape (2,)
-        A and B, radians (eqs. 5.14 and 5.15; see `Stiffness.coefficients`).
-    phases : array_like, shape (2,)
-        phi_2 and phi_3, radians.
-    fourier : array_like, shape (4,)
-        a_1, b_1, a_2, b_2 of joint 6, radians (eq. 5.8, Table 5.2).
+    terms : TermMap
+        Without frame terms.
+    ranges : ndarray, shape (2, joints), optional
+        Smallest and largest commanded joints that the terms were identified from, radians (metres): outside them high
+        harmonics must not be trusted.
+    payload_kg : float, optional
+        The mass that is carried where none is given: the one that most poses of the fit were measured with. None where
+        it was not told.
+
+    Raises
+    ------
+    RobotError
+        If there are terms that a joint map cannot carry.
     """
 
-    gain: FloatArray = field(default_factory=lambda: np.zeros(6))
-    stiffness: FloatArray = field(default_factory=lambda: np.zeros(2))
-    phases: FloatArray = field(default_factory=lambda: np.array([0.0, np.pi / 2]))
-    fourier: FloatArray = field(default_factory=lambda: np.zeros(4))
+    terms: TermMap
+    ranges: FloatArray | None = None
+    payload_kg: float | None = None
 
     def __post_init__(self) -> None:
-        for item in fields(self):
-            object.__setattr__(self, item.name, np.asarray(getattr(self, item.name), dtype=float))
+        if self.terms.has_frame_terms:
+            raise RobotError("a joint map cannot carry terms about or along other axes than the joints' own")
+        if self.knows_loads and self.payload_kg is None:
+            object.__setattr__(self, "payload_kg", 0.0)
         lock(self)
 
     def __repr__(self) -> str:
         return f"<JointMap: {self.in_words}>"
 
+    @staticmethod
+    def identity(arm: Arm) -> JointMap:
+        """The map of a robot whose joints do as they are told."""
+        return JointMap(TermMap(arm, (), np.zeros(0)))
+
     @property
     def is_identity(self) -> bool:
-        """Whether effective and commanded angles are the same."""
-        return not (self.gain.any() or self.stiffness.any() or self.fourier.any())
+        """Whether effective and commanded joints are the same."""
+        return not self.terms.coefficients.any()
 
-    @property
+    @cached_property
     def has_history(self) -> bool:
-        """Whether effective angles depend on the stop before: no."""
-        return False
+        """Whether effective joints depend on the stop before."""
+        return bool(self.history.coefficients.any())
 
-    @property
+    @cached_property
     def history_std(self) -> FloatArray:
-        """Zeros: nothing depends on the stop before, shape (joints,)."""
-        return np.zeros(len(self.gain))
+        """By how much each joint's stop is uncertain where the stop before is not known, shape (joints,), rad (m).
+
+        The root of the sum of the squares of its terms' coefficients, each with a function of one.
+        """
+        squares = np.zeros(len(self.terms.arm.joint_names))
+        for term, coefficient in zip(self.history.terms, self.history.coefficients, strict=True):
+            squares[[term.joint, *term.also]] += coefficient**2
+        return np.sqrt(squares)
 
     @property
     def in_words(self) -> str:
-        """What the map does, in a few words and milliradians."""
+        """How many terms of which kinds."""
         if self.is_identity:
             return "no joint map (commanded joints are the effective ones)"
+        kinds = dict.fromkeys(term.family.replace("_", " ") for term in self.terms.terms)
+        load = f", carrying {self.payload_kg:g} kg" if self.knows_loads else ""
+        return f"joint map with {len(self.terms.terms)} terms ({', '.join(kinds)}){load}"
 
-        def numbers(values: FloatArray) -> str:
-            shown = " ".join(f"{1e3 * value:.3g}" for value in values[:20])
-            return shown if len(values) <= 20 else f"{shown} …"
+    @property
+    def knows_loads(self) -> bool:
+        """Whether it has terms of the payload: it was identified from measurements with several loads."""
+        return any(term.basis == "payload" for term in self.terms.terms)
 
-        parts = [
-            f"{name} {numbers(values)}{unit}"
-            for name, values, unit in (
-                ("gains", self.gain, " per mille"),
-                ("stiffness A, B", self.stiffness, " mrad"),
-                ("joint-6 Fourier series", self.fourier, " mrad"),
+    @property
+    def payload_place(self) -> FloatArray | None:
+        """Centre of the payload in the tip link, metres; None without terms of the payload."""
+        if not self.knows_loads:
+            return None
+        own = next(term.parameters.get("place") for term in self.terms.terms if term.basis == "payload")
+        return np.array(own if isinstance(own, tuple) else (0.0, 0.0, 0.0))
+
+    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> JointMap:
+        """The same map with another mass on the tool.
+
+        Parameters
+        ----------
+        payload_kg : float
+            Mass in the unit and by the reckoning of the measurements (with or without the tool, as there).
+        place : array_like, shape (3,), optional
+            Its centre in the tip link, metres; that of the fit unless given.
+
+        Returns
+        -------
+        JointMap
+
+        Raises
+        ------
+        RobotError
+            If the map was identified with another load only: nothing is known of how the joints give way then.
+        """
+        payload_kg = float(payload_kg)
+        if not np.isfinite(payload_kg) or payload_kg < 0.0:
+            raise RobotError(f"payload: expected a mass in kg, found {payload_kg:g}", parameter="payload_kg")
+        if not self.knows_loads:
+            if payload_kg == self.payload_kg and place is None:
+                return self
+            known = "a load that was not told" if self.payload_kg is None else f"{self.payload_kg:g} kg only"
+            raise RobotError(
+                f"this calibration was measured with {known}, which does not tell how the joints give way under "
+                f"{payload_kg:g} kg: measure some poses with another load, too (column payload_kg)",
+                parameter="payload_kg",
             )
-            if values.any()
-        ]
-        return f"joint map with {', '.join(parts)}"
+        terms = self.terms
+        if place is not None:
+            there = np.asarray(place, dtype=float)
+            if there.shape != (3,) or not np.isfinite(there).all():
+                raise RobotError(f"payload's place: expected three numbers, found {place!r}", parameter="payload_place")
+            terms = replace(terms, terms=tuple(_placed(term, there) for term in terms.terms))
+        return replace(self, terms=terms, payload_kg=payload_kg)
+
+    # -------------------------------------------------------------- what the terms come to
+
+    def _of(self, *names: str) -> TermMap:
+        """Its terms of some bases."""
+        rows = [k for k, term in enumerate(self.terms.terms) if term.basis in names]
+        chosen = tuple(self.terms.terms[k] for k in rows)
+        return TermMap(self.terms.arm, chosen, self.terms.coefficients[rows], None, self.terms.gravity)
+
+    @cached_property
+    def history(self) -> TermMap:
+        """Its terms of the last move, functions of that alone."""
+        return self._of(*HISTORY)
+
+    @cached_property
+    def _torque(self) -> TermMap:
+        return self._of("torque")
+
+    @cached_property
+    def _gain(self) -> FloatArray:
+        gain = np.zeros(len(self.terms.arm.joint_names))
+        terms = self._of("q")
+        for term, coefficient in zip(terms.terms, terms.coefficients, strict=True):
+            gain[[term.joint, *term.also]] += coefficient
+        return gain
+
+    def _expanded(self, terms: TermMap) -> tuple[Waves, TermMap]:
+        """Terms as waves, and those that are none."""
+        weights: dict[tuple[int, Turns], complex] = {}
+        rest = []
+        for k, (term, coefficient) in enumerate(zip(terms.terms, terms.coefficients.tolist(), strict=True)):
+            expansion = self._expansion(term)
+            if expansion is None:
+                rest.append(k)
+                continue
+            for joint in (term.joint, *term.also):
+                for turns, weight in expansion.items():
+                    weights[joint, turns] = weights.get((joint, turns), 0.0) + coefficient * weight
+        others = TermMap(terms.arm, tuple(terms.terms[k] for k in rest), terms.coefficients[rest], None, terms.gravity)
+        return Waves(len(terms.arm.joint_names), weights), others
+
+    def _expansion(self, term: Term) -> Expansion | None:
+        return bases()[term.basis].expansion(term, self.terms.arm, self.terms.gravity)
+
+    def phase(self, term: Term) -> float:
+        """``phi`` of a term that is ``sin(sum of joints + phi)`` times a positive number, radians."""
+        ((_, weight),) = (self._expansion(term) or {}).items()
+        return float(np.angle(1j * weight))
+
+    @cached_property
+    def _unloaded(self) -> tuple[Waves, TermMap]:
+        """What depends on the joints alone, whatever is carried."""
+        apart = ("q", "decay", "payload", "torque", *HISTORY)
+        return self._expanded(self._of(*({term.basis for term in self.terms.terms} - set(apart))))
+
+    @cached_property
+    def _payload(self) -> tuple[Waves, TermMap]:
+        """What one kilogram at its usual place does."""
+        return self._expanded(self._of("payload"))
+
+    @cached_property
+    def _payload_along(self) -> tuple[Waves, ...]:
+        """What one kilogram adds a metre farther along each axis of the tip link."""
+        terms, none = self._of("payload"), np.zeros(3)
+        at_tip = self._expanded(replace(terms, terms=tuple(_placed(term, none) for term in terms.terms)))[0]
+        out = []
+        for axis in np.eye(3):
+            there = self._expanded(replace(terms, terms=tuple(_placed(term, axis) for term in terms.terms)))[0]
+            weights = dict(there.weights)
+            for key, weight in at_tip.weights.items():
+                weights[key] = weights.get(key, 0.0) - weight
+            out.append(Waves(there.joints, weights))
+        return tuple(out)
+
+    @cached_property
+    def _usual(self) -> tuple[Waves, TermMap]:
+        """`_unloaded` with the payload that is carried."""
+        (waves, rest), (of_payload, sliding) = self._unloaded, self._payload
+        if not self.payload_kg or not (of_payload or sliding.terms):
+            return waves, rest
+        weights = dict(waves.weights)
+        for key, weight in of_payload.weights.items():
+            weights[key] = weights.get(key, 0.0) + self.payload_kg * weight
+        both = (*rest.terms, *sliding.terms), np.concatenate([rest.coefficients, sliding.coefficients])
+        return Waves(waves.joints, weights), TermMap(rest.arm, *both, None, rest.gravity)
+
+    def motion(
+        self,
+        q: ArrayLike,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_place: ArrayLike | None = None,
+        torques: ArrayLike | None = None,
+    ) -> Motion:
+        """The motion that the terms are functions of, with what is assumed where nothing is given; see `effective`."""
+        own = np.zeros(3) if self.payload_place is None else self.payload_place
+        return motion_at_use(q, previous, payload_kg, payload_place, torques, self.payload_kg, own)
+
+    def load(self, n: int, *given: ArrayLike | None) -> dict[str, FloatArray | None]:
+        """What the motion of n stops says of the load: mass, place, torques as given, or as usual; see `effective`."""
+        motion = self.motion(np.zeros((n, len(self.terms.arm.joint_names))), None, *given)
+        return {name: getattr(motion, name) for name in LOAD}
 
     def effective(
         self,
@@ -281,40 +259,64 @@ class JointMap:
         payload_place: ArrayLike | None = None,
         torques: ArrayLike | None = None,
     ) -> FloatArray:
-        """Effective joints: the formula of this module (Nubiola 2011, eqs. 3.31, 5.8, 5.14 and 5.15).
+        """Effective joints.
 
         Parameters
         ----------
-        q : ndarray, shape (n, joints)
+        q : array_like, shape (n, joints)
             Commanded joints, radians (metres for prismatic joints).
-        previous : ndarray, optional
-            The stop before, see `AnyJointMap`: this map does not depend on it, here and below.
-        payload_kg, payload_place, torques : array_like, optional
-            Likewise; for another payload see `with_payload`.
+        previous : array_like, shape (n, joints) or (joints,), optional
+            The stop before each, as commanded; rows with NaN are not known.
+        payload_kg : array_like, shape (n,) or (), optional
+            Mass carried at each; the map's own unless given, and where NaN.
+        payload_place : array_like, shape (n, 3) or (3,), optional
+            Its centre in the tip link, metres; as in the fit unless given.
+        torques : array_like, shape (n, joints), optional
+            Torques that the robot reports, N m. Without them terms of torques are zero.
 
         Returns
         -------
         ndarray, shape (n, joints)
         """
         q = np.asarray(q, dtype=float)
-        if self.is_identity:
+        if self.is_identity or not len(q):
             return q
-        theta = q * (1.0 + self.gain) if self.gain.any() else q.copy()
-        if self.stiffness.any():
-            upper, fore = stiffness_terms(q, self.phases)
-            theta[:, 1] += self.stiffness[0] * upper + self.stiffness[1] * fore
-            theta[:, 2] += self.stiffness[1] * fore
-        if self.fourier.any():
-            theta[:, 5] += self.fourier @ fourier_terms(q)
+        theta = q * (1.0 + self._gain)
+        if payload_kg is None and payload_place is None:
+            waves, rest = self._usual
+            waves.add(q, theta)
+            self._add_rest(rest, self.motion(q) if rest.terms else None, theta)
+        else:
+            self._add_loaded(self.motion(q, None, payload_kg, payload_place), theta, payload_place is not None)
+        if previous is not None:
+            self._add_rest(self.history, Motion.after(q, previous), theta)
+        if torques is not None:
+            self._add_rest(self._torque, self.motion(q, torques=torques), theta)
         return theta
 
+    @staticmethod
+    def _add_rest(terms: TermMap, motion: Motion | None, theta: FloatArray) -> None:
+        """Add terms that are summed one by one to effective joints (n, joints)."""
+        if terms.terms and motion is not None:
+            theta += terms.effective(motion) - motion.q
+
+    def _add_loaded(self, motion: Motion, theta: FloatArray, placed: bool) -> None:
+        """Add what depends on the joints and the load of a motion, its places among them where ``placed``."""
+        for waves, rest in (self._unloaded, self._payload):
+            self._add_rest(rest, motion, theta)
+            waves.add(motion.q, theta, motion.payload_kg if waves is self._payload[0] else None)
+        own, mass, place = self.payload_place, motion.payload_kg, motion.payload_place
+        if placed and own is not None and mass is not None and place is not None:
+            for waves, shift in zip(self._payload_along, (place - own).T, strict=True):
+                waves.add(motion.q, theta, mass * shift)
+
     def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
-        """Derivative of the effective by the commanded angles.
+        """Derivative of the effective by the commanded joints, the stop before held.
 
         Parameters
         ----------
-        q : ndarray, shape (n, joints)
-            Radians (metres for prismatic joints).
+        q, previous
+            As `effective`.
 
         Returns
         -------
@@ -324,56 +326,40 @@ class JointMap:
         q = np.asarray(q, dtype=float)
         joints = q.shape[1]
         out = np.zeros((len(q), joints, joints))
-        out[:, range(joints), range(joints)] = 1.0
-        if self.gain.any():
-            out[:, range(joints), range(joints)] += self.gain
-        if self.stiffness.any():
-            A, B = self.stiffness
-            upper = A * cos_sin(q[:, 1] + self.phases[0])[0]
-            fore = B * cos_sin(q[:, 1] + q[:, 2] + self.phases[1])[0]
-            out[:, 1, 1] += upper + fore
-            out[:, 1, 2] += fore
-            out[:, 2, 1] += fore
-            out[:, 2, 2] += fore
-        if self.fourier.any():
-            a_1, b_1, a_2, b_2 = self.fourier
-            c, s, c2, s2 = fourier_terms(q)
-            out[:, 5, 5] += b_1 * c - a_1 * s + 2.0 * (b_2 * c2 - a_2 * s2)
+        out[:, range(joints), range(joints)] = 1.0 + self._gain
+        waves, rest = self._usual
+        waves.add_slopes(q, out)
+        if rest.terms and len(q):
+            out += rest.jacobian(self.motion(q)) - np.eye(joints)
+        if self.history.terms and len(q) and previous is not None:
+            out += self.history.jacobian(Motion.after(q, previous)) - np.eye(joints)
         return out
 
     def jacobian_derivative(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
-        """Time derivative of `jacobian` along a motion.
+        """Time derivative of `jacobian` along a motion, the stop before unknown.
 
         Parameters
         ----------
-        q, dq : ndarray, shape (n, joints)
+        q, dq : array_like, shape (n, joints)
             Commanded joints and their speeds, radians and radians per second (metres for prismatic joints).
 
         Returns
         -------
         ndarray, shape (n, joints, joints)
-            ``d/dt (d theta_i / d q_j)``, the second derivatives of `effective` times ``dq``.
         """
         q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)
-        joints = q.shape[1]
-        out = np.zeros((len(q), joints, joints))
-        if self.stiffness.any():
-            A, B = self.stiffness
-            upper, fore = stiffness_terms(q, self.phases)
-            upper, fore = -A * upper * dq[:, 1], -B * fore * (dq[:, 1] + dq[:, 2])
-            out[:, 1:3, 1:3] = fore[:, None, None]
-            out[:, 1, 1] += upper
-        if self.fourier.any():
-            a_1, b_1, a_2, b_2 = self.fourier
-            c, s, c2, s2 = fourier_terms(q)
-            out[:, 5, 5] = -(a_1 * c + b_1 * s + 4.0 * (a_2 * c2 + b_2 * s2)) * dq[:, 5]
+        out = np.zeros((len(q), q.shape[1], q.shape[1]))
+        waves, rest = self._usual
+        waves.add_slope_rates(q, dq, out)
+        if rest.terms and len(q):
+            out += rest.jacobian_derivative(self.motion(q), dq)
         return out
 
     def effective_limits(self, lower: ArrayLike, upper: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """A box of effective joints whose commands all respect joint limits.
+        """A box of effective joints whose commands all respect joint limits, whatever the stop before.
 
-        Each effective joint grows with its own command, and depends on one other joint at most, through the forearm's
-        stiffness term, which is at most B: the box of joints 2 and 3 is drawn in by that much.
+        Each effective joint grows with its own command: gains and series are taken at the limit itself, and what
+        depends on other joints, gravity, or on the last move, draws the box in by as much as it can be.
 
         Parameters
         ----------
@@ -385,77 +371,39 @@ class JointMap:
         lower, upper : ndarray, shape (joints,)
             Limits of the effective joints.
         """
+        waves, rest = self._usual
+        slack = waves.bound
+        for term, coefficient in zip(rest.terms, rest.coefficients, strict=True):
+            most = float(np.linalg.norm(np.asarray(term.parameters.get("vector", (1.0,)), dtype=float)))
+            if term.basis == "payload":
+                most = float(self.payload_kg or 0.0) * largest_torque(term, self.terms.arm, lower, upper)
+            slack[[term.joint, *term.also]] += abs(coefficient) * most
+        longest = np.subtract(upper, lower)
+        longest = np.where(np.isfinite(longest), longest, 0.0)
+        for term, coefficient in zip(self.history.terms, self.history.coefficients, strict=True):
+            joints = [term.joint, *term.also]
+            slack[joints] += abs(coefficient) * (longest[joints] if term.basis == "move" else 1.0)
         limits = []
         for bounds, inwards in ((lower, 1.0), (upper, -1.0)):
             bounds = np.array(bounds, dtype=float)
             finite = np.isfinite(bounds)
             at = np.where(finite, bounds, 0.0)
-            alone = replace(self, stiffness=self.stiffness * [1.0, 0.0])
-            box = np.array(alone.effective(at[None])[0])
-            if self.stiffness.any():
-                box[1:3] += inwards * abs(self.stiffness[1])
+            box = at * (1.0 + self._gain) + inwards * slack
+            waves.add_own(at[None], box[None])
             limits.append(np.where(finite, box, bounds))
         return limits[0], limits[1]
 
-    def with_payload(
-        self, guess: Stiffness, delta_kg: float, upper_arm_kg: float, along: float, across: float = 0.0
-    ) -> JointMap:
-        """The joint map with more (or less) mass on the tool, by `Stiffness.with_payload`.
-
-        Parameters
-        ----------
-        guess : Stiffness
-            Its L_G1, m, L_1 and L_2 are used; compliance and L_G2 follow from this map's A and B.
-        delta_kg, upper_arm_kg : float
-            See `Stiffness.with_payload`.
-        along, across : float
-            Place of the added mass from axis 3, metres: along the forearm (phi_3) and square to it (phi_3 + 90
-            degrees). ``across`` turns the phase phi_3.
-
-        Returns
-        -------
-        JointMap
-
-        Raises
-        ------
-        RobotError
-            If A is not positive (it is then unknown how far the arm gives way), or as `Stiffness.with_payload`.
-        """
-        held = guess.with_coefficients(*self.stiffness)
-        if not self.stiffness[0] > 0.0 or held is None:
-            raise RobotError(
-                "the effect of a payload is unknown: it follows from the upper arm giving way under gravity, "
-                f"A > 0, but this joint map has A = {self.stiffness[0]:.3g} rad"
-            )
-        A, B = held.with_payload(delta_kg, along, upper_arm_kg).coefficients
-        # B sin(x) + C cos(x) = R sin(x + turn)
-        C = held.k_F1 * delta_kg / upper_arm_kg * across
-        turn = np.arctan2(C, abs(B)) * np.copysign(1.0, B)
-        stiffness = np.array([A, np.copysign(np.hypot(B, C), B)])
-        return replace(self, stiffness=stiffness, phases=self.phases + np.array([0.0, turn]))
-
-    def load(self, n: int, *given: ArrayLike | None) -> Mapping[str, FloatArray | None]:
-        """Nothing: this map does not depend on the load."""
-        return {}
-
-    def carrying(self, payload_kg: float, place: ArrayLike | None = None) -> JointMap:
-        """Refused by a RobotError: unlike a sum of terms, a level of the thesis does not know what a payload does."""
-        raise RobotError(
-            "a level of the thesis does not tell how the joints give way under another payload: calibrate with model "
-            "auto from poses measured with two loads or more (column payload_kg)",
-            parameter="payload_kg",
-        )
-
     def commanded(self, theta: ArrayLike, previous: ArrayLike | None = None) -> FloatArray:
-        """Commanded angles that give these effective angles: the inverse of `effective`.
+        """Commanded joints that give these effective joints: the inverse of `effective`.
 
-        Newton's iteration with the exact Jacobian; the map is within a few milliradians of the identity,
-        so it converges to rounding in three or four steps.
+        By ``q <- theta - f(q, q - previous)``, a contraction by about one twentieth a step.
 
         Parameters
         ----------
-        theta : ndarray, shape (n, joints)
+        theta : array_like, shape (n, joints)
             Effective joints, radians (metres for prismatic joints).
+        previous : array_like, shape (n, joints) or (joints,), optional
+            As `effective`.
 
         Returns
         -------
@@ -463,34 +411,58 @@ class JointMap:
 
         Raises
         ------
-        ValueError
+        RobotError
             If the map is so far from the identity that the iteration does not converge.
         """
         theta = np.asarray(theta, dtype=float)
         q = theta.copy()
         if self.is_identity or not len(theta):
             return q
-        for _ in range(20):
-            miss = theta - self.effective(q)
-            worst = np.abs(miss).max()
-            try:
-                q += np.linalg.solve(self.jacobian(q), miss[..., None])[..., 0]
-            except np.linalg.LinAlgError:
-                break
-            if worst < 1e-9:  # quadratic: this last step took the error to rounding
+        change = np.inf
+        for _ in range(STEPS):
+            miss = theta - self.effective(q, previous)
+            q += miss
+            change = np.abs(miss).max()
+            if change < 1e-14:
                 return q
-        raise ValueError(f"the joint map cannot be inverted: {worst:.3g} rad left after Newton's steps")
+        if not change < 1e-11:
+            raise RobotError(f"the joint map cannot be inverted: {change:.3g} rad left after {STEPS} steps")
+        return q
+
+    def static_parts(self) -> dict[str, Any]:
+        """What `effective` without the stop before is made of for the load carried, as values for other languages.
+
+        Returns
+        -------
+        dict
+            ``gain`` of each joint, and ``waves``: ``turns`` of each joint, and for each ``joint`` that the wave moves
+            what multiplies the ``cosine`` and the ``sine`` of ``turns . q``. Joints count from 0.
+
+        Raises
+        ------
+        RobotError
+            If there are terms that are no waves.
+        """
+        waves, rest = self._usual
+        if rest.terms:
+            raise RobotError("this joint map has terms that cannot be written in other languages")
+        return {
+            "gain": self._gain.tolist(),
+            "waves": [
+                {"joint": joint, "turns": [*turns], "cosine": weight.real, "sine": -weight.imag}
+                for (joint, turns), weight in waves.weights.items()
+            ],
+        }
+
+    def outside(self, q: ArrayLike) -> FloatArray:
+        """How far commanded joints (n, joints) lie outside the ranges of the fit, zero within and without ranges."""
+        q = np.asarray(q, dtype=float)
+        if self.ranges is None:
+            return np.zeros(q.shape)
+        return np.maximum(q - self.ranges[1], 0.0) + np.minimum(q - self.ranges[0], 0.0)
 
 
-def stiffness_terms(q: FloatArray, phases: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The two sine terms that A and B multiply, each of shape (n,); q (n, joints) in radians.
-
-    They are the sines of the levers in Nubiola 2011, eqs. 5.9, 5.10 and 5.11.
-    """
-    return cos_sin(q[:, 1] + phases[0])[1], cos_sin(q[:, 1] + q[:, 2] + phases[1])[1]
-
-
-def fourier_terms(q: FloatArray) -> FloatArray:
-    """The terms cos q6, sin q6, cos 2 q6, sin 2 q6 (Nubiola 2011, eq. 5.8) as an array (4, n); q (n, 6) in radians."""
-    c, s = cos_sin(q[:, 5])
-    return np.array([c, s, (c - s) * (c + s), 2.0 * s * c])
+def _placed(term: Term, place: FloatArray) -> Term:
+    if term.basis != "payload":
+        return term
+    return replace(term, parameters={**term.parameters, "place": tuple(float(x) for x in place)})

@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import RobotError
-from irbcal.modeling.joint_map import AnyJointMap
-from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.trajectory import Lean, Trajectory
 from irbcal.units import DEG
 
@@ -45,12 +44,12 @@ def strides(prismatic: BoolArray) -> FloatArray:
     return np.array([STRIDE[bool(slides)] for slides in prismatic])
 
 
-def lean_along(joint_map: AnyJointMap, trajectory: Trajectory, previous: ArrayLike | None = None) -> Lean | None:
+def lean_along(joint_map: JointMap, trajectory: Trajectory, previous: ArrayLike | None = None) -> Lean | None:
     """What the last moves along a trajectory add to the effective joints.
 
     Parameters
     ----------
-    joint_map : AnyJointMap
+    joint_map : JointMap
     trajectory : Trajectory
         Commands or configurations: the joints' directions are the same.
     previous : array_like, shape (joints,), optional
@@ -67,7 +66,7 @@ def lean_along(joint_map: AnyJointMap, trajectory: Trajectory, previous: ArrayLi
     RobotError
         If ``previous`` has another shape.
     """
-    if not isinstance(joint_map, TermJointMap) or not joint_map.has_history:
+    if not joint_map.has_history:
         return None
     d = trajectory.with_derivatives()
     assert d.dq is not None
@@ -151,12 +150,12 @@ def _share(move: _Signal) -> _Signal:
     return u, (D_1 - u * R_1) / R, (D_2 - 2.0 * R_1 * (D_1 - u * R_1) / R - u * R_2) / R
 
 
-def to_effective(joint_map: AnyJointMap, commands: Trajectory) -> Trajectory:
+def to_effective(joint_map: JointMap, commands: Trajectory) -> Trajectory:
     """Effective joints of a trajectory of commands, speeds and accelerations by the chain rule.
 
     Parameters
     ----------
-    joint_map : AnyJointMap
+    joint_map : JointMap
     commands : Trajectory
         With what its last moves add, where the map depends on them.
 
@@ -178,7 +177,7 @@ def to_effective(joint_map: AnyJointMap, commands: Trajectory) -> Trajectory:
     return replace(commands, q=theta, dq=dtheta, ddq=ddtheta)
 
 
-def to_commands(joint_map: AnyJointMap, effective: Trajectory) -> Trajectory:
+def to_commands(joint_map: JointMap, effective: Trajectory) -> Trajectory:
     """Commands of a trajectory of effective joints: the inverse of `to_effective`."""
     lean = effective.lean or Lean(*np.zeros((3, *effective.q.shape)))
     q = joint_map.commanded(effective.q - lean.lean)

@@ -27,7 +27,7 @@ from irbcal.units import DEG, MM
 if TYPE_CHECKING:
     from irbcal.modeling.arm import Arm
     from irbcal.modeling.dhm import DHMTable
-    from irbcal.modeling.joint_map import JointMap
+    from irbcal.modeling.thesis_map import ThesisMap
 
 Kind: TypeAlias = Literal["alpha", "a", "theta", "d", "beta", "b", "stiffness", "fourier", "gain"]
 """What an error parameter changes: a column of the DHM table, or an array of the joint map."""
@@ -39,7 +39,7 @@ GEOMETRIC: tuple[Kind, ...] = ("alpha", "a", "theta", "d", "beta", "b")
 """Columns of the DHM table."""
 
 FOURIER = ("a1", "b1", "a2", "b2")
-"""Coefficients of the terms of `irbcal.modeling.joint_map.fourier_terms`."""
+"""Coefficients of the terms of `irbcal.modeling.thesis_map.fourier_terms`."""
 
 
 @dataclass(frozen=True)
@@ -224,8 +224,8 @@ def thesis_count(parameters: Sequence[Parameter]) -> int:
 
 
 def apply(
-    parameters: Iterable[Parameter], values: ArrayLike, table: DHMTable, joint_map: JointMap
-) -> tuple[DHMTable, JointMap]:
+    parameters: Iterable[Parameter], values: ArrayLike, table: DHMTable, joint_map: ThesisMap
+) -> tuple[DHMTable, ThesisMap]:
     """Nominal table and joint map with error parameters added.
 
     Parameters
@@ -234,12 +234,12 @@ def apply(
     values : ndarray, shape (k,)
         SI units.
     table : DHMTable
-    joint_map : JointMap
+    joint_map : ThesisMap
 
     Returns
     -------
     table : DHMTable
-    joint_map : JointMap
+    joint_map : ThesisMap
     """
     columns: dict[str, FloatArray] = {kind: getattr(table, kind).copy() for kind in GEOMETRIC}
     columns |= {kind: getattr(joint_map, kind).copy() for kind in ("gain", "stiffness", "fourier")}

@@ -14,7 +14,7 @@ from irbcal.errors import OptionError, RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
-from irbcal.modeling.joint_map import AnyJointMap, JointMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import BLOCK, TermMap
@@ -32,7 +32,7 @@ class Robot:
     ----------
     arm : Arm
         Geometry (nominal or calibrated).
-    joint_map : JointMap or TermJointMap
+    joint_map : JointMap
         The thesis's, or a sum of terms.
     T_world_base : ndarray, shape (4, 4)
         The base link in the measuring frame ("world").
@@ -53,7 +53,7 @@ class Robot:
     """
 
     arm: Arm
-    joint_map: AnyJointMap = field(default_factory=JointMap)
+    joint_map: JointMap = None  # type: ignore[assignment]  # the identity of the arm unless given
     T_world_base: FloatArray = field(default_factory=lambda: np.eye(4))
     targets: Mapping[str, FloatArray] = field(default_factory=dict)
     target_rotations: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -61,6 +61,8 @@ class Robot:
     frame_terms: TermMap | None = None
 
     def __post_init__(self) -> None:
+        if self.joint_map is None:
+            object.__setattr__(self, "joint_map", JointMap.identity(self.arm))
         if self.frame_terms is not None and len(self.frame_terms.part(True).terms) < len(self.frame_terms.terms):
             raise RobotError("terms about the joints' own axes belong to the joint map, not to the frame terms")
         object.__setattr__(self, "T_world_base", np.asarray(self.T_world_base, dtype=float))

@@ -31,7 +31,7 @@ from irbcal.files.opening import open_robot
 from irbcal.files.urdf_check import LIMIT, ArmInModel
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm, relative_difference
-from irbcal.modeling.joint_map import AnyJointMap, JointMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.planners import jacobians, paths, payload
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
 from irbcal.planners.trajectories import AlongTime
@@ -57,7 +57,7 @@ class CalibratedModel(AlongTime, Speaks):
         The corrected URDF.
     arm : Arm
         The calibrated arm in it.
-    joint_map : JointMap or TermJointMap
+    joint_map : JointMap
         From commanded to effective joints; the identity unless given.
     tip_frames : dict of str to ndarray, shape (4, 4)
         Frames to add to the model, each by its place in the tip link ``T_tip_frame``; names that the URDF has are
@@ -81,7 +81,7 @@ class CalibratedModel(AlongTime, Speaks):
 
     urdf: bytes
     arm: Arm
-    joint_map: AnyJointMap = field(default_factory=JointMap)
+    joint_map: JointMap = None  # type: ignore[assignment]  # the identity of the arm unless given
     tip_frames: Mapping[str, FloatArray] = field(default_factory=dict)
     rest: FloatArray | None = None
     model: pin.Model = field(init=False)
@@ -92,6 +92,8 @@ class CalibratedModel(AlongTime, Speaks):
     def __post_init__(self) -> None:
         import pinocchio as pin
 
+        if self.joint_map is None:
+            object.__setattr__(self, "joint_map", JointMap.identity(self.arm))
         try:
             model = pin.buildModelFromXML(self.urdf.decode("utf-8"))
         except (ValueError, RuntimeError) as error:

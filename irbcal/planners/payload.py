@@ -12,8 +12,9 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import AnyJointMap, JointMap, Stiffness
-from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.stiffness import Stiffness
+from irbcal.modeling.thesis_map import ThesisMap
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def with_payload(
-    joint_map: AnyJointMap,
+    joint_map: JointMap,
     arm: Arm,
     model: pin.Model,
     arm_in_model: ArmInModel,
@@ -31,7 +32,7 @@ def with_payload(
     place: ArrayLike | None = None,
     wrist: ArrayLike | None = None,
     masses: tuple[float, float] | None = None,
-) -> AnyJointMap:
+) -> JointMap:
     """The joint map with more (or less) mass on the tool than when the robot was measured.
 
     A sum of terms knows how each joint gives way, where several loads were measured: its load is changed, and neither
@@ -39,7 +40,7 @@ def with_payload(
 
     Parameters
     ----------
-    joint_map : JointMap or TermJointMap
+    joint_map : JointMap
     arm : Arm
         The calibrated arm.
     model : pinocchio.Model
@@ -52,7 +53,7 @@ def with_payload(
 
     Returns
     -------
-    JointMap or TermJointMap
+    JointMap
 
     Raises
     ------
@@ -60,15 +61,15 @@ def with_payload(
         If a sum of terms was identified with one load only; or for a level of the thesis if the arm has not six
         revolute joints, the joint map has no stiffness, or the URDF no masses.
     """
-    if isinstance(joint_map, TermJointMap):
+    thesis = ThesisMap.of(joint_map)
+    if thesis is None:
         return _with_more(joint_map, delta_kg, place)
-    assert isinstance(joint_map, JointMap)
     whole = model, arm_in_model, rest
-    return _of_the_thesis(joint_map, arm, *whole, delta_kg, place, wrist, masses)
+    return _of_the_thesis(thesis, arm, *whole, delta_kg, place, wrist, masses).joint_map(joint_map.terms.arm)
 
 
 def _of_the_thesis(
-    joint_map: JointMap,
+    joint_map: ThesisMap,
     arm: Arm,
     model: pin.Model,
     arm_in_model: ArmInModel,
@@ -77,7 +78,7 @@ def _of_the_thesis(
     place: ArrayLike | None,
     wrist: ArrayLike | None,
     masses: tuple[float, float] | None,
-) -> JointMap:
+) -> ThesisMap:
     """From the stiffness of a level of the thesis and masses."""
     import pinocchio as pin
 
@@ -121,7 +122,7 @@ def _of_the_thesis(
     return joint_map.with_payload(guess, delta_kg, upper, *lever)
 
 
-def _with_more(joint_map: TermJointMap, delta_kg: float, place: ArrayLike | None) -> TermJointMap:
+def _with_more(joint_map: JointMap, delta_kg: float, place: ArrayLike | None) -> JointMap:
     """A sum of terms with some mass added to what it carries."""
     before, own = joint_map.payload_kg or 0.0, joint_map.payload_place
     load = before + float(delta_kg)

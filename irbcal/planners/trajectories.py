@@ -19,7 +19,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError
 from irbcal.modeling import moves_along
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.joint_map import AnyJointMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.trajectory import Trajectory
 from irbcal.modeling.trajectory_limits import Checked, Limits, check, limits_in_order
@@ -36,7 +36,7 @@ class AlongTime:
 
     model: pin.Model
     arm: Arm
-    joint_map: AnyJointMap
+    joint_map: JointMap
     T_universe_base: FloatArray
     _place: ArmInModel
     _rest: FloatArray

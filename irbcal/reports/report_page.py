@@ -14,9 +14,11 @@ import numpy as np
 
 from irbcal.figures import charts
 from irbcal.figures.charts import Figure
-from irbcal.files.joint_map_section import JointMapSection, TermMapSection
 from irbcal.files.schema import Exclusion, Parameter, Record, RobotSection
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.parameters import FOURIER
 from irbcal.modeling.terms.gear import in_words
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.reports import paper, report_data
 from irbcal.reports.limits import limits
 from irbcal.units import DEG, MM
@@ -89,7 +91,7 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         dhm_columns=_dhm_columns(robot),
         dhm_rows=list(zip(robot.joint_names, robot.dhm_nominal, robot.dhm_calibrated, strict=True)),
         identity=calibration.robot_calibrated().joint_map.is_identity,
-        coefficients=_coefficients(calibration.joint_map),
+        coefficients=_coefficients(calibration.robot_calibrated().joint_map),
         gears=_gears(calibration),
         joint_ranges=_joint_ranges(calibration),
         families=report_data.families(calibration.evidence) if calibration.evidence else [],
@@ -172,7 +174,7 @@ def _gears(c: Record) -> list[str]:
 
 def _joint_ranges(c: Record) -> list[tuple[str, float, float, str]]:
     """Joint, smallest and largest value and unit of a joint map that knows its ranges."""
-    if isinstance(c.joint_map, JointMapSection):
+    if c.joint_map.ranges is None:
         return []
     units = [("mm", MM) if kind == "prismatic" else ("deg", DEG) for kind in c.robot.joint_types]
     return [
@@ -181,23 +183,16 @@ def _joint_ranges(c: Record) -> list[tuple[str, float, float, str]]:
     ]
 
 
-def _coefficients(joint_map: JointMapSection | TermMapSection) -> list[tuple[str, str, float, str, float | None]]:
-    """Symbol, name in the file, value, unit and value in degrees of each coefficient of the thesis's map."""
-    if isinstance(joint_map, TermMapSection):
+def _coefficients(joint_map: JointMap) -> list[tuple[str, float, str, float | None]]:
+    """Symbol, value, unit and value in degrees of each coefficient of a joint map like the thesis's; else nothing."""
+    thesis = ThesisMap.of(joint_map)
+    if thesis is None:
         return []
-    rows: list[tuple[str, str, float, str, float | None]] = [
-        (f"gain_{i + 1}", f"gain[{i}]", value, "1", None) for i, value in enumerate(joint_map.gain)
+    rows: list[tuple[str, float, str, float | None]] = [
+        (f"gain_{k}", float(value), "1", None) for k, value in enumerate(thesis.gain, start=1)
     ]
-    for symbol, name in (
-        ("A", "stiffness_A_rad"),
-        ("B", "stiffness_B_rad"),
-        ("phi2", "phi2_rad"),
-        ("phi3", "phi3_rad"),
-        *((key, f"fourier_{key}_rad") for key in ("a1", "b1", "a2", "b2")),
-    ):
-        value = getattr(joint_map, name)
-        rows.append((symbol, name, value, "rad", value * 57.29577951308232))
-    return rows
+    symbols, angles = ("A", "B", "phi2", "phi3", *FOURIER), (*thesis.stiffness, *thesis.phases, *thesis.fourier)
+    return rows + [(name, float(value), "rad", float(value) / DEG) for name, value in zip(symbols, angles, strict=True)]
 
 
 def _left_out(excluded: Sequence[Exclusion]) -> dict[str, Any]:

@@ -203,4 +203,4 @@ def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verifi
 
 def replace_geometry(robot: Robot, nominal: Arm) -> Robot:
     """The robot that would have the nominal arm on the same base with the same tool."""
-    return robot.replace(arm=nominal, joint_map=JointMap(np.zeros(len(nominal.joint_names))))
+    return robot.replace(arm=nominal, joint_map=JointMap.identity(nominal))

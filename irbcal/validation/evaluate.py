@@ -22,7 +22,6 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.statistics import rotation_statistics, statistics
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.options import checked, number, place
 from irbcal.options import seed as check_seed
 from irbcal.parallel import on_workers
@@ -308,7 +307,7 @@ def _other_loads(points: PointSet, record: Record) -> list[str]:
     """That a joint map of one load is judged at others."""
     usual, loads = record.usual_load, points.payload_kg
     joint_map = record.robot_calibrated().joint_map
-    if usual is None or loads is None or (isinstance(joint_map, TermJointMap) and joint_map.knows_loads):
+    if usual is None or loads is None or joint_map.knows_loads:
         return []
     other = np.unique(loads[np.isfinite(loads) & (loads != usual)])
     if not len(other):

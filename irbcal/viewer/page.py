@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.figures.colours import ERRORS
-from irbcal.modeling.joint_map import AnyJointMap, JointMap
-from irbcal.modeling.terms.term_joint_map import TermJointMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.units import DEG, MM
 from irbcal.viewer.scene import Drawn, Model, Points, Scene
 
@@ -150,12 +149,9 @@ def _scale(magnification: float, top: float) -> dict[str, float]:
     return {"magnification": magnification, "top_mm": top / MM}
 
 
-def _joint_map(joint_map: AnyJointMap) -> dict[str, Any]:
+def _joint_map(joint_map: JointMap) -> dict[str, Any]:
     """The coefficients for the sliders; of a map of terms gains, waves and levers, with the nominal arm's frames."""
-    if isinstance(joint_map, TermJointMap):
-        return joint_map.static_parts()
-    assert isinstance(joint_map, JointMap)
-    return {name: getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")}
+    return joint_map.static_parts()
 
 
 def _drawn(drawn: Drawn) -> dict[str, Any]:

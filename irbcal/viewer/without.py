@@ -14,13 +14,9 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
-from irbcal.modeling.joint_map import AnyJointMap, JointMap
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 
-THESIS = {"gain": "gain", "stiffness": "gravity", "fourier": "harmonics"}
-"""Parts of the thesis's joint map and the families that they are of."""
 SMALLEST = 1e-9
 """Metres: a family that moves no point by more is not told."""
 
@@ -52,12 +48,7 @@ def shifts(model: Robot, points: PointSet, T_scene_world: FloatArray) -> dict[st
 
 def families(model: Robot) -> list[str]:
     """Families with terms in a robot's joint map or among its frame terms, in their order."""
-    joint_map = model.joint_map
-    if isinstance(joint_map, TermJointMap):
-        found = [term.family for term in joint_map.terms.terms]
-    else:
-        assert isinstance(joint_map, JointMap)
-        found = [family for part, family in THESIS.items() if getattr(joint_map, part).any()]
+    found = [term.family for term in model.joint_map.terms.terms]
     if model.frame_terms is not None:
         found += [term.family for term in model.frame_terms.terms]
     return list(dict.fromkeys(found))
@@ -65,13 +56,7 @@ def families(model: Robot) -> list[str]:
 
 def without(model: Robot, family: str) -> Robot:
     """A robot whose terms of a family are zero."""
-    joint_map: AnyJointMap = model.joint_map
-    if isinstance(joint_map, TermJointMap):
-        joint_map = replace(joint_map, terms=_silenced(joint_map.terms, family))
-    else:
-        assert isinstance(joint_map, JointMap)
-        parts = [part for part, own in THESIS.items() if own == family]
-        joint_map = replace(joint_map, **{part: np.zeros_like(getattr(joint_map, part)) for part in parts})
+    joint_map = replace(model.joint_map, terms=_silenced(model.joint_map.terms, family))
     frame_terms = None if model.frame_terms is None else _silenced(model.frame_terms, family)
     return model.replace(joint_map=joint_map, frame_terms=frame_terms)
 

@@ -10,7 +10,6 @@ from support import arm, measured, random_robot
 
 from irbcal.cli import main
 from irbcal.modeling import frames
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 
 
@@ -58,7 +57,7 @@ def data(tmp_path_factory):
         np.r_[np.diff(q[:, 5])[: len(up) - 1], [1.0], np.diff(q[:, 5])[len(up) :]]
     )
     truth = Robot(
-        nominal, JointMap(), frames.transform(None, [3.0, 0.5, 0.2]), {"smr1": [0.1, 0, 0.1], "smr2": [0, 0.1, 0.1]}
+        nominal, None, frames.transform(None, [3.0, 0.5, 0.2]), {"smr1": [0.1, 0, 0.1], "smr2": [0, 0.1, 0.1]}
     )
     write(folder / "moves.csv", measured(truth, effective, 1e-5, rng, np.full(len(q), "axis6", object)), q)
     robot = random_robot(nominal, "34", rng)

@@ -10,8 +10,8 @@ from irbcal.files import robots
 from irbcal.measurement.points import distances
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.inverse import closed_form
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.thesis_map import ThesisMap
 
 
 @pytest.mark.parametrize("name", ["irb1600", "irb120"])
@@ -48,11 +48,12 @@ def test_no_correction_flips_the_wrist():
     """Joint 5 is 2e-3 rad off: poses nearer to its zero would need it on the other side, with small joint changes."""
     nominal = arm()
     offset = [p for p in parameters.level_parameters("34", nominal) if p.name == "delta_theta5"]
-    table, joint_map = parameters.apply(offset, np.array([2e-3]), nominal.table, JointMap(np.zeros(6)))
+    table, joint_map = parameters.apply(offset, np.array([2e-3]), nominal.table, ThesisMap(np.zeros(6)))
     q = np.tile([0.2, 0.3, -0.1, 0.4, 0.0, 0.5], (40, 1))
     q[:, 4] = np.linspace(-3.95e-3, 3.95e-3, 40)
     branch = closed_form.configuration(nominal, q)
-    found = correct_poses(Robot(nominal.with_table(table), joint_map), nominal, nominal.forward(q), q, branch)
+    robot = Robot(nominal.with_table(table), joint_map.joint_map(nominal))
+    found = correct_poses(robot, nominal, nominal.forward(q), q, branch)
     crosses = (q[:, 4] > 0) & (q[:, 4] < 2e-3)
     assert (found.ok == ~crosses).all()
     assert all("another configuration" in reason for reason in found.reason[crosses])

@@ -10,9 +10,9 @@ from support import arm, random_robot
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import rapid, table
 from irbcal.modeling import frames
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 
 
@@ -151,7 +151,7 @@ def test_a_last_move_never_flips_the_wrist(robot):
     nominal = arm("irb120")
     only_fifth = [t for t in families()["direction"].terms(nominal) if t.joint == 4]
     terms = TermMap(nominal, tuple(only_fifth), np.full(len(only_fifth), -2e-4))
-    leaning = Robot(nominal, TermJointMap(terms))
+    leaning = Robot(nominal, JointMap(terms))
     q = joints(8)
     q[:, 4] = np.tile([5e-5, 0.3], 4)  # joint 5 comes down to nearly zero, where the last move asks for less
     found = filter_program(leaning, nominal, module(q, [f"p{k}" for k in range(8)]), "abc")

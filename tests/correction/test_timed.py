@@ -10,10 +10,10 @@ from support import arm, example_robot, random_robot
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import ros
 from irbcal.files import urdf
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.modeling.trajectory import Trajectory
 
 MIDDLE = np.array([0.0, 0.1, 0.2, 0.3, 0.7, 0.0, 0.4])
@@ -77,7 +77,7 @@ def test_an_arm_of_seven_joints_departs_from_its_own_by_little():
     nominal = urdf.read(path, tip="panda_link8").arm
     rng = np.random.default_rng(4)
     table = replace(nominal.table, a=nominal.table.a + 5e-4 * rng.standard_normal(7))
-    robot = Robot(nominal.with_table(table), JointMap(gain=1e-3 * rng.standard_normal(7)))
+    robot = Robot(nominal.with_table(table), ThesisMap(gain=1e-3 * rng.standard_normal(7)).joint_map(nominal))
     given = motion(nominal, middle=np.array([0, 0.2, 0, -1.8, 0.2, 1.9, 0.3]))
     found, written = filtered(robot, nominal, given)
     assert found.left == ()

@@ -8,17 +8,17 @@ from support import arm
 
 from irbcal.errors import CalibrationError
 from irbcal.exporting.parts import Chain, Parts, vectors_of
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.harmonics import pair
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
 
 
 def of(*terms, robot="irb120"):
     nominal = arm(robot)
-    joint_map = TermJointMap(TermMap(nominal, terms, np.full(len(terms), 1e-4)))
+    joint_map = JointMap(TermMap(nominal, terms, np.full(len(terms), 1e-4)))
     return Parts.of(Robot(nominal, joint_map))
 
 

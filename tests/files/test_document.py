@@ -1,14 +1,11 @@
 """What stands in calibration.json is what was identified."""
 
-import json
-
 import numpy as np
 import pytest
 from support import TARGETS
 
 import irbcal
 from irbcal.files import urdf_check
-from irbcal.modeling.joint_map import FORMULA
 
 
 def test_three_ways_to_predict_agree(outcome, folder):
@@ -24,20 +21,6 @@ def test_three_ways_to_predict_agree(outcome, folder):
         from_pinocchio = base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
         assert np.abs(robot.points(q, name) - from_fit).max() < 1e-9
         assert np.abs(from_pinocchio - from_fit).max() < 1e-9
-
-
-def test_joint_map_can_be_implemented_from_the_file_alone(folder):
-    section = json.loads((folder / "calibration.json").read_text())["joint_map"]
-    assert section["formula"] == FORMULA
-    for vector in section["test_vectors"]:
-        q = vector["commanded"]
-        theta = [angle * (1 + k) for angle, k in zip(q, section["gain"], strict=True)]
-        fore = section["stiffness_B_rad"] * np.sin(q[1] + q[2] + section["phi3_rad"])
-        theta[1] += section["stiffness_A_rad"] * np.sin(q[1] + section["phi2_rad"]) + fore
-        theta[2] += fore
-        theta[5] += section["fourier_a1_rad"] * np.cos(q[5]) + section["fourier_b1_rad"] * np.sin(q[5])
-        theta[5] += section["fourier_a2_rad"] * np.cos(2 * q[5]) + section["fourier_b2_rad"] * np.sin(2 * q[5])
-        assert np.abs(np.array(theta) - vector["effective"]).max() < 1e-14
 
 
 def test_statistics_are_those_of_the_held_out_poses(outcome, folder):

@@ -9,7 +9,7 @@ from support import arm, assert_same_poses
 from term_cases import framed_robot
 
 from irbcal.files.frame_terms_section import FrameTermsSection
-from irbcal.files.joint_map_section import section_of
+from irbcal.files.joint_map_section import JointMapSection
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_the_test_vectors_can_be_computed_from_the_file_alone(robot):
     part = type(robot.frame_terms)(robot.frame_terms.arm, tuple(terms), robot.frame_terms.coefficients[keep])
     robot = robot.replace(frame_terms=part)
     content = json.loads(FrameTermsSection.of_robot(robot).model_dump_json(by_alias=True))
-    effective = section_of(robot.joint_map, robot.arm).test_vectors
+    effective = JointMapSection.of(robot.joint_map, robot.arm).test_vectors
     for vector, joints in zip(content["test_vectors"], effective, strict=True):
         xi = np.zeros((6, 6))
         for term in content["terms"]:

@@ -1,4 +1,4 @@
-"""Joint maps through JSON, both kinds, and a second derivation of the terms from docs/calibration-auto.md."""
+"""Joint maps through JSON, and a second derivation of the terms from docs/calibration-auto.md."""
 
 import json
 
@@ -8,12 +8,12 @@ from pydantic import ValidationError
 from support import arm
 
 from irbcal.errors import RobotError
-from irbcal.files.joint_map_section import JointMapSection, TermMapSection, section_of
+from irbcal.files.joint_map_section import JointMapSection
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.payload import Payload
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.thesis_map import ThesisMap
 
 
 @pytest.fixture(scope="module")
@@ -23,15 +23,15 @@ def joint_map():
     terms = [t for name in names for t in families()[name].terms(model)] + Payload((0.02, -0.01, 0.1)).terms(model)
     values = 0.3 * np.array([t.size for t in terms]) * np.random.default_rng(3).standard_normal(len(terms))
     ranges = np.array([np.full(6, -2.0), np.full(6, 1.5)])
-    return TermJointMap(TermMap(model, tuple(terms), values, np.abs(values)), ranges, 2.5)
+    return JointMap(TermMap(model, tuple(terms), values, np.abs(values)), ranges, 2.5)
 
 
 def test_terms_come_back_from_json(joint_map):
     model = arm("irb120")
-    section = section_of(joint_map, model)
+    section = JointMapSection.of(joint_map, model)
     text = section.model_dump_json()
     assert json.loads(text)["schema"] == "irbcal-joint-map-2"
-    again = TermMapSection.model_validate_json(text).joint_map(model)
+    again = JointMapSection.model_validate_json(text).joint_map(model)
     q, previous = model.random_joints(50, 1), model.random_joints(50, 2)
     assert np.array_equal(again.effective(q, previous), joint_map.effective(q, previous))
     assert np.array_equal(again.ranges, joint_map.ranges)
@@ -42,12 +42,12 @@ def test_terms_come_back_from_json(joint_map):
 
 def test_the_thesis_s_map_comes_back_from_json():
     model = arm("irb120")
-    joint_map = JointMap(np.linspace(1e-4, 6e-4, 6), [1e-3, 2e-3], [0.1, 1.5], [1e-3, 2e-3, 3e-3, 4e-3])
-    section = section_of(joint_map, model)
+    thesis = ThesisMap(np.linspace(1e-4, 6e-4, 6), [1e-3, 2e-3], [0.1, 1.5], [1e-3, 2e-3, 3e-3, 4e-3])
+    section = JointMapSection.of(thesis.joint_map(model), model)
     again = JointMapSection.model_validate_json(section.model_dump_json()).joint_map(model)
     q = model.random_joints(20, 1)
-    assert np.array_equal(again.effective(q), joint_map.effective(q))
-    assert section.formula == "irbcal-joint-map-1"
+    assert np.abs(again.effective(q) - thesis.effective(q)).max() < 1e-14
+    assert again.ranges is None
 
 
 def rotation(k, angle):
@@ -97,7 +97,7 @@ def effective(entry, model, vector):
 
 def test_test_vectors_follow_from_the_description(joint_map):
     model = arm("irb120")
-    entry = json.loads(section_of(joint_map, model).model_dump_json())
+    entry = json.loads(JointMapSection.of(joint_map, model).model_dump_json())
     assert entry["inputs"] == ["q", "previous_q", "payload_kg", "torques_nm"]
     assert [vector["payload_kg"] for vector in entry["test_vectors"]] == [2.5, 3.5, 4.5, 5.5, 6.5]
     for vector in entry["test_vectors"]:
@@ -108,7 +108,7 @@ def test_test_vectors_follow_from_the_description(joint_map):
 
 def test_what_is_no_joint_map_is_refused(joint_map):
     model = arm("irb120")
-    entry = json.loads(section_of(joint_map, model).model_dump_json())
+    entry = json.loads(JointMapSection.of(joint_map, model).model_dump_json())
     for change, words in (
         ({"schema": "irbcal-joint-map-9"}, "irbcal-joint-map-2"),
         ({"terms": [{"joint": 1}]}, "not a term"),
@@ -116,7 +116,7 @@ def test_what_is_no_joint_map_is_refused(joint_map):
         ({"gravity": [0, 0]}, "at least 3"),
     ):
         with pytest.raises(ValidationError, match=words):
-            TermMapSection.model_validate(entry | change)
-    short = TermMapSection.model_validate(entry | {"ranges": [[0.0], [1.0]]})
+            JointMapSection.model_validate(entry | change)
+    short = JointMapSection.model_validate(entry | {"ranges": [[0.0], [1.0]]})
     with pytest.raises(RobotError, match="two rows of 6 joints"):
         short.joint_map(model)

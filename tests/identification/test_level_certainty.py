@@ -9,11 +9,11 @@ from support import arm, measured, random_robot
 
 from irbcal.identification.fit import identify
 from irbcal.identification.level_certainty import certainty_of, left_out, term_of
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import GEOMETRIC, all_names, apply, parameter, selected_parameters
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term_map import basis_values, term_columns
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.validation.coverage import coverage
 
 
@@ -34,7 +34,7 @@ def test_terms_move_points_as_their_parameters_do(name):
     item, place, q = parameter(name), np.array([0.1, -0.05, 0.2]), nominal.random_joints(6, 2)
     there = []
     for step in (1e-5, -1e-5):
-        table, joint_map = apply([item], [step], nominal.table, JointMap(phases=phases))
+        table, joint_map = apply([item], [step], nominal.table, ThesisMap(phases=phases))
         T = nominal.with_table(table).forward(joint_map.effective(q))
         there.append(T[:, :3, :3] @ place + T[:, :3, 3])
     path = chain.walk(nominal, q)

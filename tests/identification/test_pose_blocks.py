@@ -9,7 +9,7 @@ from support import arm, measured, random_robot
 from irbcal.identification import pose_blocks, start
 from irbcal.identification.residuals import Problem
 from irbcal.modeling import parameters
-from irbcal.modeling.joint_map import fourier_terms, stiffness_terms
+from irbcal.modeling.thesis_map import fourier_terms, stiffness_terms
 
 POSES = 11
 PHASES = np.array([0.3, 1.2])

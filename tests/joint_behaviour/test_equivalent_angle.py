@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.joint_behaviour.equivalent_angle import equivalent_error
-from irbcal.modeling.joint_map import Stiffness
+from irbcal.modeling.stiffness import Stiffness
 
 
 def test_stiffness_as_one_angle():

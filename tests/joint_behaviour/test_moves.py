@@ -10,7 +10,7 @@ from irbcal.joint_behaviour import behaviour
 from irbcal.joint_behaviour.equivalent_angle import predicted_series
 from irbcal.joint_behaviour.moves import analyse_moves
 from irbcal.measurement import table
-from irbcal.modeling.joint_map import Stiffness
+from irbcal.modeling.stiffness import Stiffness
 
 
 def test_joint_6_of_the_thesis_is_found_within_its_intervals():

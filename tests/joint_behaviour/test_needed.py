@@ -12,7 +12,6 @@ from irbcal.joint_behaviour.linearised import Linearised
 from irbcal.joint_behaviour.residuals import analyse_residuals
 from irbcal.joint_behaviour.verdict import needed_by_residuals, of_residuals
 from irbcal.measurement.last_moves import last_moves
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 
 BACKLASH_4 = np.radians(0.03)
@@ -26,7 +25,7 @@ def hidden_backlash(seed=0):
     series = np.radians([0.03, 0.06, 0.05, -0.05])
     effective[:, 3] += np.column_stack([f(k * q[:, 3]) for k in (1, 2) for f in (np.cos, np.sin)]) @ series
     effective[:, 3] -= 0.5 * np.sign(step[:, 3]) * BACKLASH_4
-    robot = Robot(arm("irb1600"), JointMap(), np.eye(4), TARGETS)
+    robot = Robot(arm("irb1600"), T_world_base=np.eye(4), targets=TARGETS)
     points = measured(robot, effective, 3e-5, np.random.default_rng(seed))
     return replace(points, q=q), last_moves(q), robot
 

@@ -9,7 +9,7 @@ from irbcal.joint_behaviour import behaviour
 from irbcal.joint_behaviour.residuals import analyse_residuals
 from irbcal.joint_behaviour.verdict import of_residuals
 from irbcal.measurement import table
-from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.thesis_map import ThesisMap
 
 
 def test_backlash_and_stiffness_are_found_within_their_intervals():
@@ -26,7 +26,9 @@ def test_backlash_and_stiffness_are_found_within_their_intervals():
             stiffness=(A, B),
             fourier=SERIES,
         )
-        found = analyse_residuals(robot.replace(joint_map=JointMap(stiffness=(A, B), fourier=SERIES)), points, step)
+        found = analyse_residuals(
+            robot.replace(joint_map=ThesisMap(stiffness=(A, B), fourier=SERIES).joint_map(robot.arm)), points, step
+        )
         for j, term in found.of("backlash").items():
             inside.append(term.low[0] < backlash[j - 1] < term.high[0])
         term = found.of("stiffness")[None]

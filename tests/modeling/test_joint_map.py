@@ -1,228 +1,203 @@
-"""The joint map against hand calculation, central differences and the printed stiffness equations."""
+"""A sum of terms as a joint map: against the sum itself, central differences, limits, and a plain rewriting."""
 
-import json
 import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from support import assert_derivative
+from support import arm, assert_derivative
+from term_cases import TWO_LINKS
 
 from irbcal.errors import RobotError
-from irbcal.modeling.joint_map import JointMap, Stiffness
+from irbcal.files import urdf
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import families
+from irbcal.modeling.terms.payload import Payload
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.warm_up import WarmUp
 
-MAP = JointMap(
-    gain=[1e-3, -2e-3, 5e-4, 0, 1e-4, -3e-4],
-    stiffness=[2e-3, 1e-3],
-    fourier=[-3.73e-4, -7.5e-4, -9.56e-4, -2.44e-4],
-)
-
-
-def test_effective_angles_by_hand():
-    q = np.radians([[10, 90, -90, 40, 50, 60]])
-    found = MAP.effective(q)[0]
-    r = np.radians
-    c60, s60, c120, s120 = 0.5, np.sqrt(3) / 2, -0.5, np.sqrt(3) / 2
-    expected = [
-        r(10) * 1.001,
-        r(90) * 0.998 + 2e-3 * 1 + 1e-3 * 1,  # sin 90 = 1, cos(90 - 90) = 1
-        r(-90) * 1.0005 + 1e-3,
-        r(40),
-        r(50) * 1.0001,
-        r(60) * 0.9997 - 3.73e-4 * c60 - 7.5e-4 * s60 - 9.56e-4 * c120 - 2.44e-4 * s120,
-    ]
-    assert np.abs(found - expected).max() < 1e-15
+FAMILIES = ("gravity", "gain", "thesis", "harmonics", "direction", "move")
 
 
-def test_stiffness_is_that_of_eqs_5_9_to_5_15():
-    """delta theta = k T with T2 = F1 d1 + F2 d2', T3 = F2 d2 and m = F2 / F1, worked through directly."""
-    k, F1, m = 3e-6, 250.0, 1.3
-    L_1, L_G1, L_G2 = 0.7, 0.31, 0.42
-    q2, q3 = 0.6, -0.9
-    d1 = L_G1 * np.sin(q2)
-    d2 = L_G2 * np.sin(q2 + q3 + np.pi / 2)
-    d2_prime = L_1 * np.sin(q2) + d2
-    F2 = m * F1
-    A = k * F1 * (L_G1 + m * L_1)
-    B = m * k * F1 * L_G2
-    q = np.array([[0, q2, q3, 0, 0, 0.0]])
-    change = JointMap(stiffness=[A, B]).effective(q)[0] - q[0]
-    assert abs(change[1] - k * (F1 * d1 + F2 * d2_prime)) < 1e-15
-    assert abs(change[2] - k * F2 * d2) < 1e-15
+def random_map(model, names=FAMILIES, highest=7, seed=0, ranges=None):
+    terms = [t for name in names for t in families()[name].terms(model)]
+    terms = [t for t in terms if t.parameters.get("cycles_per_turn", 0) <= highest]
+    sizes = np.array([t.size for t in terms])
+    values = 0.3 * sizes * np.random.default_rng(seed).standard_normal(len(terms))
+    return JointMap(TermMap(model, tuple(terms), values), ranges)
 
 
-def test_deflection_of_the_stretched_arm_is_delta_L():
-    """With q2 = 90 and q3 = -90 degrees the arm's end sinks by about delta_L (eqs. 5.16 to 5.18)."""
-    stiffness = Stiffness.guess(0.7, 0.6)
-    A, B = stiffness.coefficients
-    sag = 0.7 * (A + B) + 0.6 * (A + B + B)  # upper arm turns by dtheta2, forearm by dtheta2 + dtheta3
-    assert abs(sag - 1.5e-3) < 1e-8
+@pytest.fixture(scope="module")
+def model():
+    return arm("irb120")
 
 
-@given(st.floats(-0.01, 0.01).filter(lambda v: abs(v) > 1e-6), st.floats(-0.01, 0.01))
-def test_physical_stiffness_comes_back_from_its_coefficients(A, B):
-    found = Stiffness.guess(0.7, 0.6).with_coefficients(A, B)
-    if found is not None:
-        assert np.abs(np.array(found.coefficients) - (A, B)).max() < 1e-12
-        assert found.m == 1.0
-        assert found.L_G1 == 0.35
+def test_it_is_the_sum_of_its_terms(model):
+    joint_map = random_map(model)
+    q, previous = model.random_joints(50, 1), model.random_joints(50, 2)
+    terms = joint_map.terms
+    assert np.abs(joint_map.effective(q) - terms.effective(Motion(q))).max() < 1e-14
+    motion = Motion(q, q - previous)
+    assert np.abs(joint_map.effective(q, previous) - terms.effective(motion)).max() < 1e-14
+    assert np.abs(joint_map.jacobian(q, previous) - terms.jacobian(motion)).max() < 1e-14
+    assert np.abs(joint_map.effective(q, previous) - joint_map.effective(q)).max() > 1e-5
+    unknown = np.where(np.arange(50)[:, None] < 25, np.nan, previous)
+    mixed = joint_map.effective(q, unknown)
+    assert np.array_equal(mixed[:25], joint_map.effective(q)[:25])
+    assert np.array_equal(mixed[25:], joint_map.effective(q, previous)[25:])
 
 
-def test_forearm_term_alone_has_no_physical_reading():
-    guess = Stiffness.guess(0.7, 0.6)
-    assert guess.with_coefficients(0.0, 1e-3) is None
-    assert guess.with_coefficients(0.0, 0.0).delta_L == 0.0
+def test_derivatives(model):
+    joint_map = random_map(model)
+    q, dq = model.random_joints(5, 3), model.random_joints(5, 4)
+    for row, speed in zip(q, dq, strict=True):
+        J = joint_map.jacobian(row[None])[0]
+        assert_derivative(lambda x: joint_map.effective(x[None])[0], row, J, 1e-9)
+        rate = joint_map.jacobian_derivative(row[None], speed[None])[0]
+        ahead, behind = (joint_map.jacobian((row + h * speed)[None])[0] for h in (1e-5, -1e-5))
+        assert np.abs((ahead - behind) / 2e-5 - rate).max() < 1e-7
 
 
-def test_jacobian_agrees_with_central_differences():
-    for q in np.random.default_rng(0).uniform(-6, 6, (20, 6)):
-        assert_derivative(lambda x: MAP.effective(x[None])[0], q, MAP.jacobian(q[None])[0], 1e-11)
+def test_it_is_inverted_with_and_without_the_stop_before(model):
+    joint_map = random_map(model)
+    q, previous = model.random_joints(200, 5), model.random_joints(200, 6)
+    assert np.abs(joint_map.commanded(joint_map.effective(q)) - q).max() < 1e-13
+    assert np.abs(joint_map.commanded(joint_map.effective(q, previous), previous) - q).max() < 1e-13
+    far = JointMap(TermMap(model, random_map(model, ("gain",)).terms.terms, np.full(6, -1.5)))
+    with pytest.raises(RobotError, match="cannot be inverted"):
+        far.commanded(q)
 
 
-def test_jacobian_derivative_agrees_with_central_differences():
-    rng = np.random.default_rng(4)
-    for q, dq in zip(rng.uniform(-6, 6, (20, 6)), rng.uniform(-3, 3, (20, 6)), strict=True):
-
-        def along(t, q=q, dq=dq):
-            return MAP.jacobian((q + t[0] * dq)[None])[0]
-
-        assert_derivative(along, [0.0], MAP.jacobian_derivative(q[None], dq[None])[0], 1e-11)
-    assert not JointMap().jacobian_derivative(np.ones((2, 7)), np.ones((2, 7))).any()
-
-
-@settings(max_examples=30)
-@given(st.integers(0, 2**32 - 1))
-def test_effective_limits_keep_every_command_inside(seed):
-    """Commands of the box's corners, edges and inside lie in the limits, and the box loses little."""
-    rng = np.random.default_rng(seed)
-    joint_map = JointMap(3e-4 * rng.normal(size=6), 1e-3 * rng.normal(size=2), rng.uniform(-3, 3, 2), 1e-3 * np.ones(4))
-    lower, upper = np.array([-3, -1.5, -4, -3.4, -2, -7.0]), np.array([3, 2, 1, 3.4, 2, 7.0])
-    box = joint_map.effective_limits(lower, upper)
-    share = np.clip(rng.uniform(-0.3, 1.3, (2000, 6)), 0, 1)
-    q = joint_map.commanded(box[0] + share * (box[1] - box[0]))
-    assert (q >= lower - 1e-13).all()
-    assert (q <= upper + 1e-13).all()
-    at_limits = np.abs(joint_map.effective(np.array([lower, upper])) - box)
-    assert (at_limits <= 2 * abs(joint_map.stiffness[1]) + 1e-12).all()
+def test_commands_of_the_box_of_limits_respect_the_limits(model):
+    joint_map = random_map(model, highest=45)
+    lower, upper = joint_map.effective_limits(model.lower, model.upper)
+    theta = np.random.default_rng(1).uniform(lower, upper, (3000, 6))
+    theta[:64] = np.where(np.random.default_rng(2).random((64, 6)) < 0.5, lower, upper)
+    q = joint_map.commanded(theta)
+    assert (q >= model.lower - 1e-12).all()
+    assert (q <= model.upper + 1e-12).all()
+    assert np.abs([lower - model.lower, upper - model.upper]).max() < 0.01
+    endless = joint_map.effective_limits(np.full(6, -np.inf), np.full(6, np.inf))
+    assert np.isneginf(endless[0]).all()
+    assert np.isposinf(endless[1]).all()
 
 
-def test_endless_joints_have_no_effective_limits():
-    lower, upper = MAP.effective_limits([-1, -1, -1, -1, -1, -np.inf], [1, 1, 1, 1, 1, np.inf])
-    assert lower[5] == -np.inf
-    assert upper[5] == np.inf
-
-
-def test_payload_adds_the_gravity_of_a_mass_on_the_forearm():
-    """Worked through with torques: k (F1 d1 + F2 d2' + p g d_P') and k (F2 d2 + p g d_P), eqs. 5.9 to 5.15."""
-    k, g, upper_kg, fore_kg, payload_kg = 3e-6, 9.81, 20.0, 26.0, 3.0
-    L_1, L_G1, L_G2, L_P = 0.7, 0.31, 0.42, 0.74
-    stiffness = Stiffness(1.0, L_G1, 0.1, fore_kg / upper_kg, L_1, 0.6).with_coefficients(
-        k * g * (upper_kg * L_G1 + fore_kg * L_1), k * g * fore_kg * L_G2
-    )
-    loaded = stiffness.with_payload(payload_kg, L_P, upper_kg)
-    q2, q3 = 0.6, -0.9
-    s2, s23 = np.sin(q2), np.sin(q2 + q3 + np.pi / 2)
-    T_3 = g * (fore_kg * L_G2 + payload_kg * L_P) * s23
-    T_2 = g * (upper_kg * L_G1 * s2 + (fore_kg + payload_kg) * L_1 * s2) + T_3
-    q = np.array([[0, q2, q3, 0, 0, 0.0]])
-    change = JointMap(stiffness=loaded.coefficients).effective(q)[0] - q[0]
-    assert abs(change[1] - k * T_2) < 1e-15
-    assert abs(change[2] - k * T_3) < 1e-15
-    assert abs(loaded.k_F1 - k * g * upper_kg) < 1e-15
-    back = loaded.with_payload(-payload_kg, L_P, upper_kg)
-    assert np.abs(np.array(back.coefficients) - stiffness.coefficients).max() < 1e-15
-
-
-def test_payload_predicts_the_order_of_the_deflection_that_the_thesis_measured():
-    """Table 4.3: 3 kg more at the stretched arm's end add 0.29 to 0.31 mm; axis 2 carries about 50 kg (section 4.3.1).
-
-    From the guess of eqs. 5.19 to 5.22 (1.5 mm under the arm's own weight, two halves of 25 kg) it is a guess in turn.
-    """
-    guess = Stiffness.guess(0.7, 0.6)
-    L_P = 0.6 + 0.065 + 0.075  # flange and the centre of the thesis's tool
-
-    def sag(stiffness):
-        A, B = stiffness.coefficients
-        return 0.7 * (A + B) + L_P * (A + 2 * B)
-
-    added = sag(guess.with_payload(3.0, L_P, 25.0)) - sag(guess)
-    assert 0.15e-3 < added < 0.45e-3
-
-
-@pytest.mark.parametrize("B", [8e-4, -8e-4, 0.0])
-def test_payload_beside_the_forearm_turns_the_phase(B):
-    """Two masses, along and square to the forearm, act as one sine of another phase."""
-    joint_map = JointMap(stiffness=[1.2e-3, B], phases=[0.1, 1.4])
-    guess = Stiffness.guess(0.7, 0.6)
-    loaded = joint_map.with_payload(guess, 2.0, 25.0, along=0.5, across=0.2)
-    straight = joint_map.with_payload(guess, 2.0, 25.0, along=0.5)
-    q = np.random.default_rng(5).uniform(-3, 3, (50, 6))
-    k_F1 = 1.2e-3 / (0.35 + 0.7)
-    extra = k_F1 * 2.0 / 25.0 * 0.2 * np.sin(q[:, 1] + q[:, 2] + 1.4 + np.pi / 2)
-    expected = straight.effective(q)
-    expected[:, 1:3] += extra[:, None]
-    assert np.abs(loaded.effective(q) - expected).max() < 1e-15
-
-
-@pytest.mark.parametrize(
-    ("A", "delta_kg", "upper_kg", "words"),
-    [
-        (0.0, 1.0, 20.0, "A > 0"),
-        (-1e-3, 1.0, 20.0, "A > 0"),
-        (1e-3, -21.0, 20.0, "the forearm weighs 20 kg"),
-        (1e-3, 1.0, 0.0, "must be positive"),
-    ],
-)
-def test_impossible_payloads_are_refused(A, delta_kg, upper_kg, words):
-    with pytest.raises(RobotError, match=words):
-        JointMap(stiffness=[A, 1e-4]).with_payload(Stiffness.guess(0.7, 0.6), delta_kg, upper_kg, 0.6)
-
-
-@settings(max_examples=50)
-@given(st.integers(0, 2**32 - 1))
-def test_inverse_gives_the_command_back(seed):
-    rng = np.random.default_rng(seed)
-    joint_map = JointMap(
-        0.01 * rng.normal(size=6), 0.01 * rng.normal(size=2), (0.0, np.pi / 2), 0.01 * rng.normal(size=4)
-    )
-    q = rng.uniform(-7, 7, (100, 6))
-    theta = joint_map.effective(q)
-    assert np.abs(joint_map.effective(joint_map.commanded(theta)) - theta).max() < 2e-15 * 4
-    assert np.abs(joint_map.commanded(theta) - q).max() < 1e-13
-
-
-def test_identity_and_empty_batch():
-    q = np.random.default_rng(1).normal(size=(4, 6))
-    assert np.array_equal(JointMap().effective(q), q)
-    assert np.array_equal(JointMap().commanded(q), q)
-    assert MAP.commanded(np.zeros((0, 6))).shape == (0, 6)
-
-
-def test_a_map_that_folds_back_is_refused():
-    with pytest.raises(ValueError, match="cannot be inverted"):
-        JointMap(gain=[0, 0, 0, 0, 0, -1.0]).commanded(np.ones((2, 6)))
-
-
-def test_what_a_map_says_of_itself():
-    assert repr(JointMap()) == "<JointMap: no joint map (commanded joints are the effective ones)>"
-    assert repr(JointMap(stiffness=[2e-3, 1e-3])) == "<JointMap: joint map with stiffness A, B 2 1 mrad>"
-    assert "gains 1 -2 0.5 0 0.1 -0.3 per mille" in repr(MAP)
-    assert len(repr(JointMap(gain=np.full(500, 1e-3)))) < 300
-
-
-def test_a_map_cannot_be_changed_and_can_be_pickled():
-    gain = np.full(6, 1e-3)
-    joint_map = JointMap(gain=gain)
-    gain[0] = 1.0
-    assert joint_map.gain[0] == 1e-3
+def test_identity_words_pickle_and_lock(model):
+    empty = JointMap(TermMap(model, (), np.zeros(0)))
+    q = model.random_joints(3, 8)
+    assert empty.is_identity
+    assert np.array_equal(empty.effective(q), q)
+    assert np.array_equal(empty.commanded(q), q)
+    assert "no joint map" in empty.in_words
+    joint_map = random_map(model)
+    assert len(repr(Robot(model, joint_map))) < 400
+    assert f"{len(joint_map.terms.terms)} terms (gravity, gain, thesis" in repr(joint_map)
+    again = pickle.loads(pickle.dumps(joint_map))
+    assert np.array_equal(again.effective(q), joint_map.effective(q))
     with pytest.raises(ValueError, match="read-only"):
-        joint_map.gain[0] = 1.0
-    q = np.random.default_rng(2).normal(size=(4, 6))
-    assert np.array_equal(pickle.loads(pickle.dumps(MAP)).effective(q), MAP.effective(q))
+        joint_map.terms.coefficients[0] = 1.0
+    assert joint_map.effective(np.zeros((0, 6))).shape == (0, 6)
+    assert joint_map.jacobian(np.zeros((0, 6))).shape == (0, 6, 6)
 
 
-def test_map_does_not_change_its_input():
-    q = np.ones((3, 6))
-    MAP.effective(q)
-    assert json.dumps(q.tolist()) == json.dumps(np.ones((3, 6)).tolist())
+def test_frame_terms_are_refused(model):
+    terms = tuple(WarmUp(10.0).terms(model))
+    with pytest.raises(RobotError, match="other axes"):
+        JointMap(TermMap(model, terms, np.zeros(len(terms))))
+
+
+def test_outside_the_ranges(model):
+    joint_map = random_map(model, ranges=np.array([np.full(6, -1.0), np.full(6, 1.0)]))
+    beyond = joint_map.outside([[0.0, 1.5, -1.25, 1.0, -1.0, 0.2]])
+    assert np.abs(beyond - [[0.0, 0.5, -0.25, 0.0, 0.0, 0.0]]).max() < 1e-15
+    assert not random_map(model).outside(model.random_joints(5, 1)).any()
+
+
+def rewritten(parts, q):
+    """The static parts in plain numbers, as another language would have it."""
+    out = q * (1 + np.array(parts["gain"]))
+    for wave in parts["waves"]:
+        angle = np.dot(wave["turns"], q)
+        out[wave["joint"]] += wave["cosine"] * np.cos(angle) + wave["sine"] * np.sin(angle)
+    return out
+
+
+def test_static_parts_say_it_all(model):
+    joint_map = random_map(model)
+    q = model.random_joints(20, 9)
+    found = np.array([rewritten(joint_map.static_parts(), row) for row in q])
+    assert np.abs(found - joint_map.effective(q)).max() < 1e-13
+
+
+def loaded_map(model, payload_kg=3.0, place=(0.05, -0.02, 0.1)):
+    terms = [*families()["gravity"].terms(model), *families()["torque"].terms(model), *Payload(place).terms(model)]
+    values = 0.3 * np.array([t.size for t in terms]) * np.random.default_rng(2).standard_normal(len(terms))
+    return JointMap(TermMap(model, tuple(terms), values), None, payload_kg)
+
+
+def test_it_carries_what_it_carried_when_it_was_measured_unless_told_otherwise(model):
+    joint_map, q = loaded_map(model), model.random_joints(40, 5)
+    loads = np.linspace(0.0, 9.0, 40)
+
+    def of(kg, **rest):
+        return joint_map.terms.effective(Motion(q, payload_kg=np.full(40, kg) if np.ndim(kg) == 0 else kg, **rest))
+
+    assert np.abs(joint_map.effective(q) - of(3.0)).max() < 1e-14
+    assert np.abs(joint_map.effective(q, payload_kg=loads) - of(loads)).max() < 1e-14
+    assert np.abs(joint_map.carrying(7.0).effective(q) - of(7.0)).max() < 1e-14
+    assert np.abs(of(7.0) - of(3.0)).max() > 1e-4
+    gaps = np.where(loads > 4.0, np.nan, loads)
+    assert np.abs(joint_map.effective(q, payload_kg=gaps) - of(np.where(loads > 4.0, 3.0, loads))).max() < 1e-14
+    place, torques = np.array([0.2, 0.0, -0.1]), np.random.default_rng(3).normal(0.0, 40.0, q.shape)
+    there = of(5.0, payload_place=np.tile(place, (40, 1)))
+    assert np.abs(joint_map.carrying(5.0, place).effective(q) - there).max() < 1e-14
+    assert np.abs(joint_map.effective(q, payload_kg=5.0, payload_place=place) - there).max() < 1e-14
+    felt = of(3.0, torques=torques)
+    assert np.abs(joint_map.effective(q, torques=torques) - felt).max() < 1e-14
+    assert np.abs(felt - of(3.0)).max() > 1e-4
+    robot = Robot(model, joint_map)
+    assert np.abs(robot.carrying(7.0).poses(q) - robot.forward(q, payload_kg=7.0)).max() < 1e-14
+    assert "carrying 7 kg" in joint_map.carrying(7.0).in_words
+
+
+def test_derivatives_inverse_and_limits_are_those_of_the_load(model):
+    joint_map = loaded_map(model).carrying(12.0, [0.1, 0.1, 0.2])
+    q, dq = model.random_joints(4, 3), model.random_joints(4, 4)
+    for row, speed in zip(q, dq, strict=True):
+        assert_derivative(lambda x: joint_map.effective(x[None])[0], row, joint_map.jacobian(row[None])[0], 1e-9)
+        rate = joint_map.jacobian_derivative(row[None], speed[None])[0]
+        ahead, behind = (joint_map.jacobian((row + h * speed)[None])[0] for h in (1e-5, -1e-5))
+        assert np.abs((ahead - behind) / 2e-5 - rate).max() < 1e-7
+    assert np.abs(joint_map.effective(joint_map.commanded(q)) - q).max() < 1e-12
+    low, high = joint_map.effective_limits(model.lower, model.upper)
+    corners = np.random.default_rng(1).uniform(low, high, (200, 6))
+    command = joint_map.commanded(corners)
+    assert (command > model.lower - 1e-12).all()
+    assert (command < model.upper + 1e-12).all()
+
+
+def test_a_joint_that_slides_beyond_has_its_load_too():
+    text = TWO_LINKS.replace('name="j2" type="revolute"', 'name="j2" type="prismatic"')
+    slide = urdf.from_bytes(text.encode(), "slide", "base_link", "tool0").arm
+    joint_map = loaded_map(slide)
+    q = slide.random_joints(30, 1)
+    whole = joint_map.terms.effective(Motion(q, payload_kg=np.full(30, 3.0)))
+    assert np.abs(joint_map.effective(q) - whole).max() < 1e-14
+    low = joint_map.effective_limits(slide.lower, slide.upper)[0]
+    assert np.abs(low - slide.lower)[0] >= np.abs(joint_map.effective(q) - q)[:, 0].max()
+    with pytest.raises(RobotError, match="other languages"):
+        joint_map.static_parts()
+
+
+def test_what_another_load_does_is_not_made_up(model):
+    one = JointMap(random_map(model).terms, None, 3.0)
+    assert one.carrying(3.0) is one
+    with pytest.raises(RobotError, match=r"with 3 kg only, .* 5 kg: measure some poses with another load"):
+        one.carrying(5.0)
+    with pytest.raises(RobotError, match="a load that was not told"):
+        random_map(model).carrying(5.0)
+    with pytest.raises(RobotError, match="expected a mass"):
+        loaded_map(model).carrying(-1.0)
+    with pytest.raises(RobotError, match="three numbers"):
+        loaded_map(model).carrying(1.0, [0.0, 0.1])

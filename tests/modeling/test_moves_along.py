@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from history_cases import sided_robot
 from scipy.interpolate import CubicSpline
+from support import arm
 
 from irbcal.errors import RobotError
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.moves_along import STRIDE, lean_along, to_commands, to_effective
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.modeling.trajectory import Trajectory
 from irbcal.units import DEG
 
@@ -95,8 +97,10 @@ def test_rests_keep_the_side_and_the_end_of_a_path_is_a_stop(sided):
 
 def test_maps_without_history_do_not_lean():
     some = swinging(20)
-    assert lean_along(JointMap(), some) is None
-    joint_map = JointMap(gain=1e-3 * np.arange(6), stiffness=[2e-3, 1e-3], fourier=[1e-3, 0, 2e-3, 1e-3])
+    assert lean_along(JointMap.identity(arm()), some) is None
+    joint_map = ThesisMap(gain=1e-3 * np.arange(6), stiffness=[2e-3, 1e-3], fourier=[1e-3, 0, 2e-3, 1e-3]).joint_map(
+        arm()
+    )
     back = to_commands(joint_map, to_effective(joint_map, some))
     for name in ("q", "dq", "ddq"):
         assert getattr(back, name) == pytest.approx(getattr(some, name), abs=1e-12)

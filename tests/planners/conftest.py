@@ -8,7 +8,7 @@ from support import example_robot, random_robot
 
 from irbcal.files import urdf
 from irbcal.modeling import frames
-from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planners.calibrated_model import CalibratedModel
 
 T_TIP_SMR1 = frames.transform(frames.rot_x(0.3) @ frames.rot_z(-1.1), [-0.087, 0.087, 0.11])
@@ -29,5 +29,5 @@ def kinova():
     """A real URDF with three continuous joints, with simulated gains and joint-6 series."""
     path = example_robot("kinova_description/robots/kinova.urdf")
     found = urdf.read(path, tip="j2s6s200_end_effector")
-    joint_map = JointMap(gain=1e-3 * np.arange(1, 7), fourier=[1e-3, -2e-3, 5e-4, 1e-3])
+    joint_map = ThesisMap(gain=1e-3 * np.arange(1, 7), fourier=[1e-3, -2e-3, 5e-4, 1e-3]).joint_map(found.arm)
     return CalibratedModel(path.read_bytes(), found.arm, joint_map)

@@ -12,7 +12,7 @@ import irbcal
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.files import robots, urdf
 from irbcal.modeling import frames
-from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planners.calibrated_model import CalibratedModel
 from irbcal.units import DEG
 
@@ -162,7 +162,7 @@ def test_seven_joints_and_a_gripper():
     path = example_robot("panda_description/urdf/panda.urdf")
     found = urdf.read(path, tip="panda_hand")
     gain = 1e-3 * np.arange(1, 8)
-    model = CalibratedModel(path.read_bytes(), found.arm, JointMap(gain=gain))
+    model = CalibratedModel(path.read_bytes(), found.arm, ThesisMap(gain=gain).joint_map(found.arm))
     q, dq = motions(model, 20)
     rest = np.array(model.rest)
     rest[-2:] = 0.01, 0.03
@@ -183,7 +183,7 @@ def test_a_joint_that_slides():
     content = robots.robot_file("irb1600").read_bytes()
     content = content.replace(b'name="joint_1" type="revolute"', b'name="joint_1" type="prismatic"')
     found = urdf.from_bytes(content, "slide.urdf")
-    model = CalibratedModel(content, found.arm, JointMap(gain=1e-3 * np.arange(1, 7)))
+    model = CalibratedModel(content, found.arm, ThesisMap(gain=1e-3 * np.arange(1, 7)).joint_map(found.arm))
     q, dq = motions(model, 20)
     assert_agrees_with_pinocchio(model, q, dq, model.rest)
     q[3, 0] = 3.5

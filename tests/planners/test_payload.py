@@ -9,11 +9,12 @@ from support import arm
 
 from irbcal.errors import RobotError
 from irbcal.files import robots
-from irbcal.modeling.joint_map import JointMap, Stiffness
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.stiffness import Stiffness
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planners.calibrated_model import CalibratedModel
 
 
@@ -49,7 +50,7 @@ def test_stiffness_terms_are_gravity_on_two_links():
     for pinocchio, now in ((model, stiffness), (loaded_model, stiffness.with_payload(payload_kg, L_P, upper_kg))):
         data = pinocchio.createData()
         torque = -np.array([pin.computeGeneralizedGravity(pinocchio, data, row) for row in q[:, 1:3]])
-        change = JointMap(stiffness=now.coefficients).effective(q) - q
+        change = ThesisMap(stiffness=now.coefficients).effective(q) - q
         assert np.abs(change[:, 1:3] - compliance * torque).max() < 1e-15
 
 
@@ -62,12 +63,13 @@ def test_payload_moves_the_joints_as_gravity_on_the_urdfs_masses_does(name, plac
     nominal = arm(name)
     content = robots.robot_file(name).read_bytes()
     compliance = 2e-6
-    bare = CalibratedModel(content, nominal, JointMap(phases=nominal.stiffness_geometry()[0]))
+    bare = CalibratedModel(content, nominal)
+    phases = nominal.stiffness_geometry()[0]
     theta = np.zeros((60, 6))
     theta[:, 1:3] = np.random.default_rng(9).uniform(-3, 3, (60, 2))
     theta[:, 3:] = 0.0 if wrist is None else wrist
     torque = gravity(bare.model, theta)
-    angles = theta[:, 1], theta[:, 1] + theta[:, 2] + bare.joint_map.phases[1]
+    angles = theta[:, 1], theta[:, 1] + theta[:, 2] + phases[1]
     waves = np.array([np.sin(angles[0]), np.cos(angles[0]), np.sin(angles[1]), np.cos(angles[1])]).T
     A, _, B, _ = compliance * np.linalg.lstsq(waves, torque[:, 0], rcond=None)[0]
     model = replace(bare, joint_map=replace(bare.joint_map, stiffness=[A, B]))
@@ -91,10 +93,10 @@ def test_payload_needs_masses_and_stiffness():
     with pytest.raises(RobotError, match="A > 0"):
         CalibratedModel(content, nominal).with_payload(1.0)
     weightless = content.replace(b"<inertial>", b"<nothing>").replace(b"</inertial>", b"</nothing>")
-    model = CalibratedModel(weightless, nominal, JointMap(stiffness=[8e-4, 2e-4]))
+    model = CalibratedModel(weightless, nominal, ThesisMap(stiffness=[8e-4, 2e-4]).joint_map(nominal))
     with pytest.raises(RobotError, match="gives no masses"):
         model.with_payload(1.0)
-    A, B = model.with_payload(2.0, masses=(25.0, 30.0)).joint_map.stiffness
+    A, B = ThesisMap.of(model.with_payload(2.0, masses=(25.0, 30.0)).joint_map).stiffness
     # by hand: k g = A / (25 0.35 + 30 0.7), the tool's origin 0.665 m along the forearm
     k_g = 8e-4 / (25 * 0.35 + 30 * 0.7)
     assert abs(A - (8e-4 + k_g * 2 * 0.7)) < 1e-15
@@ -105,7 +107,7 @@ def test_a_sum_of_terms_changes_its_load():
     nominal = arm()
     place = np.array([0.0, 0.05, 0.1])
     terms = Payload(place).terms(nominal)
-    joint_map = TermJointMap(TermMap(nominal, tuple(terms), np.linspace(1e-6, 6e-6, 6)), None, 2.0)
+    joint_map = JointMap(TermMap(nominal, tuple(terms), np.linspace(1e-6, 6e-6, 6)), None, 2.0)
     model = CalibratedModel(robots.robot_file("irb1600").read_bytes(), nominal, joint_map)
     q, more = nominal.random_joints(30, 1), np.array([0.2, 0.0, -0.1])
     added = TermMap(nominal, tuple(Payload(more).terms(nominal)), np.linspace(1e-6, 6e-6, 6))

@@ -7,7 +7,7 @@ from support import arm, central_differences, measured, random_robot
 
 from irbcal.identification.fit import identify
 from irbcal.modeling import frames, parameters
-from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planning.information import Aim, Candidates, Model
 from irbcal.units import DEG, MM
 
@@ -20,7 +20,7 @@ def test_rows_are_derivatives_of_the_measured_points():
     phases = nominal.stiffness_geometry()[0]
 
     def points(x):
-        table, joint_map = parameters.apply(model.parameters, x[15:], nominal.table, JointMap(phases=phases))
+        table, joint_map = parameters.apply(model.parameters, x[15:], nominal.table, ThesisMap(phases=phases))
         T = nominal.with_table(table).forward(joint_map.effective(q))
         local = PLACES + x[6:15].reshape(3, 3)
         p = local @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]

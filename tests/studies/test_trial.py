@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from irbcal.cell import simulation
-from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.studies import folder, trial
 from irbcal.studies.settings import AREAS, NOMINAL, Repetition
 from irbcal.studies.stage import Stage
@@ -15,7 +15,7 @@ from irbcal.studies.stage import Stage
 
 def test_without_errors_that_the_model_lacks_fake_targets_reach_the_nominal_poses(small, monkeypatch):
     """Rigid links, no effects: expected and found errors of every kind vanish, with the nominal robot they do not."""
-    ideal = simulation.open_cell("irb1600").only().replace(compliance=(0.0,) * 6, joint_map=JointMap(np.zeros(6)))
+    ideal = simulation.open_cell("irb1600").only().replace(compliance=(0.0,) * 6, joint_map=ThesisMap(np.zeros(6)))
     monkeypatch.setattr(simulation, "open_cell", lambda *args, **options: ideal)
     perfect = Stage.of(small)
     rows = pd.DataFrame(trial.run(perfect, Repetition("34", 80))[0])

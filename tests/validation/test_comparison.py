@@ -134,7 +134,7 @@ def test_commands_that_are_no_fake_targets_are_set_aside():
     off[half:] += np.radians(0.05)
     found = comparison.expected_and_verified(robot, nominal, expected, replace(verified, q=off))
     assert found["poses"]["set_aside"] == []
-    wanted = robot.replace(arm=nominal, joint_map=JointMap(np.zeros(6))).poses(expected.q)[:, :3, 3]
+    wanted = robot.replace(arm=nominal, joint_map=JointMap.identity(nominal)).poses(expected.q)[:, :3, 3]
     apart = np.linalg.norm(robot.poses(off)[:, :3, 3] - wanted, axis=1)
     assert found["command_mm"] == pytest.approx(apart.max() * 1e3, abs=1e-6)
 

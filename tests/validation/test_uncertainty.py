@@ -6,6 +6,7 @@ import pytest
 import irbcal
 from irbcal.modeling import parameters
 from irbcal.modeling.parameters import all_names, parameter
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation.uncertainty import position_std
 
@@ -22,8 +23,10 @@ def test_tips_spread_as_the_parameters_do(record):
     q = nominal.random_joints(4, 0)
     tips = []
     for errors in draws:
-        table, joint_map = parameters.apply(chosen, errors, nominal.table, robot.joint_map)
-        tips.append(robot.replace(arm=nominal.with_table(table), joint_map=joint_map).poses(q)[:, :3, 3])
+        table, joint_map = parameters.apply(chosen, errors, nominal.table, ThesisMap.of(robot.joint_map))
+        tips.append(
+            robot.replace(arm=nominal.with_table(table), joint_map=joint_map.joint_map(nominal)).poses(q)[:, :3, 3]
+        )
     found = position_std(record, q)
     assert found.shape == (4, 3)
     assert found == pytest.approx(np.std(tips, axis=0), rel=0.1)

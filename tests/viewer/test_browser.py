@@ -157,7 +157,10 @@ def test_joint_sliders_of_a_map_of_terms(browser, tmp_path):
         frames.apply(view.scene.T_scene_world, view.scene.robot.points(q, name))[0] for name in view.scene.targets
     ]
     plain = [
-        frames.apply(view.scene.T_scene_world, view.scene.robot.replace(joint_map=JointMap()).points(q, name))[0]
+        frames.apply(
+            view.scene.T_scene_world,
+            view.scene.robot.replace(joint_map=JointMap.identity(view.scene.robot.arm)).points(q, name),
+        )[0]
         for name in view.scene.targets
     ]
     assert np.abs(np.array(targets) - plain).max() > 1e-4

@@ -6,36 +6,34 @@ from term_cases import framed_robot
 
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.viewer import without
 
 
 def test_parts_of_the_thesis_are_left_out_one_by_one():
     truth = random_robot(arm("irb1600"), "34", np.random.default_rng(2))
-    map_34 = truth.joint_map
-    gains = JointMap(np.full(6, 1e-4), map_34.stiffness, map_34.phases, map_34.fourier)
-    truth = truth.replace(joint_map=gains)
+    nominal, map_34 = truth.joint_map.terms.arm, ThesisMap.of(truth.joint_map)
+    own = ThesisMap(np.full(6, 1e-4), map_34.stiffness, map_34.phases, map_34.fourier)
+    truth = truth.replace(joint_map=own.joint_map(nominal))
     points = measured(truth, truth.arm.random_joints(20, 1), 0.0, np.random.default_rng(3))
-    own = truth.joint_map
     T = frames.inverse(truth.T_world_base)
     shifts = without.shifts(truth, points, T)
-    assert list(shifts) == ["gain", "gravity", "harmonics"]
+    assert list(shifts) == ["gain", "thesis"]
     plain = {
-        "gain": JointMap(np.zeros(6), own.stiffness, own.phases, own.fourier),
-        "gravity": JointMap(own.gain, np.zeros(2), own.phases, own.fourier),
-        "harmonics": JointMap(own.gain, own.stiffness, own.phases, np.zeros(4)),
+        "gain": ThesisMap(np.zeros(6), own.stiffness, own.phases, own.fourier),
+        "thesis": ThesisMap(own.gain),
     }
     for family, joint_map in plain.items():
-        expected = frames.apply(T, points.predicted(truth.replace(joint_map=joint_map)))
+        expected = frames.apply(T, points.predicted(truth.replace(joint_map=joint_map.joint_map(nominal))))
         expected -= frames.apply(T, points.predicted(truth))
         assert np.abs(expected).max() > 1e-5
         np.testing.assert_allclose(shifts[family], expected, rtol=0, atol=1e-12)
     # several together are the sum, but for products of small angles
-    together = frames.apply(T, points.predicted(truth.replace(joint_map=JointMap(np.zeros(6)))))
+    together = frames.apply(T, points.predicted(truth.replace(joint_map=JointMap.identity(nominal))))
     together -= frames.apply(T, points.predicted(truth))
     np.testing.assert_allclose(sum(shifts.values()), together, rtol=0, atol=2e-5)
-    assert without.families(truth.replace(joint_map=JointMap())) == []
+    assert without.families(truth.replace(joint_map=JointMap.identity(nominal))) == []
 
 
 def test_terms_and_frame_terms_are_left_out_as_if_they_were_not_there():
@@ -45,7 +43,7 @@ def test_terms_and_frame_terms_are_left_out_as_if_they_were_not_there():
     assert {"gravity", "bending"} <= set(names)
     for family in names:
         terms, frame_terms = (dropped(part, family) for part in (truth.joint_map.terms, truth.frame_terms))
-        bare = truth.replace(joint_map=TermJointMap(terms), frame_terms=frame_terms)
+        bare = truth.replace(joint_map=JointMap(terms), frame_terms=frame_terms)
         found = points.predicted(without.without(truth, family))
         np.testing.assert_allclose(found, points.predicted(bare), rtol=0, atol=1e-12)
 

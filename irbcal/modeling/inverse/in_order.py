@@ -6,7 +6,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
-from irbcal.modeling.joint_map import AnyJointMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.units import DEG, MM
 
 STILL = {True: 0.2 * MM, False: 0.2 * DEG}
@@ -56,7 +56,7 @@ def stops_before(theta: FloatArray, target: IntArray, follows: BoolArray, prisma
 
 
 def commanded_in_order(
-    joint_map: AnyJointMap, theta: FloatArray, target: IntArray, before: IntArray, fixed: BoolArray | None = None
+    joint_map: JointMap, theta: FloatArray, target: IntArray, before: IntArray, fixed: BoolArray | None = None
 ) -> FloatArray:
     """Commanded joints that give effective ones at stops that follow one another.
 
@@ -65,7 +65,7 @@ def commanded_in_order(
 
     Parameters
     ----------
-    joint_map : AnyJointMap
+    joint_map : JointMap
     theta : ndarray, shape (n, joints)
         Effective joints of n targets, radians (metres for prismatic joints).
     target, before : ndarray of int, shape (m,)

@@ -8,11 +8,41 @@ from __future__ import annotations
 
 import numpy as np
 
-from irbcal.errors import RobotError
+from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import gravity, harmonics
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import Family, Term, Value
+
+GROUP = "thesis_stiffness"
+
+
+def stiffness_of(arm: Arm, phases: FloatArray) -> list[Term]:
+    """A and B: levers of directions of upper arm and forearm at zero joints, by their angles from the vertical.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal, one that bends like the thesis's (`irbcal.modeling.arm.Arm.stiffness_geometry`).
+    phases : ndarray, shape (2,)
+        About axis 2, radians.
+    """
+    arm.stiffness_geometry()
+    here = Situation(arm, Motion(np.zeros((1, 6))))
+    up = np.array([0.0, 0.0, 1.0])
+    side = np.cross(here.before[1, 2, :, 0], up)
+    out = []
+    for link, phase, also in ((1, phases[0], ()), (2, phases[1], (2,))):
+        vector = here.after[link, :, :, 0] @ (np.cos(phase) * up + np.sin(phase) * side)
+        parameters: dict[str, Value] = {"link": link + 1, "vector": tuple(float(v) for v in vector)}
+        out.append(Term(1, "rz", "gravity", gravity.SIZE, GROUP, Thesis.name, "rad", parameters, also))
+    return out
+
+
+def fourier_of() -> list[Term]:
+    """Cosine and sine of orders 1 and 2 of joint 6."""
+    name = Thesis.name
+    return [term for k in (1, 2) for term in harmonics.pair(5, k, "rz", harmonics.SIZE, f"{name}_fourier", name)]
 
 
 class Thesis(Family):
@@ -22,23 +52,7 @@ class Thesis(Family):
 
     def terms(self, arm: Arm) -> list[Term]:
         """A, B, then cosine and sine of orders 1 and 2 of joint 6."""
-        try:
-            phases, _ = arm.stiffness_geometry()
-        except RobotError:
-            return []
-        # direction of upper arm and forearm at zero joints, from the vertical about axis 2, seen from their links
-        here = Situation(arm, Motion(np.zeros((1, 6))))
-        up = np.array([0.0, 0.0, 1.0])
-        side = np.cross(here.before[1, 2, :, 0], up)
-        out = []
-        for link, phase, also in ((1, phases[0], ()), (2, phases[1], (2,))):
-            vector = here.after[link, :, :, 0] @ (np.cos(phase) * up + np.sin(phase) * side)
-            parameters: dict[str, Value] = {"link": link + 1, "vector": tuple(float(v) for v in vector)}
-            group = f"{self.name}_stiffness"
-            out.append(Term(1, "rz", "gravity", gravity.SIZE, group, self.name, "rad", parameters, also))
-        for k in (1, 2):
-            out += harmonics.pair(5, k, "rz", harmonics.SIZE, f"{self.name}_fourier", self.name)
-        return out
+        return [*stiffness_of(arm, arm.stiffness_geometry()[0]), *fourier_of()] if arm.bends_like_the_thesis else []
 
 
 FAMILY = Thesis()

@@ -21,7 +21,7 @@ function places(robot, q) {
   return out;
 }
 
-function effective_by_terms(q) { // see irbcal.modeling.terms.term_joint_map.TermJointMap.static_parts
+function effective_by_terms(q) { // see irbcal.modeling.joint_map.JointMap.static_parts
   const { gain, waves } = data.joint_map;
   const out = q.map((value, i) => value * (1 + gain[i]));
   for (const { joint, turns, cosine, sine } of waves) {

@@ -11,6 +11,11 @@ from irbcal.modeling import frames
 from irbcal.modeling.inverse import newton
 from irbcal.modeling.inverse.poses import pose_columns
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.thesis_map import ThesisMap
+
+
+def with_gains(joint_map, gains):
+    return replace(ThesisMap.of(joint_map), gain=gains).joint_map(joint_map.terms.arm)
 
 
 def a_robot(name, folder):
@@ -18,9 +23,9 @@ def a_robot(name, folder):
     if name == "rail":
         nominal = urdf.read(on_a_rail(folder / "rail.urdf"), "rail_base").arm
         robot = random_robot(nominal, "placement", np.random.default_rng(2))
-        return robot.replace(joint_map=replace(robot.joint_map, gain=np.linspace(-2e-3, 3e-3, 7)))
+        return robot.replace(joint_map=with_gains(robot.joint_map, np.linspace(-2e-3, 3e-3, 7)))
     robot = random_robot(arm(name), "34", np.random.default_rng(1), 1.0)
-    return robot.replace(joint_map=replace(robot.joint_map, gain=np.linspace(-2e-3, 3e-3, 6)))
+    return robot.replace(joint_map=with_gains(robot.joint_map, np.linspace(-2e-3, 3e-3, 6)))
 
 
 @pytest.mark.parametrize("name", ["irb1600", "irb120", "rail"])

@@ -4,10 +4,10 @@ import numpy as np
 from support import arm
 from term_cases import assert_derivatives, rail, some_joints
 
-from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms.gain import FAMILY
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.thesis_map import ThesisMap
 
 
 def test_gains_are_those_of_the_joint_map():
@@ -15,7 +15,7 @@ def test_gains_are_those_of_the_joint_map():
     gains = 1e-3 * np.array([1.0, -2.0, 0.5, 0.3, -0.7, 2.0])
     found = TermMap(model, tuple(FAMILY.terms(model)), gains)
     q = some_joints(20)
-    np.testing.assert_allclose(found.effective(Motion(q)), JointMap(gain=gains).effective(q), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.effective(Motion(q)), ThesisMap(gain=gains).effective(q), rtol=0, atol=1e-15)
 
 
 def test_derivatives():
