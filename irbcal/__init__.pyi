@@ -6,10 +6,6 @@ from .calibration import calibrate as calibrate
 from .calibration import load as load
 from .calibration import report as report
 from .calibration import save as save
-from .cell.device_simulation import SimulatedDevice as SimulatedDevice
-from .cell.device_simulation import simulate_device as simulate_device
-from .cell.simulation import Simulated as Simulated
-from .cell.simulation import simulate as simulate
 from .correction.filter import correct as correct
 from .correction.trajectory_files import read_trajectory as read_trajectory
 from .correction.trajectory_files import write_trajectory as write_trajectory
@@ -56,6 +52,10 @@ from .planning.measuring_plan import plan as plan
 from .practice.samples import Samples as Samples
 from .practice.samples import samples as samples
 from .reports.certificate import certificate as certificate
+from .simulation.device_simulation import SimulatedDevice as SimulatedDevice
+from .simulation.device_simulation import simulate_device as simulate_device
+from .simulation.simulation import Simulated as Simulated
+from .simulation.simulation import simulate as simulate
 from .studies.runner import study as study
 from .validation.ballbar_check import ballbar as ballbar
 from .validation.comparing import Compared as Compared

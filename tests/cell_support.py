@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from support import example_robot
 
-from irbcal.cell import cell as cells
-from irbcal.cell.effect import Motion
-from irbcal.cell.shipped import open_cell
 from irbcal.files import robots
+from irbcal.simulation import cell as cells
+from irbcal.simulation.effect import Motion
+from irbcal.simulation.shipped import open_cell
 from irbcal.units import DEG
 
 THREE = ("smr1", "smr2", "smr3")

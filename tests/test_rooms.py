@@ -15,7 +15,7 @@ FLOORS = (
     ("identification",),
     ("files",),
     ("correction",),
-    ("validation", "joint_behaviour", "cell"),
+    ("validation", "joint_behaviour", "simulation"),
     ("kinematic_results",),
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer", "studies"),

@@ -166,8 +166,8 @@ def simulate(
         raise typer.BadParameter("--wanted and --calibration go together", param_hint="--wanted")
     place = _place(tracker)
 
-    from irbcal.cell import simulation
     from irbcal.errors import OptionError
+    from irbcal.simulation import simulation
 
     try:
         simulated = simulation.simulate(
@@ -207,8 +207,8 @@ def _with_device(
     robot: str, out: Path, device: str, json: bool, foreign: dict[str, Any], options: dict[str, Any]
 ) -> None:
     """Measure with a device in place of a tracker, write, tell."""
-    from irbcal.cell.device_simulation import simulate_device
     from irbcal.errors import OptionError
+    from irbcal.simulation.device_simulation import simulate_device
 
     for name, value in foreign.items():
         if value:
@@ -234,7 +234,7 @@ def _maker(program: Path | None) -> Maker | None:
 
 
 def _list(json: bool) -> None:
-    from irbcal.cell.effects import ALL
+    from irbcal.simulation.effects import ALL
 
     if json:
         show.print_json([{"name": e.name, "summary": e.summary, "parameters": e().parameters()} for e in ALL])

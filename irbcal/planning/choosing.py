@@ -9,7 +9,6 @@ from typing import TypeAlias
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
-from irbcal.cell.tracker import turned_away
 from irbcal.planning.conditions import Setting
 from irbcal.planning.exchange import Chosen, Comparison, compare, exchange
 from irbcal.planning.information import Model
@@ -17,6 +16,7 @@ from irbcal.planning.scene import Scene
 from irbcal.planning.sources import Poses, Region, Tally, first_seen, in_cube, joined, random_poses
 from irbcal.planning.ways import ordered
 from irbcal.planning.wish import Wish
+from irbcal.simulation.tracker import turned_away
 from irbcal.units import MM
 
 MOST_REFLECTORS = 3

@@ -14,13 +14,13 @@ from typing import Protocol
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
-from irbcal.cell.tracker import ACCEPTANCE, turned_away
 from irbcal.errors import MeasurementError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import METRES_PER_DEGREE, home_joints
 from irbcal.modeling.robot import Robot
 from irbcal.planning import route
 from irbcal.planning.reflectors import Targets
+from irbcal.simulation.tracker import ACCEPTANCE, turned_away
 from irbcal.thesis_setup import FRONT
 from irbcal.units import DEG
 

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal import atomic
-from irbcal.cell.cell import WAIT_S
-from irbcal.cell.tracker import ACCEPTANCE
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.files.opening import RobotLike
 from irbcal.modeling.home import home_joints
@@ -29,6 +27,8 @@ from irbcal.planning.scene import Scene, open_scene
 from irbcal.planning.sources import FEW, MANY, Poses, Region, Tally, axis_moves, first_seen, in_cube, random_poses
 from irbcal.planning.timing import stops
 from irbcal.planning.wish import Wish
+from irbcal.simulation.cell import WAIT_S
+from irbcal.simulation.tracker import ACCEPTANCE
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG
 

@@ -10,13 +10,13 @@ from typing import TypeAlias
 import numpy as np
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.cell.effect import size_of
-from irbcal.cell.tool import thesis_tool
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns, lists
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
 from irbcal.modeling.robot import Robot
+from irbcal.simulation.effect import size_of
+from irbcal.simulation.tool import thesis_tool
 
 DIRECTIONS = ("nx", "ny", "nz")
 

@@ -11,9 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, lock
-from irbcal.cell.effect import size_of
-from irbcal.cell.shipped import T_TRACKER_BASE
-from irbcal.cell.tracker import ACCEPTANCE
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.files import robots
 from irbcal.files.opening import RobotLike, open_robot
@@ -26,6 +23,9 @@ from irbcal.options import length, names, place
 from irbcal.planning.conditions import CONDITIONS, SOLID, Setting
 from irbcal.planning.iso_cube import has_thesis_cube, iso_cube
 from irbcal.planning.reflectors import TargetsLike, reflectors
+from irbcal.simulation.effect import size_of
+from irbcal.simulation.shipped import T_TRACKER_BASE
+from irbcal.simulation.tracker import ACCEPTANCE
 from irbcal.thesis_setup import IRB1600_HEIGHTS
 from irbcal.units import DEG, MM
 

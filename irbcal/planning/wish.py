@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from irbcal.arrays import BoolArray, FloatArray
-from irbcal.cell.cell import SECONDS_PER_POINT, WAIT_S
 from irbcal.errors import OptionError
 from irbcal.options import MOST_POSES, number
 from irbcal.options import seed as check_seed
 from irbcal.planning.information import CRITERIA, IMAGINED_SIZE, NOISE
 from irbcal.planning.sources import FEW, MANY
+from irbcal.simulation.cell import SECONDS_PER_POINT, WAIT_S
 
 READINGS_S = SECONDS_PER_POINT
 """Seconds that the tracker needs for a reflector."""

@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import FloatArray
-from irbcal.cell.cell import Cell
-from irbcal.cell.pose_list import PoseList
 from irbcal.measurement.columns import POSITION
 from irbcal.modeling import frames
 from irbcal.practice.measured import measurements, practice_cell
 from irbcal.practice.sample import Sample, csv
+from irbcal.simulation.cell import Cell
+from irbcal.simulation.pose_list import PoseList
 from irbcal.units import DEG, MM
 from irbcal.validation.ballbar_check import CENTER_JOINTS
 from irbcal.validation.ballbar_circle import circle

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from irbcal.cell.pose_list import drawn
-from irbcal.cell.shipped import open_cell
-from irbcal.cell.simulated_files import measurement_table
 from irbcal.practice.measured import ROBOT, TARGETS
 from irbcal.practice.sample import Sample, csv
+from irbcal.simulation.pose_list import drawn
+from irbcal.simulation.shipped import open_cell
+from irbcal.simulation.simulated_files import measurement_table
 from irbcal.units import DEG
 
 ROBOTS, POSES = 2, 40

@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import FloatArray
-from irbcal.cell.pose_list import drawn
 from irbcal.measurement.columns import POSITION
 from irbcal.modeling import frames
 from irbcal.practice.measured import practice_cell
 from irbcal.practice.sample import Sample, csv
+from irbcal.simulation.pose_list import drawn
 from irbcal.units import DEG, MM
 
 COUNT = 40

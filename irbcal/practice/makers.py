@@ -14,9 +14,6 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.cell import masses
-from irbcal.cell.pose_list import drawn
-from irbcal.cell.shipped import shipped_cell
 from irbcal.correction.languages.fanuc.writing import FANUC
 from irbcal.correction.languages.inform.writing import YASKAWA
 from irbcal.correction.languages.kawasaki.writing import KAWASAKI
@@ -30,6 +27,9 @@ from irbcal.files.controller_frames import controller_frames
 from irbcal.modeling import frames
 from irbcal.practice.measured import ROBOT, TARGETS, measurements
 from irbcal.practice.sample import Sample, csv
+from irbcal.simulation import masses
+from irbcal.simulation.pose_list import drawn
+from irbcal.simulation.shipped import shipped_cell
 from irbcal.units import DEG, MM
 
 TEMPLATES = Path(__file__).parent / "templates"

@@ -11,16 +11,16 @@ from scipy.interpolate import CubicSpline
 
 from irbcal import shipped
 from irbcal.arrays import FloatArray
-from irbcal.cell.cell import Cell
-from irbcal.cell.pose_list import PoseList, drawn, numbered
-from irbcal.cell.shipped import open_cell
-from irbcal.cell.simulated_files import measurement_table
 from irbcal.correction.languages import ros
 from irbcal.measurement.columns import POSITION
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory
 from irbcal.practice.sample import Sample, csv
+from irbcal.simulation.cell import Cell
+from irbcal.simulation.pose_list import PoseList, drawn, numbered
+from irbcal.simulation.shipped import open_cell
+from irbcal.simulation.simulated_files import measurement_table
 from irbcal.units import DEG, MM
 
 ROBOT = "irb1600"

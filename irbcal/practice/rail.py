@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from irbcal import shipped
-from irbcal.cell import masses
-from irbcal.cell.pose_list import drawn
-from irbcal.cell.shipped import shipped_cell
 from irbcal.files import urdf
 from irbcal.practice.measured import TARGETS, measurements
 from irbcal.practice.sample import Sample, csv
+from irbcal.simulation import masses
+from irbcal.simulation.pose_list import drawn
+from irbcal.simulation.shipped import shipped_cell
 
 POSES = 60
 RAIL = """  <link name="rail_base"/>

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from irbcal.cell.device_simulation import simulate_device
 from irbcal.practice.sample import Sample, csv
+from irbcal.simulation.device_simulation import simulate_device
 
 POSES = 80
 

@@ -18,9 +18,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from irbcal.atomic import check_writable, write_together
-from irbcal.cell import simulation
 from irbcal.errors import MeasurementError
 from irbcal.names import without_formulas
+from irbcal.simulation import simulation
 from irbcal.studies.figures import drawn
 from irbcal.studies.page import render
 from irbcal.studies.results import Results, Table

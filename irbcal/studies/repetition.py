@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.cell import procedure
-from irbcal.cell.cell import Cell
 from irbcal.identification.axis_calibration import calibrate_by_axes
 from irbcal.identification.methods import identify_by
 from irbcal.identification.result import Fit
@@ -18,6 +16,8 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.levels import LEVELS, Level
 from irbcal.modeling.robot import Robot
 from irbcal.options import checked
+from irbcal.simulation import procedure
+from irbcal.simulation.cell import Cell
 from irbcal.studies.settings import AREAS, COURSE, METHODS, NOMINAL, Repetition, shares
 from irbcal.studies.stage import Stage
 

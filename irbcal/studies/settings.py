@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from irbcal.cell import procedure
 from irbcal.errors import OptionError
+from irbcal.simulation import procedure
 
 AREAS, PAYLOADS = procedure.AREAS, (3, 6)
 

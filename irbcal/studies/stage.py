@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock, locked
-from irbcal.cell import procedure, simulation
-from irbcal.cell.cell import Cell
 from irbcal.errors import MeasurementError
 from irbcal.identification.axis_calibration import calibrate_by_axes
 from irbcal.measurement.points import PointSet
@@ -17,6 +15,8 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
+from irbcal.simulation import procedure, simulation
+from irbcal.simulation.cell import Cell
 from irbcal.studies.settings import AREAS, MOVES, PAYLOADS, Settings, repetitions, shares
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
-from irbcal.cell import procedure
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.statistics import statistics
 from irbcal.modeling.inverse import calibrated_arm
 from irbcal.modeling.robot import Robot
+from irbcal.simulation import procedure
 from irbcal.studies.repetition import identify
 from irbcal.studies.settings import AREAS, FULL, PAYLOADS, Repetition
 from irbcal.studies.stage import Stage

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 import irbcal
-from irbcal.cell.demonstration import demonstration_cell
 from irbcal.files import robots
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.planners.calibrated_model import CalibratedModel
+from irbcal.simulation.demonstration import demonstration_cell
 from irbcal.units import DEG, MM
 
 TARGET = "smr1"

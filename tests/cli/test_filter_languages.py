@@ -7,12 +7,12 @@ from moves_cases import PULSES, Q
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal.cell import programs
 from irbcal.cli import main
 from irbcal.correction import languages, write_moves
 from irbcal.correction.moves import Move, Moves
 from irbcal.errors import IrbcalError
 from irbcal.files import urdf
+from irbcal.simulation import programs
 from irbcal.units import DEG
 
 COUNTS = ",".join(map(str, PULSES))

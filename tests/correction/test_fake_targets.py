@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from support import arm, assert_same_poses, outcome_of, random_robot
 
-from irbcal.cell.demonstration import demonstration_cell
 from irbcal.correction.fake_targets import correct_joints, correct_poses
 from irbcal.files import robots
 from irbcal.measurement.points import distances
@@ -12,6 +11,7 @@ from irbcal.modeling import frames, parameters
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.simulation.demonstration import demonstration_cell
 
 
 @pytest.mark.parametrize("name", ["irb1600", "irb120"])

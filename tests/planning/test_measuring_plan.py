@@ -9,15 +9,15 @@ import pytest
 
 import irbcal
 from irbcal.atomic import write_together
-from irbcal.cell import pose_list, simulated_files
-from irbcal.cell.shipped import open_cell
-from irbcal.cell.simulation import simulate
 from irbcal.errors import OptionError
 from irbcal.planning import plan_files
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make, plan
 from irbcal.planning.scene import open_scene
 from irbcal.planning.wish import Wish
+from irbcal.simulation import pose_list, simulated_files
+from irbcal.simulation.shipped import open_cell
+from irbcal.simulation.simulation import simulate
 from irbcal.units import MM
 
 

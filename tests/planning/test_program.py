@@ -7,7 +7,6 @@ import pytest
 from maker_cases import path_of, robot_of
 
 import irbcal
-from irbcal.cell import programs
 from irbcal.correction.languages import rapid
 from irbcal.errors import OptionError
 from irbcal.planning import program
@@ -15,6 +14,7 @@ from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make
 from irbcal.planning.scene import open_scene
 from irbcal.planning.wish import Wish
+from irbcal.simulation import programs
 from irbcal.units import DEG
 
 PULSES = (1341.4, 1341.4, -1341.4, 1000.0, 1000.0, 622.0)

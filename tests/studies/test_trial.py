@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from irbcal.cell import simulation
 from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.simulation import simulation
 from irbcal.studies import folder, trial
 from irbcal.studies.settings import AREAS, NOMINAL, Repetition
 from irbcal.studies.stage import Stage

@@ -1,0 +1,249 @@
+"""Measuring without a tracker in a virtual cell: SIMULATED rows at features, and the truth."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from irbcal import atomic
+from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.errors import OptionError
+from irbcal.identification.camera_device import AXES
+from irbcal.identification.constraints import KINDS
+from irbcal.identification.devices import BALL, DEVICES, Placed, Tips, met, placed, poses, rows_table, shown, spread
+from irbcal.measurement.features import FeatureSet
+from irbcal.measurement.features import read as read_features
+from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, PLACE
+from irbcal.names import without_formulas
+from irbcal.options import MOST_POSES, checked, names, number
+from irbcal.options import seed as check_seed
+from irbcal.simulation import realistic
+from irbcal.simulation.cell import Cell
+from irbcal.simulation.shipped import ROBOT_SEED, open_cell
+from irbcal.summary import Speaks, Told
+from irbcal.units import MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TRIES = 8
+"""Times that the real robot is moved a little until it touches."""
+
+STREAM = 991
+"""Of the device's own random numbers, beside those of the cell's effects."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulatedDevice(Speaks):
+    """Rows at the features of a device in the virtual cell: SIMULATED.
+
+    Attributes
+    ----------
+    robot : str
+        As the user named it.
+    cell : Cell
+    found : Placed
+        The device, where it is.
+    q : ndarray, shape (n, joints)
+        Commanded joints.
+    which : ndarray of int, shape (n,)
+        Number of the feature at each.
+    value : ndarray, shape (n,) or (n, corners, 2), or None
+        What the device showed: metres, of a camera pixels.
+    noise : float
+        Standard deviation of a contact or a value, of a camera that of an image as a whole, metres.
+    payload : float or None
+        Mass carried, kg, where it was asked for: the rows then tell it.
+    """
+
+    robot: str
+    cell: Cell
+    found: Placed
+    q: FloatArray
+    which: IntArray
+    value: FloatArray | None
+    noise: float
+    payload: float | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows as the first file of ``irbcal calibrate --features``."""
+        table = rows_table(self.cell.arm, self.found, self.q, self.which, self.value)
+        if self.payload is not None:
+            place = dict(zip(PLACE, np.array(self.cell.tool.payload_centre) / MM, strict=True))
+            table = table.assign(payload_kg=self.payload, **place)
+        return table.assign(simulated="yes")
+
+    def features(self) -> pd.DataFrame:
+        """What is known of the features, as the second file."""
+        return self.found.table()
+
+    def read(self) -> FeatureSet:
+        """Both, as the calibration reads them."""
+        return read_features(self.to_frame(), self.features(), self.cell.arm)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was simulated, ready for JSON; lengths in mm."""
+        return {
+            "robot": self.cell.arm.name,
+            "simulated": True,
+            "device": self.found.device.name,
+            "poses": len(self.q),
+            "features": list(self.found.own),
+            "noise_mm": self.noise / MM,
+            "effects": list(self.cell.on),
+            "seed": self.cell.seed,
+        }
+
+    def told(self) -> list[Told]:
+        """See `Speaks.told`."""
+        device = self.found.device
+        return [
+            f"SIMULATED: {len(self.q)} poses of {self.cell.arm.name} at {device.words}, noise {self.noise / MM:g} mm",
+            f"Effects: {', '.join(self.cell.on) or 'none'}",
+        ]
+
+    def save(self, out: str | Path) -> tuple[Path, Path, Path]:
+        """Write rows, features (``NAME.features.csv``) and truth (``NAME.truth.json``), together or not at all.
+
+        Raises
+        ------
+        CalibrationError
+            If they cannot be written.
+        """
+        out = Path(out)
+        files = [out.name, f"{out.stem}.features.csv", f"{out.stem}.truth.json"]
+        tables = (self.to_frame(), self.features())
+        data = [without_formulas(table).to_csv(index=False, lineterminator="\n").encode() for table in tables]
+        place = dict(zip(("x", "y", "z"), (np.array(BALL) / MM).tolist(), strict=True))
+        truth = {
+            "simulated": True,
+            "note": "What the virtual cell hides; the identification never reads this file.",
+            "made_by": "irbcal simulate --device",
+            "robot": self.robot,
+            "device": self.found.device.name,
+            "data": out.name,
+            "data_sha256": hashlib.sha256(data[0]).hexdigest(),
+            "ball_in_tip_link_mm": place,
+            **({"camera_axes_in_tip_link": AXES.tolist()} if self.found.device.sees else {}),
+            "features_in_base_link_m": {
+                name: {key: value.tolist() for key, value in own.items()} for name, own in self.found.own.items()
+            },
+            **self.cell.truth(),
+        }
+        contents = [*data, json.dumps(truth, indent=1, ensure_ascii=False).encode()]
+        atomic.write_together(out.parent, dict(zip(files, contents, strict=True)))
+        first, second, third = (out.parent / name for name in files)
+        return first, second, third
+
+
+def simulate_device(
+    robot: str | Path,
+    device: str,
+    random: int = 100,
+    *,
+    seed: int = 0,
+    robot_seed: int = ROBOT_SEED,
+    noise: float | None = None,
+    cell: Literal["thesis", "realistic"] = "thesis",
+    only: Sequence[str] | None = None,
+    without: Sequence[str] = (),
+    payload: float | None = None,
+    at: tuple[FloatArray, IntArray] | None = None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    coupling: str | None = None,
+) -> SimulatedDevice:
+    """Measure with a device in place of a tracker, in the virtual cell: SIMULATED rows at features.
+
+    Parameters
+    ----------
+    robot : str or Path
+        As for `irbcal.simulate`.
+    device : str
+        ``balls``, ``sockets``, ``ballbar``, ``string``, ``ball``, ``two-balls``, ``camera`` or ``plane``; see
+        `irbcal.identification.devices.DEVICES`.
+    random : int
+        Number of poses, shared out among the device's features.
+    seed, robot_seed : int
+        Of poses and noise, and of the robot's own errors.
+    noise : float, optional
+        Standard deviation of a contact or a value, of a camera that of an image as a whole, metres; what is plausible
+        for the device unless given.
+    cell : {"thesis", "realistic"}
+    only, without : sequence of str
+        Effects of the cell that are on, or off; one of the two. The robot's own geometry errs in any case.
+    payload : float, optional
+        Mass carried, kg; the rows then have columns of it and its place. That of the cell's tool unless given.
+    at : tuple, optional
+        Joints (n, joints) and number of the feature of each (n,), as `irbcal.device_plan` gives them: the real robot is
+        brought to the features from there. Random ones unless given.
+    base_link, tip_link, coupling
+        As for `irbcal.simulate`.
+
+    Returns
+    -------
+    SimulatedDevice
+
+    Raises
+    ------
+    IrbcalError
+        If an option or input is refused, or the robot does not reach the device.
+    """
+    wanted = DEVICES[checked("device", device, tuple(DEVICES))]
+    seed, robot_seed = check_seed(seed), check_seed(robot_seed, "robot_seed")
+    count = number("random", random, len(wanted.spots), MOST_POSES, whole=True)
+    kind = checked("cell", cell, realistic.NAMES)
+    opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
+    opened = realistic.of_kind(kind, opened, robot_seed)
+    if only is not None and without:
+        raise OptionError("only and without exclude each other", parameter="only")
+    opened = opened.without(*names("without", without)) if only is None else opened.only(*names("only", only))
+    mass = None if payload is None else number("payload", payload, 0.0, LARGEST_PAYLOAD_KG)
+    opened = opened if mass is None else opened.with_payload(mass)
+    size = wanted.noise if noise is None else number("noise", noise, 0.0, 0.01)
+    found = placed(opened.arm, wanted).with_noise(size)
+    q, which = poses(opened.arm, found, count, seed) if at is None else at
+    order = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 1))).permutation(len(q))
+    order = order[np.argsort(which[order], kind="stable")]
+    q, which, value = _measured(opened, found, q[order], which[order], size)
+    return SimulatedDevice(str(robot), opened, found, q, which, value, size, mass)
+
+
+def _lagging(cell: Cell, lag: FloatArray) -> Tips:
+    """Tips of the nominal arm with the real robot's distance from it, (n, 4, 4)."""
+    return lambda q: np.asarray(lag @ cell.arm.forward(q))
+
+
+def _measured(
+    cell: Cell, found: Placed, q: FloatArray, which: IntArray, noise: float
+) -> tuple[FloatArray, IntArray, FloatArray | None]:
+    """The real robot brought to each feature, and what the device shows there."""
+    rng = np.random.default_rng(np.random.SeedSequence(cell.seed, spawn_key=(STREAM, 2)))
+    size = KINDS[found.device.kind].size
+    off = noise * rng.standard_normal((len(q), size))
+    spots = list(found.own)
+    T = cell.measure(q).T_base_tip
+    if found.device.touched:
+        for _ in range(TRIES):  # how it comes to a stop depends on all stops before: all are moved a little each time
+            before = q.copy()
+            lag = T @ np.linalg.inv(cell.arm.forward(before))
+            for k, name in enumerate(spots):
+                mine = which == k
+                q[mine], _ = met(cell.arm, found, name, q[mine], _lagging(cell, lag[mine]), off[mine])
+            T = cell.measure(q).T_base_tip
+            if np.abs(q - before).max() < 1e-9:
+                break
+    value = shown(T, found, which)
+    if value is None:
+        return q, which, None
+    more = off[:, 0] if value.ndim == 1 else noise * rng.standard_normal(value.shape)
+    return q, which, value + more * (spread(found, noise) / noise if noise else 0.0)

@@ -1,0 +1,266 @@
+"""Poses to measure in the virtual cell: read from a plan or a program, given as joints, or drawn at random."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.correction.fake_targets import correct_poses
+from irbcal.correction.languages.table import POSE
+from irbcal.correction.program import Given
+from irbcal.errors import MeasurementError
+from irbcal.files.controller_frames import unknown
+from irbcal.measurement import columns, lists
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
+from irbcal.simulation import procedure, programs
+from irbcal.simulation.cell import WAIT_S, Cell
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class HasFrame(Protocol):
+    """A result whose rows are poses, such as a measuring plan."""
+
+    def to_frame(self) -> pd.DataFrame:
+        """Rows with the columns of a plan's file."""
+
+
+PosesLike: TypeAlias = "str | Path | pd.DataFrame | HasFrame | ArrayLike"
+"""A robot program or a table of joints or poses, a measuring plan, or joints (n, joints) in radians and metres."""
+
+KEPT = ("group", "cycle")
+"""Columns of a plan that go into the measurement file as they are."""
+LONGEST_WAIT = 86_400.0
+
+
+@dataclass(frozen=True, eq=False)
+class PoseList:
+    """Poses to measure, in their order.
+
+    Attributes
+    ----------
+    q : ndarray, shape (n, joints)
+        Radians (metres for prismatic joints).
+    pose : ndarray of str, shape (n,)
+    targets : tuple of tuple, or None
+        For each pose the names of its targets (none for all) and its line in the file; None for all everywhere.
+    wait_s : ndarray, shape (n,)
+    extra : dict of str to ndarray of str, shape (n,)
+        Columns that are kept.
+    source : str
+    sha256 : str or None
+        Of the file's content.
+    """
+
+    q: FloatArray
+    pose: NameArray
+    targets: tuple[tuple[tuple[str, ...], int], ...] | None
+    wait_s: FloatArray
+    extra: dict[str, NameArray]
+    source: str
+    sha256: str | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def asked(self, cell: Cell) -> BoolArray | None:
+        """Which targets each pose asks for, shape (n, targets); None for all.
+
+        Raises
+        ------
+        MeasurementError
+            If a pose asks for a target that the cell does not measure.
+        """
+        if self.targets is None:
+            return None
+        names = cell.tool.names
+        out = np.zeros((len(self.q), len(names)), dtype=bool)
+        for k, (wanted, row) in enumerate(self.targets):
+            unknown = [name for name in wanted if name not in names]
+            if unknown:
+                raise MeasurementError(
+                    f"expected targets of the tool ({', '.join(names)}), found {unknown[0]!r}",
+                    file=self.source,
+                    row=row,
+                    column="targets",
+                )
+            out[k] = np.isin(names, wanted) if wanted else True
+        return out
+
+
+def numbered(n: int) -> NameArray:
+    """Names of ``n`` poses: 1 to n."""
+    return np.arange(1, n + 1).astype(str).astype(object)
+
+
+def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: Given | None = None) -> PoseList:
+    """Poses by whatever holds them.
+
+    Parameters
+    ----------
+    poses : str, Path, DataFrame, Plan, or array_like of shape (n, joints)
+        A file (see `read`), a table with its columns, a measuring plan, or joints in radians (metres for prismatic
+        joints).
+    arm : Arm
+    wait_s : float
+        Seconds between stop and measurement where the poses do not say.
+    given : Given, optional
+        What comes with a robot program, see `irbcal.simulation.programs.given_for`.
+
+    Returns
+    -------
+    PoseList
+
+    Raises
+    ------
+    IrbcalError
+        If the poses do not fit the arm or the format.
+    """
+    import pandas as pd
+
+    if hasattr(poses, "to_frame") and not isinstance(poses, pd.DataFrame):
+        poses = poses.to_frame()
+    if isinstance(poses, (str, Path)) and programs.is_program(poses):
+        q, digest = programs.read(poses, arm, given or Given({}, {}, unknown()))
+        n = len(q)
+        return PoseList(q, numbered(n), None, np.full(n, float(wait_s)), {}, str(poses), digest)
+    if isinstance(poses, (str, Path, pd.DataFrame)):
+        return read(poses, arm, wait_s)
+    q = arm.check_joints(poses)
+    return PoseList(q, numbered(len(q)), None, np.full(len(q), float(wait_s)), {}, f"{len(q)} poses")
+
+
+def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList:
+    """Read a plan, or a table of joints or of poses.
+
+    Parameters
+    ----------
+    table : str, Path or DataFrame
+        CSV with the arm's joint columns; optional columns ``pose``, ``group``, ``cycle``, ``targets`` (names with
+        spaces or semicolons between them) and ``wait_s``. With a column ``target`` in place of ``targets``, the rows of
+        a pose are one for each of its targets, as in the ``plan.csv`` of a measuring plan. Where there are programmed
+        joints (``c1_deg`` …) beside the joint columns, they are what is commanded. In place of joints poses of the tip
+        in the base link (``x_mm``, ``y_mm``, ``z_mm``, ``qw``, ``qx``, ``qy``, ``qz``): the arm takes the solution
+        nearest to zero joints, as the filter does. Others are not looked at.
+    arm : Arm
+    wait_s : float
+        Where the file does not say.
+
+    Returns
+    -------
+    PoseList
+
+    Raises
+    ------
+    MeasurementError
+        If the file does not keep the format.
+    """
+    raw, source, digest = columns.read(table, ())
+    if set(POSE) <= set(raw.columns) and arm.joint_columns[0] not in raw.columns:
+        q = _of_poses(table, raw, arm, source)
+    else:
+        columns.check_header(list(raw.columns), arm.joint_columns, source)
+        raw, q = _of_joints(raw, arm, source)
+    n = len(raw)
+    waits = np.full(n, float(wait_s))
+    if "wait_s" in raw.columns:
+        given = columns.numbers(raw, "wait_s", source, "seconds or nothing", lost=True)
+        outside = (given < 0) | (given > LONGEST_WAIT)
+        _refuse_first(outside, raw, "wait_s", source, f"0 to {LONGEST_WAIT:g} seconds")
+        waits = np.where(np.isfinite(given), given, waits)
+    return PoseList(
+        q,
+        _pose_names(raw, source) if "pose" in raw.columns else numbered(n),
+        _targets(raw) if "targets" in raw.columns else None,
+        waits,
+        {name: raw[name].to_numpy(dtype=object) for name in KEPT if name in raw.columns},
+        source,
+        digest,
+    )
+
+
+def _of_joints(raw: pd.DataFrame, arm: Arm, source: str) -> tuple[pd.DataFrame, FloatArray]:
+    """The rows of a table that are poses, and their joints (n, joints) in SI units."""
+    commanded = columns.commanded(raw.columns, arm.joint_columns, source)
+    if {"pose", "target"} <= set(raw.columns) and "targets" not in raw.columns:
+        raw = _one_row_a_pose(raw, commanded, source)
+    joints = []
+    for name in commanded:
+        expected = columns.expected_joint(name)
+        values = columns.numbers(raw, name, source, expected)
+        largest = columns.LARGEST_POSITION_MM if name.endswith("_mm") else columns.LARGEST_ANGLE_DEG
+        _refuse_first(np.abs(values) > largest, raw, name, source, expected)
+        joints.append(values)
+    return raw, arm.from_controller(np.column_stack(joints) * arm.joint_units)
+
+
+def _of_poses(table: columns.TableLike, raw: pd.DataFrame, arm: Arm, source: str) -> FloatArray:
+    """Joints (n, joints) of poses, of the solution nearest to zero joints."""
+    found = correct_poses(Robot(arm), arm, lists.read_poses(table))
+    missing = ~np.isfinite(found.q_nominal).all(axis=1)
+    if missing.any():
+        k = int(np.argmax(missing))
+        message = f"expected a pose that {arm.name} reaches within its joint limits"
+        raise MeasurementError(message, file=source, row=int(raw.index[k]))
+    return found.q_nominal
+
+
+def drawn(cell: Cell, count: int, seed: int = 0, wait_s: float = WAIT_S) -> PoseList:
+    """Random joints inside the limits, above the floor and, where visibility is on, with a target in sight.
+
+    Parameters
+    ----------
+    cell : Cell
+    count, seed : int
+    wait_s : float
+
+    Returns
+    -------
+    PoseList
+
+    Raises
+    ------
+    MeasurementError
+        If the tracker sees too few poses.
+    """
+    q = procedure.random_poses(cell, count, seed)
+    return PoseList(q, numbered(count), None, np.full(count, float(wait_s)), {}, f"{count} random poses")
+
+
+def _refuse_first(bad: Any, raw: pd.DataFrame, column: str, source: str, expected: str) -> None:
+    """Refuse the first row that is marked as bad."""
+    if np.any(bad):
+        k = int(np.flatnonzero(bad)[0])
+        found = repr(raw[column].iloc[k].strip())
+        raise MeasurementError(f"expected {expected}, found {found}", file=source, row=int(raw.index[k]), column=column)
+
+
+def _one_row_a_pose(raw: pd.DataFrame, joints: Sequence[str], source: str) -> pd.DataFrame:
+    """The first row of each pose, with the targets of all its rows."""
+    keys = [raw[name].str.strip() for name in ("pose", "cycle") if name in raw.columns]
+    first = lists.first_rows(raw, joints, source)
+    targets = raw["target"].str.strip().groupby(keys, sort=False).transform(" ".join)
+    return raw.assign(targets=targets)[first]
+
+
+def _pose_names(raw: pd.DataFrame, source: str) -> NameArray:
+    names = raw["pose"].str.strip()
+    _refuse_first(names == "", raw, "pose", source, "a name")
+    key = names + " / " + raw["cycle"].str.strip() if "cycle" in raw.columns else names
+    _refuse_first(key.duplicated(), raw, "pose", source, "each pose once (in each cycle)")
+    return names.to_numpy(dtype=object)
+
+
+def _targets(raw: pd.DataFrame) -> tuple[tuple[tuple[str, ...], int], ...]:
+    """Names of the targets of each row and the line of the file; no names stand for all targets."""
+    names = (tuple(name for name in re.split(r"[\s;|,]+", text) if name) for text in raw["targets"])
+    return tuple(zip(names, (int(row) for row in raw.index), strict=True))

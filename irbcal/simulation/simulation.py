@@ -1,0 +1,341 @@
+"""Measuring in a virtual cell: poses in, SIMULATED measurements and the truth out; what ``irbcal simulate`` does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal import atomic
+from irbcal.arrays import FloatArray, lock
+from irbcal.correction.program import Given
+from irbcal.errors import MeasurementError, OptionError
+from irbcal.files import calibration_folder
+from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.files.schema import Record
+from irbcal.measurement import table
+from irbcal.measurement.columns import TableLike
+from irbcal.measurement.statistics import statistics
+from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling.joint_map import JointMap
+from irbcal.names import without_formulas
+from irbcal.options import MOST_POSES, checked, names, number, place
+from irbcal.options import seed as check_seed
+from irbcal.simulation import pose_list, programs, realistic, simulated_files
+from irbcal.simulation.cell import WAIT_S, Cell
+from irbcal.simulation.pose_list import PoseList, PosesLike
+from irbcal.simulation.run import Run
+from irbcal.simulation.shipped import ROBOT_SEED, open_cell
+from irbcal.summary import Speaks, Told
+from irbcal.validation.evaluation import statistics_table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["MOSTLY_HIDDEN", "Simulated", "misses", "open_cell", "simulate"]
+
+MOSTLY_HIDDEN = 0.2
+"""Share of targets that the tracker may not see before the result says so."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Simulated(Speaks):
+    """Measurements from the virtual cell: SIMULATED.
+
+    Attributes
+    ----------
+    robot : str
+        As the user named it.
+    cell : Cell
+    poses : PoseList
+        What was commanded.
+    run : Run
+        What the tracker saw, and the truth.
+    misses : ndarray, shape (m,), or None
+        Distances of the targets seen from where a program wanted them, metres; None without such a program.
+    """
+
+    robot: str
+    cell: Cell
+    poses: PoseList
+    run: Run
+    misses: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> list[Told]:
+        """See `Speaks.told`."""
+        run, cell = self.run, self.cell
+        minutes = self._duration_s / 60
+        told: list[Told] = [
+            f"SIMULATED: {len(run.q)} poses of {cell.arm.name} with {run.payload_kg:g} kg, {int(run.asked.sum())} "
+            f"points in {minutes:.0f} minutes of the cell's time",
+            f"Effects: {', '.join(cell.on) or 'none'}",
+        ]
+        told += [f"  {count} points without a position: {name}" for name, count in run.unseen.items()]
+        found = None if self.misses is None else statistics(self.misses)
+        if found is not None:
+            title = "Distances from where the program wanted the targets, mm"
+            told.append(statistics_table(title, [("all targets", "commanded", found)], {0}))
+        return told + [f"Note: {note}" for note in self._notes()]
+
+    def _notes(self) -> list[str]:
+        q, arm, notes = self.poses.q, self.cell.arm, []
+        beyond = int(((q < arm.lower - 1e-9) | (q > arm.upper + 1e-9)).any(axis=1).sum())
+        if beyond:
+            notes.append(f"{beyond} of {len(q)} poses command joints beyond the limits of {arm.name}")
+        hidden = self.run.unseen.get("visibility", 0)
+        asked = int(self.run.asked[:, : self.run.targets].sum())
+        if hidden > MOSTLY_HIDDEN * asked:
+            notes.append(
+                f"the tracker did not see {hidden} of {asked} targets: --random chooses poses that it sees, "
+                "--without visibility lets it see through everything"
+            )
+        return notes
+
+    @property
+    def _duration_s(self) -> float:
+        return float(self.run.time_s[-1].max())
+
+    def to_frame(self) -> pd.DataFrame:
+        """The rows of the measurement file, as `irbcal.calibrate` takes them.
+
+        Returns
+        -------
+        DataFrame
+            A row for each point asked for; ``simulated`` is ``yes`` in all. Positions that were lost are NaN.
+        """
+        return simulated_files.measurement_table(self.run, self.poses, self.cell.arm)
+
+    def measurements(self) -> MeasurementSet:
+        """The measurements as irbcal reads them from the measurement file: what `irbcal.calibrate` takes."""
+        data = without_formulas(self.to_frame()).to_csv(index=False, lineterminator="\n").encode("utf-8")
+        return table.parse(data, f"SIMULATED measurements of {self.cell.arm.name}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was simulated, ready for JSON; lengths in mm."""
+        run, cell = self.run, self.cell
+        return {
+            "robot": cell.arm.name,
+            "simulated": True,
+            "poses": len(run.q),
+            "points": int(run.asked.sum()),
+            "targets": list(cell.tool.names),
+            "references": list(cell.references),
+            "unseen": run.unseen,
+            "payload_kg": run.payload_kg,
+            "duration_s": self._duration_s,
+            "effects": list(cell.on),
+            "seed": cell.seed,
+            "wanted": None if self.misses is None else statistics(self.misses),
+        }
+
+    def save(self, out: str | Path) -> tuple[Path, Path]:
+        """Write the measurement file, and the truth beside it as ``NAME.truth.json``.
+
+        Parameters
+        ----------
+        out : str or Path
+            The measurement file, CSV.
+
+        Returns
+        -------
+        measurements, truth : Path
+
+        Raises
+        ------
+        CalibrationError
+            If they cannot be written.
+        """
+        out = Path(out)
+        atomic.write_together(out.parent, simulated_files.files(self.run, self.poses, self.cell, out, self.robot))
+        return out, out.parent / simulated_files.truth_name(out)
+
+
+def simulate(
+    robot: str | Path,
+    plan: PosesLike | None = None,
+    *,
+    random: int | None = None,
+    seed: int = 0,
+    robot_seed: int = ROBOT_SEED,
+    payload: float | None = None,
+    only: Sequence[str] | None = None,
+    without: Sequence[str] = (),
+    also: Sequence[str] = (),
+    cell: Literal["thesis", "realistic"] = "thesis",
+    targets: int | Sequence[str] = 3,
+    tracker: ArrayLike | None = None,
+    wait: float = WAIT_S,
+    wanted: TableLike | None = None,
+    calibration: CalibrationLike | None = None,
+    tool: Mapping[str, ArrayLike] | None = None,
+    wobj: Mapping[str, ArrayLike] | None = None,
+    pulses: Sequence[float] | None = None,
+    where: tuple[ArrayLike, ArrayLike] | None = None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    coupling: str | None = None,
+) -> Simulated:
+    """Measure with a virtual robot, tool and laser tracker: SIMULATED data for trying out plans and calibrations.
+
+    Parameters
+    ----------
+    robot : str or Path
+        URDF of the nominal robot, a name, such as ``irb1600`` (tuned on the thesis), or a calibration folder.
+    plan : str, Path, DataFrame, Plan or array_like of shape (n, joints), optional
+        Joints or poses to command, or a robot program (docs/programs.md) of which the stops are measured; see
+        `irbcal.simulation.pose_list.taken`.
+    random : int, optional
+        In place of a plan, that many random poses in the tracker's sight.
+    seed, robot_seed : int
+        Of the run: noise, repeatability, lost points, random poses; and of the robot's own errors.
+    payload : float, optional
+        Mass on the flange, kg; 3 unless given, less for smaller arms. Where it is given, its centre is told, too.
+    only, without : sequence of str, optional
+        Only these effects (none at all if empty), or all but these; names as in `irbcal.simulation.effects.NAMES`.
+    also : sequence of str, optional
+        Effects to switch on that the cell of the thesis leaves off, such as ``reading_lag``.
+    cell : {"thesis", "realistic"}
+        A robot with the thesis's errors, or with those that measured robots show.
+    targets : int or sequence of str
+        How many of the tool's nine reflectors, or their names.
+    tracker : array_like, shape (3,), optional
+        Place of the tracker in the base link, metres.
+    wait : float
+        Seconds between stop and measurement, where the plan does not say.
+    wanted, calibration : optional
+        The program before it was filtered (file or DataFrame), and the calibration it was filtered with (folder or
+        loaded): tells how far the robot ends from where the program wanted it.
+    tool, wobj, pulses, where : optional
+        What robot programs need and do not say, as for `irbcal.correct`.
+    base_link, tip_link : str, optional
+        Links of the URDF; by default as `irbcal.read_urdf` chooses them.
+    coupling : str, optional
+        How the controller counts its joints, such as ``3+2``, or ``none``; that of the file beside the URDF unless
+        given, see `irbcal.modeling.coupling`.
+
+    Returns
+    -------
+    Simulated
+
+    Raises
+    ------
+    IrbcalError
+        If options exclude or need one another, or an input is refused.
+
+    Examples
+    --------
+    >>> irbcal.calibrate(simulate("irb1600", random=100), "irb1600")  # doctest: +SKIP
+    """
+    if (wanted is None) != (calibration is None):
+        raise OptionError("wanted and calibration go together", parameter="wanted")
+    seed, robot_seed, wait = check_seed(seed), check_seed(robot_seed, "robot_seed"), number("wait", wait, 0)
+    kind = checked("cell", cell, realistic.NAMES)
+    opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
+    opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
+    opened = _equipped(opened, targets, payload, tracker)
+    given = None
+    if named := [str(one) for one in (plan, wanted) if programs.is_program(one)]:
+        given = programs.given_for(robot, opened.arm, tool, wobj, pulses, where, named[0])
+    poses = _poses(opened, plan, random, seed, wait, given)
+    run = _run(opened, poses, payload is not None)
+    found = None
+    if wanted is not None and calibration is not None:
+        program = pose_list.taken(wanted, opened.arm, wait, given)
+        found = misses(run, program.q, calibration_folder.opened(calibration))
+    return Simulated(str(robot), opened, poses, run, found)
+
+
+def _equipped(cell: Cell, targets: int | Sequence[str], payload: float | None, tracker: ArrayLike | None) -> Cell:
+    """The cell with the tool's targets, the load and the tracker's place that are asked for."""
+    cell = cell.with_targets(_targets(targets, cell.tool.names))
+    cell = cell if payload is None else cell.with_payload(number("payload", payload, 0))
+    if tracker is None:
+        return cell
+    return cell.replace(tracker=cell.tracker.moved(place("tracker", tracker, "x, y, z of the tracker in metres")))
+
+
+def _run(cell: Cell, poses: PoseList, place_told: bool) -> Run:
+    """What the tracker sees; with the payload's place where it was asked for."""
+    run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
+    return replace(run, payload_place=cell.tool.payload_centre) if place_told else run
+
+
+def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> Cell:
+    """The cell with the effects that are asked for."""
+    only, without, also = None if only is None else names("only", only), names("without", without), names("also", also)
+    if only is not None and without:
+        raise OptionError("only and without exclude each other", parameter="only")
+    cell = cell.also(*also, *(only or ()))
+    return (cell if only is None else cell.only(*only, *also)).without(*without)
+
+
+def _poses(
+    cell: Cell, plan: PosesLike | None, random: int | None, seed: int, wait: float, given: Given | None
+) -> PoseList:
+    if (plan is None) == (random is None):
+        raise OptionError("give either a plan or a number of random poses", parameter="plan")
+    if random is None:
+        return pose_list.taken(plan, cell.arm, wait, given)
+    return pose_list.drawn(cell, number("random", random, 1, MOST_POSES, whole=True), seed, wait)
+
+
+def _targets(wanted: int | Sequence[str], all_names: Sequence[str]) -> tuple[str, ...]:
+    """Names of the targets to measure: the first so many, or those named."""
+    if isinstance(wanted, str):
+        wanted = (wanted,)
+    if not isinstance(wanted, int):
+        return tuple(dict.fromkeys(names("targets", wanted)))
+    if not 1 <= wanted <= len(all_names):
+        raise OptionError(f"expected 1 to {len(all_names)} targets or names, found {wanted}", parameter="targets")
+    return tuple(all_names[:wanted])
+
+
+def misses(run: Run, wanted: FloatArray, calibration: Record) -> FloatArray:
+    """Distances of the measured targets from where a program wanted them.
+
+    Wanted is what the controller's nominal arm means by its joints, in the base and with the tool of a calibration.
+
+    Parameters
+    ----------
+    run : Run
+    wanted : ndarray, shape (n, joints)
+        Joints of the uncorrected program, radians (metres for prismatic joints).
+    calibration : Record
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        Metres, for the targets that were seen and that the calibration knows. Where the calibration has references,
+        each pose is registered to them first.
+
+    Raises
+    ------
+    MeasurementError
+        If the programs differ in length or no target is known.
+    """
+    from irbcal.measurement.registration import register
+
+    if len(wanted) != len(run.q):
+        raise MeasurementError(
+            f"the wanted program has {len(wanted)} poses, the simulated one {len(run.q)}", parameter="wanted"
+        )
+    robot = calibration.robot_calibrated()
+    nominal = calibration.arm(calibrated=False)
+    robot = robot.replace(arm=nominal, joint_map=JointMap.identity(nominal))
+    xyz, places = run.xyz[:, : run.targets], calibration.reference_places()
+    found = places and register(run.xyz[:, run.targets :], run.names[run.targets :], "simulated points", places)
+    if found:
+        T = found.T_frame_pose
+        xyz = np.einsum("nij,nkj->nki", T[:, :3, :3], xyz) + T[:, None, :3, 3]
+    known = [k for k, name in enumerate(run.names[: run.targets]) if name in robot.targets]
+    if not known:
+        raise MeasurementError(f"the calibration knows none of the targets {', '.join(run.names[: run.targets])}")
+    off = np.concatenate([np.linalg.norm(xyz[:, k] - robot.points(wanted, run.names[k]), axis=1) for k in known])
+    return off[np.isfinite(off)]
