@@ -26,6 +26,7 @@ from .exporting.live import stream as stream
 from .files.dh_table import DhRobot as DhRobot
 from .files.dh_table import urdf_from_dh as urdf_from_dh
 from .files.robots import robots as robots
+from .files.signature import sign as sign
 from .files.urdf import read_urdf as read_urdf
 from .fleet.calibrated import CalibratedFleet as CalibratedFleet
 from .fleet.calibrated import fleet_calibrate as fleet_calibrate

@@ -13,7 +13,7 @@ from irbcal.arrays import FloatArray
 from irbcal.calibrating import Options, Progress
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.files import calibration_folder
-from irbcal.files.calibration_folder import JSON_NAME, NAMES, REPORT_NAME, CalibrationLike, Saved
+from irbcal.files.calibration_folder import JSON_NAME, NAMES, CalibrationLike, Saved
 from irbcal.files.mesh_paths import MeshPaths
 from irbcal.files.outcome import Outcome
 from irbcal.files.schema import Errors, Record
@@ -464,7 +464,8 @@ def report(
             folders[Path(figures)] |= report_page.figure_files(record, evidence, kind)
         if data is not None:
             folders[Path(data)] |= report_data.data_files(record, evidence)
-        folders[out][REPORT_NAME] = report_page.render(record, evidence, report_page.view_beside(out)).encode("utf-8")
+        page = report_page.render(record, evidence, report_page.view_beside(out)).encode("utf-8")
+        folders[out] |= calibration_folder.with_page(out, page)
         write_set({folder / name: content for folder, files in folders.items() for name, content in files.items()})
     return {folder: tuple(files) for folder, files in folders.items()}
 

@@ -60,9 +60,7 @@ def calibrated():
 
     def make(folder, model):
         made = irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", model)
-        folder.mkdir()
-        (folder / calibration_folder.URDF_NAME).write_bytes(made.urdf)
-        (folder / calibration_folder.JSON_NAME).write_text(made.record.model_dump_json(), encoding="utf-8")
+        calibration_folder.write(folder, made.record, made.urdf, "")
         return folder
 
     return make

@@ -91,7 +91,8 @@ def test_what_a_calibration_does_not_have_is_said(made):
 def test_the_report_of_a_loaded_calibration(made, tmp_path):
     made.save(tmp_path)
     loaded = irbcal.load(tmp_path)
-    assert irbcal.report(loaded) == {tmp_path: ("report.html",)}
+    assert irbcal.report(loaded) == {tmp_path: ("report.html", "calibration.json")}
+    assert irbcal.verify(tmp_path)
     for calibration in (made, made.record, None):
         with pytest.raises(CalibrationError, match="save it first") as refused:
             irbcal.report(calibration)

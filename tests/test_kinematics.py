@@ -20,7 +20,7 @@ from support import (
 
 import irbcal
 from irbcal.errors import IrbcalError, MeasurementError, OptionError, RobotError
-from irbcal.files import document, urdf
+from irbcal.files import calibration_folder, document, urdf
 from irbcal.files.opening import open_robot
 from irbcal.kinematics import forward_kinematics, inverse_kinematics, pose_table
 from irbcal.modeling.inverse import closed_form
@@ -36,9 +36,7 @@ def folder(tmp_path_factory):
     path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
     content, text = document.build(outcome_of(path, "irb120", "34", holdout=0.3))
     out = tmp_path_factory.mktemp("saved") / "calibration"
-    out.mkdir()
-    (out / "calibrated.urdf").write_bytes(text)
-    (out / "calibration.json").write_text(content.model_dump_json())
+    calibration_folder.write(out, content, text, "")
     return out
 
 

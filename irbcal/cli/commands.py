@@ -56,6 +56,9 @@ PANELS: dict[str, dict[str, str]] = {
         "verify": (
             "Tell whether a calibration is as it was written, or a URDF or program its own; exit code 1 if it is not."
         ),
+        "sign": (
+            "Sign a calibration folder or a certificate with a laboratory's key; irbcal verify --public-key checks it."
+        ),
     },
     "Validate": {
         "joints": "Backlash, Fourier series, gains and stiffness joint by joint, and which of them this robot needs.",

@@ -8,12 +8,14 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
-from irbcal.cli.shared_options import Calibration, Json
+from irbcal.cli.shared_options import Json
 from irbcal.cli.wrong_calls import wrong_calls
 
 
 def verify(
-    calibration: Calibration,
+    calibration: Annotated[
+        Path, typer.Argument(help="Calibration folder, or with --public-key a signed file.", show_default=False)
+    ],
     urdf: Annotated[Path | None, typer.Option(help="URDF to compare with it.", show_default=False)] = None,
     program: Annotated[
         Path | None, typer.Option(help="Program with fake targets to compare with it.", show_default=False)
@@ -26,9 +28,10 @@ def verify(
     ] = None,
     reseal: Annotated[
         str | None,
-        typer.Option(
-            metavar="WHY", help="Accept a deliberate change of calibration.json, for a reason.", show_default=False
-        ),
+        typer.Option(metavar="WHY", help="Accept a deliberate change of the folder, for a reason.", show_default=False),
+    ] = None,
+    public_key: Annotated[
+        Path | None, typer.Option(help="Key of whom it must be signed (irbcal sign).", show_default=False)
     ] = None,
     json: Json = False,
 ) -> None:
@@ -38,11 +41,19 @@ def verify(
     if urdf is not None and program is not None:
         raise typer.BadParameter("give one of --urdf and --program", param_hint="--urdf")
     with wrong_calls():
-        result = compare(calibration, urdf, program=program, base_link=base_link, tip_link=tip_link, reseal=reseal)
+        result = compare(
+            calibration,
+            urdf,
+            program=program,
+            base_link=base_link,
+            tip_link=tip_link,
+            reseal=reseal,
+            public_key=public_key,
+        )
     if json:
         show.print_json(result.to_dict())
     else:
         first, *more = result.told()
         show.tell([f"{urdf or program or calibration}: {first}", *more])
-    if not result.is_calibration:
+    if not result:
         raise typer.Exit(1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
@@ -24,7 +25,11 @@ from irbcal.reading import read_bytes
 URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
 ORIGINS_NAME = "joint_origins.yaml"
 NOT_ONE = "not a calibration folder: "
+SIGNATURE_NAME = "signature.json"
 NAMES = (URDF_NAME, ORIGINS_NAME, JSON_NAME, REPORT_NAME)
+MOVING_FILES = (URDF_NAME, ORIGINS_NAME)
+"""By which robots move: looked at whenever a folder is opened."""
+NO_SEAL = "calibration.json has no seal"
 
 
 class HoldsRecord(Protocol):
@@ -86,19 +91,34 @@ def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) ->
         If the folder cannot be written.
     """
     document, tables = beside.parted(record)
-    write_together(
-        folder,
-        {
-            URDF_NAME: urdf_bytes,
-            ORIGINS_NAME: joint_origins.to_yaml(record).encode("utf-8"),
-            REPORT_NAME: report.encode("utf-8"),
-            **tables,
-            JSON_NAME: _text(seal.sealed(document)),
-        },
-    )
-    for name in beside.FILES.values():  # of a calibration that was here before
-        if name not in tables:
-            (Path(folder) / name).unlink(missing_ok=True)
+    files = {
+        URDF_NAME: urdf_bytes,
+        ORIGINS_NAME: joint_origins.to_yaml(record).encode("utf-8"),
+        REPORT_NAME: report.encode("utf-8"),
+        **tables,
+    }
+    write_together(folder, {**files, JSON_NAME: _text(seal.sealed(document, seal.hashes(files)))})
+    for name in {*beside.FILES.values(), SIGNATURE_NAME} - set(files):  # of a calibration that was here before
+        (Path(folder) / name).unlink(missing_ok=True)
+
+
+def with_page(folder: str | Path, page: bytes) -> dict[str, bytes]:
+    """The files to write for a new ``report.html``: the page, and ``calibration.json`` whose seal lists it.
+
+    Parameters
+    ----------
+    folder : str or Path
+    page : bytes
+
+    Raises
+    ------
+    CalibrationError
+        As `read`: what was changed is not sealed again.
+    """
+    read(folder)
+    content = _read(folder_of(folder))[1]
+    listed = content[seal.KEY]["files"] | seal.hashes({REPORT_NAME: page})
+    return {REPORT_NAME: page, JSON_NAME: _text(seal.sealed(content, listed))}
 
 
 def _text(document: dict[str, Any]) -> bytes:
@@ -126,32 +146,56 @@ def read(folder: str | Path) -> Saved:
     Raises
     ------
     CalibrationError
-        If a file is missing or damaged, a number is absurd, or the URDF is not the one the calibration was written
-        with.
+        If a file is missing or damaged, a number is absurd, or what robots move by is not as irbcal sealed it.
     """
     folder = folder_of(folder)
     recover(folder)
     saved, content = _read(folder)
-    if hashlib.sha256(saved.urdf).hexdigest() != saved.record.calibrated_urdf_sha256:
-        recover(folder)  # somebody is writing it just now: the lock waits until both files are new
+    moving = [name for name in MOVING_FILES if os.path.lexists(folder / name)]
+    if _changed_files(folder, saved.record, moving):
+        recover(folder)  # somebody is writing it just now: the lock waits until all files are new
         saved, content = _read(folder)
-    if hashlib.sha256(saved.urdf).hexdigest() != saved.record.calibrated_urdf_sha256:
-        raise CalibrationError(f"this is not the URDF that {JSON_NAME} was written with", file=folder / URDF_NAME)
-    changed = seal.broken(content)
+    if saved.record.seal is None:
+        raise CalibrationError(
+            f"{NO_SEAL}: a file of unknown origin must not move a robot (irbcal verify FOLDER --reseal WHY seals it)",
+            file=folder / JSON_NAME,
+        )
+    changed = [*seal.broken(content), *_changed_files(folder, saved.record, moving)]
     if changed:
         raise CalibrationError(
             f"{', '.join(changed)} {'was' if len(changed) == 1 else 'were'} changed after irbcal wrote it: a damaged "
             "file must not move a robot (irbcal verify FOLDER tells more, --reseal accepts a deliberate change)",
             file=folder / JSON_NAME,
         )
-    against = contradictions(saved.record, saved.urdf)  # a seal can be renewed by whoever can write the file
+    against = _contradictions(saved)  # a seal can be renewed by whoever can write the file
     if against:
         raise CalibrationError("; ".join(against), file=folder / JSON_NAME)
     return saved
 
 
-def differences(folder: str | Path) -> list[str]:
-    """What is not as it was written in a calibration folder, and what contradicts itself; empty if all is well.
+@dataclass(frozen=True)
+class Check:
+    """What `checked` finds in a calibration folder.
+
+    Attributes
+    ----------
+    record : Record
+    differences : tuple of str
+        What is not as it was written, or contradicts itself: a part of a sentence each.
+    files : tuple of str
+        Those that are as they were written.
+    unlisted : tuple of str
+        Files in the folder that the seal does not list: nothing is known of them.
+    """
+
+    record: Record
+    differences: tuple[str, ...]
+    files: tuple[str, ...]
+    unlisted: tuple[str, ...]
+
+
+def checked(folder: str | Path) -> Check:
+    """Look at every part and every file of a calibration folder.
 
     Parameters
     ----------
@@ -159,25 +203,56 @@ def differences(folder: str | Path) -> list[str]:
 
     Returns
     -------
-    list of str
-        A part of a sentence each.
+    Check
 
     Raises
     ------
     CalibrationError
         If it is no calibration folder.
     """
-    saved, content = _read(folder_of(folder))
-    found = [f"{name} was changed after it was written" for name in seal.broken(content) or ()]
-    if hashlib.sha256(saved.urdf).hexdigest() != saved.record.calibrated_urdf_sha256:
-        found.append(f"{URDF_NAME} is not the file that {JSON_NAME} was written with")
-    return found + contradictions(saved.record, saved.urdf)
+    folder = folder_of(folder)
+    saved, content = _read(folder)
+    section = saved.record.seal
+    if section is None:
+        found, listed, changed = [NO_SEAL], {}, {}
+    else:
+        listed = section.files
+        changed = _changed_files(folder, saved.record, listed)
+        found = [f"{name} was changed after it was written" for name in seal.broken(content)]
+        found += [f"{name} {how}" for name, how in changed.items()]
+        found += [f"{name} is not listed in the seal" for name in (URDF_NAME, ORIGINS_NAME) if name not in listed]
+    names = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
+    return Check(
+        saved.record,
+        (*found, *_contradictions(saved)),
+        tuple(name for name in (JSON_NAME, *listed) if name not in changed),
+        tuple(name for name in names if name not in {JSON_NAME, SIGNATURE_NAME, *listed}),
+    )
 
 
-def changes(folder: str | Path) -> list[str]:
-    """Lines of the deliberate changes of a ``calibration.json`` since it was written; errors as `differences`."""
-    content = _read(folder_of(folder))[1]
-    return list((content.get(seal.KEY) or {}).get("changes", []))
+def _contradictions(saved: Saved) -> list[str]:
+    try:
+        origins = read_bytes(saved.folder / ORIGINS_NAME, CalibrationError)
+    except CalibrationError:
+        origins = None
+    return contradictions(saved.record, saved.urdf, origins)
+
+
+def _changed_files(folder: Path, record: Record, names: Iterable[str]) -> dict[str, str]:
+    """Files of the seal's list that are not as they are listed, with what is wrong; all are well without a seal."""
+    listed = {} if record.seal is None else record.seal.files
+    found = {}
+    for name in names:
+        if name not in listed:
+            continue
+        try:
+            content = read_bytes(folder / name, CalibrationError)
+        except CalibrationError:
+            found[name] = "cannot be read" if os.path.lexists(folder / name) else "is missing"
+            continue
+        if hashlib.sha256(content).hexdigest() != listed[name]:
+            found[name] = "was changed after it was written"
+    return found
 
 
 def reseal(folder: str | Path, why: str) -> str:
@@ -201,10 +276,12 @@ def reseal(folder: str | Path, why: str) -> str:
     """
     folder = folder_of(folder)
     saved, content = _read(folder)
-    against = contradictions(saved.record, saved.urdf)
+    against = _contradictions(saved)
     if against:
         raise CalibrationError(f"this cannot be accepted: {'; '.join(against)}", file=folder / JSON_NAME)
-    document = seal.resealed(content, comment(why))
+    names = {*NAMES, *beside.FILES.values()} - {JSON_NAME}
+    files = {name: read_bytes(folder / name, CalibrationError) for name in names if (folder / name).is_file()}
+    document = seal.resealed(content, seal.hashes(files), comment(why))
     write_together(folder, {JSON_NAME: _text(document)})
     return str(document[seal.KEY]["changes"][-1])
 

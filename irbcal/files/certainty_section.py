@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Literal
 
@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from irbcal.arrays import FloatArray
-from irbcal.files.section import Section
+from irbcal.files.section import Base64, Name, Section
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.elsewhere import Elsewhere
 from irbcal.units import MM
@@ -27,7 +27,7 @@ class CovarianceSection(Section):
 
     layout: Literal["cholesky-rows-float32-base64"]
     size: int = Field(ge=0)
-    factor: str
+    factor: Base64
 
     @model_validator(mode="after")
     def _whole(self) -> CovarianceSection:
@@ -105,8 +105,8 @@ class CertaintySection(Section):
     of contiguous fifths of the poses. ``ranges`` are the smallest and the largest joints of the fit, rad (m).
     """
 
-    leave_one_out_mm: dict[str, float]
-    leave_fifths_out_mm: dict[str, float]
+    leave_one_out_mm: dict[Name, float]
+    leave_fifths_out_mm: dict[Name, float]
     ranges: list[list[float]] = Field(min_length=2, max_length=2)
     elsewhere: ElsewhereSection | None = None
 
@@ -134,10 +134,3 @@ def in_mm(lengths: Mapping[str, float]) -> dict[str, float]:
 def in_metres(lengths: Mapping[str, float]) -> dict[str, float]:
     """Lengths by name, millimetres, in metres."""
     return {name: value * MM for name, value in lengths.items()}
-
-
-def matrix_of(covariance: CovarianceSection | Sequence[Sequence[float]]) -> FloatArray:
-    """The covariance as a file has it: packed, or number by number as earlier versions wrote it, shape (k, k)."""
-    if isinstance(covariance, CovarianceSection):
-        return covariance.matrix()
-    return np.array(covariance, dtype=float).reshape(len(covariance), -1)

@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from irbcal.files.explained_section import ExplainedStage, FamilyRow, GearSpectrum
-from irbcal.files.section import Section
+from irbcal.files.section import Name, Section, Sentence, Word
 from irbcal.identification.averaged import AveragedFit
 from irbcal.identification.evidence_fit import EvidenceFit, GroupResult
 from irbcal.identification.explained import Stage
@@ -18,20 +18,20 @@ from irbcal.units import DEG, MM, UNIT_OUTSIDE
 class Candidate(Section):
     """A level in the comparison by cross-validation."""
 
-    level: str
+    level: Word
     mean_mm: float | None
     gain_mm: float | None
     gain_std_mm: float | None
     chosen: bool
-    refused: str
+    refused: Sentence
 
 
 class Choice(Section):
     """How the level was chosen."""
 
-    level: str
+    level: Word
     table: list[Candidate]
-    explanation: str
+    explanation: Sentence
 
 
 class Dictionary(Section):
@@ -40,7 +40,7 @@ class Dictionary(Section):
     ``log_evidence`` is in nats; residual and leave-one-pose-out error (mm) are null for models without weight.
     """
 
-    name: str
+    name: Name
     terms: int
     log_evidence: float
     weight: float
@@ -53,7 +53,7 @@ class EvidenceChoice(Section):
 
     level: Literal["auto"]
     table: list[Dictionary]
-    explanation: str
+    explanation: Sentence
 
     @staticmethod
     def of(fit: AveragedFit) -> EvidenceChoice:
@@ -80,12 +80,12 @@ class Group(Section):
     natural sizes by unit (deg, mm, 1, …). Files of earlier versions have the first four only.
     """
 
-    name: str
+    name: Name
     terms: int
     seen: float
     size: float
-    family: str = ""
-    natural: dict[str, float] = Field(default_factory=dict)
+    family: Word = ""
+    natural: dict[Word, float] = Field(default_factory=dict)
     found: float | None = None
     std: float | None = None
 
@@ -127,11 +127,11 @@ class EvidenceSection(Section):
     ``spectrum`` is null where no gear scan was made, because long series of harmonics take its place.
     """
 
-    terms: str
+    terms: Word
     poses: int
     sigma_mm: float
-    leave_one_out_mm: dict[str, float]
-    leave_fifths_out_mm: dict[str, float]
+    leave_one_out_mm: dict[Name, float]
+    leave_fifths_out_mm: dict[Name, float]
     groups: list[Group]
     families: list[FamilyRow] = Field(default_factory=list)
     gears: list[Gear]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IrbcalError
-from irbcal.files import urdf
+from irbcal.files import joint_origins, urdf
 from irbcal.files.joint_map_section import JointMapSection
 from irbcal.files.schema import Pose, Record
+from irbcal.files.seal import fingerprint
 from irbcal.modeling.arm import relative_difference
 from irbcal.modeling.terms.situation import Motion
 
@@ -23,7 +25,7 @@ VECTORS = 1e-9
 POSES = 20
 
 
-def contradictions(record: Record, urdf_bytes: bytes | None = None) -> list[str]:
+def contradictions(record: Record, urdf_bytes: bytes | None = None, origins: bytes | None = None) -> list[str]:
     """What contradicts itself in a calibration.
 
     Parameters
@@ -31,6 +33,8 @@ def contradictions(record: Record, urdf_bytes: bytes | None = None) -> list[str]
     record : Record
     urdf_bytes : bytes, optional
         Its ``calibrated.urdf``.
+    origins : bytes, optional
+        Its ``joint_origins.yaml``.
 
     Returns
     -------
@@ -46,6 +50,10 @@ def contradictions(record: Record, urdf_bytes: bytes | None = None) -> list[str]
     found += _frame_terms(record) if not found else []
     if not found and urdf_bytes is not None:
         found += _geometry(record, urdf_bytes)
+    if not found and origins is not None:
+        found += _origins(record, origins)
+    if fingerprint(dict(record)) != record.fingerprint:
+        found.append("the fingerprint is not that of what it stands for: calibrate again, or write the file as it was")
     return found
 
 
@@ -155,6 +163,8 @@ def _geometry(record: Record, data: bytes) -> Iterator[str]:
     except IrbcalError as error:
         yield str(error)
         return
+    if hashlib.sha256(data).hexdigest() != record.calibrated_urdf_sha256:
+        yield "calibrated.urdf is not the file that calibration.json was written with"
     arm = record.arm()
     if list(found.joint_names) != robot.joint_names:
         yield f"calibrated.urdf has the joints {', '.join(found.joint_names)}"
@@ -166,3 +176,15 @@ def _geometry(record: Record, data: bytes) -> Iterator[str]:
             f"robot.dhm_calibrated is not the geometry of calibrated.urdf: tips differ by up to "
             f"{1e3 * position:.4g} mm and {rotation:.3g} rad"
         )
+
+
+def _origins(record: Record, data: bytes) -> Iterator[str]:
+    links = {item.link: item.joint for item in record.joint_origins}
+    try:
+        found = joint_origins.by_joint(joint_origins.read(data, "joint_origins.yaml"), links, "joint_origins.yaml")
+    except IrbcalError as error:
+        yield str(error)
+        return
+    for item in record.joint_origins:
+        if np.abs(found[item.joint] - item.calibrated.transform()).max() > VECTORS:
+            yield f"joint_origins.yaml has another origin of {item.joint}"

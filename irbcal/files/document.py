@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
@@ -15,7 +14,7 @@ import numpy as np
 
 from irbcal import __version__
 from irbcal.arrays import FloatArray, NameArray
-from irbcal.files import urdf, urdf_check
+from irbcal.files import seal, urdf, urdf_check
 from irbcal.files.beside import SCHEMA
 from irbcal.files.certainty_section import CertaintySection, CovarianceSection
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
@@ -57,10 +56,8 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.elsewhere import Elsewhere, elsewhere
-from irbcal.modeling.joint_map import AnyJointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import LOAD
-from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.units import DEG, MM
 
 NORMAL_95 = 1.959964
@@ -193,24 +190,6 @@ def _joint_origins(urdf_arm: UrdfArm, corrected: Arm) -> list[JointOrigin]:
         JointOrigin(joint=name, link=link, nominal=Origin.of(nominal[name]), calibrated=Origin.of(calibrated[name]))
         for name, link in zip(urdf_arm.arm.joint_names, urdf_arm.child_links, strict=True)
     ]
-
-
-def _fingerprint(joint_origins: list[JointOrigin], robot: Robot, files: Sequence[MeasurementSet]) -> str:
-    """Of all that makes a calibration: geometry, joint map, frame terms and data."""
-    content = [
-        [[item.joint, item.calibrated.xyz_m, item.calibrated.rpy_rad] for item in joint_origins],
-        _numbers(robot.joint_map),
-        [item.sha256 for item in files],
-    ]
-    if robot.frame_terms is not None:
-        content.append([robot.frame_terms.to_json()])
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]
-
-
-def _numbers(joint_map: AnyJointMap) -> list[Any]:
-    if isinstance(joint_map, TermJointMap):
-        return [joint_map.terms.to_json()]
-    return [getattr(joint_map, name).tolist() for name in ("gain", "stiffness", "phases", "fourier")]
 
 
 def _errors(robot: Robot, points: PointSet, distance: FloatArray | None = None) -> Errors | None:
@@ -364,30 +343,27 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
     fit, robot = outcome.fit, outcome.fit.robot
     known = fit.evidence.certainty if isinstance(fit, AveragedFit) else robot.certainty or certainty_of(fit)
     files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
-    joint_origins = _joint_origins(outcome.urdf, robot.arm)
-    fingerprint = _fingerprint(joint_origins, robot, files)
     data = [DataFile(file=Path(item.source).name, sha256=item.sha256, programmed=item.programmed) for item in files]
     data += [item for record in _earlier(outcome) for item in record.data if item not in data]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
     simulated = any([*(item.simulated for item in files), *(item.simulated for item in _earlier(outcome))])
-    frame_terms = FrameTermsSection.of_robot(robot)
+    moving = _moving(outcome, data, simulated)
+    fingerprint = seal.fingerprint(moving)
     urdf_bytes = urdf.to_bytes(
         outcome.urdf,
         robot.arm,
         robot.T_world_base if world_link else None,
         _own_targets(outcome) if target_links else None,
         fingerprint,
-        _words(outcome, created, data, simulated, frame_terms),
+        _words(outcome, created, data, simulated, moving["frame_terms"]),
     )
     check = urdf_check.check(urdf_bytes, robot.arm)
     record = Record(
         schema_name=SCHEMA,
         created=created,
-        simulated=simulated,
         fingerprint=fingerprint,
+        **moving,
         calibrated_urdf_sha256=hashlib.sha256(urdf_bytes).hexdigest(),
-        robot=_robot_section(outcome),
-        joint_origins=joint_origins,
         model=fit.level,
         method=fit.method,
         objective=_objective(fit),
@@ -401,9 +377,6 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         held=fit.held(),
         observability=_observability(fit),
         history=_history(fit.history),
-        joint_map=section_of(robot.joint_map, robot.arm),
-        frame_terms=frame_terms,
-        placement=_placement(robot),
         placement_nominal=_placement(outcome.nominal.robot),
         tool_shape_mm=_in_mm(outcome.tool_shape),
         sessions=_sessions(outcome),
@@ -415,13 +388,26 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         excluded=[vars(item) for item in outcome.excluded],
         notes=outcome.notes,
         doubts=outcome.doubts,
-        data=data,
         pinocchio_check=check,
         largest_link_shift_mm=urdf.largest_link_shift(outcome.urdf, robot.arm) / MM,
         software=software(),
         seconds=outcome.seconds,
     )
     return record, urdf_bytes
+
+
+def _moving(outcome: Outcome, data: list[DataFile], simulated: bool) -> dict[str, Any]:
+    """What the robot moves by: the parts of the fingerprint."""
+    robot = outcome.fit.robot
+    return {
+        "simulated": simulated,
+        "robot": _robot_section(outcome),
+        "joint_origins": _joint_origins(outcome.urdf, robot.arm),
+        "joint_map": section_of(robot.joint_map, robot.arm),
+        "frame_terms": FrameTermsSection.of_robot(robot),
+        "placement": _placement(robot),
+        "data": data,
+    }
 
 
 def _earlier(outcome: Outcome) -> list[Record]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field, model_validator
 
-from irbcal.files.section import Section
+from irbcal.files.section import Name, Section, Word
 from irbcal.identification.explained import Stage
 from irbcal.identification.gear_scan import Spectrum
 from irbcal.identification.shown import FamilyShown
@@ -24,7 +24,7 @@ class ExplainedStage(Section):
     time (rms) and of held-out poses, mm: of the warm robot as it is used, and with the warmth of each pose (``timed``).
     """
 
-    added: str
+    added: Name
     terms: int
     seen: float
     carried: bool
@@ -88,7 +88,7 @@ class FamilyRow(Section):
     ``evidence`` in nats; ``moves_mm``: how far the fitted points move (rms); ``shown``: beyond doubt and not small.
     """
 
-    family: str
+    family: Word
     seen: float
     evidence: float
     moves_mm: float

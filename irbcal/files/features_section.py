@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from irbcal.files.section import Section
+from irbcal.files.section import Name, Section, Sentence, Word
 
 
 class FeatureRow(Section):
@@ -16,25 +16,25 @@ class FeatureRow(Section):
     not know the last four.
     """
 
-    name: str
-    kind: str
-    target: str
+    name: Name
+    kind: Word
+    target: Name
     rows: int
-    place: str
+    place: Name
     rms_mm: float
     nominal_rms_mm: float
-    found: dict[str, list[float]]
-    std: dict[str, list[float]]
-    known: dict[str, list[float]] = Field(default_factory=dict)
+    found: dict[Name, list[float]]
+    std: dict[Name, list[float]]
+    known: dict[Name, list[float]] = Field(default_factory=dict)
     middle_mm: list[float] = Field(default_factory=list)
     spread_mm: float = 0.0
-    imaging: dict[str, str] = Field(default_factory=dict)
+    imaging: dict[Name, Name] = Field(default_factory=dict)
 
 
 class PlaceRow(Section):
     """A place that was left out of the fit: what its rows miss about features placed anew, mm."""
 
-    name: str
+    name: Name
     rows: int
     nominal_mean_mm: float
     nominal_max_mm: float
@@ -46,9 +46,9 @@ class PlaceRow(Section):
 class LengthRow(Section):
     """A known length: found minus known, mm; left out where its place was, null where it never was."""
 
-    name: str
-    first: str
-    second: str
+    name: Name
+    first: Name
+    second: Name
     length_mm: float
     fitted_mm: float
     nominal_mm: float | None
@@ -64,17 +64,17 @@ class FeaturesSection(Section):
     the robot its scale where that is a part of the features, as the squares of a board.
     """
 
-    kinds: dict[str, int]
+    kinds: dict[Name, int]
     framed: bool
     scale_measured: bool
-    left_out: str | None
+    left_out: Name | None
     before_mm: float
     open_mm: float
     features: list[FeatureRow]
     places: list[PlaceRow]
     lengths: list[LengthRow]
-    named: str = ""
-    scale_from: str = ""
+    named: Name = ""
+    scale_from: Sentence = ""
 
     @property
     def scale(self) -> str:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from irbcal.errors import CalibrationError
-from irbcal.files.joint_map_section import TEST_VECTORS, check_terms
-from irbcal.files.section import Section
+from irbcal.files.joint_map_section import TEST_VECTORS, TermEntry, check_terms
+from irbcal.files.section import Name, Section
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term_map import SCHEMA, TermMap
@@ -36,16 +36,16 @@ class FrameTermsSection(Section):
     """
 
     schema_name: Literal["irbcal-frame-terms-1"] = Field(alias="schema")
-    of: str
+    of: Name
     median_mm: float
     largest_mm: float
     gravity: list[float] = Field(min_length=3, max_length=3)
-    terms: list[dict[str, Any]]
+    terms: list[TermEntry]
     test_vectors: list[FrameVector]
 
     @field_validator("terms")
     @classmethod
-    def _understood(cls, terms: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    def _understood(cls, terms: list[TermEntry]) -> list[TermEntry]:
         return check_terms(terms)
 
     @staticmethod

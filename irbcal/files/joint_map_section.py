@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
-from irbcal.files.section import Section
+from irbcal.files.section import Section, Sentence, Word
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import AnyJointMap, JointMap
 from irbcal.modeling.terms import bases
@@ -19,6 +19,8 @@ from irbcal.modeling.terms.term_joint_map import TermJointMap
 from irbcal.modeling.terms.term_map import SCHEMA, TermMap
 
 TEST_VECTORS = 5
+TermEntry: TypeAlias = dict[Word, Word | int | float | list[int | float]]
+"""A term as `irbcal.modeling.terms.term.Term.to_json` writes it."""
 
 
 class TestVector(Section):
@@ -32,7 +34,7 @@ class JointMapSection(Section):
     """The joint map, complete enough to be implemented elsewhere."""
 
     formula: Literal["irbcal-joint-map-1"]
-    equations: list[str]
+    equations: list[Sentence]
     gain: list[float]
     stiffness_A_rad: float
     stiffness_B_rad: float
@@ -85,7 +87,7 @@ class JointMapSection(Section):
         )
 
 
-def check_terms(terms: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def check_terms(terms: list[TermEntry]) -> list[TermEntry]:
     """Terms of a file, refused with a `ValueError` if one is not understood."""
     for entry in terms:
         try:
@@ -117,16 +119,16 @@ class TermMapSection(Section):
     """
 
     schema_name: Literal["irbcal-joint-map-2"] = Field(alias="schema")
-    inputs: list[str]
+    inputs: list[Word]
     gravity: list[float] = Field(min_length=3, max_length=3)
-    terms: list[dict[str, Any]]
+    terms: list[TermEntry]
     ranges: list[list[float]] = Field(min_length=2, max_length=2)
     payload_kg: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
     test_vectors: list[TermVector]
 
     @field_validator("terms")
     @classmethod
-    def _understood(cls, terms: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    def _understood(cls, terms: list[TermEntry]) -> list[TermEntry]:
         return check_terms(terms)
 
     @staticmethod

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints, model_validator
 
-from irbcal.files.section import Section
+from irbcal.files.section import Names, Section
 
 
 class PointTable(Section):
@@ -17,9 +17,9 @@ class PointTable(Section):
     quaternion, scalar first) are null where a point has none, and the columns are empty where no point has.
     """
 
-    pose: list[str]
-    group: list[str]
-    target: list[str]
+    pose: Names
+    group: Names
+    target: Names
     heldout: list[bool]
     nominal_mm: list[float]
     calibrated_mm: list[float]
@@ -54,8 +54,8 @@ class PoseTable(Section):
     where no pose has any.
     """
 
-    pose: list[str]
-    group: list[str]
+    pose: Names
+    group: Names
     heldout: list[bool]
     joints: list[list[float]]
     number: list[float] = Field(default_factory=list)

@@ -9,14 +9,14 @@ import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
 from irbcal.arrays import FloatArray
-from irbcal.files.certainty_section import CertaintySection, CovarianceSection, in_metres, matrix_of
+from irbcal.files.certainty_section import CertaintySection, CovarianceSection, in_metres
 from irbcal.files.choice_section import Choice, EvidenceChoice, EvidenceSection
 from irbcal.files.features_section import FeaturesSection
 from irbcal.files.frame_terms_section import FrameTermsSection
 from irbcal.files.joint_map_section import JointMapSection, TermMapSection
 from irbcal.files.point_tables import PointTable, PoseTable
 from irbcal.files.seal import Seal
-from irbcal.files.section import Section
+from irbcal.files.section import Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
 from irbcal.identification.level_certainty import term_of
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import coupling, frames
@@ -78,12 +78,12 @@ class RobotSection(Section):
     Joint types are ``revolute`` and ``prismatic``; limits are in degrees and mm.
     """
 
-    name: str
-    urdf: str
-    urdf_sha256: str
-    base_link: str
-    tip_link: str
-    joint_names: list[str]
+    name: Name
+    urdf: Name
+    urdf_sha256: Sha256
+    base_link: Name
+    tip_link: Name
+    joint_names: Names
     joint_types: list[Literal["revolute", "prismatic"]]
     lower: list[float | None]
     upper: list[float | None]
@@ -113,8 +113,8 @@ class Origin(Section):
 class JointOrigin(Section):
     """Nominal and calibrated origin of one joint of the chain; ``link`` is its child link."""
 
-    joint: str
-    link: str
+    joint: Name
+    link: Name
     nominal: Origin
     calibrated: Origin
 
@@ -122,22 +122,22 @@ class JointOrigin(Section):
 class Parameter(Section):
     """One identified, tied or held parameter; ``low`` to ``high`` is its 95 % interval."""
 
-    name: str
+    name: Name
     value: float
-    unit: str
+    unit: Word
     std: float | None
     low: float | None
     high: float | None
     state: Literal["identified", "tied", "held"]
-    reason: str
+    reason: Sentence
 
 
 class Placement(Section):
     """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
 
     base: Pose
-    targets: dict[str, Three]
-    target_quaternions: dict[str, Quaternion]
+    targets: dict[Name, Three]
+    target_quaternions: dict[Name, Quaternion]
 
 
 class RotationStatistics(Section):
@@ -154,8 +154,8 @@ class Errors(Section):
 
     all: Statistics
     orientation: RotationStatistics | None
-    per_target: dict[str, Statistics]
-    per_group: dict[str, Statistics]
+    per_target: dict[Name, Statistics]
+    per_group: dict[Name, Statistics]
 
 
 class SessionSection(Section):
@@ -164,16 +164,16 @@ class SessionSection(Section):
     The last session's frame is that of the calibration: its base is the placement's, and its targets have plain names.
     """
 
-    name: str
+    name: Name
     base: Pose
 
 
 class Exclusion(Section):
     """A point that was left out, with the reason."""
 
-    pose: str
-    target: str
-    reason: str
+    pose: Name
+    target: Name
+    reason: Sentence
 
 
 class Objective(Section):
@@ -187,8 +187,8 @@ class Objective(Section):
 class Correlation(Section):
     """Two parameters that the data can hardly tell apart."""
 
-    first: str
-    second: str
+    first: Name
+    second: Name
     coefficient: float
 
 
@@ -201,15 +201,15 @@ class Observability(Section):
 
     singular_values_mm: list[float]
     seen: int
-    indices: dict[str, float]
+    indices: dict[Word, float]
     correlations: list[Correlation]
 
 
 class DataFile(Section):
     """A data file and its fingerprint; ``programmed``: it has programmed joints, which the model takes."""
 
-    file: str
-    sha256: str
+    file: Name
+    sha256: Sha256
     programmed: bool = False
 
 
@@ -237,46 +237,44 @@ class Kept(dict[bool, tuple[PointTable, PoseTable, PointSet, FloatArray]]):
 class Record(Section):
     """Content of ``calibration.json``.
 
-    ``fingerprint`` stands in the URDF, too: it is that of the joint origins, the joint map, frame terms and the data
-    files. ``frame_terms`` are null where URDF and joint map are the whole truth.
-    ``covariance`` is that of base (rotation vector and translation in the base link), unknown targets, target frames
-    (rotation vectors in the tip link), bases of sessions before the last and error parameters, in the order of
-    ``parameters``, in metres and radians: see `covariance_matrix`. Files of earlier versions have it number by number,
-    and no ``certainty``. ``sessions`` are empty where there is one only; ``earlier`` is the fingerprint of the
-    calibration that was added to. ``features`` are
-    there where rows at features were measured: errors are then distances from these, and poses count among the fitted
-    and, each with its place left out in turn, among the held-out ones. ``seal`` has the hashes of all other parts
-    (`irbcal.files.seal`); null in files of earlier versions.
+    ``fingerprint`` (`irbcal.files.seal.fingerprint`) stands in the URDF, too. ``frame_terms`` are null where URDF and
+    joint map are the whole truth. ``covariance`` is that of base (rotation vector and translation in the base link),
+    unknown targets, target frames (rotation vectors in the tip link), bases of sessions before the last and error
+    parameters, in the order of ``parameters``, in metres and radians: see `covariance_matrix`. ``sessions`` are empty
+    where there is one only; ``earlier`` is the fingerprint of the calibration that was added to. ``features`` are there
+    where rows at features were measured: errors are then distances from these, and poses count among the fitted and,
+    each with its place left out in turn, among the held-out ones. ``seal`` (`irbcal.files.seal`) has the hashes of all
+    other parts and of all files beside it; null until it is written.
     """
 
     schema_name: Literal["irbcal-calibration-1"]
-    created: str
+    created: Date
     simulated: bool
-    fingerprint: str
-    calibrated_urdf_sha256: str
+    fingerprint: Fingerprint
+    calibrated_urdf_sha256: Sha256
     robot: RobotSection
     joint_origins: list[JointOrigin]
-    model: str
-    method: str
+    model: Word
+    method: Word
     objective: Objective
     choice: Choice | EvidenceChoice | None
     evidence: EvidenceSection | None = None
     rank: int
     parameter_count: int
     parameters: list[Parameter]
-    covariance: CovarianceSection | list[list[float]]
-    certainty: CertaintySection | None = None
-    held: list[str]
+    covariance: CovarianceSection
+    certainty: CertaintySection
+    held: list[Sentence]
     observability: Observability
-    history: dict[str, list[float]]
+    history: dict[Name, list[float]]
     joint_map: Annotated[JointMapSection | TermMapSection, Field(union_mode="left_to_right")]
     frame_terms: FrameTermsSection | None = None
     placement: Placement
     placement_nominal: Placement
     sessions: list[SessionSection] = Field(default_factory=list)
-    earlier: str | None = None
-    references_mm: dict[str, Three]
-    tool_shape_mm: dict[str, Three]
+    earlier: Fingerprint | None = None
+    references_mm: dict[Name, Three]
+    tool_shape_mm: dict[Name, Three]
     fit: Errors
     fit_nominal: Errors
     heldout: Errors | None
@@ -289,12 +287,12 @@ class Record(Section):
     points: PointTable
     poses: PoseTable | None = None
     excluded: list[Exclusion]
-    notes: list[str]
-    doubts: list[str] = Field(default_factory=list)
+    notes: list[Sentence]
+    doubts: list[Sentence] = Field(default_factory=list)
     data: list[DataFile]
     pinocchio_check: Check
     largest_link_shift_mm: float
-    software: dict[str, str]
+    software: dict[Word, Version]
     seconds: float
     seal: Seal | None = None
 
@@ -362,7 +360,7 @@ class Record(Section):
 
     def covariance_matrix(self) -> FloatArray:
         """``covariance`` as an array, shape (k, k), metres and radians."""
-        return matrix_of(self.covariance)
+        return self.covariance.matrix()
 
     def _certainty(self, robot: Robot) -> Certainty:
         nominal = self.arm(calibrated=False)
@@ -376,23 +374,15 @@ class Record(Section):
         # row by row, as the columns of the covariance are: terms of two families may be the same function
         rows = [row for row in self.parameters if row.name in known]
         factor = dict(UNIT_OUTSIDE.values())
-        section, evidence = self.certainty, self.evidence
-        loo, fifths, ranges = {}, {}, None
-        if section is not None:
-            loo, fifths = section.leave_one_out_mm, section.leave_fifths_out_mm
-            ranges = np.array(section.ranges)
-        elif evidence is not None and isinstance(robot.joint_map, TermJointMap):
-            loo, fifths = evidence.leave_one_out_mm, evidence.leave_fifths_out_mm
-            ranges = robot.joint_map.ranges
         return Certainty(
             nominal=nominal,
             terms=tuple(known[row.name] for row in rows),
             covariance=self.covariance_matrix(),
             free_targets=tuple(name for name in robot.targets if f"target_{name}_x" in listed),
             coefficients=np.array([row.value * factor.get(row.unit, 1.0) for row in rows]),
-            loo=in_metres(loo),
-            loo_blocks=in_metres(fifths),
-            ranges=ranges,
+            loo=in_metres(self.certainty.leave_one_out_mm),
+            loo_blocks=in_metres(self.certainty.leave_fifths_out_mm),
+            ranges=np.array(self.certainty.ranges),
         )
 
     def robot_nominal(self) -> Robot:

@@ -1,10 +1,54 @@
-"""What every part of ``calibration.json`` is: a checked model that takes nothing unknown."""
+"""What every part of ``calibration.json`` is: a checked model that takes nothing unknown, and no text that could act.
+
+Each text of it has one of the types here. They are printed, and written into pages, programs and generated code: none
+can hold a line end or a character that a terminal obeys.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, TypeAlias
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict, StringConstraints
+
+from irbcal.names import LONGEST_NAME, fault_of
+
+LONGEST_SENTENCE = 20_000
+"""Characters: a note may list every point that was left out."""
+
+
+def _printable(text: str, longest: int = LONGEST_NAME) -> str:
+    fault = fault_of(text, longest)
+    if fault is not None:
+        raise ValueError(fault)
+    return text
+
+
+def _all_printable(texts: list[str]) -> list[str]:
+    for text in set(texts):
+        _printable(text)
+    return texts
+
+
+def _sentence(text: str) -> str:
+    return _printable(text, LONGEST_SENTENCE)
+
+
+Name: TypeAlias = Annotated[str, AfterValidator(_printable)]
+"""A name from a file: see `irbcal.names`."""
+Names: TypeAlias = Annotated[list[str], AfterValidator(_all_printable)]
+"""A column of names; each is looked at once."""
+Sentence: TypeAlias = Annotated[str, AfterValidator(_sentence)]
+"""Words of irbcal, with names in them: printable, one line."""
+Word: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z][0-9A-Za-z ()*+,./^_@:-]{0,79}$|^$")]
+"""A word that irbcal chose: of a model, a term, a unit; may be empty."""
+Fingerprint: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{32}$")]
+Sha256: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+Base64: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z+/]*={0,2}$")]
+Date: TypeAlias = Annotated[
+    str, StringConstraints(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}\+00:00$")
+]
+"""ISO 8601, UTC."""
+Version: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z.+!_-]{1,80}$")]
 
 
 class Section(BaseModel):

@@ -141,7 +141,7 @@ def verdict_of(record: Record) -> Verdict:
     nominal, calibrated = (np.array(column)[mine] for column in (p.nominal_mm, p.calibrated_mm))
     if record.model == "nominal":
         calibrated = nominal
-    warning = record.certainty.warning() if record.certainty is not None else ""
+    warning = record.certainty.warning()
     doubts = [*record.doubts, *([warning] if warning and warning not in record.doubts else [])]
     found = verdict(nominal, calibrated, pose, counted(record.excluded), proven, doubts, len(heldout))
     return found if record.features is None else replace(found, words=f"{found.words} {_at_features(record.features)}")

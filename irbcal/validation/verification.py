@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from irbcal.correction.filter import fingerprint_of
 from irbcal.errors import OptionError, RobotError
-from irbcal.files import calibration_folder
+from irbcal.files import calibration_folder, signature
 from irbcal.files import urdf as urdf_file
 from irbcal.files.calibration_folder import CalibrationLike, opened
 from irbcal.files.schema import Record
@@ -99,22 +99,34 @@ class ProgramVerification(Speaks):
 
 @dataclass(frozen=True, repr=False)
 class FolderVerification(Speaks):
-    """Whether a calibration folder is as it was written; true where it is.
+    """Whether a calibration folder is as it was sealed; true where it is, and where the asked signature is good.
 
     Attributes
     ----------
     is_calibration : bool
+    fingerprint : str
+        Of the calibration.
     differences : tuple of str
-        What was changed, or contradicts itself.
+        What was changed, is missing, or contradicts itself.
+    files : tuple of str
+        The files that are as they were sealed.
+    unlisted : tuple of str
+        Files in the folder that its seal does not list: nothing is known of them.
     changes : tuple of str
         Deliberate changes since it was written: when, what and why.
+    signature : str
+        ``absent``, ``unchecked`` (no key was given), ``good`` or ``bad``.
     explanation : str
         One sentence.
     """
 
     is_calibration: bool
+    fingerprint: str
     differences: tuple[str, ...]
+    files: tuple[str, ...]
+    unlisted: tuple[str, ...]
     changes: tuple[str, ...]
+    signature: Literal["absent", "unchecked", "good", "bad"]
     explanation: str
 
     def __bool__(self) -> bool:
@@ -125,8 +137,41 @@ class FolderVerification(Speaks):
         return asdict(self)
 
     def told(self) -> Sequence[Told]:
-        """One sentence, and the deliberate changes."""
-        return [self.explanation, *(f"Accepted change: {line}" for line in self.changes)]
+        """One sentence, what was not checked, and the deliberate changes."""
+        unlisted = f"Not checked, for the seal does not list it: {', '.join(self.unlisted)}"
+        unchecked = "There is a signature: --public-key says whether it is of that key"
+        return [
+            self.explanation,
+            *([unlisted] if self.unlisted else []),
+            *([unchecked] if self.signature == "unchecked" else []),
+            *(f"Accepted change: {line}" for line in self.changes),
+        ]
+
+
+@dataclass(frozen=True, repr=False)
+class FileVerification(Speaks):
+    """Whether a file, such as a certificate, is as it was signed; true where it is.
+
+    Attributes
+    ----------
+    is_signed : bool
+    explanation : str
+        One sentence.
+    """
+
+    is_signed: bool
+    explanation: str
+
+    def __bool__(self) -> bool:
+        return self.is_signed
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``irbcal verify --json`` prints."""
+        return asdict(self)
+
+    def told(self) -> Sequence[Told]:
+        """One sentence."""
+        return [self.explanation]
 
 
 def verify(
@@ -137,27 +182,30 @@ def verify(
     base_link: str | None = None,
     tip_link: str | None = None,
     reseal: str | None = None,
-) -> Verification | ProgramVerification | FolderVerification:
+    public_key: str | Path | None = None,
+) -> Verification | ProgramVerification | FolderVerification | FileVerification:
     """Tell whether a URDF, or a corrected program, found somewhere is the one of this calibration.
 
-    Without either, tell whether the calibration's own files are as they were written.
+    Without either, tell whether the calibration's own files are as they were sealed, and by whom they were signed.
 
     Parameters
     ----------
     calibration : str, Path or a loaded calibration
+        Also, with a public key, a signed file such as a certificate.
     urdf : str or Path, optional
         A URDF: compared by forward kinematics at random joints, and by its fingerprint.
     program : str or Path, optional
         In place of it: a program with fake targets, compared by the fingerprint that it bears.
     base_link, tip_link : str, optional
         Base and tip link in the URDF, where a cell's URDF has given them other names; joints may have a prefix then.
-
     reseal : str, optional
-        Why ``calibration.json`` was changed by hand: the change is accepted, with this line in its history.
+        Why the folder was changed by hand: the change is accepted, with this line in its history.
+    public_key : str or Path, optional
+        Of whom it must be signed, see `irbcal.sign`.
 
     Returns
     -------
-    Verification, ProgramVerification or FolderVerification
+    Verification, ProgramVerification, FolderVerification or FileVerification
 
     Raises
     ------
@@ -173,9 +221,10 @@ def verify(
     if urdf is not None and program is not None:
         raise OptionError("expected a URDF or a program to compare with the calibration: one of them", parameter="urdf")
     if urdf is None and program is None:
-        return _verify_folder(calibration, reseal)
-    if reseal is not None:
-        raise OptionError("reseal: expected no URDF and no program beside it", parameter="reseal")
+        return _verify_folder(calibration, reseal, public_key)
+    if reseal is not None or public_key is not None:
+        name = "reseal" if reseal is not None else "public_key"
+        raise OptionError(f"{name}: expected no URDF and no program beside it", parameter=name)
     record = opened(calibration)
     if program is not None:
         return _verify_program(record, program)
@@ -183,15 +232,39 @@ def verify(
     return verify_bytes(record, read_bytes(urdf, RobotError), str(urdf), base_link, tip_link)
 
 
-def _verify_folder(calibration: CalibrationLike, reseal: str | None) -> FolderVerification:
+def _verify_folder(
+    calibration: CalibrationLike, reseal: str | None, public_key: str | Path | None
+) -> FolderVerification | FileVerification:
     if not isinstance(calibration, (str, Path)):
         raise OptionError("expected a URDF or a program to compare with the calibration: one of them", parameter="urdf")
     if reseal is not None:
         calibration_folder.reseal(calibration, reseal)
-    found = calibration_folder.differences(calibration)
-    words = "; ".join(found) if found else "all its parts are as they were written, and agree with each other"
-    changes = calibration_folder.changes(calibration)
-    return FolderVerification(not found, tuple(found), tuple(changes), words)
+    fault = None if public_key is None else signature.fault_of(calibration, public_key)
+    folder = calibration_folder.folder_of(calibration)
+    if public_key is not None and folder.is_file():
+        return FileVerification(fault is None, fault or "it is as it was signed with this key")
+    check = calibration_folder.checked(folder)
+    found = check.differences + (() if fault is None else (fault,))
+    signed: Literal["absent", "unchecked", "good", "bad"] = "absent"
+    if public_key is not None:
+        signed = "good" if fault is None else "bad"
+    elif (folder / calibration_folder.SIGNATURE_NAME).exists():
+        signed = "unchecked"
+    words = (
+        f"{', '.join(check.files[:-1])} and {check.files[-1]} are as they were sealed, and agree with each other; "
+        f"fingerprint {check.record.fingerprint}{', signed with this key' if signed == 'good' else ''}"
+    )
+    changes = () if check.record.seal is None else tuple(check.record.seal.changes)
+    return FolderVerification(
+        not found,
+        check.record.fingerprint,
+        found,
+        check.files,
+        check.unlisted,
+        changes,
+        signed,
+        "; ".join(found) or words,
+    )
 
 
 def _verify_program(record: Record, program: str | Path) -> ProgramVerification:

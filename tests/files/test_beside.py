@@ -23,7 +23,7 @@ def test_what_is_read_is_what_was_written(large):
     assert set(document["points"]) == {"file", "sha256"}
     again = calibration_folder.read(folder)
     assert again.record.model_copy(update={"seal": None}) == saved.record.model_copy(update={"seal": None})
-    assert calibration_folder.differences(folder) == []
+    assert calibration_folder.checked(folder).differences == ()
 
 
 def test_a_table_that_was_changed_or_lost_is_refused(large):

@@ -1,7 +1,6 @@
-"""Covariance packed by its factor: layout by hand, accuracy where parameters are nearly tied, damage, older files."""
+"""Covariance packed by its factor: layout by hand, accuracy where parameters are nearly tied, damage."""
 
 import base64
-import json
 import struct
 
 import numpy as np
@@ -10,9 +9,7 @@ from pydantic import ValidationError
 from support import arm, measured, random_robot, write_measurements
 
 import irbcal
-from irbcal.files.calibration_folder import JSON_NAME
-from irbcal.files.certainty_section import CovarianceSection, matrix_of
-from irbcal.files.schema import Record
+from irbcal.files.certainty_section import CovarianceSection
 
 
 def test_the_layout_is_rows_of_the_lower_triangle():
@@ -45,7 +42,7 @@ def test_held_directions_and_nothing_are_kept():
 @pytest.mark.parametrize(
     ("size", "factor", "words"),
     [
-        (2, "!!!", "not base64"),
+        (2, "!!!", "factor"),
         (3, base64.b64encode(bytes(12)).decode(), "of size 3 has 12 bytes"),
         (1, base64.b64encode(struct.pack("<f", np.inf)).decode(), "not finite"),
     ],
@@ -63,18 +60,6 @@ def test_a_folder_gives_the_same_predictions(outcome, folder):
         np.testing.assert_allclose(two.position, one.position, rtol=0, atol=1e-12)
         np.testing.assert_allclose(two.interval, one.interval, rtol=1e-5)
         np.testing.assert_array_equal(two.outside, one.outside)
-
-
-def test_files_of_earlier_versions_are_read(folder):
-    content = json.loads((folder / JSON_NAME).read_text())
-    C = matrix_of(CovarianceSection(**content["covariance"]))
-    content["covariance"] = C.tolist()
-    del content["certainty"]
-    old = Record.model_validate_json(json.dumps(content))
-    np.testing.assert_allclose(old.covariance_matrix(), C, rtol=1e-12)
-    robot = old.robot_calibrated()
-    assert robot.certainty.ranges is None
-    assert robot.certainty.loo == {}
 
 
 def test_intervals_are_as_wide_as_the_errors_where_two_families_share_a_function(tmp_path):

@@ -8,7 +8,7 @@ from support import arm, assert_same_poses, measured, outcome_of, random_robot, 
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.files import document, robots
+from irbcal.files import calibration_folder, document, robots
 from irbcal.files.opening import open_robot
 
 
@@ -21,9 +21,7 @@ def folder(tmp_path_factory):
     path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
     content, urdf = document.build(outcome_of(path, "irb1600", "34", holdout=0.3))
     out = tmp_path_factory.mktemp("saved") / "calibration"
-    out.mkdir()
-    (out / "calibrated.urdf").write_bytes(urdf)
-    (out / "calibration.json").write_text(content.model_dump_json())
+    calibration_folder.write(out, content, urdf, "")
     return out
 
 

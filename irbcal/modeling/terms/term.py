@@ -100,7 +100,8 @@ class Term:
         if self.unit not in COEFFICIENT_KEYS:
             out["unit"] = self.unit
         out[COEFFICIENT_KEYS.get(self.unit, "coefficient")] = float(coefficient)
-        return out | {"std": float(std), "family": self.family, "group": self.group, "size": self.size}
+        known = {} if np.isnan(std) else {"std": float(std)}
+        return out | known | {"family": self.family, "group": self.group, "size": self.size}
 
     @staticmethod
     def from_json(entry: Mapping[str, Any]) -> tuple[Term, float, float]:
