@@ -11,7 +11,7 @@ PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
     ("errors", "units", "arrays", "chance"),
-    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "parallel", "reading", "templates"),
+    ("literals", "options", "summary", "thesis_setup", "atomic", "names", "overwriting", "parallel", "reading", "templates"),
     ("figures", "modeling"),
     ("measurement",),
     ("identification",),
