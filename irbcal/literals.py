@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from irbcal.errors import escaped
+
 if TYPE_CHECKING:
     from markupsafe import Markup
 
@@ -92,6 +94,4 @@ def xacro(text: str) -> str:
 
 def terminal(text: str) -> str:
     """A text as a terminal may be given it: what it would obey is shown as an escape; line ends stay."""
-    if text.isprintable():
-        return text
-    return "".join(char if char.isprintable() or char in "\n\u00a0" else ascii(char)[1:-1] for char in text)
+    return text if text.isprintable() else escaped(text, "\n\u00a0")

@@ -12,7 +12,24 @@ from lxml import etree
 
 from irbcal import literals
 
-TEXTS = ("plain", "", '"""\nx\n"""', "'; drop", "\\", "\\\n", "a\x1b[31m", "ü€𐐀", "*/ x /*", "?" + "?/", "--", "---->", "\u2028", "\x00", "${x}", "%s")
+TEXTS = (
+    "plain",
+    "",
+    '"""\nx\n"""',
+    "'; drop",
+    "\\",
+    "\\\n",
+    "a\x1b[31m",
+    "ü€𐐀",
+    "*/ x /*",
+    "?" + "?/",
+    "--",
+    "---->",
+    "\u2028",
+    "\x00",
+    "${x}",
+    "%s",
+)
 
 
 def test_numbers_keep_their_last_digit():
