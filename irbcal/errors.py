@@ -66,8 +66,13 @@ class IrbcalError(Exception):
 
 def _one_line(text: str) -> str:
     """A message that cannot act on a terminal, whatever stood in a file or its name: printable, and not endless."""
-    plain = "".join(char if char.isprintable() or char == "\u00a0" else ascii(char)[1:-1] for char in text)
+    plain = escaped(text)
     return plain if len(plain) <= LONGEST_MESSAGE else f"{plain[: LONGEST_MESSAGE - 500]} … {plain[-497:]}"
+
+
+def escaped(text: str, but: str = "\u00a0") -> str:
+    """A text of which a terminal obeys nothing: characters that are not printable are escapes, ``but`` these."""
+    return "".join(char if char.isprintable() or char in but else ascii(char)[1:-1] for char in text)
 
 
 class RobotError(IrbcalError):

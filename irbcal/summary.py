@@ -9,6 +9,8 @@ from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING, TypeAlias
 
+from irbcal.literals import terminal
+
 if TYPE_CHECKING:
     import rich.console
     import rich.table
@@ -153,10 +155,10 @@ def print_table(console: rich.console.Console, table: Table) -> None:
 
 def as_text(told: Sequence[Told], width: int = WIDTH) -> str:
     """Paragraphs and tables as plain text."""
-    from rich.console import Console
+    from irbcal.terminal import Terminal
 
     out = StringIO()
-    console = Console(file=out, width=width, color_system=None, markup=False, highlight=False, emoji=False)
+    console = Terminal(file=out, width=width, color_system=None)
     for item in told:
         if isinstance(item, Table):
             print_table(console, item)
@@ -181,7 +183,7 @@ class Speaks(ABC):
         return next((item for item in self.told() if isinstance(item, str)), "")
 
     def __repr__(self) -> str:
-        text = f"<{type(self).__name__}: {self.headline()}>"
+        text = terminal(f"<{type(self).__name__}: {self.headline()}>")
         return text if len(text) <= LONGEST_REPR else text[: LONGEST_REPR - 2] + "…>"
 
     def _repr_html_(self) -> str:

@@ -1,4 +1,4 @@
-"""Templates of pages: what is put into them is escaped, nothing may be missing, and compiling them is done once."""
+"""Templates: what is put into them is a literal, nothing may be missing, and compiling is done once."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import hashlib
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from importlib.util import cache_from_source
 from typing import Any
 
 import jinja2
 from jinja2.bccache import Bucket, BytecodeCache
+from markupsafe import Markup
 
 
 class Compiled(BytecodeCache):
@@ -55,7 +57,9 @@ class Compiled(BytecodeCache):
 
 
 @cache
-def environment(package: str, folder: str = "templates", trim: bool = True) -> jinja2.Environment:
+def environment(
+    package: str, folder: str = "templates", trim: bool = True, literal: Callable[[Any], str] | None = None
+) -> jinja2.Environment:
     """Templates of a package, each compiled once a process.
 
     Parameters
@@ -66,12 +70,20 @@ def environment(package: str, folder: str = "templates", trim: bool = True) -> j
         Of the templates in it.
     trim : bool
         Lines that hold nothing but a statement leave nothing.
+    literal : callable, optional
+        What every value becomes but `markupsafe.Markup`, see `irbcal.literals`; escaped text of HTML unless given.
     """
     options: dict[str, Any] = {"trim_blocks": trim, "lstrip_blocks": trim}
     return jinja2.Environment(
         loader=jinja2.PackageLoader(package, folder),
-        autoescape=True,
+        autoescape=literal is None,
+        finalize=None if literal is None else partial(_literal, literal),
+        keep_trailing_newline=literal is not None,
         undefined=jinja2.StrictUndefined,
         bytecode_cache=Compiled(),
         **options,
     )
+
+
+def _literal(literal: Callable[[Any], str], value: Any) -> str:
+    return str(value) if isinstance(value, (Markup, jinja2.Undefined)) else literal(value)

@@ -6,6 +6,7 @@ from collections import Counter
 import numpy as np
 from lxml import html
 
+from irbcal.files.certainty_section import CovarianceSection
 from irbcal.files.choice_section import Candidate, Choice
 from irbcal.files.schema import (
     Correlation,
@@ -76,10 +77,10 @@ def everywhere(calibration, name):
     placed = calibration.placement.model_copy(
         update={"targets": {name: [1.0, 2.0, 3.0]}, "target_quaternions": {name: [1.0, 0.0, 0.0, 0.0]}}
     )
-    candidate = Candidate(level=name, mean_mm=0.3, gain_mm=None, gain_std_mm=None, chosen=True, refused=name)
+    candidate = Candidate(level="34", mean_mm=0.3, gain_mm=None, gain_std_mm=None, chosen=True, refused=name)
     pair = Correlation(first=name, second=name, coefficient=0.99)
     turned = RotationStatistics(n=1, mean_deg=0.0123456, sigma_deg=0.0, max_deg=0.0123456)
-    parameter = Parameter(name=name, value=1.0, unit=name, std=1.0, low=-1.0, high=3.0, state="tied", reason=name)
+    parameter = Parameter(name=name, value=1.0, unit="mm", std=1.0, low=-1.0, high=3.0, state="tied", reason=name)
     errors = some_errors(0.3, (name, "b"), (name,), turned)
     return calibration.model_copy(
         update={
@@ -88,7 +89,7 @@ def everywhere(calibration, name):
             "placement_nominal": placed,
             "references_mm": {name: [1.0, 2.0, 3.0]},
             "tool_shape_mm": {},
-            "covariance": [[0.0]],
+            "covariance": CovarianceSection.of(np.zeros((1, 1))),
             "largest_link_shift_mm": 1.0,
             "created": name,
             "model": name,
@@ -97,7 +98,7 @@ def everywhere(calibration, name):
             "excluded": [Exclusion(pose=name, target=name, reason=name)],
             "parameters": [parameter],
             "method": name,
-            "choice": Choice(level=name, table=[candidate], explanation=name),
+            "choice": Choice(level="34", table=[candidate], explanation=name),
             "observability": calibration.observability.model_copy(
                 update={"correlations": [pair], "indices": {name: 1.0}}
             ),

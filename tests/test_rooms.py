@@ -9,7 +9,19 @@ PACKAGE = ROOT / "irbcal"
 
 FLOORS = (
     ("errors", "units", "arrays", "chance"),
-    ("options", "summary", "thesis_setup", "atomic", "names", "overwriting", "parallel", "reading", "templates"),
+    (
+        "literals",
+        "options",
+        "summary",
+        "terminal",
+        "thesis_setup",
+        "atomic",
+        "names",
+        "overwriting",
+        "parallel",
+        "reading",
+        "templates",
+    ),
     ("figures", "modeling"),
     ("measurement",),
     ("identification",),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -111,7 +110,7 @@ def filter_program(
     if refused:
         some = len(found.targets) > 0
         why = "correct these targets or call again with --allow-partial" if some else "no target could be corrected"
-        print(f"irbcal: nothing was written: {why}", file=sys.stderr)
+        show.warn(f"nothing was written: {why}")
         raise typer.Exit(1)
 
 

@@ -1,12 +1,11 @@
 """``irbcal fk``: forward kinematics for a file of joints."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from irbcal.cli import grid
+from irbcal.cli import grid, show
 from irbcal.cli.shared_options import BaseLink, Coupling, JsonLines, Payload, PayloadPlace, RobotOrCalibration, TipLink
 
 
@@ -61,5 +60,5 @@ def fk(
         coupling=coupling,
     )
     if found.caution:
-        print(f"irbcal: {found.caution}", file=sys.stderr)
+        show.warn(found.caution)
     grid.write(found.to_frame(as_written=not json), json)

@@ -1,12 +1,11 @@
 """``irbcal ik``: inverse kinematics for a file of poses."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from irbcal.cli import grid
+from irbcal.cli import grid, show
 from irbcal.cli.shared_options import (
     BaseLink,
     Coupling,
@@ -84,7 +83,7 @@ def ik(
         )
     grid.write(found.to_frame(as_written=not json), json)
     for place in found.singular:
-        print(f"irbcal: {place.in_words()}", file=sys.stderr)
+        show.warn(place.in_words())
     missing = len(found) - int(found.found.sum())
     if missing:
-        print(f"irbcal: {missing} of {len(found)} poses have no joints, see the column note", file=sys.stderr)
+        show.warn(f"{missing} of {len(found)} poses have no joints, see the column note")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from irbcal.literals import terminal
 from irbcal.summary import Table, Told, print_table
 
 if TYPE_CHECKING:
@@ -43,11 +44,12 @@ def print_json(value: Any) -> None:
 @contextmanager
 def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]:
     """A progress bar on stderr; yields a function to call with a text at the start of each step."""
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), TimeElapsedColumn())
-    console = Console(stderr=True)
+    from irbcal.terminal import Terminal
+
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=24), TimeElapsedColumn())
+    console = Terminal(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
         task = bar.add_task("starting", total=steps)
 
@@ -59,9 +61,9 @@ def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]
 
 def tell(told: Sequence[Told]) -> None:
     """Print what a result has to say: paragraphs and tables, see `irbcal.summary`."""
-    from rich.console import Console
+    from irbcal.terminal import Terminal
 
-    console = Console(markup=False, highlight=False, emoji=False)
+    console = Terminal()
     for item in told:
         if isinstance(item, Table):
             print_table(console, replace(item, title=_lines(console, item.title)))
@@ -114,19 +116,25 @@ def _lines(console: Console, text: str, first: int = 0) -> str:
 
 def say(text: str = "", whole: bool = False) -> None:
     """A line for people on stdout; ``whole``: one to copy, which no terminal's width breaks."""
-    from rich.console import Console
+    from irbcal.terminal import Terminal
 
-    console = Console()
-    console.print(text if whole else _lines(console, text), highlight=False, markup=False, soft_wrap=True)
+    console = Terminal()
+    console.print(text if whole else _lines(console, text), soft_wrap=True)
 
 
 def note(text: str) -> None:
     """A remark that the reader should not miss."""
-    from rich.console import Console
     from rich.text import Text
 
-    console = Console()
+    from irbcal.terminal import Terminal
+
+    console = Terminal()
     console.print(Text.assemble(("Note: ", "bold yellow"), _lines(console, text, len("Note: "))), soft_wrap=True)
+
+
+def warn(text: str) -> None:
+    """A line on stderr, beside what programs read."""
+    print(f"irbcal: {terminal(text)}", file=sys.stderr)
 
 
 def this_command() -> str:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from irbcal.cli import grid
+from irbcal.cli import grid, show
 from irbcal.cli.shared_options import Calibration, Payload, PayloadPlace
 
 
@@ -46,5 +46,5 @@ def stream(
         without_frame_terms=without_frame_terms,
     )
     simulated = ", from SIMULATED measurements" if live.simulated else ""
-    print(f"irbcal: ready, calibration {live.fingerprint}{simulated}", file=sys.stderr)
-    run(live, sys.stdin.buffer, sys.stdout.buffer, lambda text: print(f"irbcal: {text}", file=sys.stderr))
+    show.warn(f"ready, calibration {live.fingerprint}{simulated}")
+    run(live, sys.stdin.buffer, sys.stdout.buffer, show.warn)

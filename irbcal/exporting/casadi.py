@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from irbcal import literals
 from irbcal.exporting import python
 from irbcal.exporting.made import Made
 from irbcal.exporting.parts import Parts, Vectors
@@ -36,7 +37,7 @@ def files(source: Source) -> Made:
             generator.add(function)
         generator.generate(f"{place}/")
         for ending in ("c", "h"):
-            head = f"/* {parts.name.replace('*', ' ')}, {parts.version}, calibration {parts.fingerprint} */\n"
+            head = f"/* {literals.comment(f'{parts.name}, {parts.version}, calibration {parts.fingerprint}')} */\n"
             out[f"{word}.{ending}"] = head.encode() + Path(place, f"{word}.{ending}").read_bytes()
     words = {
         "constants": python.constants(parts, source.vectors),

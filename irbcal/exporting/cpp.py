@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.exporting.live import LONGEST_LINE, SLACK, known_speed
 from irbcal.exporting.made import Made
@@ -25,15 +26,15 @@ def files(source: Source) -> Made:
         spans.append((first, first + len(lever.links) - 1))
         first += len(lever.links)
     words = {
-        "space": f"{word}_calibrated",
-        "guard": f"IRBCAL_{word.upper()}_CALIBRATED_HPP",
-        "header": header,
-        "program": program,
+        "space": literals.word(f"{word}_calibrated"),
+        "guard": literals.word(f"IRBCAL_{word.upper()}_CALIBRATED_HPP"),
+        "header": literals.word(header),
+        "program": literals.word(program),
         "speed": known_speed(parts),
         "slack": SLACK,
         "longest_line": LONGEST_LINE,
         "degree": DEG,
-        "check": check,
+        "check": literals.word(check),
         "spans": spans,
         "mask": lambda joints: [j in joints for j in range(n)],
         "cosine": _even(parts.cosine),

@@ -11,7 +11,7 @@ from irbcal.exporting.source import Source
 from irbcal.files import urdf_xml
 
 WHAT = "Drake: a package (package.xml) with the calibrated URDF and its meshes as OBJ"
-NEXT = "parser.package_map().AddPackageXml('{folder}/package.xml')     # positions are effective joints"
+NEXT = "parser.package_map().AddPackageXml({package!r})     # positions are effective joints"
 UNREAD = ("mujoco", "safety_controller")
 """Elements that Drake warns of."""
 PACKAGE = """<?xml version="1.0"?>

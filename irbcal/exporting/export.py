@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -36,7 +37,11 @@ class Target(Protocol):
 
     @property
     def NEXT(self) -> str:
-        """What to do with it; ``{folder}`` and ``{word}`` (the robot's name in names of files) are filled in."""
+        """What to do with it.
+
+        Filled in are ``{folder}`` for a shell, ``{package!r}`` (its ``package.xml``) for Python, and ``{word}``, the
+        robot's name in names of files.
+        """
         ...
 
     def files(self, source: Source) -> Made:
@@ -165,6 +170,8 @@ def export(
     made = module.files(source)
     write_set({folder / name: content for name, content in made.files.items()})
     parts = source.parts
-    words = module.NEXT.format(folder=folder, word=parts.identifier)
+    words = module.NEXT.format(
+        folder=shlex.quote(str(folder)), package=str(folder / "package.xml"), word=parts.identifier
+    )
     notes = (*parts.notes, *made.notes)
     return Exported(target, folder, tuple(made.files), parts.fingerprint, parts.simulated, source.miss, words, notes)

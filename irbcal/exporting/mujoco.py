@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.gathered import Gathered, beside, gathered
@@ -52,8 +53,8 @@ def mjcf(source: Source, found: Gathered) -> bytes:
     parts, root = source.parts, found.tree.getroot()
     top = etree.Element("mujoco", model=parts.identifier)
     simulated = " from SIMULATED measurements" if parts.simulated else ""
-    words = f" {parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint} "
-    top.append(etree.Comment((words + "".join(f"; {note} " for note in found.notes)).replace("--", "- -")))
+    words = f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
+    top.append(etree.Comment(literals.xml_comment("; ".join([words, *found.notes]))))
     bounds = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
     etree.SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", **bounds)
     asset, world = etree.SubElement(top, "asset"), etree.SubElement(top, "worldbody")

@@ -10,6 +10,8 @@ import inspect
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from markupsafe import Markup
+
 from irbcal.arrays import FloatArray
 from irbcal.exporting import batch, plain
 from irbcal.exporting.made import Made
@@ -43,7 +45,7 @@ def files(source: Source) -> Made:
 def text(parts: Parts, vectors: Vectors, code: ModuleType = batch) -> bytes:
     """A module: `batch` or `plain` with the constants of a calibration."""
     words = {
-        "code": inspect.getsource(code),
+        "code": Markup(inspect.getsource(code)),
         "needs": {batch: "numpy alone", plain: "nothing but Python itself"}[code],
         "robot": {batch: "Batch", plain: "Plain"}[code],
         "constants": constants(parts, vectors),

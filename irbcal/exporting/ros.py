@@ -6,10 +6,12 @@ enough; all others are replaced by the macro, whose joints are placed by the cal
 
 from __future__ import annotations
 
+from irbcal.errors import RobotError
 from irbcal.exporting.gathered import beside, gathered, in_words
 from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
 from irbcal.files import joint_origins, urdf_xml
+from irbcal.literals import xacro, xml_comment
 
 WHAT = "ROS 2: an ament package with URDF, xacro macro, meshes and joint origins"
 NEXT = "xacro {folder}/urdf/{word}_calibrated.urdf.xacro     # or copy the folder into your workspace: docs/ros2.md"
@@ -35,7 +37,7 @@ PACKAGE = """<?xml version="1.0"?>
 </package>
 """
 TOP = """<?xml version="1.0" encoding="utf-8"?>
-<!-- {what} -->
+<!--{comment}-->
 <robot xmlns:xacro="{xacro}" name="{robot}">
   <xacro:arg name="prefix" default=""/>
   <xacro:include filename="{name}_macro.xacro"/>
@@ -43,7 +45,7 @@ TOP = """<?xml version="1.0" encoding="utf-8"?>
 </robot>
 """
 MACRO = """<?xml version="1.0" encoding="utf-8"?>
-<!-- {what} -->
+<!--{comment}-->
 <robot xmlns:xacro="{xacro}">
   <xacro:macro name="{name}" params="prefix">
 {elements}
@@ -56,19 +58,23 @@ NAMED = {"joint": ("name",), "link": ("name", "link"), "parent": ("link",), "chi
 
 def files(source: Source) -> Made:
     """The package and the joint map."""
-    from xml.sax.saxutils import escape, quoteattr
+    from xml.sax.saxutils import escape
 
     from lxml import etree
 
     found = gathered(source, lambda path: (path.suffix, path.read_bytes()))
     name = f"{source.parts.identifier}_calibrated"
     root = found.in_package(name)
-    words = {"name": name, "what": escape(in_words(source)).replace("--", "- -"), "xacro": XACRO}
+    said = in_words(source)
+    words = {"name": name, "what": escape(said), "comment": xml_comment(xacro(said)), "xacro": XACRO}
     made = {f"urdf/{name}.urdf": urdf_xml.serialised(found.tree)}
-    for element in root.iter():
+    for element in list(root.iter()):
+        if isinstance(element.tag, str) and element.tag.startswith(f"{{{XACRO}}}"):
+            raise RobotError(f"xacro would carry out {element.tag.rpartition('}')[2]}", file="calibrated.urdf")
+        element.text, element.tail = (text and xacro(text) for text in (element.text, element.tail))
         if isinstance(element.tag, str):
             for attribute, value in element.attrib.items():
-                element.set(attribute, value.replace("$", "$$"))
+                element.set(attribute, xacro(value))
             for attribute in NAMED.get(element.tag, ()):
                 if element.get(attribute) is not None:
                     element.set(attribute, "${prefix}" + element.get(attribute))
@@ -79,7 +85,9 @@ def files(source: Source) -> Made:
         "package.xml": PACKAGE.format(**words).encode(),
         "CMakeLists.txt": CMAKE.format(name=name, folders=" ".join(folders)).encode(),
         f"urdf/{name}_macro.xacro": macro.encode(),
-        f"urdf/{name}.urdf.xacro": TOP.format(**words, robot=quoteattr(root.get("name", name))[1:-1]).encode(),
+        f"urdf/{name}.urdf.xacro": TOP.format(
+            **words, robot=escape(xacro(root.get("name", name)), {'"': "&quot;"})
+        ).encode(),
     }
     if source.record is not None:
         made["config/joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()

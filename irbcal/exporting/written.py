@@ -1,55 +1,14 @@
-"""Text of exports from templates: numbers as they are, to the last digit."""
+"""Text of exports from templates: what is put into them is a literal of their language."""
 
 from __future__ import annotations
 
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
+from irbcal import literals
 from irbcal.exporting.parts import Parts, Vectors
 
-if TYPE_CHECKING:
-    from jinja2 import Environment
-
-
-def cpp(value: Any) -> str:
-    """Numbers, truth values and arrays of them as C++ writes them."""
-    if isinstance(value, (bool, np.bool_)):
-        return "true" if value else "false"
-    if isinstance(value, (int, np.integer)):
-        return str(int(value))
-    if isinstance(value, (float, np.floating)):
-        if np.isnan(value):
-            return "data::nan"
-        if np.isinf(value):
-            return "data::inf" if value > 0 else "-data::inf"
-        return repr(float(value))
-    return "{" + ", ".join(cpp(item) for item in value) + "}"
-
-
-def line(text: str) -> str:
-    """A text inside a docstring or a comment: what would end that is left out."""
-    return (
-        " ".join("".join(char if char.isprintable() else " " for char in text).split())
-        .replace("\\", "/")
-        .replace('"', "'")
-    )
-
-
-@cache
-def _environment() -> Environment:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("irbcal.exporting"),
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"num": cpp, "py": repr, "line": line}
-    return environment
+LANGUAGES = {"py": literals.python, "hpp": literals.cpp, "cpp": literals.cpp}
+"""By the ending of a template's name, before ``.j2``."""
 
 
 def render(template: str, parts: Parts, vectors: Vectors, **more: Any) -> bytes:
@@ -69,5 +28,9 @@ def render(template: str, parts: Parts, vectors: Vectors, **more: Any) -> bytes:
     bytes
         UTF-8.
     """
-    text = _environment().get_template(template).render(parts=parts, vectors=vectors, n=len(parts.joint_names), **more)
+    from irbcal.templates import environment as templates
+
+    environment = templates("irbcal.exporting", literal=LANGUAGES[template.split(".")[-2]])
+    environment.filters |= {"comment": literals.comment, "word": literals.word}
+    text = environment.get_template(template).render(parts=parts, vectors=vectors, n=len(parts.joint_names), **more)
     return text.encode("utf-8")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.files.schema import Record
@@ -43,17 +44,13 @@ def to_yaml(calibration: Record) -> str:
         kinematics[key if unique else f"link {item.link}"] = entry | {"joint": item.joint}
     kinematics["hash"] = f"irbcal_{calibration.fingerprint}"
     head = [
-        f"# Joint origins of {_printable(calibration.robot.name)}, calibrated by irbcal: metres and radians.",
+        f"# Joint origins of {literals.line(calibration.robot.name)}, calibrated by irbcal: metres and radians.",
         "# From SIMULATED measurements." if calibration.simulated else None,
         "# The joint map (stiffness, Fourier series, gains) is not in here: see calibration.json.",
         None if calibration.frame_terms is None else f"# {calibration.frame_terms.in_words}",
     ]
     body = yaml.safe_dump({"kinematics": kinematics}, sort_keys=False, allow_unicode=True)
     return "\n".join([line for line in head if line] + [body])
-
-
-def _printable(text: str) -> str:
-    return " ".join("".join(char if char.isprintable() else " " for char in text).split())
 
 
 def read(data: bytes, source: str) -> dict[str, FloatArray]:

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
@@ -136,14 +137,11 @@ def first_node(root: XmlElement) -> XmlElement:
 def begin_with(root: XmlElement, words: str) -> None:
     """Say what the file is in its first comment, in place of what an earlier calibration said there.
 
-    File names among the words may hold what no XML comment may: control characters are written as ``?``, and hyphens
-    do not meet.
+    File names among the words may hold what no XML comment may: see `irbcal.literals`.
     """
     from lxml import etree
-
-    plain = "".join(char if char.isprintable() else "?" for char in words)
 
     for comment in list(root.itersiblings(preceding=True)):
         if (comment.text or "").strip().startswith(WORDS_MARK):
             etree.Element("taken_out").append(comment)  # lxml's way to take out what stands before the root
-    first_node(root).addprevious(etree.Comment(f" {re.sub('-(?=-)', '- ', plain)} "))
+    first_node(root).addprevious(etree.Comment(literals.xml_comment(words)))

@@ -8,6 +8,7 @@ tens of sisters there is nothing to tell them from.
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,7 +57,7 @@ class FleetPrior(Speaks):
         return [
             f"{kind}{len(p.names)} terms of type {p.type} from {len(p.sisters)} robots, written to {self.out}",
             Table("Terms farthest from nominal, in natural sizes", ("term", "mean", "scatter"), rows, 3),
-            f"irbcal calibrate MEASUREMENTS --robot ROBOT --prior {self.out} --out FOLDER takes it.",
+            f"irbcal calibrate MEASUREMENTS --robot ROBOT --prior {shlex.quote(str(self.out))} --out FOLDER takes it.",
         ]
 
     def to_dict(self) -> dict[str, Any]:

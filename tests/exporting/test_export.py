@@ -48,4 +48,4 @@ def test_every_target_says_what_it_is():
     for target in TARGETS:
         module = import_module(f"irbcal.exporting.{target}")
         assert module.WHAT
-        assert "{folder}" in module.NEXT
+        assert "{folder}" in module.NEXT or "{package!r}" in module.NEXT

@@ -1,18 +1,18 @@
-"""Numbers in the text of exports."""
+"""What templates of exports are given becomes a literal without being asked for."""
 
-import numpy as np
+import pytest
+from jinja2 import UndefinedError
+from markupsafe import Markup
 
-from irbcal.exporting.written import cpp, line
-
-
-def test_numbers_keep_their_last_digit():
-    values = np.random.default_rng(0).standard_normal((2, 3)) * 10.0 ** np.array([-20, 0, 20])
-    assert np.array_equal(eval(cpp(values).replace("{", "(").replace("}", ")")), values)
+from irbcal.exporting.written import LANGUAGES
+from irbcal.templates import environment
 
 
-def test_other_values():
-    assert cpp([True, 3, np.nan, -np.inf]) == "{true, 3, data::nan, -data::inf}"
-
-
-def test_names_cannot_leave_their_comment():
-    assert line('a\nb"""c\\') == "a b'''c/"
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_values_are_literals_unless_they_are_code(language):
+    made = environment("irbcal.exporting", literal=LANGUAGES[language])
+    shown = made.from_string("{{ text }} {{ number }} {{ code }}").render(text='x"\n', number=1.5, code=Markup("a = 1"))
+    assert shown.splitlines() == [shown]
+    assert shown in ("'x\"\\n' 1.5 a = 1", '"x\\042\\012" 1.5 a = 1')
+    with pytest.raises(UndefinedError):
+        made.from_string("{{ missing }}").render()
