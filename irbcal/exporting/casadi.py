@@ -9,6 +9,7 @@ from typing import Any
 from irbcal.exporting import python
 from irbcal.exporting.made import Made
 from irbcal.exporting.parts import Parts, Vectors
+from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source, needed
 from irbcal.exporting.written import render
 
@@ -37,7 +38,11 @@ def files(source: Source) -> Made:
         for ending in ("c", "h"):
             head = f"/* {parts.name.replace('*', ' ')}, {parts.version}, calibration {parts.fingerprint} */\n"
             out[f"{word}.{ending}"] = head.encode() + Path(place, f"{word}.{ending}").read_bytes()
-    words = {"needs": "casadi", "names": list(made), "inputs": list(_inputs(parts))}
+    words = {
+        "constants": python.constants(parts, source.vectors),
+        "names": list(made),
+        "inputs": list(_inputs(parts)),
+    }
     return Made(out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **words)})
 
 
@@ -57,8 +62,7 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
         ``effective``, ``effective_jacobian``, ``commanded``, ``tip`` (4 by 4), ``tip_jacobian``.
     """
     ca = needed("casadi", "casadi")
-    robot: Any = python.module(parts, vectors)
-    robot.cos, robot.sin, robot.tanh, robot._size = ca.cos, ca.sin, ca.tanh, _size
+    robot: Any = Plain(**python.constants(parts, vectors), functions=ca, _size=_size)
     sizes = _inputs(parts)
     q = ca.SX.sym("q", len(parts.joint_names))
     given = {name: ca.SX.sym(name, size) for name, size in sizes.items()}

@@ -136,7 +136,7 @@ def in_words(source: Source) -> str:
 
 def beside(source: Source) -> dict[str, bytes]:
     """The joint map for those who have the URDF only: the Python module on numpy."""
-    text = python.text(source.parts, source.vectors, "calibrated.py.j2", "numpy alone")
+    text = python.text(source.parts, source.vectors)
     return {f"{source.parts.identifier}_calibrated.py": text}
 
 

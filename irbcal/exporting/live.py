@@ -1,7 +1,7 @@
 """Live correction: wanted joints or poses in, commands out, one line of JSON each; never a jump, never a wild number.
 
 For whoever sits on EGM, RSI, RTDE or ros2_control. The numbers are those of the exported module on plain floats
-(`irbcal.exporting.python`), computed in memory. Each line holds one of
+(`irbcal.exporting.plain`). Each line holds one of
 
 - ``joints``: what would be commanded to the nominal robot, as a program has it;
 - ``pose``: the tip in the base link, x, y, z and the unit quaternion w, x, y, z;
@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray
 from irbcal.exporting import python
 from irbcal.exporting.parts import Parts
+from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source
 from irbcal.files.calibration_folder import CalibrationLike
 from irbcal.options import checked, number
@@ -63,7 +64,7 @@ class Live:
 
     def __init__(self, source: Source, rate: float = 1000.0, units: Units = "deg") -> None:
         parts = source.parts
-        self._robot: Any = python.module(parts, source.vectors)
+        self._robot: Any = Plain(**python.constants(parts, source.vectors))
         speed = np.where(
             np.isfinite(parts.speed), parts.speed, np.where(parts.slides, UNKNOWN_SPEED[True], UNKNOWN_SPEED[False])
         )

@@ -1,11 +1,17 @@
-"""Python: one module on numpy alone for batches, and the same on plain floats, for machines without irbcal."""
+"""Python: one module on numpy alone for batches, and the same on plain floats, for machines without irbcal.
+
+What they compute stands in `irbcal.exporting.batch` and `irbcal.exporting.plain`: an export is that very text with the
+constants of a calibration behind it. irbcal itself gives the constants to these classes, and never runs what it wrote.
+"""
 
 from __future__ import annotations
 
+import inspect
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from irbcal.arrays import FloatArray
+from irbcal.exporting import batch, plain
 from irbcal.exporting.made import Made
 from irbcal.exporting.parts import Parts, Vectors
 from irbcal.exporting.written import render
@@ -16,29 +22,77 @@ if TYPE_CHECKING:
 WHAT = "Python: a module on numpy alone, and the same on plain floats"
 NEXT = "python {folder}/{word}_calibrated.py     # are its numbers right here, too?"
 
+ARRAYS = (
+    *("slides", "lower", "upper", "speed", "coupling", "gravity", "gain", "offset", "compliance", "torque"),
+    *("direction", "width", "move", "share", "stride"),
+)
+"""Of `Parts`, taken as they are."""
+
 
 def files(source: Source) -> Made:
     """Two modules."""
     parts, vectors, word = source.parts, source.vectors, source.parts.identifier
     return Made(
         {
-            f"{word}_calibrated.py": text(parts, vectors, "calibrated.py.j2", "numpy alone"),
-            f"{word}_calibrated_plain.py": text(parts, vectors, "plain.py.j2", "nothing but Python itself"),
+            f"{word}_calibrated.py": text(parts, vectors),
+            f"{word}_calibrated_plain.py": text(parts, vectors, plain),
         }
     )
 
 
-def text(parts: Parts, vectors: Vectors, template: str, needs: str) -> bytes:
-    """One of the modules."""
-    words: dict[str, Any] = {
-        "needs": needs,
-        "reach": parts.reach,
-        "series": [_pairs(parts.cosine[:, j], parts.sine[:, j]) for j in range(len(parts.joint_names))],
-        "waves": [(w.joint, w.cycles, w.cosine, w.sine) for w in parts.waves],
-        "bends": [(b.coefficient, b.phase, b.joints, b.targets) for b in parts.bends],
-        "levers": [(item.joint, item.targets, [*zip(item.links, item.vectors, strict=True)]) for item in parts.levers],
+def text(parts: Parts, vectors: Vectors, code: ModuleType = batch) -> bytes:
+    """A module: `batch` or `plain` with the constants of a calibration."""
+    words = {
+        "code": inspect.getsource(code),
+        "needs": {batch: "numpy alone", plain: "nothing but Python itself"}[code],
+        "robot": {batch: "Batch", plain: "Plain"}[code],
+        "constants": constants(parts, vectors),
     }
-    return render(template, parts, vectors, **words)
+    return render("python.py.j2", parts, vectors, **words)
+
+
+def constants(parts: Parts, vectors: Vectors) -> dict[str, Any]:
+    """The constants of a calibration, by their names: what `plain.Plain` and `batch.Batch` are made of.
+
+    Parameters
+    ----------
+    parts : Parts
+    vectors : Vectors
+
+    Returns
+    -------
+    dict
+        Metres, radians, kilograms, in numbers, texts, tuples and dicts of Python.
+    """
+    chains = {
+        name: {
+            "R": chain.rotations.tolist(),
+            "p": chain.places.tolist(),
+            "tip_R": chain.tip_rotation.tolist(),
+            "tip_p": chain.tip_place.tolist(),
+        }
+        for name, chain in (("CHAIN", parts.chain), ("NOMINAL", parts.nominal))
+    }
+    return {
+        "VERSION": parts.version,
+        "FINGERPRINT": parts.fingerprint,
+        "SIMULATED": parts.simulated,
+        "JOINT_NAMES": parts.joint_names,
+        "BASE_LINK": parts.base_link,
+        "TIP_LINK": parts.tip_link,
+        "JOINTS": len(parts.joint_names),
+        "REACH": parts.reach,
+        **{name.upper(): getattr(parts, name).tolist() for name in ARRAYS},
+        **chains,
+        "SERIES": [_pairs(parts.cosine[:, j], parts.sine[:, j]) for j in range(len(parts.joint_names))],
+        "WAVES": [(w.joint, w.cycles, w.cosine, w.sine) for w in parts.waves],
+        "BENDS": [(b.coefficient, b.phase, b.joints, b.targets) for b in parts.bends],
+        "LEVERS": [(item.joint, item.targets, [*zip(item.links, item.vectors, strict=True)]) for item in parts.levers],
+        "PAYLOAD_KG": parts.payload_kg,
+        "PAYLOAD_PLACE": parts.payload_place.tolist(),
+        "HAS_HISTORY": parts.has_history,
+        "TESTS": {name: value.tolist() for name, value in vars(vectors).items()},
+    }
 
 
 def _pairs(cosine: FloatArray, sine: FloatArray) -> list[tuple[float, float]]:
@@ -47,10 +101,3 @@ def _pairs(cosine: FloatArray, sine: FloatArray) -> list[tuple[float, float]]:
     while pairs and pairs[-1] == (0.0, 0.0):
         pairs.pop()
     return pairs
-
-
-def module(parts: Parts, vectors: Vectors, template: str = "plain.py.j2") -> ModuleType:
-    """A module as it would be exported, in memory: what live correction computes with."""
-    made = ModuleType(f"{parts.identifier}_calibrated")
-    exec(compile(text(parts, vectors, template, ""), f"{made.__name__}.py", "exec"), made.__dict__)
-    return made

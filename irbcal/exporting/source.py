@@ -14,6 +14,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors, vectors_of
+from irbcal.exporting.plain import Plain
 from irbcal.files import calibration_folder, urdf_xml
 from irbcal.files.calibration_folder import CalibrationLike
 from irbcal.files.mesh_paths import MeshPaths
@@ -121,7 +122,7 @@ class Source:
         told = {} if record is None else {"fingerprint": record.fingerprint, "simulated": record.simulated}
         parts = Parts.of(robot, nominal=nominal, speed=speed, notes=notes, **told)  # type: ignore[arg-type]
         vectors = vectors_of(robot, parts)
-        miss = python.module(parts, vectors).check()
+        miss = Plain(**python.constants(parts, vectors)).check()
         if not miss < EXACT:
             raise CalibrationError(f"the export would miss irbcal's own kinematics by {miss:.3g}: nothing is written")
         return Source(robot, parts, vectors, float(miss), record, urdf, folder)

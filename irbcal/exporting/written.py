@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -29,18 +28,6 @@ def cpp(value: Any) -> str:
     return "{" + ", ".join(cpp(item) for item in value) + "}"
 
 
-def python(value: Any) -> str:
-    """The same as Python writes them, as tuples; ``nan`` and ``inf`` are names."""
-    if isinstance(value, (bool, np.bool_)):
-        return str(bool(value))
-    if isinstance(value, (int, np.integer)):
-        return str(int(value))
-    if isinstance(value, (float, np.floating)):
-        return repr(float(value))
-    inside = ", ".join(python(item) for item in value)
-    return f"({inside},)" if len(value) == 1 else f"({inside})"
-
-
 def line(text: str) -> str:
     """A text inside a docstring or a comment: what would end that is left out."""
     return (
@@ -61,7 +48,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"num": cpp, "py": python, "text": json.dumps, "line": line}
+    environment.filters |= {"num": cpp, "py": repr, "line": line}
     return environment
 
 

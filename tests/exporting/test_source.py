@@ -6,6 +6,7 @@ import pytest
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.exporting import python
+from irbcal.exporting.batch import Batch
 from irbcal.exporting.source import EXACT, Source, speeds
 
 
@@ -14,7 +15,7 @@ def test_of_a_calibration_folder(folder):
     made = irbcal.load(folder)
     robot = made.robot_calibrated()
     q = robot.arm.random_joints(100, 3)
-    found = python.module(source.parts, source.vectors, "calibrated.py.j2").forward(q)
+    found = Batch(**python.constants(source.parts, source.vectors)).forward(q)
     assert np.abs(found - robot.poses(q)).max() < 1e-12
     assert source.parts.fingerprint == made.record.fingerprint
     assert source.miss < EXACT

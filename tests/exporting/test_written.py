@@ -2,20 +2,16 @@
 
 import numpy as np
 
-from irbcal.exporting.written import cpp, line, python
+from irbcal.exporting.written import cpp, line
 
 
 def test_numbers_keep_their_last_digit():
     values = np.random.default_rng(0).standard_normal((2, 3)) * 10.0 ** np.array([-20, 0, 20])
-    assert np.array_equal(eval(python(values)), values)
     assert np.array_equal(eval(cpp(values).replace("{", "(").replace("}", ")")), values)
 
 
 def test_other_values():
     assert cpp([True, 3, np.nan, -np.inf]) == "{true, 3, data::nan, -data::inf}"
-    assert python([True, 3, np.nan, -np.inf]) == "(True, 3, nan, -inf)"
-    assert python([1.0]) == "(1.0,)"
-    assert python([]) == "()"
 
 
 def test_names_cannot_leave_their_comment():

@@ -1,0 +1,35 @@
+"""Many poses on numpy alone: what irbcal computes."""
+
+import numpy as np
+import pytest
+from export_harness import situations
+
+from irbcal.exporting import python
+from irbcal.exporting.batch import Batch
+
+
+@pytest.mark.parametrize(
+    ("name", "poses"), [("irb1600", 10_000), ("ur10", 10_000), ("panda", 10_000), ("level", 500), ("rail", 500)]
+)
+def test_it_computes_what_irbcal_computes(sources, name, poses):
+    source = sources[name]
+    robot, batch = source.robot, Batch(**python.constants(source.parts, source.vectors))
+    q, situation = situations(robot, poses, 21)
+    theta, T = robot.joint_map.effective(q, *situation), robot.forward(q, *situation)
+    assert np.abs(batch.effective(q, *situation) - theta).max() < 1e-12
+    assert np.abs(batch.forward(q, *situation) - T).max() < 1e-12
+    some = slice(0, 1000)
+    assert np.abs(batch.commanded(theta[some], *(part[some] for part in situation)) - q[some]).max() < 1e-12
+    few = slice(0, 20)
+    rest = [part[few] for part in situation]
+    back, found = batch.inverse(T[few], q[few] + 0.02, *rest)
+    assert found.mean() > 0.9
+    assert np.abs(batch.forward(back, *rest) - T[few])[found].max() < 5e-12
+    usual = q[few][~np.isnan(situation[0][few, 0])], situation[0][few][~np.isnan(situation[0][few, 0])]
+    assert np.abs(batch.jacobian(*usual) - robot.joint_map.jacobian(*usual)).max() < 1e-12
+
+
+def test_wrong_shapes_are_refused(sources):
+    source = sources["level"]
+    with pytest.raises(ValueError, match="joints need shape"):
+        Batch(**python.constants(source.parts, source.vectors)).effective([[0.0] * 5])

@@ -1,0 +1,36 @@
+"""One pose on plain floats: what irbcal computes, and derivatives as the module on numpy has them."""
+
+import numpy as np
+import pytest
+from export_harness import situations
+
+from irbcal.exporting import python
+from irbcal.exporting.batch import Batch
+from irbcal.exporting.plain import Plain
+
+
+@pytest.mark.parametrize("name", ["irb1600", "ur10", "panda", "level", "rail"])
+def test_it_computes_what_irbcal_computes(sources, name):
+    source = sources[name]
+    constants = python.constants(source.parts, source.vectors)
+    robot, batch, plain = source.robot, Batch(**constants), Plain(**constants)
+    q, situation = situations(robot, 20, 21)
+    theta, T = robot.joint_map.effective(q, *situation), robot.forward(q, *situation)
+    rows = [(x.tolist(), *(part.tolist() for part in rest)) for x, *rest in zip(q, *situation, strict=True)]
+    for function, wanted in (
+        (plain.effective, theta),
+        (plain.forward, T[:, :3]),
+        (plain.jacobian, batch.jacobian(q, *situation)),
+        (plain.tip_jacobian, batch.tip_jacobian(q, *situation)),
+    ):
+        assert np.abs(np.array([function(*row) for row in rows]) - wanted).max() < 1e-12
+    for row, wanted in zip(rows, T.tolist(), strict=True):
+        joints = plain.inverse(wanted, [x + 0.02 for x in row[0]], *row[1:])
+        if joints is not None:
+            assert np.abs(np.array(plain.forward(joints, *row[1:])) - np.array(wanted)[:3]).max() < 5e-12
+
+
+def test_wrong_shapes_are_refused(sources):
+    source = sources["level"]
+    with pytest.raises(ValueError, match="expected 6 joints"):
+        Plain(**python.constants(source.parts, source.vectors)).effective([0.0] * 5)
