@@ -206,17 +206,19 @@ class _Solver:
         done = self.good(state.position, state.rotation)
         state.method[done] = Method.FIXED_POINT
         self._newton(np.flatnonzero(~done & ~bad_pose & ~bad_seed), T, branch, near, state)
-        self._into_limits(T, near, state)
-        beyond = done & ~self.inside(state.q)
-        if len(self.stages) > 1 and beyond.any():
-            beyond &= self.singular(state)
+        beyond = self._into_limits(T, near, state)
+        if len(self.stages) > 1 and len(beyond):
+            beyond = beyond[done[beyond] & self.singular(state)[beyond]]
             state.rank[beyond] = -2.0
-            self._newton(np.flatnonzero(beyond), T, branch, near, state)
+            self._newton(beyond, T, branch, near, state)
             self._into_limits(T, near, state)
         return self._result(state, branch, bad_pose, bad_seed)
 
-    def _into_limits(self, T: FloatArray, near: FloatArray | None, state: State) -> None:
-        """Bring solutions beyond a limit back by whole turns, and by what the tolerance leaves open, where possible."""
+    def _into_limits(self, T: FloatArray, near: FloatArray | None, state: State) -> IntArray:
+        """Bring solutions beyond a limit back by whole turns, and by what the tolerance leaves open, where possible.
+
+        Those that stay beyond are returned.
+        """
         beyond = self.good(state.position, state.rotation) & ~self.inside(state.q)
         for start in range(0, len(rows := np.flatnonzero(beyond)), BLOCK):
             block = rows[start : start + BLOCK]
@@ -229,6 +231,8 @@ class _Solver:
             take = self.good(*errors)
             block = block[take]
             state.q[:, block], (state.position[block], state.rotation[block]) = q[:, take], errors[:, take]
+            beyond[block] = False
+        return np.flatnonzero(beyond)
 
     def _result(self, state: State, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray) -> InverseResult:
         converged = self.good(state.position, state.rotation)
