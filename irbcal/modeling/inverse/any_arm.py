@@ -20,7 +20,7 @@ from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
-ROUNDS = ((40, 0, False), (40, 2, True), (160, 2, True))
+ROUNDS = ((40, 0, False), (40, 2, True), (160, 2, True), (640, 2, True))
 """Number of random starts, `newton.solve`'s straighten, and whether joints stay within the limits on the way, one after
 the other for the poses still left."""
 

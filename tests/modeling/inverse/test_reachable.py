@@ -9,6 +9,6 @@ from reachable import KINDS, unsolved, with_errors
 @pytest.mark.parametrize("name", ["irb1600", "irb120", "ur10", "panda"])
 def test_no_reachable_pose_stays_unsolved(name, kind):
     opened = with_errors(name, 2.4)
-    q = kind(opened, 60 if name.startswith("irb") else 25, np.random.default_rng(3))
+    q = kind(opened, 40 if name.startswith("irb") else 20, np.random.default_rng(3))
     assert len(q) > 10
     assert not unsolved(opened, opened.robot.poses(q)).any()
