@@ -40,6 +40,7 @@ def files(source: Source) -> Made:
         "to_acceleration": live.TO_ACCELERATION_S,
         "ramp": live.RAMP_S,
         "motion": motion,
+        "largest_t": live.LARGEST_T,
         "longest_line": live.LONGEST_LINE,
         "degree": DEG,
         "pi": np.pi,

@@ -60,6 +60,8 @@ RAMP_S = (0.001, 10.0)
 LONGEST_LINE = 65_536
 """Bytes; more is not read as one line."""
 LARGEST_ID = 2**53
+LARGEST_T = 1e8
+"""Seconds: of a larger number too few digits are behind the point."""
 
 
 class Refused(Exception):
@@ -160,7 +162,7 @@ class Live:
         """Read ``id`` and ``t``, which the answer repeats where they are numbers; let the time pass."""
         mark, t = content.get("id"), content.get("t")
         mark = mark if type(mark) is int and abs(mark) <= LARGEST_ID else None
-        t = t if isinstance(t, (int, float)) and type(t) is not bool and abs(t) < LARGEST_ID else None
+        t = t if isinstance(t, (int, float)) and type(t) is not bool and abs(t) < LARGEST_T else None
         said |= ({} if mark is None else {"id": mark}) | ({} if t is None else {"t": t})
         if "t" in content and t is None:
             raise Refused("t: expected seconds")

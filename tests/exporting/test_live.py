@@ -139,6 +139,7 @@ def test_what_is_not_safe_is_held_with_a_reason(sources):
         (b'{"pose": [600, 0, 900, 2, 0, 0, 0], "t": 12}', "unit quaternion"),
         (b'{"joints": [0, -14, 14, 0, 30, 0], "t": 12}', "t: not later than that of an earlier line"),
         (b'{"joints": [0, -14, 14, 0, 30, 0], "t": "x"}', "t: expected seconds"),
+        (b'{"joints": [0, -14, 14, 0, 30, 0], "t": 1e12}', "t: expected seconds"),
         (b'{"joints": [0, -14, 14, 0, 30, 0]}', "t: expected in every line, as in the first"),
         (b'{"joints": [0, -14, 14, 0, 30, 0], "t": 13, "id": 7}', "id: 7 is not above 7, that of an earlier line"),
         (b'{"joints": [0, -14, 14, 0, 30, 0], "t": 14, "id": 1.5}', "id: expected a whole number"),
