@@ -226,8 +226,7 @@ def inverse_kinematics(
     if redundancy is not None:
         found = spare.solve(model, arm, T, start, redundancy)
     elif closed_form.has_closed_form(arm):
-        seed, branch = closed_form.nearest(arm, closed_form.branches(arm, T), start)
-        found = calibrated_arm.solve(model, arm, T, seed=np.where(branch[:, None] >= 0, seed, start))
+        found = calibrated_arm.solve_nearest(model, arm, T, start)
     else:
         # with fewer than six joints a pose is met only as well as its file is rounded
         tolerance = 1e-8 if len(start) < 6 else 1e-10

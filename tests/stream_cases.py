@@ -20,22 +20,23 @@ def move(robot, n, seed, speed=0.5, rate=1000.0):
 
 
 def fuzzed(robot, n, seed):
-    """Lines (bytes) of a way in which one in three is damaged, in any way that a line can be."""
+    """Lines (bytes) of a way, with times, in which one in three is damaged, in any way that a line can be; the start."""
     rng = np.random.default_rng(seed)
-    q = move(robot, n, seed, 0.05)  # slow: after some held lines the way is still near
+    q = move(robot, n, seed, 0.3)
     poses = robot.arm.forward(q)
-    lines = []
+    lines, t = [], 0.0
     for k in range(n):
+        t += rng.choice([1e-3, 1e-3, 1e-3, 2e-5, 4e-3, 0.03, 0.3], p=[0.3, 0.3, 0.3, 0.04, 0.04, 0.015, 0.005])
         kind = rng.choice(["joints", "model", "pose"], p=[0.5, 0.3, 0.2])
         values = [*poses[k, :3, 3], *quaternion(poses[k])] if kind == "pose" else q[k].tolist()
-        content = {kind: [float(v) for v in values], "id": k}
+        content = {kind: [float(v) for v in values], "id": k, "t": t}
         if rng.random() < 0.33:
             content = damaged(content, kind, rng)
         line = json.dumps(content).encode()
         if rng.random() < 0.1:
             line = scrambled(line, rng)
         lines.append(line.replace(b"\n", b" ") + b"\n")
-    return lines
+    return lines, q[0]
 
 
 def damaged(content, kind, rng):
@@ -61,6 +62,8 @@ def damaged(content, kind, rng):
             {"joints": None},
             {"pose": values, "model": values},
             {**content, "id": "x"},
+            {**content, "t": [content["t"] - 1.0, "x", np.nan][rng.integers(3)]},
+            {**content, "at": values},
         ]
         return others[rng.integers(len(others))]
     return {**content, "more": {"deep": [[[1, 2], 'a\\b"'], None, True]}, "id": [1, 1.5, -3, 2**60][rng.integers(4)]}
@@ -91,23 +94,52 @@ def quaternion(T):
     return w, x, y, z
 
 
-def faults(answers, source, steps, unit=1.0):
-    """What is wrong with answers (texts): not JSON, wild numbers, jumps, commands outside limits; counts of held ones."""
-    last, found, held = None, [], 0
+def faults(answers, live, source, unit=1.0):
+    """What is wrong with answers (texts): not JSON, wild numbers, beyond limits of place, speed, acceleration and jerk.
+
+    Answers without a time repeat the last command. Divided differences of the commands over the times, a pause being a
+    stop, are compared with the limits; how many lines were held is told, too.
+    """
+    found, held, times, rows = [], 0, [], []
     for k, text in enumerate(answers):
         content = json.loads(text)
-        q = content["joints"]
+        q, t = content["joints"], content.get("t")
         held += content["held"]
-        if content["held"] and q != last:
-            found.append(f"{k}: held, but another command")
         if q is None:
             continue
         here = np.array(q) * unit
         if not np.isfinite(here).all():
             found.append(f"{k}: {q}")
-        if last is not None and (np.abs(here - np.array(last) * unit) > np.array(steps) * (1 + 1e-9)).any():
-            found.append(f"{k}: jump")
         if (here < source.parts.lower - 1e-9).any() or (here > source.parts.upper + 1e-9).any():
             found.append(f"{k}: outside")
-        last = q
+        if rows and (t is None or not t > times[-1]):
+            if (here != rows[-1]).any():
+                found.append(f"{k}: a move in no time")
+            continue
+        if rows and t < times[-1] + 1e-5 and (here == rows[-1]).all():
+            continue
+        if not rows:
+            rows, times = [here] * 3, [t - 2e-4, t - 1e-4, t]
+            continue
+        if t - times[-1] > 0.1:
+            rows, times = [rows[-1]] * 3, [t - 0.1002, t - 0.1001, t - 0.1]
+        rows.append(here)
+        times.append(t)
+        rows, times = rows[-4:], times[-4:]
+        if len(rows) == 4:
+            found += [f"{k}: {what}" for what in beyond(np.array(rows), np.array(times), live)]
     return found, held
+
+
+def beyond(q, t, live):
+    """Which limits four commands (4, joints) at times (4,) exceed."""
+    v = np.diff(q, axis=0) / np.diff(t)[:, None]
+    a = 2.0 * np.diff(v, axis=0) / (t[2:] - t[:-2])[:, None]
+    j = 3.0 * np.diff(a, axis=0) / (t[3] - t[0])
+    rounding = 1e-4 + 8.0 * np.abs(q).max() * np.finfo(float).eps / np.diff(t).min() ** np.arange(1, 4)
+    limits = zip(("speed", "acceleration", "jerk"), (v, a, j), rounding, strict=True)
+    return [
+        f"{name} {np.abs(x).max():.6g}"
+        for name, x, slack in limits
+        if (np.abs(x) > np.array(getattr(live, name)) * (1.0 + 1e-4) + slack).any()
+    ]

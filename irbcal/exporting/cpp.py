@@ -6,7 +6,7 @@ import numpy as np
 
 from irbcal import literals
 from irbcal.arrays import FloatArray
-from irbcal.exporting.live import LONGEST_LINE, SLACK, known_speed
+from irbcal.exporting import live, motion
 from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
 from irbcal.exporting.written import render
@@ -30,10 +30,21 @@ def files(source: Source) -> Made:
         "guard": literals.word(f"IRBCAL_{word.upper()}_CALIBRATED_HPP"),
         "header": literals.word(header),
         "program": literals.word(program),
-        "speed": known_speed(parts),
-        "slack": SLACK,
-        "longest_line": LONGEST_LINE,
+        "speed": live.known_speed(parts),
+        "slack": live.SLACK,
+        "start_s": live.START_S,
+        "recovery_s": live.RECOVERY_S,
+        "correction": [live.LARGEST_CORRECTION[bool(slides)] for slides in parts.slides],
+        "largest_left": live.LARGEST_LEFT,
+        "beyond": live.BEYOND,
+        "to_speed": live.TO_SPEED_S,
+        "to_acceleration": live.TO_ACCELERATION_S,
+        "ramp": live.RAMP_S,
+        "motion": motion,
+        "largest_t": live.LARGEST_T,
+        "longest_line": live.LONGEST_LINE,
         "degree": DEG,
+        "pi": np.pi,
         "check": literals.word(check),
         "spans": spans,
         "mask": lambda joints: [j in joints for j in range(n)],

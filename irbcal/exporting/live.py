@@ -7,21 +7,27 @@ For whoever sits on EGM, RSI, RTDE or ros2_control. The numbers are those of the
 - ``pose``: the tip in the base link, x, y, z and the unit quaternion w, x, y, z;
 - ``model``: joints of ``calibrated.urdf``, as a planner on the calibrated model has them;
 
-and may hold an ``id``, a whole number that the answer repeats. The answer holds ``joints``, the command, and ``held``:
-where the wanted cannot be done safely, the last safe command is repeated, and ``why`` says what was wrong.
+the first one also ``at``, the arm's actual joints, unless they are given before; and may hold a time ``t`` (seconds)
+and an ``id`` (a whole number), which only grow and which the answer repeats. The answer holds ``joints``, the command,
+which keeps the limits of speed, acceleration and jerk (`irbcal.exporting.motion`); ``held``: whether the line was
+refused, in which case the arm is brought to rest, and ``why``; and else how far the command is from what was wanted.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from math import asin, sqrt
+from time import monotonic
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
+from irbcal.errors import OptionError
 from irbcal.exporting import python
+from irbcal.exporting.motion import GAP_S, Joint, Motion
 from irbcal.exporting.parts import Parts
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source
@@ -36,10 +42,26 @@ KINDS = ("joints", "pose", "model")
 UNKNOWN_SPEED = {False: np.pi, True: 1.0}
 """Largest speed of a joint whose URDF tells none, radians (sliding: metres) per second."""
 SLACK = 1.05
-"""Commands may be this much faster than the joint's speed limit: the corrections of a move at full speed."""
+"""Targets may be this much faster than the joint's speed limit: the corrections of a move at full speed."""
+START_S = 0.02
+"""Seconds for which a first target may be away from the arm at the largest speed."""
+RECOVERY_S = 0.25
+"""Seconds for which targets that were too fast must keep the speed limits before the arm goes to them."""
+LARGEST_CORRECTION = {False: 3.0 * DEG, True: 0.03}
+"""Radians (sliding: metres) by which a joint is corrected at most."""
+LARGEST_LEFT = (0.005, 0.5 * DEG)
+"""Metres and radians by which a pose may be missed before a line is refused."""
+BEYOND = 0.1
+"""Radians (metres) beyond a limit that wanted joints may be."""
+TO_SPEED_S, TO_ACCELERATION_S = 0.1, 0.05
+"""Seconds from rest to the largest speed, and from none to the largest acceleration, unless given."""
+RAMP_S = (0.001, 10.0)
+"""Range of these."""
 LONGEST_LINE = 65_536
 """Bytes; more is not read as one line."""
 LARGEST_ID = 2**53
+LARGEST_T = 1e8
+"""Seconds: of a larger number too few digits are behind the point."""
 
 
 class Refused(Exception):
@@ -52,81 +74,117 @@ class Live:
     Parameters
     ----------
     source : Source
-    rate : float
-        Lines per second: tells how far a joint may go in one line.
     units : {"deg", "rad"}
+    at : sequence of float, optional
+        The arm's actual joints, in these units, as its controller counts them; in the first line unless given.
+    to_speed, to_acceleration : float
+        Seconds from rest to the largest speed, and from none to the largest acceleration.
+    clock : callable
+        Seconds, for lines without a time.
 
     Attributes
     ----------
     lines, held : int
-        How many lines there were, and for how many the last command was repeated.
+        How many lines there were, and how many were refused.
+    speed, acceleration, jerk : list of float
+        Limits of the joints, radians (sliding: metres) per second, and so on.
+
+    Raises
+    ------
+    OptionError
+        If ``at`` are no joints of this arm.
     """
 
-    def __init__(self, source: Source, rate: float = 1000.0, units: Units = "deg") -> None:
+    def __init__(
+        self,
+        source: Source,
+        units: Units = "deg",
+        at: Sequence[float] | None = None,
+        to_speed: float = TO_SPEED_S,
+        to_acceleration: float = TO_ACCELERATION_S,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
         parts = source.parts
         self._robot: Any = Plain(**python.constants(parts, source.vectors))
-        speed = np.where(
-            np.isfinite(parts.speed), parts.speed, np.where(parts.slides, UNKNOWN_SPEED[True], UNKNOWN_SPEED[False])
-        )
-        self.steps: list[float] = (SLACK * speed / rate).tolist()
+        self.speed: list[float] = known_speed(parts).tolist()
+        self.acceleration = [v / to_speed for v in self.speed]
+        self.jerk = [a / to_acceleration for a in self.acceleration]
         length, angle = (MM, DEG) if units == "deg" else (1.0, 1.0)
         self._units: list[float] = np.where(parts.slides, length, angle).tolist()
-        self._length = length
+        self._length, self._angle, self._radians = length, angle, units == "rad"
+        self._correction = [LARGEST_CORRECTION[slides] for slides in parts.slides.tolist()]
         coupled = not np.array_equal(parts.coupling, np.eye(len(parts.coupling)))
         self._coupling = parts.coupling if coupled else None
         self.fingerprint, self.simulated = parts.fingerprint, parts.simulated
         self.lines = self.held = 0
         n = len(self._units)
-        self._command: list[float] | None = None
+        self._clock = clock
+        self._motion: Motion | None = None
+        self._stamped: bool | None = None
+        self._time: float | None = None
+        self._mark: int | None = None
+        self._credit = START_S
+        self._seen: tuple[float, list[float]] | None = None
+        self._since: float | None = None
+        self._resting: list[float] | None = None
+        self._goal: list[float] = [0.0] * n
         self._theta: list[float] = [0.0] * n
         self._shift: list[float] = [0.0] * n
         self._moves: list[float] = [0.0] * n
+        self._at: list[float] | None = None
+        if at is not None:
+            try:
+                self._at = self._numbers("at", list(at))
+            except Refused as refused:
+                raise OptionError(str(refused), parameter="at") from None
 
     def answer(self, line: str | bytes) -> str:
         """The answer to a line, without a line end: JSON, whatever the line was."""
         self.lines += 1
-        mark = None
+        said: dict[str, Any] = {}
         try:
-            kind, wanted, mark = self._read(line)
-            self._follow(kind, wanted)
+            content = _parsed(line)
+            self._mark_and_time(content, said)
+            error = self._follow(content)
         except Refused as refused:
             self.held += 1
-            return self._say(getattr(refused, "mark", mark), str(refused))
-        return self._say(mark, None)
-
-    def _say(self, mark: int | None, why: str | None) -> str:
-        content: dict[str, Any] = {} if mark is None else {"id": mark}
-        content["joints"] = None if self._command is None else self._shown(self._command)
-        content["held"] = why is not None
-        if why is not None:
-            content["why"] = why
-        return json.dumps(content)
+            said |= {"joints": self._brake(), "held": True, "why": str(refused)}
+        else:
+            said |= {"joints": self._shown(self._command), "held": False, **error}
+        return json.dumps(said)
 
     def _shown(self, q: Sequence[float]) -> list[float]:
         if self._coupling is not None:
             q = np.linalg.solve(self._coupling, q).tolist()
         return [a / b for a, b in zip(q, self._units, strict=True)]
 
-    def _read(self, line: str | bytes) -> tuple[str, list[float], int | None]:
-        try:
-            if len(line) > LONGEST_LINE:
-                raise ValueError
-            content = json.loads(line if isinstance(line, str) else line.decode())
-        except (ValueError, RecursionError):
-            raise Refused("not a line of JSON") from None
-        if not isinstance(content, dict):
-            raise Refused('expected an object such as {"joints": [...]}')
-        mark = content.get("id")
+    def _mark_and_time(self, content: dict[str, Any], said: dict[str, Any]) -> None:
+        """Read ``id`` and ``t``, which the answer repeats where they are numbers; let the time pass."""
+        mark, t = content.get("id"), content.get("t")
         mark = mark if type(mark) is int and abs(mark) <= LARGEST_ID else None
-        kinds = [kind for kind in KINDS if kind in content]
-        try:
-            if len(kinds) != 1:
-                raise Refused("expected one of joints, pose and model")
-            return kinds[0], self._numbers(kinds[0], content[kinds[0]]), mark
-        except Refused as refused:
-            if mark is not None:
-                raise Marked(mark, str(refused)) from None
-            raise
+        t = t if isinstance(t, (int, float)) and type(t) is not bool and abs(t) < LARGEST_T else None
+        said |= ({} if mark is None else {"id": mark}) | ({} if t is None else {"t": t})
+        if "t" in content and t is None:
+            raise Refused("t: expected seconds")
+        if self._stamped not in (None, t is not None):
+            raise Refused(
+                "t: expected in every line, as in the first" if self._stamped else "t: the first line has none"
+            )
+        if t is not None and self._time is not None and not t > self._time:
+            raise Refused("t: not later than that of an earlier line")
+        if t is not None:
+            self._pass(float(t))
+        if "id" in content and mark is None:
+            raise Refused("id: expected a whole number")
+        if mark is not None and self._mark is not None and not mark > self._mark:
+            raise Refused(f"id: {mark} is not above {self._mark}, that of an earlier line")
+        self._mark = self._mark if mark is None else mark
+
+    def _pass(self, t: float) -> None:
+        """It is t now."""
+        if self._motion is not None and self._time is not None:
+            self._credit = min(self._credit + (t - self._time), GAP_S)
+        self._time = t
 
     def _numbers(self, kind: str, given: Any) -> list[float]:
         count = 7 if kind == "pose" else len(self._units)
@@ -144,45 +202,124 @@ class Live:
             values = [a * b for a, b in zip(values, self._units, strict=True)]
         if not all(abs(value) < 1e6 for value in values):  # nan is not, either
             raise Refused(f"{kind}: not a finite number")
-        if kind == "joints" and self._coupling is not None:
+        if kind == "pose":
+            return values
+        if kind != "model" and self._coupling is not None:
             values = (self._coupling @ values).tolist()
+        robot = self._robot
+        for i, value in enumerate(values):
+            if not robot.LOWER[i] - BEYOND <= value <= robot.UPPER[i] + BEYOND:
+                degrees = self._radians and not robot.SLIDES[i] and abs(value) > 2.0 * np.pi
+                hint = ": these look like degrees" if degrees else ""
+                raise Refused(f"{kind}: {robot.JOINT_NAMES[i]} is beyond its limits{hint}")
         return values
 
-    def _follow(self, kind: str, wanted: list[float]) -> None:
-        """Carry out what is wanted, or leave everything as it was."""
-        robot, last = self._robot, self._command
-        theta = wanted if kind == "model" else self._effective(kind, wanted)
-        step = [0.0] * len(theta) if last is None else [a - b for a, b in zip(theta, self._theta, strict=True)]
-        moves = robot.lean(self._moves, step)
-        start = theta if last is None else [a + b - c for a, b, c in zip(theta, last, self._theta, strict=True)]
+    def _begin(self, content: dict[str, Any], t: float) -> Motion:
+        """The arm stands where it is."""
+        at = self._at if "at" not in content else self._numbers("at", content["at"])
+        if at is None:
+            raise Refused("the first line needs at, the arm's actual joints")
+        robot = self._robot
+        limits = zip(at, self.speed, self.acceleration, self.jerk, robot.LOWER, robot.UPPER, strict=True)
+        self._goal, self._theta = at, robot.effective(at)
+        self._stamped, self._time, self._seen = "t" in content, t, (t, at)
+        return Motion(t, [Joint(*each) for each in limits])
+
+    def _follow(self, content: dict[str, Any]) -> dict[str, float]:
+        """Carry out what is wanted; how far the command is from it."""
+        kinds = [kind for kind in KINDS if kind in content]
+        if len(kinds) != 1:
+            raise Refused("expected one of joints, pose and model")
+        kind = kinds[0]
+        if self._motion is not None and "at" in content:
+            raise Refused("at: the arm's joints are known")
+        wanted = self._numbers(kind, content[kind])
+        t = float(content["t"]) if "t" in content else self._clock()
+        if self._motion is None:
+            self._motion = self._begin(content, t)
+        if "t" not in content:
+            self._pass(t)
+        robot = self._robot
+        T, theta = self._effective(kind, wanted)
+        moves = robot.lean(self._moves, [a - b for a, b in zip(theta, self._theta, strict=True)])
+        start = [a + b - c for a, b, c in zip(theta, self._goal, self._theta, strict=True)]
         q = robot.commanded_moving(theta, moves, start)
         if q is None:
             raise Refused("the joint map has no command for it")
         for i, (value, lower, upper) in enumerate(zip(q, robot.LOWER, robot.UPPER, strict=True)):
             if not lower <= value <= upper:
                 raise Refused(f"{robot.JOINT_NAMES[i]} would leave its limits")
-        if last is not None:
-            for i, (value, before, most) in enumerate(zip(q, last, self.steps, strict=True)):
-                if not abs(value - before) <= most:
-                    raise Refused(f"{robot.JOINT_NAMES[i]} would jump")
+        self._spend(q, t)
         if kind == "joints":
             self._shift = [a - b for a, b in zip(theta, wanted, strict=True)]
-        self._command, self._theta, self._moves = q, theta, moves
+        self._goal, self._theta, self._moves, self._resting = q, theta, moves, None
+        self._command = self._motion.follow(t, q)
+        there = robot.forward_effective([a + b - c for a, b, c in zip(theta, self._command, q, strict=True)])
+        place, turn = _apart(T, there)
+        unit = ("m", "rad") if self._radians else ("mm", "deg")
+        return {f"error_{unit[0]}": place / self._length, f"error_{unit[1]}": turn / self._angle}
 
-    def _effective(self, kind: str, wanted: list[float]) -> list[float]:
+    def _spend(self, q: list[float], t: float) -> None:
+        """Refuse a target that is farther than the time that passed allows.
+
+        Where targets went on without a jump, only faster than the arm can, it catches up once they are slow again.
+        """
+
+        def seconds(other: Sequence[float]) -> tuple[float, int]:
+            """How long the way to there takes at the largest speed, and the joint that takes so long."""
+            each = [abs(a - b) / (SLACK * v) for a, b, v in zip(q, other, self.speed, strict=True)]
+            return max(each), each.index(max(each))
+
+        need, slowest = seconds(self._goal)
+        steady = need <= self._credit
+        if steady:
+            self._credit -= need
+        elif self._seen is not None:
+            last, where = self._seen
+            passed, step = min(t - last, GAP_S), seconds(where)[0]
+            self._since = t if self._since is None or step > passed else self._since
+            steady = step <= passed and t - self._since >= RECOVERY_S
+            self._seen = (t, q) if step <= passed + START_S else None
+        if not steady:
+            raise Refused(f"{self._robot.JOINT_NAMES[slowest]} would jump")
+        self._seen, self._since = (t, q), None
+
+    def _brake(self) -> list[float] | None:
+        """The command of a line that is refused: on the way to where the arm comes to rest; None before it began."""
+        if self._motion is None:
+            return None
+        if self._stamped is False:
+            self._pass(self._clock())
+        if self._resting is None:
+            robot = self._robot
+            rest = zip(self._motion.rest(), robot.LOWER, robot.UPPER, strict=True)
+            self._resting = [min(max(x, lower), upper) for x, lower, upper in rest]
+        assert self._time is not None
+        self._command = self._motion.follow(self._time, self._resting, moving=False)
+        return self._shown(self._command)
+
+    def _effective(self, kind: str, wanted: list[float]) -> tuple[list[list[float]], list[float]]:
+        """The wanted tip, and the joints of calibrated.urdf that come as near to it as they safely can."""
         robot = self._robot
+        if kind == "model":
+            return robot.forward_effective(wanted), wanted
         if len(self._units) < 6:
             raise Refused(f"{kind}: an arm with fewer than six joints takes model only")
         if kind == "joints":
-            T, seed = robot.forward_nominal(wanted), [a + b for a, b in zip(wanted, self._shift, strict=True)]
+            T, middle, most = robot.forward_nominal(wanted), wanted, self._correction
+            seed = [a + b for a, b in zip(wanted, self._shift, strict=True)]
         else:
-            if self._command is None:
-                raise Refused("pose: the first line must tell joints or model, to know which way the arm is bent")
-            T, seed = _matrix(wanted), self._theta
-        theta: list[float] | None = robot.inverse_effective(T, seed, 1e-10)
-        if theta is None:
+            T, middle, seed, most = _matrix(wanted), self._theta, self._theta, [GAP_S * v for v in self.speed]
+        theta, place, turn = robot.nearest_effective(
+            T,
+            seed,
+            1e-10,
+            [a - b for a, b in zip(middle, most, strict=True)],
+            [a + b for a, b in zip(middle, most, strict=True)],
+        )
+        if not (place < np.inf and (kind == "joints" or (place <= LARGEST_LEFT[0] and turn <= LARGEST_LEFT[1]))):
             raise Refused(f"{kind}: no solution near the last command")
-        return theta
+        return T, theta
 
 
 def known_speed(parts: Parts) -> FloatArray:
@@ -191,12 +328,24 @@ def known_speed(parts: Parts) -> FloatArray:
     return np.where(np.isfinite(parts.speed), parts.speed, usual)
 
 
-class Marked(Refused):
-    """A refusal of a line whose ``id`` is known."""
+def _parsed(line: str | bytes) -> dict[str, Any]:
+    """The object of a line."""
+    try:
+        if len(line) > LONGEST_LINE:
+            raise ValueError
+        content = json.loads(line if isinstance(line, str) else line.decode())
+    except (ValueError, RecursionError):
+        raise Refused("not a line of JSON") from None
+    if not isinstance(content, dict):
+        raise Refused('expected an object such as {"joints": [...]}')
+    return content
 
-    def __init__(self, mark: int, why: str) -> None:
-        super().__init__(why)
-        self.mark = mark
+
+def _apart(one: Sequence[Sequence[float]], other: Sequence[Sequence[float]]) -> tuple[float, float]:
+    """Distance (m) and angle (rad) between two poses of three rows."""
+    place = sqrt(sum((a[3] - b[3]) ** 2 for a, b in zip(one, other, strict=True)))
+    chord = sqrt(sum((a[k] - b[k]) ** 2 for a, b in zip(one, other, strict=True) for k in range(3)))
+    return place, 2.0 * asin(min(chord / sqrt(8.0), 1.0))
 
 
 def _matrix(pose: Sequence[float]) -> list[list[float]]:
@@ -216,8 +365,10 @@ def _matrix(pose: Sequence[float]) -> list[list[float]]:
 def stream(
     calibration: CalibrationLike,
     *,
-    rate: float = 1000.0,
+    at: Sequence[float] | None = None,
     units: Units = "deg",
+    to_speed: float = TO_SPEED_S,
+    to_acceleration: float = TO_ACCELERATION_S,
     payload: float | None = None,
     payload_place: ArrayLike | None = None,
     without_frame_terms: bool = False,
@@ -228,11 +379,15 @@ def stream(
     ----------
     calibration : str, Path, Record or a result that holds one
         Calibration folder, or a loaded calibration.
-    rate : float
-        Lines per second. In one line a joint may go as far as its speed limit in the URDF allows (where there is none:
-        180 degrees, sliding 1 metre, a second), and one twentieth more.
+    at : sequence of float, optional
+        The arm's actual joints; in the first line unless given.
     units : {"deg", "rad"}
-        Of joints and poses in the lines: degrees and millimetres, or radians and metres.
+        Of joints and poses: degrees and millimetres, or radians and metres.
+    to_speed : float
+        Seconds from rest to the speed limit of the URDF (where there is none: 180 degrees, sliding 1 metre, a second):
+        the largest acceleration.
+    to_acceleration : float
+        Seconds from no acceleration to the largest one: the largest jerk.
     payload : float, optional
         Mass carried, kg; what most poses of the calibration were measured with unless given.
     payload_place : array_like, shape (3,), optional
@@ -250,11 +405,12 @@ def stream(
     CalibrationError, RobotError
         As `irbcal.exporting.export.export`.
     OptionError
-        If rate or units are none.
+        If an option is none.
     """
-    rate = number("rate", rate, 1.0, 100_000.0)
     checked("units", units, UNITS)
+    to_speed = number("to_speed", to_speed, *RAMP_S)
+    to_acceleration = number("to_acceleration", to_acceleration, *RAMP_S)
     source = Source.of(
         calibration, payload=payload, payload_place=payload_place, without_frame_terms=without_frame_terms
     )
-    return Live(source, rate, units)
+    return Live(source, units, at, to_speed, to_acceleration)

@@ -344,8 +344,18 @@ class Plain(SimpleNamespace):
 
     def inverse_effective(self, T: Floats, seed: Floats, tolerance: float = 1e-12) -> list[float] | None:
         """Effective joints of a pose from a seed by damped Newton steps, or None."""
+        theta, position, rotation = self.nearest_effective(T, seed, tolerance)
+        return theta if position <= tolerance and rotation <= tolerance else None
+
+    def nearest_effective(
+        self, T: Floats, seed: Floats, tolerance: float, lower: Floats | None = None, upper: Floats | None = None
+    ) -> tuple[list[float], float, float]:
+        """Effective joints as near to a pose as damped Newton steps come, within bounds; place and rotation left."""
         best, damping, waited, bound = inf, 1e-6, 0, inf
-        theta = trial = list(seed)
+        lower = [-inf] * self.JOINTS if lower is None else lower
+        upper = [inf] * self.JOINTS if upper is None else upper
+        theta = trial = [min(max(x, low), high) for x, low, high in zip(seed, lower, upper, strict=True)]
+        left = (inf, inf)
         columns: list[Floats] = []
         e: Floats = ()
         for _ in range(60):
@@ -355,16 +365,21 @@ class Plain(SimpleNamespace):
             s = sqrt(_dot(w, w))
             size = atan2(s, 0.5 * (E[0][0] + E[1][1] + E[2][2] - 1.0)) / s if s > 1e-7 else 1.0
             lack = (*((T[i][3] - p[i]) / self.REACH for i in range(3)), *(size * x for x in w))
-            position, rotation = _dot(lack, lack), _dot(lack[3:], lack[3:])
+            position, rotation = _dot(lack[:3], lack[:3]), _dot(lack[3:], lack[3:])
             cost = position + rotation
             if not cost < inf:
-                return None
+                break
             if cost < best:
                 best, theta, e = cost, trial, lack
-                if sqrt(position) * self.REACH <= tolerance and sqrt(rotation) <= tolerance:
-                    return theta
+                left = sqrt(position) * self.REACH, sqrt(rotation)
+                if max(left) <= tolerance:
+                    break
                 damping = max(damping * 0.2, 1e-8)
                 columns = [(a / self.REACH, b / self.REACH, c / self.REACH, d, e_, f) for a, b, c, d, e_, f in found]
+                for i, column in enumerate(columns):  # a joint at a bound that less error would lead beyond it
+                    slope = sum(x * y for x, y in zip(column, e, strict=True))
+                    if (theta[i] <= lower[i] and slope < 0.0) or (theta[i] >= upper[i] and slope > 0.0):
+                        columns[i] = (0.0,) * 6
             else:
                 damping = damping * 8.0 + 1e-6
             if best <= 0.25 * bound:
@@ -372,11 +387,14 @@ class Plain(SimpleNamespace):
             else:
                 waited += 1
                 if waited > 10:
-                    return None
+                    break
             step = self._damped(columns, e, damping * min(sqrt(best), 1.0) + 1e-15)
             longest = max(0.5, max(abs(x) for x in step))
-            trial = [a + b * 0.5 / longest for a, b in zip(theta, step, strict=True)]
-        return None
+            trial = [
+                min(max(a + b * 0.5 / longest, low), high)
+                for a, b, low, high in zip(theta, step, lower, upper, strict=True)
+            ]
+        return theta, *left
 
     def _damped(self, columns: Floats, e: Floats, damping: float) -> list[float]:
         """A damped least-squares step, by Cholesky's factors of the smaller one of the two normal equations."""

@@ -227,7 +227,7 @@ def _export(random: Random) -> list[str]:
 
 
 def _stream(random: Random) -> list[str]:
-    more = _some(random, ["--rate", "100"], ["--units", "rad"], _load(random))
+    more = _some(random, ["--at", "0,0,0,0,30,0"], ["--units", "rad"], _load(random))
     return ["stream", random.choice(("@cal", "@cal-map", "@cal-auto")), *more, "--without-frame-terms", "<s.jsonl"]
 
 

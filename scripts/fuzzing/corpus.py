@@ -171,7 +171,9 @@ def _features(folder: Path) -> None:
 def _lines_of_joints(folder: Path) -> None:
     """What ``irbcal stream`` reads: ``s.jsonl``."""
     steps = [[0.01 * k, -0.01 * k, 0.0, 0.0, 30.0, 0.02 * k] for k in range(6)]
-    _lines(folder / "s.jsonl", [json.dumps({name: step}) for step in steps for name in ("joints", "model")])
+    lines = [{name: step} for step in steps for name in ("joints", "model")]
+    lines = [{**line, "t": 0.01 * k} for k, line in enumerate(lines)]
+    _lines(folder / "s.jsonl", [json.dumps(line) for line in [{**lines[0], "at": steps[0]}, *lines[1:]]])
 
 
 def _fleet(folder: Path) -> None:

@@ -293,8 +293,7 @@ def _numbers_of(words: list[str], out: str, folder: Path, new: list[str]) -> str
             return f"non-finite number in column {found}" if found else None
         texts = [line for text in texts for line in text.splitlines()]
     if words[:1] == ["stream"]:
-        rate = words[words.index("--rate") + 1] if "--rate" in words[:-1] else "100"
-        return _in_stream(out, 5.0 if rate == "100" else float("inf"))
+        return _in_stream(out, 50.0)  # what the fastest joint does in the longest time that counts
     for text in texts:
         try:
             json.loads(text, parse_constant=_refuse)

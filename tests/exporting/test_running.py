@@ -9,7 +9,7 @@ from irbcal.exporting.running import Latencies, run
 
 
 def test_every_line_has_an_answer_and_the_end_tells_how_long(sources):
-    live, out, told = Live(sources["plain"]), io.BytesIO(), []
+    live, out, told = Live(sources["plain"], at=[0, 0, 0, 0, 10, 0]), io.BytesIO(), []
     lines = b'{"joints": [0, 0, 0, 0, 10, 0]}\n' + b"x" * (3 * LONGEST_LINE) + b'\n{"joints": [0, 0, 0, 0, 10.1, 0]}'
     run(live, io.BytesIO(lines), out, told.append)
     held = [json.loads(line)["held"] for line in out.getvalue().splitlines()]
@@ -42,7 +42,10 @@ def test_the_command(folder, tmp_path, monkeypatch):
 
     from irbcal.cli.main import app
 
-    done = CliRunner().invoke(app, ["stream", str(folder)], input='{"joints": [0, -14, 14, 0, 30, 0], "id": 1}\n')
+    lines = '{"joints": [0, -14, 14, 0, 30, 0], "id": 1}\n'
+    done = CliRunner().invoke(app, ["stream", str(folder), "--at", "0,-14,14,0,30,0"], input=lines)
     assert done.exit_code == 0
     assert json.loads(done.stdout)["id"] == 1
     assert "99.9th percentile" in done.stderr
+    done = CliRunner().invoke(app, ["stream", str(folder)], input=lines)
+    assert "the first line needs at" in json.loads(done.stdout)["why"]

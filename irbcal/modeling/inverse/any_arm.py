@@ -6,6 +6,8 @@ the limits the one nearest to the seed is taken. Arms with more joints than a po
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -18,8 +20,12 @@ from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
-STARTS = 40
-"""Random starts for each pose that the seed does not solve."""
+ROUNDS = ((40, 0, False), (40, 2, True), (160, 2, True), (640, 2, True))
+"""Number of random starts, `newton.solve`'s straighten, and whether joints stay within the limits on the way, one after
+the other for the poses still left."""
+
+HOPELESS = 0.02
+"""Merit (see `newton.CalibratedChain.merit`) below which the first round comes where a pose is within reach."""
 
 MANY = 16_384
 """Starts that are worked on at a time, in each thread."""
@@ -80,17 +86,16 @@ def solve(
     with np.errstate(invalid="ignore", over="ignore"):
         search.run(todo, seed[todo][None])
         if thorough:
-            left = todo[~search.solved[todo]]
-            step = max(1, MANY // STARTS)
-            starts = nominal.random_joints(STARTS, 0)[:, None]  # the same for each pose, whatever its neighbours
-
-            def again(rows: IntArray) -> None:
-                with np.errstate(invalid="ignore", over="ignore"):  # a thread has settings of its own
-                    search.run(rows, np.broadcast_to(starts, (STARTS, len(rows), joints)))
-
-            blocks = [left[k : k + step] for k in range(0, len(left), step)]
-            for _ in parallel.threads(again, blocks, START_S * STARTS * len(left)):
-                pass
+            for number, (count, straighten, bounded) in enumerate(ROUNDS):
+                left = todo[~search.solved[todo]]
+                if number:
+                    left = left[chain.merit(*search.errors[:, left]) < HOPELESS]
+                starts = nominal.random_joints(count, number)[:, None]  # the same whatever a pose's neighbours
+                again = partial(search.random, starts, straighten, bounded)
+                step = max(1, MANY // count)
+                blocks = [left[k : k + step] for k in range(0, len(left), step)]
+                for _ in parallel.threads(again, blocks, START_S * count * len(left)):
+                    pass
     reason = np.full(n, Reason.NOT_FOUND)
     reason[~good_seed], reason[~good_pose] = Reason.BAD_SEED, Reason.NOT_A_POSE
     reason[search.converged] = Reason.CONVERGED
@@ -139,24 +144,37 @@ class _Search:
         """Whether both errors (n,) are within the tolerances."""
         return (position <= self.tolerance[0]) & (rotation <= self.tolerance[1])
 
-    def run(self, rows: IntArray, starts: FloatArray) -> None:
+    def random(self, starts: FloatArray, straighten: int, bounded: bool, rows: IntArray) -> None:
+        """`run` from the same starts (k, 1, joints) for all poses ``rows``."""
+        with np.errstate(invalid="ignore", over="ignore"):  # a thread has settings of its own
+            self.run(rows, np.broadcast_to(starts, (len(starts), len(rows), starts.shape[2])), straighten, bounded)
+
+    def run(self, rows: IntArray, starts: FloatArray, straighten: int = 0, bounded: bool = False) -> None:
         """Newton's steps for poses ``rows`` from starts (k, len(rows), joints)."""
         k, n = starts.shape[:2]
         if not n:
             return
         many = np.tile(rows, k)
-        q, evaluations = self._steps(many, starts.reshape(k * n, -1))
-        turned, inside = closed_form.into_limits(self.nominal, q, self.seed[many])
-        moved = inside & (turned != q).any(axis=1)
-        if moved.any():  # joint gains tell one turn from another: the steps make that good
-            q[moved], more = self._steps(many[moved], turned[moved])
+        H, seed = self.H[:, :, many], self.seed[many]
+        limits = (self.nominal.lower, self.nominal.upper) if bounded else None
+        columns, *both, evaluations = newton.solve(
+            self.chain, H, starts.reshape(k * n, -1).T.copy(), self.good, straighten, limits=limits
+        )
+        q, errors = columns.T.copy(), np.array(both)
+        turned, fits = closed_form.into_limits(self.nominal, q, seed, newton.ROUNDING)
+        moved = np.flatnonzero(self.good(*errors) & fits & ((turned != q).any(axis=1) | ~_inside(self.nominal, q)))
+        if len(moved):
+            _, better, left, more = newton.into_limits(
+                self.chain, self.nominal, H[:, :, moved], q[moved].T, seed[moved].T
+            )
             evaluations[moved] += more
+            take = self.good(*left)
+            q[moved[take]], errors[:, moved[take]] = better[:, take].T, left[:, take]
         np.add.at(self.iterations, many, evaluations)
-        errors = np.array(newton.errors(self.chain.tip(q.T), self.H[:, :, many]))
         converged = self.good(*errors)
         inside = converged & _inside(self.nominal, q)
         # a solution within the limits and near the seed, then one beyond them, then the least error
-        far = np.sum((q - self.seed[many]) ** 2, axis=1)
+        far = np.sum((q - seed) ** 2, axis=1)
         cost = np.where(inside, far, np.where(converged, 1e6 + far, 1e12 + self.chain.merit(*errors)))
         cost = np.where(np.isnan(cost), np.inf, cost).reshape(k, n)
         best = np.argmin(cost, axis=0) * n + np.arange(n)
@@ -165,10 +183,6 @@ class _Search:
         self.cost[rows] = cost.ravel()[best]
         self.q[rows], self.errors[:, rows] = q[best], errors[:, best]
         self.converged[rows], self.solved[rows] = converged[best], inside[best]
-
-    def _steps(self, rows: IntArray, starts: FloatArray) -> tuple[FloatArray, IntArray]:
-        q, _, _, evaluations = newton.solve(self.chain, self.H[:, :, rows], starts.T.copy(), self.good)
-        return q.T.copy(), evaluations
 
 
 def _inside(arm: Arm, q: FloatArray) -> BoolArray:

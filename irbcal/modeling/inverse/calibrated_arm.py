@@ -25,12 +25,12 @@ from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
 from irbcal.modeling.robot import Robot
 
-__all__ = ["InverseResult", "Method", "Reason", "solve"]
+__all__ = ["InverseResult", "Method", "Reason", "solve", "solve_nearest"]
 
 BLOCK = 8192
 """Poses per block: more, and rows no longer stay in the cache; fewer, and the calls of numpy outweigh their work."""
 
-NEWTON_STARTS = ((1, 0, 10), (6, 0, 10), (24, 2, 10), (96, 2, 10), (64, 0, 40))
+NEWTON_STARTS = ((1, 0, 10), (6, 0, 10), (24, 2, 10), (96, 2, 10), (64, 2, 30), (1, 2, 100))
 """Number of starts, and `newton.solve`'s straighten and patience, one after the other for the poses still left.
 
 The single start is where the fixed point came to; the last lot is for two singularities at once.
@@ -39,6 +39,12 @@ The single start is where the fixed point came to; the last lot is for two singu
 CLOSE = 0.1
 """A target beyond the nominal reach is out of reach when several starts leave more than this share of the largest
 distance between the nominal and the calibrated arm's tips."""
+
+FOLD = 0.2
+"""Radians that joints 2 and 3 of nominal and calibrated arm may differ by, next to the elbow singularity."""
+
+SINGULAR = 0.1
+"""Radians between axes 4 and 6 next to the wrist singularity."""
 
 PULL = 5e-4
 """Share of the reach by which a start is moved inside the nominal reach: off the elbow singularity."""
@@ -86,6 +92,37 @@ def solve(
     stages = NEWTON_STARTS if thorough else NEWTON_STARTS[:1]
     with row_arithmetic("ignore"):
         return _Solver(robot, nominal, position, rotation, stages).solve(T_base_tip, seed, configuration)
+
+
+def solve_nearest(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: FloatArray) -> InverseResult:
+    """The solution in the nominal branch nearest to given joints, else one within the limits in any branch.
+
+    Parameters
+    ----------
+    robot, nominal, T_base_tip
+        See `solve`.
+    near : ndarray, shape (6,)
+        Radians.
+
+    Returns
+    -------
+    InverseResult
+    """
+    T = check_poses(T_base_tip)
+    seed, branch = closed_form.nearest(nominal, closed_form.branches(nominal, T), near)
+    seed = np.where(branch[:, None] >= 0, seed, near)
+    solver = _Solver(robot, nominal, 1e-10, 1e-10, NEWTON_STARTS[:3])
+    with row_arithmetic("ignore"):
+        result = solver.solve(T, seed, None)
+        for stages in (NEWTON_STARTS[:2], NEWTON_STARTS[:3], NEWTON_STARTS):
+            solver.stages = stages
+            for configuration in (None, *range(8)):
+                left = np.flatnonzero(~result.inside & (result.reason != Reason.NOT_A_POSE))
+                if not len(left):
+                    return result
+                start = seed[left] if configuration is None else near
+                result = result.improved(left, solver.solve(T[left], start, configuration))
+    return result
 
 
 class _Solver:
@@ -168,29 +205,34 @@ class _Solver:
                 self.iteration.run(Work(*(np.ascontiguousarray(v[..., block]) for v in together)), state, sums)
         done = self.good(state.position, state.rotation)
         state.method[done] = Method.FIXED_POINT
-        hard = np.flatnonzero(~done & ~bad_pose & ~bad_seed)
-        for start in range(0, len(hard), BLOCK):
-            rows = hard[start : start + BLOCK]
-            close = None if near is None else near[:, rows]
-            self._newton_starts(pose_columns(T[rows]), branch[rows], close, rows, state)
-        self._turns(T, near, state)
+        self._newton(np.flatnonzero(~done & ~bad_pose & ~bad_seed), T, branch, near, state)
+        beyond = self._into_limits(T, near, state)
+        if len(self.stages) > 1 and len(beyond):
+            beyond = beyond[done[beyond] & self.singular(state)[beyond]]
+            state.rank[beyond] = -2.0
+            self._newton(beyond, T, branch, near, state)
+            self._into_limits(T, near, state)
         return self._result(state, branch, bad_pose, bad_seed)
 
-    def _turns(self, T: FloatArray, near: FloatArray | None, state: State) -> None:
-        """Bring solutions that ended beyond a limit back by whole turns, where that is possible."""
+    def _into_limits(self, T: FloatArray, near: FloatArray | None, state: State) -> IntArray:
+        """Bring solutions beyond a limit back by whole turns, and by what the tolerance leaves open, where possible.
+
+        Those that stay beyond are returned.
+        """
         beyond = self.good(state.position, state.rotation) & ~self.inside(state.q)
         for start in range(0, len(rows := np.flatnonzero(beyond)), BLOCK):
             block = rows[start : start + BLOCK]
-            turned, fits = closed_form.into_limits(
-                self.nominal, state.q[:, block].T, None if near is None else near[:, block].T
+            close = None if near is None else near[:, block]
+            fits, q, errors, evaluations = newton.into_limits(
+                self.chain, self.nominal, pose_columns(T[block]), state.q[:, block], close
             )
-            block, turned = block[fits], turned[fits].T
-            # joint gains tell one turn from another: the steps make that good
-            q, position, rotation, iterations = newton.solve(self.chain, pose_columns(T[block]), turned, self.good)
-            state.iterations[block] += iterations
-            take = self.good(position, rotation) & self.inside(q)
+            block = block[fits]
+            state.iterations[block] += evaluations
+            take = self.good(*errors)
             block = block[take]
-            state.q[:, block], state.position[block], state.rotation[block] = q[:, take], position[take], rotation[take]
+            state.q[:, block], (state.position[block], state.rotation[block]) = q[:, take], errors[:, take]
+            beyond[block] = False
+        return np.flatnonzero(beyond)
 
     def _result(self, state: State, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray) -> InverseResult:
         converged = self.good(state.position, state.rotation)
@@ -215,6 +257,17 @@ class _Solver:
 
     # -------------------------------------------------------------- damped Newton
 
+    def singular(self, state: State) -> BoolArray:
+        """Whether joints are next to a singularity, where a branch of a calibrated arm has several solutions, (n,)."""
+        wrist, radius = self.closed.wrist_angle(state.q.T), np.abs(self.closed.radius(state.q.T))
+        return (wrist < SINGULAR) | (np.minimum(radius, state.margin) < 20 * self.difference)
+
+    def _newton(self, rows: IntArray, T: FloatArray, branch: IntArray, near: FloatArray | None, state: State) -> None:
+        for start in range(0, len(rows), BLOCK):
+            block = rows[start : start + BLOCK]
+            close = None if near is None else near[:, block]
+            self._newton_starts(pose_columns(T[block]), branch[block], close, block, state)
+
     def _newton_starts(
         self, H: FloatArray, branch: IntArray, near: FloatArray | None, rows: IntArray, state: State
     ) -> None:
@@ -231,16 +284,20 @@ class _Solver:
         plain = (self.closed.wrist_angle(pulled.T) > 0.05) & (
             np.abs(self.closed.radius(pulled.T)) > 5 * self.difference
         )
+        # upper arm and forearm are where the wrist centre wants them, but for the fold of the stretched arm
+        lower, upper = (limit[1:3, None] for limit in (self.nominal.lower - FOLD, self.nominal.upper + FOLD))
+        folds = ((pulled[1:3] >= lower) & (pulled[1:3] <= upper)).all(axis=0)
         for starts, straighten, patience in self.stages:
             if starts > 6:
-                lacking &= ~(plain & self.out_of_reach(state, rows))
+                lacking &= folds & ~(plain & self.out_of_reach(state, rows))
             left = np.flatnonzero(lacking)
             for first in range(0, len(left), BLOCK // starts):
                 todo = left[first : first + BLOCK // starts]
                 goal = H[:, :, todo]
                 rng = np.random.default_rng(starts)  # the same for each pose, whatever its neighbours
                 close = None if near is None else near[:, todo]
-                tried = [start[:, todo]]
+                best = state.q[:, rows[todo]]
+                tried = [np.where(np.isfinite(best), best, start[:, todo])]
                 if starts > 1:
                     tried = [pulled[:, todo], *([] if close is None else [close])]
                 while len(tried) < starts:
@@ -253,6 +310,8 @@ class _Solver:
                     tried.append(self.iteration.start_turns(q, close))
                 these = branch[todo], rows[todo]
                 lacking[todo] = self._newton_choice(goal, np.stack(tried, axis=1), *these, state, straighten, patience)
+            if starts >= 24:
+                lacking &= ~(state.rank[rows] <= -3.0)
 
     def _newton_choice(
         self,

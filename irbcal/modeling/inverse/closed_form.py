@@ -58,7 +58,9 @@ def branches(arm: Arm, T_base_tip: ArrayLike) -> Branches:
     return OrthoParallel.of(arm).branches(T_base_tip)
 
 
-def into_limits(arm: Arm, joints: ArrayLike, near: ArrayLike | None = None) -> tuple[FloatArray, BoolArray]:
+def into_limits(
+    arm: Arm, joints: ArrayLike, near: ArrayLike | None = None, slack: float = LIMIT_TOLERANCE
+) -> tuple[FloatArray, BoolArray]:
     """Shift revolute joints by whole turns into the limits.
 
     Parameters
@@ -68,22 +70,24 @@ def into_limits(arm: Arm, joints: ArrayLike, near: ArrayLike | None = None) -> t
         Radians (metres for prismatic joints).
     near : array_like, shape (..., joints), optional
         Where several turns lie within the limits, the one nearest to these joints is taken; zero unless given.
+    slack : float
+        Radians (metres) beyond a limit that still count as within it.
 
     Returns
     -------
     joints : ndarray, shape (..., joints)
         Joints that no whole turn brings inside are at the turn nearest to ``near``.
     inside : ndarray of bool, shape (...)
-        Whether all are within the limits, to `LIMIT_TOLERANCE`; False for NaN.
+        Whether all are within the limits, but for the slack; False for NaN.
     """
     joints = np.asarray(joints, dtype=float)
-    turns, fits = whole_turns(arm.lower, arm.upper, joints, 0.0 if near is None else np.asarray(near, dtype=float))
+    lower, upper = arm.lower - slack, arm.upper + slack
+    turns, fits = whole_turns(lower, upper, joints, 0.0 if near is None else np.asarray(near, dtype=float))
     slides = arm.table.prismatic
     if slides.any():
         turns[..., slides] = 0.0
         travel = joints[..., slides]
-        low, high = arm.lower[slides] - LIMIT_TOLERANCE, arm.upper[slides] + LIMIT_TOLERANCE
-        fits[..., slides] = (travel >= low) & (travel <= high)
+        fits[..., slides] = (travel >= lower[slides]) & (travel <= upper[slides])
     return joints + TAU * turns, np.asarray(fits.all(axis=-1))
 
 
@@ -94,8 +98,8 @@ def whole_turns(
 
     All radians, of shapes that go together.
     """
-    first = np.ceil((lower - LIMIT_TOLERANCE - joints) * (1.0 / TAU))
-    last = np.floor((upper + LIMIT_TOLERANCE - joints) * (1.0 / TAU))
+    first = np.ceil((lower - joints) * (1.0 / TAU))
+    last = np.floor((upper - joints) * (1.0 / TAU))
     turns = np.rint((near - joints) * (1.0 / TAU))
     fits = np.asarray(first <= last)
     return np.where(fits, np.minimum(np.maximum(turns, first), last), turns), fits

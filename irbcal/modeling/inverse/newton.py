@@ -15,12 +15,21 @@ from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned
 from irbcal.modeling import dhm
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.chain import Walk
 from irbcal.modeling.terms.situation import Motion
 
 PIECE = 2048
 """Poses whose joint map is taken at once: too few for threads of the BLAS, which wait where other work goes on."""
+
+WEAK = 1e-5
+"""Damping that leaves the directions of a singularity as they are, whose singular values have squares far below it."""
+
+ROUNDING = 1e-4
+"""Radians (metres) beyond a limit up to which a solution is looked for at the limit: where two solutions meet, that
+moves the tip by less than the tolerance."""
 
 LONGEST_STEP = 0.5
 """Radians (or metres) that a step may move a joint."""
@@ -116,11 +125,12 @@ def solve(
     good: Callable[[FloatArray, FloatArray], BoolArray],
     straighten: int = 0,
     patience: int = 10,
+    limits: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     """Levenberg-Marquardt from given joints.
 
-    Next to the shoulder singularity the joints that leave the pose nearly unchanged lie on a curve along which
-    straight steps only crawl: ``straighten`` times, the wrist makes good what a step turns the tip.
+    Next to a singularity the joints that leave the pose nearly unchanged lie on a curve along which
+    straight steps only crawl: ``straighten`` times, the step is corrected across it, so that it follows the curve.
 
     Parameters
     ----------
@@ -132,9 +142,11 @@ def solve(
     good : callable
         Whether position and rotation errors (n,) are within the tolerance: a mask (n,).
     straighten : int
-        For arms with a spherical wrist.
+        Corrections of a step.
     patience : int
         Steps are given up when so many of them have not halved the error.
+    limits : pair of ndarray, shape (joints,), optional
+        Lower and upper limits within which the joints stay; the start is within them.
 
     Returns
     -------
@@ -159,10 +171,13 @@ def solve(
             J, e = J[go], e[go]
             kept: list[NDArray[Any]] = [v[..., go] for v in (index, q, H, cost, left, damping, bound, waited)]
             index, q, H, cost, left, damping, bound, waited = kept
-        trial = q + _step(J, e, damping * np.minimum(np.sqrt(cost), 1.0) + 1e-15)
+        free = J if limits is None else _free(J, e, q, *limits)
+        trial = q + _step(free, e, damping * np.minimum(np.sqrt(cost), 1.0) + 1e-15)
         J_new, e_new, cost_new, left_new = chain.linearised(H, trial)
         for _ in range(straighten):
-            trial[3:] += _step(J_new[:, 3:, 3:], e_new[:, 3:], 1e-8)
+            trial += _step(J_new if limits is None else _free(J_new, e_new, trial, *limits), e_new, WEAK)
+            if limits is not None:
+                np.clip(trial, limits[0][:, None], limits[1][:, None], out=trial)
             J_new, e_new, cost_new, left_new = chain.linearised(H, trial)
         evaluations[index] += 1 + straighten
         better = cost_new < cost
@@ -182,6 +197,49 @@ def _step(J: FloatArray, e: FloatArray, damping: FloatArray | float) -> FloatArr
     A[:, range(k), range(k)] += np.reshape(damping, (-1, 1))
     step = np.linalg.solve(A, J_t @ e[:, :, None])[:, :, 0].T
     return step * (LONGEST_STEP / np.maximum(np.abs(step).max(axis=0), LONGEST_STEP))
+
+
+def _free(J: FloatArray, e: FloatArray, q: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """J (n, 6, k) without the columns of joints at a limit that less error would lead beyond it."""
+    slope = (J * e[:, :, None]).sum(axis=1)
+    stuck = ((lower >= q.T) & (slope < 0)) | ((upper <= q.T) & (slope > 0))
+    return np.where(stuck[:, None], 0.0, J)
+
+
+def into_limits(
+    chain: CalibratedChain, nominal: Arm, H: FloatArray, q: FloatArray, near: FloatArray | None
+) -> tuple[BoolArray, FloatArray, FloatArray, IntArray]:
+    """Solutions beyond a limit, brought back by whole turns and by what the tolerance leaves open.
+
+    Joint gains tell one turn from another, and a joint at its limit is known to all digits only where the pose is
+    reached to all digits: both by more steps.
+
+    Parameters
+    ----------
+    chain : CalibratedChain
+    nominal : Arm
+        Whose limits hold.
+    H : ndarray, shape (4, 3, n)
+        Target columns.
+    q : ndarray, shape (joints, n)
+    near : ndarray, shape (joints, n), optional
+        As for `closed_form.into_limits`.
+
+    Returns
+    -------
+    fits : ndarray of bool, shape (n,)
+        Whether there are such joints.
+    q : ndarray, shape (joints, m)
+        Of the m that fit; within the limits.
+    errors : ndarray, shape (2, m)
+        Metres and radians, as `errors`.
+    evaluations : ndarray of int, shape (m,)
+    """
+    turned, fits = closed_form.into_limits(nominal, q.T, None if near is None else near.T, ROUNDING)
+    H = H[:, :, fits]
+    q, _, _, evaluations = solve(chain, H, turned[fits].T.copy(), lambda p, r: p + r == 0.0, patience=3)
+    np.clip(q, nominal.lower[:, None], nominal.upper[:, None], out=q)
+    return fits, q, np.array(errors(chain.tip(q), H)), evaluations
 
 
 # ------------------------------------------------------------------ poses as columns (4, 3, n)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -91,6 +91,17 @@ class InverseResult(Speaks):
 
     def __len__(self) -> int:
         return len(self.joints)
+
+    def improved(self, rows: IntArray, other: InverseResult) -> InverseResult:
+        """The result with those of another one for some poses, where these are within the limits or the only ones."""
+        take = (other.inside & ~self.inside[rows]) | (other.converged & ~self.converged[rows])
+        changed = dict[str, Any]()
+        for field in fields(self):
+            values = getattr(self, field.name).copy()
+            values[rows[take]] = getattr(other, field.name)[take]
+            changed[field.name] = values
+        changed["iterations"][rows] = self.iterations[rows] + other.iterations
+        return InverseResult(**changed)
 
     def told(self) -> Sequence[Told]:
         """Number of poses for each method and each reason."""
