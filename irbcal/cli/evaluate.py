@@ -77,13 +77,23 @@ def evaluate(
     same_tool: SameTool = False,
     tolerance: Annotated[
         float | None,
-        typer.Option(help="Largest position error allowed, mm: pass or fail; exit code 3 unless it is a pass."),
+        typer.Option(
+            help="Largest position error allowed, mm: pass, fail or not proven; exit code 3 unless it is a pass."
+        ),
     ] = None,
     rule: Annotated[
         Rule | None,
         typer.Option(
             help="What must be within the tolerance: mean + 3 sigma, the largest error, or the 95th percentile.",
             show_default="mean3sigma",
+        ),
+    ] = None,
+    tracker_u95: Annotated[
+        float | None,
+        typer.Option(
+            "--tracker-u95-mm",
+            help="Expanded uncertainty (95 %) of a measured position, mm, added to the upper bound of the figure.",
+            show_default="the largest u95_mm of the file, else 0.05",
         ),
     ] = None,
     report: Annotated[
@@ -134,6 +144,7 @@ def evaluate(
         same_tool=same_tool,
         tolerance=None if tolerance is None else tolerance * MM,
         rule=rule,
+        tracker_u95=None if tracker_u95 is None else tracker_u95 * MM,
         info=_told(info),
         jobs=jobs,
     )

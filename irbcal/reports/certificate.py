@@ -229,8 +229,7 @@ def _remarks(evaluation: Evaluation) -> list[tuple[str, str]]:
     if kept is None:
         return [("against", words) for words in _short(evaluation.verdict.doubts, 4)]
     before = "Also: " if kept.outcome == "fail" else "No pass: "
-    against = [("against", before + words) for words in _short(kept.against, 4)]
-    return [*against, *(("remark", words) for words in kept.remarks)]
+    return [("against", before + words) for words in _short(kept.against, 4)]
 
 
 def _notes(evaluation: Evaluation, most: int) -> list[str]:

@@ -28,7 +28,7 @@ from irbcal.options import seed as check_seed
 from irbcal.parallel import on_workers
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
-from irbcal.validation.conformity import Rule, check_options, conformity
+from irbcal.validation.conformity import check_options, conformity
 from irbcal.validation.coverage import coverage
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
 from irbcal.validation.origin import checked_info, origin
@@ -36,6 +36,7 @@ from irbcal.validation.prepared import Prepared, prepare
 from irbcal.validation.refit import Refit
 from irbcal.validation.suspicion import doubts_of, lost_row, refuse_far_points
 from irbcal.validation.unseen import without_fitted
+from irbcal.validation.upper_bound import Rule
 from irbcal.validation.verdict import counted
 from irbcal.validation.verdict import verdict as judged
 
@@ -68,6 +69,7 @@ def evaluate(
     same_tool: bool = False,
     tolerance: float | None = None,
     rule: Rule | None = None,
+    tracker_u95: float | None = None,
     info: Mapping[str, str] | None = None,
     jobs: int | None = None,
 ) -> Evaluation:
@@ -112,6 +114,9 @@ def evaluate(
         Metres: judge the calibrated robot by it, see `irbcal.validation.conformity`.
     rule : {"mean3sigma", "max", "percentile"}, optional
         What must be within the tolerance; mean + 3 sigma unless given; ``percentile`` is the 95th.
+    tracker_u95 : float, optional
+        Expanded uncertainty (95 %) of a measured position, metres, which is added to the upper bound of that figure; by
+        default the largest ``u95_mm`` of the measurements, else `irbcal.validation.upper_bound.ASSUMED_U95`.
     info : dict of str to str, optional
         What a certificate tells besides: ``serial_number``, ``operator`` and others of
         `irbcal.validation.origin.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
@@ -135,7 +140,7 @@ def evaluate(
         checked("relative", relative, RELATIVE)
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
-    judged_by, told = check_options(tolerance, rule), checked_info(info)
+    judged_by, told = check_options(tolerance, rule, tracker_u95), checked_info(info)
     measurements = carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
     ready, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
@@ -197,7 +202,8 @@ def evaluate(
             tolerance,
             judged_by,
             poses=points.poses,
-            largest_covers=covers,
+            declared=points.u95,
+            tracker=tracker_u95,
             proven=ready.proven,
             simulated=simulated,
             seed=seed,
