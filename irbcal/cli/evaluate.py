@@ -96,6 +96,13 @@ def evaluate(
             show_default="the largest u95_mm of the file, else 0.05",
         ),
     ] = None,
+    region_only: Annotated[
+        bool,
+        typer.Option(
+            "--region-only",
+            help="Judge the tolerance for the region of these poses only; else they must cover the calibrated ranges.",
+        ),
+    ] = False,
     report: Annotated[
         Path | None, typer.Option(help="Write a certificate to print and sign (HTML, A4).", show_default=False)
     ] = None,
@@ -145,6 +152,7 @@ def evaluate(
         tolerance=None if tolerance is None else tolerance * MM,
         rule=rule,
         tracker_u95=None if tracker_u95 is None else tracker_u95 * MM,
+        region_only=region_only,
         info=_told(info),
         jobs=jobs,
     )

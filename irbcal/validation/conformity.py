@@ -19,6 +19,7 @@ from irbcal.options import checked, length
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
 from irbcal.validation import bootstrap
+from irbcal.validation.region import Region
 from irbcal.validation.upper_bound import LARGEST_SHARE, RULES, Rule, tracker_u95, upper_bound
 from irbcal.validation.verdict import MOST_LEFT_OUT, Verdict
 
@@ -60,6 +61,8 @@ class Conformity(Speaks):
         What was judged.
     against : tuple of str
         Why it is not proven, in sentences.
+    region_only : bool
+        Whether it is judged for the region of these poses only.
     simulated : bool
     """
 
@@ -75,6 +78,7 @@ class Conformity(Speaks):
     poses: int
     points: int
     against: tuple[str, ...]
+    region_only: bool
     simulated: bool
 
     def __post_init__(self) -> None:
@@ -107,9 +111,10 @@ class Conformity(Speaks):
                 f"{self.tracker_u95_mm:.3f} mm {self.limit_mm:.3f} mm"
             )
         kind = "SIMULATED " if self.simulated else ""
+        where = " This holds for the region of these poses only." if self.region_only else ""
         return (
             f"The {self.figure} is {self.value_mm:.3f} mm{bound}. The tolerance is {self.tolerance_mm:.3f} mm. Judged "
-            f"on {self.points} {kind}points of {self.poses} poses."
+            f"on {self.points} {kind}points of {self.poses} poses.{where}"
         )
 
     def rule_in_words(self) -> str:
@@ -134,19 +139,22 @@ class Conformity(Speaks):
             **{name: getattr(self, name) for name in names},
             "poses": self.poses,
             "points": self.points,
+            "region_only": self.region_only,
             "against": list(self.against),
         }
 
 
-def check_options(tolerance: float | None, rule: str | None, tracker: float | None = None) -> Rule:
-    """The rule that is meant; refuses a tolerance that is none, and a rule or a tracker's uncertainty without one.
+def check_options(
+    tolerance: float | None, rule: str | None, tracker: float | None = None, region_only: bool = False
+) -> Rule:
+    """The rule that is meant; refuses a tolerance that is none, and what only it needs without one.
 
     Raises
     ------
     OptionError
     """
     if tolerance is None:
-        for name, value in (("rule", rule), ("tracker_u95", tracker)):
+        for name, value in (("rule", rule), ("tracker_u95", tracker), ("region_only", region_only or None)):
             if value is not None:
                 raise OptionError(f"{name}: only a tolerance needs it: give the tolerance, too", parameter=name)
         return "mean3sigma"
@@ -175,6 +183,8 @@ def conformity(
     poses: int,
     declared: FloatArray | None = None,
     tracker: float | None = None,
+    region: Region | None = None,
+    region_only: bool = False,
     proven: bool = True,
     simulated: bool = False,
     seed: int = 0,
@@ -203,6 +213,10 @@ def conformity(
         Expanded uncertainty that the measurements declare of each point, metres.
     tracker : float, optional
         The same of all points as the user states it, metres, in place of what is declared.
+    region : Region, optional
+        Where the poses are.
+    region_only : bool
+        Judge for that region only; else it must cover the calibrated ranges.
     proven : bool
         Whether the fit never saw these poses.
     simulated : bool
@@ -218,6 +232,11 @@ def conformity(
     value, places = float(statistics[key]), len(np.unique(place))
     u95, source = tracker_u95(declared, tracker)
     against = _against(verdict, proven, places)
+    if region is not None and not region_only and not region.whole:
+        against.append(
+            f"Nothing is proven beyond the region of these poses: {region.narrow_in_words()}. Measure poses all over "
+            "the calibrated ranges, or ask for a certificate of this region only (--region-only)."
+        )
     upper, basis = None, f"of {bootstrap.FEWEST_POSES} places or more"
     if places >= bootstrap.FEWEST_POSES:
         bound, basis = upper_bound(rule, value * MM, distance, place)
@@ -241,6 +260,7 @@ def conformity(
         poses,
         len(distance),
         tuple(against),
+        region_only,
         simulated,
     )
 

@@ -79,6 +79,7 @@ def verdict(
     proven: bool = True,
     doubts: Sequence[str] = (),
     used: int | None = None,
+    basis: str = "",
 ) -> Verdict:
     """Judge errors of the same points under both models, pose by pose.
 
@@ -96,6 +97,8 @@ def verdict(
         What else speaks against the calibration.
     used : int, optional
         Points that were used in all; m unless given.
+    basis : str
+        What poses these are, in words that follow "poses"; by default that the fit saw them, or never did.
 
     Returns
     -------
@@ -111,7 +114,7 @@ def verdict(
     outcome: Outcome = "better" if mean > CLEAR * error else "worse" if mean < -CLEAR * error else "no better"
     figures = f"mean {b.mean():.3f} mm against {a.mean():.3f} mm, largest {b.max():.3f} against {a.max():.3f} mm"
     poses = f"{n} pose{'s' if n > 1 else ''}"
-    on = f"{poses} that the fit never saw" if proven else f"{poses} that were fitted, which proves nothing"
+    on = f"{poses} {basis or ('that the fit never saw' if proven else 'that were fitted, which proves nothing')}"
     words = {
         "better": f"better than the nominal robot on {on} ({figures}).",
         "no better": f"NO BETTER than the nominal robot on {on}, beyond chance ({figures}).",
