@@ -93,11 +93,6 @@ class Conformity(Speaks):
         return FIGURES[self.rule][0]
 
     @property
-    def field(self) -> str:
-        """Its name among the statistics."""
-        return FIGURES[self.rule][1]
-
-    @property
     def limit_mm(self) -> float | None:
         """Upper bound and the tracker's uncertainty together, which a pass needs within the tolerance."""
         return None if self.upper_mm is None else self.upper_mm + self.tracker_u95_mm
