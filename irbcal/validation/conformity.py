@@ -21,7 +21,7 @@ from irbcal.units import MM
 from irbcal.validation import bootstrap
 from irbcal.validation.region import Region
 from irbcal.validation.upper_bound import LARGEST_SHARE, RULES, Rule, tracker_u95, upper_bound
-from irbcal.validation.verdict import MOST_LEFT_OUT, Verdict
+from irbcal.validation.verdict import Verdict
 
 Outcome: TypeAlias = Literal["pass", "fail", "not proven"]
 
@@ -180,7 +180,6 @@ def conformity(
     tracker: float | None = None,
     region: Region | None = None,
     region_only: bool = False,
-    proven: bool = True,
     simulated: bool = False,
     seed: int = 0,
 ) -> Conformity:
@@ -212,8 +211,6 @@ def conformity(
         Where the poses are.
     region_only : bool
         Judge for that region only; else it must cover the calibrated ranges.
-    proven : bool
-        Whether the fit never saw these poses.
     simulated : bool
     seed : int
         Of the bootstrap.
@@ -226,7 +223,7 @@ def conformity(
     distance, limit = np.asarray(distance, dtype=float), tolerance / MM
     value, places = float(statistics[key]), len(np.unique(place))
     u95, source = tracker_u95(declared, tracker)
-    against = _against(verdict, proven, places)
+    against = _against(verdict, places)
     if region is not None and not region_only and not region.whole:
         against.append(
             f"Nothing is proven beyond the region of these poses: {region.narrow_in_words()}. Measure poses all over "
@@ -260,19 +257,13 @@ def conformity(
     )
 
 
-def _against(verdict: Verdict, proven: bool, places: int) -> list[str]:
+def _against(verdict: Verdict, places: int) -> list[str]:
     """Why a figure within the tolerance would be no pass, in sentences."""
     out = list(verdict.doubts)
-    if not proven:
-        out.append("Poses that the calibration was fitted to are no proof of accuracy: measure others.")
     if places < bootstrap.FEWEST_POSES:
         out.append(f"{places} places are too few to judge by: {bootstrap.FEWEST_POSES} are the least.")
-    if verdict.left_out > MOST_LEFT_OUT:
-        out.append(f"{verdict.left_out:.0%} of the measured points were left out, which may be the rule.")
     if verdict.outcome == "worse":
         out.append("The calibrated robot is WORSE than the nominal one on these poses.")
     if verdict.outcome == "no better":
         out.append("The calibrated robot is no better than the nominal one on these poses, beyond chance.")
-    if not verdict.trusted and not out:
-        out.append("The verdict on the calibration is not to be trusted.")
     return out

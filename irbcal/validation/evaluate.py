@@ -215,7 +215,6 @@ def evaluate(
             tracker=tracker_u95,
             region=covered,
             region_only=region_only,
-            proven=ready.proven,
             simulated=simulated,
             seed=seed,
         ),

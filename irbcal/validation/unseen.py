@@ -11,7 +11,7 @@ from irbcal.units import DEG
 from irbcal.validation.prepared import Prepared
 
 WHOLE_FILE = "This file was used for the calibration: fitted poses among these are no proof of accuracy."
-OTHER_LOAD = "at fitted joints with a load that was never fitted, which proves nothing at other joints"
+OTHER_LOAD = "at fitted joints with a load that was never fitted"
 
 
 def without_fitted(ready: Prepared, record: Record, include: bool = False) -> Prepared:

@@ -19,6 +19,8 @@ MOST_LEFT_OUT = 0.15
 """Share of the points left out above which it is part of the verdict."""
 NOT_COUNTED = ("lost", "target unknown to the calibration", "wrong reference")
 """Reasons of points that were not there to be used."""
+NO_PROOF = "Poses {basis} are no proof of accuracy: measure others, or hold some out of the fit."
+LEFT_OUT = "{share:.0%} of the measured points were left out, which may be the rule."
 CLEAR = 2.0
 """Standard errors of the difference, pose by pose, beyond which one model is called better."""
 
@@ -38,7 +40,7 @@ class Verdict(Speaks):
     trusted : bool
         Whether nothing speaks against it: better, few points were left out, and there are no doubts.
     doubts : tuple of str
-        What else speaks against it, in sentences.
+        All that speaks against it besides the outcome, in sentences.
     """
 
     outcome: Outcome
@@ -130,8 +132,10 @@ def verdict(
             f" {share:.0%} of the points were left out: this is the verdict on the rest only, and what was left out "
             "may be the rule. See why each was."
         )
-    trusted = outcome == "better" and proven and share <= MOST_LEFT_OUT and not doubts
-    return Verdict(outcome, words, float(share), trusted, tuple(doubts))
+    against = [] if proven else [NO_PROOF.format(basis=basis or "that were fitted")]
+    against += [LEFT_OUT.format(share=share)] if share > MOST_LEFT_OUT else []
+    reasons = (*doubts, *(reason for reason in against if reason not in doubts))
+    return Verdict(outcome, words, float(share), outcome == "better" and not reasons, reasons)
 
 
 def verdict_of(record: Record) -> Verdict:

@@ -32,7 +32,6 @@ def judged(
         tolerance_mm * MM,
         rule,
         poses=len(np.unique(place)),
-        proven=proven,
         tracker=tracker,
     )
 
