@@ -300,7 +300,7 @@ def run(
     ready.notes += moves
     timed = [(ready.fit, ready.fit_motion), (ready.heldout, ready.heldout_motion)]
     times = times_of(ready.whole, timed if ready.verification is None else timed[:1])
-    doubtful = doubts(nominal, fit, ready.fit, ready.whole, times)
+    doubtful = doubts(nominal, fit, ready.fit, ready.whole, times, ready.heldout)
     return Outcome(
         robot_urdf,
         robot_file,

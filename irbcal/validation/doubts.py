@@ -51,6 +51,7 @@ def doubts(
     fitted: PointSet,
     measured: Sequence[PointSet],
     times: Sequence[FloatArray | None] | None = None,
+    proof: PointSet | None = None,
 ) -> list[str]:
     """What speaks against a calibration, in sentences: nothing of it may be trusted before that is cleared up.
 
@@ -64,6 +65,8 @@ def doubts(
         All points of each file in the order in which they were measured, in the measuring frame.
     times : sequence of ndarray, shape (n,), or None, optional
         When their poses were measured, as the fit's motion counts; None where nothing is known of it.
+    proof : PointSet, optional
+        The held-out points.
 
     Returns
     -------
@@ -89,7 +92,7 @@ def doubts(
         out += _too_far(nominal.rms)
     out += _slip(nominal, fitted)
     out += _scale(nominal, fitted)
-    beyond = elsewhere(fit.robot, nominal.robot, fitted.q)
+    beyond = elsewhere(fit.robot, nominal.robot, fitted.q, None if proof is None else proof.q)
     return [*out, beyond.in_words()] if beyond is not None and beyond.narrow else out
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, lock
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
+from irbcal.modeling.elsewhere import even_width
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 
@@ -35,8 +36,8 @@ class Region:
     box : ndarray, shape (2, 3)
         Smallest and largest coordinates of the measured points in the base link, mm.
     joint_shares, box_shares : ndarray, shape (joints,) and (3,), or None
-        Of the calibrated ranges; None where these are not known. That of a joint is the width of an even distribution
-        with the poses' standard deviation, so that a few poses far away do not count as a range.
+        Of the calibrated ranges; None where these are not known. That of a joint is the even width, see
+        `irbcal.modeling.elsewhere.even_width`.
     """
 
     joint_names: tuple[str, ...]
@@ -108,20 +109,13 @@ def region(robot: Robot, points: PointSet, fit: PointSet | None) -> Region:
     if fit is not None and fit.poses:
         fitted_box = _extent(frames.apply(T_base_world, fit.xyz))
         inside = np.clip(box, *fitted_box)
-        shares = _share(_spread(points.q, _extent(fit.q)), _extent(fit.q)), _share(inside[1] - inside[0], fitted_box)
+        shares = _share(even_width(points.q, _extent(fit.q)), _extent(fit.q)), _share(inside[1] - inside[0], fitted_box)
     units = tuple("mm" if slides else "deg" for slides in arm.table.prismatic)
     return Region(tuple(arm.joint_names), units, _extent(points.q) / arm.joint_units, box / MM, *shares)
 
 
 def _extent(rows: FloatArray) -> FloatArray:
     return np.array([rows.min(axis=0), rows.max(axis=0)])
-
-
-def _spread(q: FloatArray, within: FloatArray) -> FloatArray:
-    """Width of an even distribution with the standard deviation of joints within a range, at most their range."""
-    q = np.clip(q, *within)
-    even = np.sqrt(12.0) * q.std(axis=0, ddof=1) if len(q) > 1 else np.zeros(q.shape[1])
-    return np.minimum(even, np.ptp(q, axis=0))
 
 
 def _share(width: FloatArray, of: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import irbcal
+from irbcal.reports import certificate
 from irbcal.files import robots
 from irbcal.units import DEG, MM
 from irbcal.validation.region import region
@@ -63,7 +64,7 @@ def test_a_proof_in_a_corner_is_none_of_the_rest(record, corner):
     only = irbcal.evaluate(record, corner, tolerance=2 * MM, region_only=True)
     assert only.conformity.outcome == "pass"
     assert "region of these poses only" in only.conformity.sentence()
-    page = irbcal.reports.certificate.render(only)
+    page = certificate.render(only)
     assert "for this region only" in page
     assert only.region.joints_in_words() in page
     assert only.region.box_in_words() in page
