@@ -31,6 +31,7 @@ from irbcal.validation import accuracy, bootstrap, comparison
 from irbcal.validation.conformity import check_options, conformity
 from irbcal.validation.coverage import coverage
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
+from irbcal.validation.length_scale import length_scale, scale_in_words
 from irbcal.validation.origin import checked_info, origin
 from irbcal.validation.prepared import Prepared, prepare
 from irbcal.validation.refit import Refit
@@ -163,6 +164,9 @@ def evaluate(
     of_parts = {part: _by_label(labels, of) for part, labels in parts.items()}
     fit = record.used_points(heldout=False)
     covered = region(robots["calibrated"], points, None if fit is None else fit[0])
+    scale = scale_in_words(
+        length_scale(record.arm(calibrated=False), record.arm()), points.xyz, told.get("scale_bar", "")
+    )
     whole = of(np.ones(len(points), dtype=bool))
     percentiles = {name: _known(accuracy.percentiles(error)) for name, error in errors.items()}
     covers, simulated = accuracy.largest_covers(len(np.unique(places(points)))), seen.simulated or record.simulated
@@ -199,7 +203,7 @@ def evaluate(
         refit_base=refit_base,
         refit_tool=refit_tool,
         errors=_pose_errors(robots, points, errors),
-        origin=origin(calibration, record, ready, told, _scope(refit, sphere, ready)),
+        origin=origin(calibration, record, ready, told, (*_scope(refit, sphere, ready), scale)),
         region=covered,
         conformity=None
         if tolerance is None

@@ -164,6 +164,8 @@ class Evaluation(Speaks):
             told.append(orientation_line(words, self.orientation[name]))
         for part in (self._intervals, self._coverage, self._flange, self._relative, self._comparison, self._verified):
             told += part(shown)
+        scope = () if self.conformity is None or self.origin is None else self.origin.scope
+        told += [f"Note: {words}" for words in scope]
         return [*told, *(f"Note: {note}" for note in self.notes if note not in self.verdict.doubts)]
 
     def _error_table(self, shown: Mapping[str, str]) -> Table:

@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 
 import irbcal
-from irbcal.reports import certificate
 from irbcal.files import robots
+from irbcal.reports import certificate
 from irbcal.units import DEG, MM
 from irbcal.validation.region import region
 
