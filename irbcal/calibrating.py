@@ -57,7 +57,7 @@ from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.modeling.terms.situation import Motion
 from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed
-from irbcal.units import MM
+from irbcal.units import DEG, MM
 from irbcal.validation.coverage import coverage, coverage_in_words
 from irbcal.validation.doubts import cautions, doubts
 
@@ -300,7 +300,7 @@ def run(
     ready.notes += moves
     timed = [(ready.fit, ready.fit_motion), (ready.heldout, ready.heldout_motion)]
     times = times_of(ready.whole, timed if ready.verification is None else timed[:1])
-    doubtful = doubts(nominal, fit, ready.fit, ready.whole, times)
+    doubtful = doubts(nominal, fit, ready.fit, ready.whole, times, ready.heldout)
     return Outcome(
         robot_urdf,
         robot_file,
@@ -400,7 +400,7 @@ def _prepared(measurements: MeasurementsLike, arm: Arm, options: Options, earlie
     heldout, left_out, swaps = without_gross_errors(arm, other, check)
     if options.as_poses:
         heldout, _ = as_poses(heldout, check.source, shape)
-    heldout, seen_note = _never_seen(heldout, points, check.source)
+    heldout, seen_note = _never_seen(heldout, points, arm.table.prismatic, check.source)
     notes += [f"{Path(check.source).name}: {note}" for note in [*swaps, *other.notes, *seen_note]]
     notes += mixed_use(seen.programmed, check.programmed, check.source)
     poses = seen.poses + check.poses + (0 if earlier is None else earlier.poses)
@@ -430,16 +430,16 @@ def _of_last_session(heldout: PointSet, points: PointSet) -> PointSet:
     return replace(heldout, target=target, target_names=points.target_names, session=session)
 
 
-def _never_seen(heldout: PointSet, fit: PointSet, source: str) -> tuple[PointSet, list[str]]:
-    """Poses for the proof without those that are fitted, by rows or by joints."""
-    seen = fitted.rows_of(heldout, fit) | fitted.places_of(heldout, fit)
+def _never_seen(heldout: PointSet, fit: PointSet, prismatic: BoolArray, source: str) -> tuple[PointSet, list[str]]:
+    """Poses for the proof without those that are fitted."""
+    seen = fitted.poses_of(heldout, fit, prismatic)
     count, n = int(seen.sum()), heldout.poses
     if not count:
         return heldout, []
     if count == n:
         raise MeasurementError(
-            f"all {n} poses are at joints that are fitted, so they prove nothing: measure other poses, or leave verify "
-            "away and hold some of the measurements out",
+            f"all {n} poses are at joints that are fitted (within {fitted.NEAR[0] / DEG:g} degrees, up to full turns), "
+            "so they prove nothing: measure other poses, or leave verify away and hold some of the measurements out",
             file=source,
         )
     return heldout.select(~seen).with_seen_targets(), [

@@ -75,7 +75,8 @@ class Calibration(Speaks):
         from irbcal.files import document
 
         assert self.outcome is not None
-        return document.build(self.outcome, **options)
+        record, urdf = document.build(self.outcome, **options)
+        return record.model_copy(update={"doubts": list(verdict_of(record).doubts)}), urdf
 
     @property
     def record(self) -> Record:

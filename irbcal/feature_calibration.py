@@ -149,12 +149,22 @@ def _pose_of(seen: FeatureSet) -> IntArray:
 
 def _doubts(section: FeaturesSection) -> list[str]:
     """What speaks against it, whatever the rows say of each other."""
+    doubts = (
+        []
+        if section.scale_measured or section.scale_from
+        else [
+            "No length was measured: a robot whose links are all 0.3 % longer than nominal fits these rows as well, "
+            "and would be calibrated worse than it is. Add a known length between two features (a bar), or rows that a "
+            "tracker measured."
+        ]
+    )
     if section.open_mm <= OPEN * section.before_mm:
-        return []
+        return doubts
     return [
+        *doubts,
         f"These rows leave {section.open_mm:.3f} mm of the {section.before_mm:.3f} mm open that the tool's place is "
         "uncertain by (root mean square, at joints like these): they agree with each other, but tell too little of the "
-        "arm. Measure at more places, or add known lengths."
+        "arm. Measure at more places, or add known lengths.",
     ]
 
 

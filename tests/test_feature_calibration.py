@@ -36,6 +36,7 @@ def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
     assert "not its accuracy in a measuring frame" in words
     found = irbcal.load(tmp_path / "robot")
     assert found.features.left_out == "features"
+    assert any("0.3 % longer than nominal fits these rows as well" in doubt for doubt in found.doubts)
     assert [row.rows for row in found.features.places] == [40, 40, 40]
     assert found.heldout.all.mean_mm < 0.2 * found.heldout_nominal.all.mean_mm
     robot = found.robot_calibrated()

@@ -77,7 +77,9 @@ def evaluate(
     same_tool: SameTool = False,
     tolerance: Annotated[
         float | None,
-        typer.Option(help="Largest position error allowed, mm: pass or fail; exit code 3 unless it is a pass."),
+        typer.Option(
+            help="Largest position error allowed, mm: pass, fail or not proven; exit code 3 unless it is a pass."
+        ),
     ] = None,
     rule: Annotated[
         Rule | None,
@@ -86,6 +88,21 @@ def evaluate(
             show_default="mean3sigma",
         ),
     ] = None,
+    tracker_u95: Annotated[
+        float | None,
+        typer.Option(
+            "--tracker-u95-mm",
+            help="Expanded uncertainty (95 %) of a measured position, mm, added to the upper bound of the figure.",
+            show_default="the largest u95_mm of the file, else 0.05",
+        ),
+    ] = None,
+    region_only: Annotated[
+        bool,
+        typer.Option(
+            "--region-only",
+            help="Judge the tolerance for the region of these poses only; else they must cover the calibrated ranges.",
+        ),
+    ] = False,
     report: Annotated[
         Path | None, typer.Option(help="Write a certificate to print and sign (HTML, A4).", show_default=False)
     ] = None,
@@ -134,6 +151,8 @@ def evaluate(
         same_tool=same_tool,
         tolerance=None if tolerance is None else tolerance * MM,
         rule=rule,
+        tracker_u95=None if tracker_u95 is None else tracker_u95 * MM,
+        region_only=region_only,
         info=_told(info),
         jobs=jobs,
     )

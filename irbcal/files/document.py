@@ -318,7 +318,9 @@ def software() -> dict[str, str]:
 def _elsewhere(outcome: Outcome) -> Elsewhere | None:
     """Of a calibrated robot; the nominal one promises nothing."""
     robots = outcome.fit.robot, outcome.nominal.robot
-    return None if outcome.fit.level == "nominal" else elsewhere(*robots, outcome.fit_points.q)
+    return (
+        None if outcome.fit.level == "nominal" else elsewhere(*robots, outcome.fit_points.q, outcome.heldout_points.q)
+    )
 
 
 def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = False) -> tuple[Record, bytes]:

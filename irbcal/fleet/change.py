@@ -7,6 +7,7 @@ one after the other, each as the only change beside those found before: a crash 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 
@@ -22,8 +23,13 @@ HELD = 1e-10
 """Share of the largest variance below which a direction is held: what is left there is rounding."""
 CHANCE = 0.001
 """Probability of a change to be told of where there is none."""
+VAGUE = 10.0
+"""Natural sizes that a parameter's change must be known to: what the poses do not show would explain anything by
+changes without bound."""
 MOST = 6
 """Parameters that a change is explained by at most."""
+FEWEST = 10
+"""Directions that both must have seen for two calibrations to be called those of one robot."""
 TIE = 9.0
 """Chi-square by which one explanation must be better than another to be told from it. Where they are equal a zero is
 taken: zeros change more often than lengths."""
@@ -82,6 +88,8 @@ class Change:
         The largest first; empty where it is chance.
     left_p : float
         Probability of what they leave unexplained.
+    sisters : tuple of str
+        Other robots whose calibrations agree with the later one: it may be theirs.
     """
 
     before: date
@@ -91,6 +99,7 @@ class Change:
     p: float
     parameters: tuple[ParameterChange, ...]
     left_p: float
+    sisters: tuple[str, ...] = ()
 
     @property
     def real(self) -> bool:
@@ -105,14 +114,17 @@ class Change:
         if not self.real:
             return [f"{self.before} to {self.after}: no change beyond the uncertainty ({test})."]
         out = [f"{self.before} to {self.after}: CHANGED ({test})."]
+        if self.sisters:
+            names = " and ".join(self.sisters)
+            return [*out, f"The later one agrees with {names}: were the files of two robots exchanged?"]
         out += [item.in_words(self.before, self.after) for item in self.parameters]
         if self.left_p < CHANCE:
             out.append(f"That does not explain all of it (p = {self.left_p:.2g} of what is left): more has changed.")
         return out
 
 
-def change(before: Stored, after: Stored) -> Change:
-    """Compare two calibrations of a robot, by the level that both have.
+def change(before: Stored, after: Stored, others: Sequence[Stored] = ()) -> Change:
+    """Compare two calibrations of a robot, by the level that both have; where it changed, also with other robots.
 
     Averages of many error models cannot be compared parameter by parameter: what one of them explains by a wave
     another explains by weight. The arm's own level, fitted to the points of both, has the same parameters in both.
@@ -120,30 +132,54 @@ def change(before: Stored, after: Stored) -> Change:
     Parameters
     ----------
     before, after : Stored
+    others : sequence of Stored
+        Calibrations among which those of other robots of the type are looked for.
 
     Returns
     -------
     Change
     """
-    from scipy.special import chdtrc
-
     dates = before.measured, after.measured
     if before.level is None or after.level is None:
         return Change(*dates, 0.0, 0, 1.0, (), 1.0)
     names = [name for name in before.level.names if name in after.level.place]
-    d, W, seen = _difference(before.level, after.level, names)
-    chi2 = float(d @ W @ d)
-    p = float(chdtrc(seen, chi2)) if seen else 1.0
+    d, W, chi2, seen, p = _difference(before.level, after.level, names)
     found: list[ParameterChange] = []
     left, left_p = chi2, p
     if p < CHANCE:
         found, left = _explained(d, W, names, before.level)
-        left_p = float(chdtrc(max(seen - len(found), 1), left))
-    return Change(*dates, chi2, seen, p, tuple(found), left_p)
+        left_p = _beyond(left, max(seen - len(found), 1))
+    return Change(*dates, chi2, seen, p, tuple(found), left_p, _sisters(after, others) if p < CHANCE else ())
 
 
-def _difference(before: Estimate, after: Estimate, names: list[str]) -> tuple[FloatArray, FloatArray, int]:
-    """Differences in natural sizes, their weight on the directions that both have seen, and how many these are."""
+def _sisters(after: Stored, others: Sequence[Stored]) -> tuple[str, ...]:
+    """Other robots of the type with a calibration that agrees with a later one."""
+    robot, names = after.robot, dict[str, None]()
+    for other in others:
+        if other.robot["id"] == robot["id"] or other.robot["type"] != robot["type"] or other.level is None:
+            continue
+        assert after.level is not None
+        common = [name for name in other.level.names if name in after.level.place]
+        *_, seen, p = _difference(other.level, after.level, common)
+        if seen >= FEWEST and p >= CHANCE:
+            names[str(other.robot["id"])] = None
+    return tuple(names)
+
+
+def _beyond(chi2: float, directions: int) -> float:
+    """Probability of a larger chi-square by chance."""
+    from scipy.special import chdtrc
+
+    return float(chdtrc(directions, chi2)) if directions else 1.0
+
+
+def _difference(
+    before: Estimate, after: Estimate, names: list[str]
+) -> tuple[FloatArray, FloatArray, float, int, float]:
+    """Differences in natural sizes, their weight, chi-square, its degrees of freedom, and its probability by chance.
+
+    What counts are the directions that both have seen.
+    """
     rows = [[one.place[name] for name in names] for one in (before, after)]
     size = before.natural[rows[0]]
     d = (after.values[rows[1]] - before.values[rows[0]]) / size
@@ -152,7 +188,9 @@ def _difference(before: Estimate, after: Estimate, names: list[str]) -> tuple[Fl
     own = np.array([np.einsum("ik,ij,jk->k", vectors, part, vectors) for part in C])
     keep = (own.min(axis=0) > ONE_SIDED * own.max(axis=0)) & (values > HELD * values.max(initial=0.0))
     U = vectors[:, keep]
-    return d, (U / values[keep]) @ U.T, int(keep.sum())
+    W, seen = (U / values[keep]) @ U.T, int(keep.sum())
+    chi2 = float(d @ W @ d)
+    return d, W, chi2, seen, _beyond(chi2, seen)
 
 
 def _explained(d: FloatArray, W: FloatArray, names: list[str], before: Estimate) -> tuple[list[ParameterChange], float]:
@@ -189,12 +227,15 @@ def _explained(d: FloatArray, W: FloatArray, names: list[str], before: Estimate)
 
 
 def _left(d: FloatArray, W: FloatArray, taken: list[int]) -> tuple[float, FloatArray, FloatArray] | None:
-    """Chi-square that is left where some parameters changed, by how much they did, and its standard deviations."""
+    """Chi-square that is left where some parameters changed, by how much they did, and its standard deviations.
+
+    None where these are not known, or cannot be told apart.
+    """
     N = W[np.ix_(taken, taken)]
     scale = np.sqrt(np.diagonal(N))
     scaled = N / np.outer(scale, scale)
     if np.linalg.cond(scaled) > 1e6:  # cannot be told apart
         return None
     inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
-    values = inverse @ (W[taken] @ d)
-    return float(d @ W @ d - (W[taken] @ d) @ values), values, np.sqrt(np.diagonal(inverse))
+    values, stds = inverse @ (W[taken] @ d), np.sqrt(np.diagonal(inverse))
+    return None if stds.max() > VAGUE else (float(d @ W @ d - (W[taken] @ d) @ values), values, stds)

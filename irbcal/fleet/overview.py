@@ -226,7 +226,7 @@ def fleet_list(store: str | Path = STORE, *, type: str | None = None, report: st
         by_robot.setdefault(one.robot["id"], []).append(one)
     for one in latest(found):
         by_type.setdefault(one.robot["type"], []).append(one)
-    changes = {robot: change(*items[-2:]) for robot, items in by_robot.items() if len(items) > 1}
+    changes = {robot: change(items[-2], items[-1], found) for robot, items in by_robot.items() if len(items) > 1}
     outstanding = {kind: tuple(items) for kind, sisters in by_type.items() if (items := standing_out(sisters))}
     overview = Overview(tuple(found), changes, outstanding)
     if report is not None:
@@ -276,6 +276,7 @@ class Drift(Speaks):
                     "directions": item.directions,
                     "p": item.p,
                     "changed": item.real,
+                    "sisters": list(item.sisters),
                     "parameters": [vars(one) for one in item.parameters],
                     "words": item.in_words(),
                 }
@@ -305,13 +306,14 @@ def fleet_drift(robot: str, store: str | Path = STORE) -> Drift:
     """
     with opened(store) as held:
         found = held.calibrations(robot=robot)
+        every = held.calibrations(type=found[-1].robot["type"]) if found else []
         if len(found) < 2:
             known = [row["id"] for row in held.robots()]
             there = "1 calibration" if found else f"none of the {len(known)} robots is it, and no calibration"
             raise CalibrationError(
                 f"{robot}: two calibrations are needed to see a change, found {there}", file=str(store)
             )
-    return Drift(robot, tuple(found), tuple(change(*pair) for pair in pairwise(found)))
+    return Drift(robot, tuple(found), tuple(change(*pair, every) for pair in pairwise(found)))
 
 
 def fleet_export(store: str | Path, out: str | Path, *, what: str = "parameters") -> int:

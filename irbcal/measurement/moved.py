@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Speaks, Told
@@ -107,14 +108,17 @@ def moved(points: PointSet, residuals: FloatArray, R_world_base: FloatArray, see
     Moved or None
         None where nothing beyond chance is found.
     """
-    n = points.poses
-    if n < FEWEST:
+    if points.poses < FEWEST:
         return None
-    if n > MOST_POSES:
-        some = np.isin(np.arange(n), np.linspace(0, n - 1, MOST_POSES).astype(int))
+    if points.poses > MOST_POSES:
+        some = np.isin(np.arange(points.poses), np.linspace(0, points.poses - 1, MOST_POSES).astype(int))
         return moved(points.select(some), residuals[some[points.pose]], R_world_base, seed)
+    starts = np.flatnonzero(np.diff(places(points), prepend=-1))  # repeats in a row show one error of the robot
+    if len(starts) < FEWEST:
+        return None
+    stop = np.searchsorted(starts, points.pose, side="right") - 1
     middle = points.xyz.mean(axis=0)
-    H, g, yy = _sums(points.pose, points.xyz - middle, residuals, n)
+    H, g, yy = _sums(stop, points.xyz - middle, residuals, len(starts))
     jump, k = _jump(H, g, yy)
     drift, motion = _drift(H, g, yy)
     rss, alone = min(jump, drift), yy.sum() - _explained(H.sum(axis=0)[None], g.sum(axis=0)[None])[0]
@@ -129,7 +133,7 @@ def moved(points: PointSet, residuals: FloatArray, R_world_base: FloatArray, see
     first, second = (np.linalg.solve(_firm(H[part].sum(axis=0)), g[part].sum(axis=0)) for part in _parts(k))
     change = second - first
     turn = float(np.linalg.norm(change[3:]))
-    return Moved("jump", str(points.pose_ids[k]), change[:3], R_world_base.T @ change[:3], turn, *sizes)
+    return Moved("jump", str(points.pose_ids[starts[k]]), change[:3], R_world_base.T @ change[:3], turn, *sizes)
 
 
 def moved_notes(points: PointSet, robot: Robot, warmth: FloatArray | None = None) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 
 FEW = 250_000
 """Pairs that are compared one by one."""
@@ -63,37 +63,6 @@ def _telling(x: FloatArray) -> list[int]:
     return sorted(range(x.shape[1]), key=lambda k: -len(np.unique(some[:, k])))
 
 
-def between(x: FloatArray, to: FloatArray, radius: float) -> IntArray | None:
-    """Pairs of rows of two tables that differ by less than a radius in every column.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n, k)
-    to : ndarray, shape (m, k)
-    radius : float
-
-    Returns
-    -------
-    ndarray of int, shape (p, 2), or None
-        None where too many rows are near in one column: a tree is quicker then.
-    """
-    columns = _telling(to) if len(to) else [0]
-    order = np.argsort(to[:, columns[0]])
-    sorted_ = to[order, columns[0]]
-    first = np.searchsorted(sorted_, x[:, columns[0]] - radius, side="right")
-    count = np.searchsorted(sorted_, x[:, columns[0]] + radius, side="left") - first
-    if count.sum() > NEIGHBOURS * (len(x) + len(to)):
-        return None
-    found, row, step = [np.zeros((0, 2), dtype=int)], np.flatnonzero(count > 0), 0
-    while len(row):
-        other = order[first[row] + step]
-        close = np.all(np.abs(x[row] - to[other]) < radius, axis=1)
-        found.append(np.column_stack([row[close], other[close]]))
-        step += 1
-        row = row[count[row] > step]
-    return np.concatenate(found)
-
-
 def numbered(*tables: tuple[NameArray, FloatArray]) -> list[IntArray]:
     """Numbers of rows by what they are: equal ones have one number in all tables.
 
@@ -141,37 +110,35 @@ def _by_key(values: FloatArray) -> FloatArray | None:
     return codes.astype(float) if np.array_equal(values, values[first[codes]]) else None
 
 
-def nearest(x: FloatArray, to: FloatArray, radius: float, p: float = 2.0) -> IntArray:
-    """The nearest row within a radius.
+def within(x: FloatArray, to: FloatArray, period: FloatArray) -> BoolArray:
+    """Which rows differ by at most 1 in every column from a row of another table.
 
     Parameters
     ----------
     x : ndarray, shape (n, k)
-        Who is sought.
     to : ndarray, shape (m, k)
-        Where.
-    radius : float
-        Rows that are not nearer are none.
-    p : float
-        2 for the distance, infinity for the largest difference of a column.
+    period : ndarray, shape (k,)
+        Numbers of a column that differ by multiples of it are the same; 0 where there is no period.
 
     Returns
     -------
-    ndarray of int, shape (n,)
-        Row of ``to``; -1 where there is none.
+    ndarray of bool, shape (n,)
     """
-    if not len(x) or not len(to):
-        return np.full(len(x), -1)
+    turns = period > 0.0
     if len(x) * len(to) <= FEW:
-        distance = np.linalg.norm(x[:, None] - to, ord=p, axis=2)
-        found = np.argmin(distance, axis=1)
-        near = distance[np.arange(len(x)), found] < radius
-    else:
-        from scipy.spatial import cKDTree
+        apart = x[:, None] - to
+        apart[..., turns] -= period[turns] * np.round(apart[..., turns] / period[turns])
+        return np.asarray((np.abs(apart).max(axis=2) <= 1.0).any(axis=1))
+    from scipy.spatial import cKDTree
 
-        length, found = cKDTree(to).query(x, p=p, distance_upper_bound=radius)
-        near = np.isfinite(length)
-    return np.where(near, found, -1)
+    def folded(rows: FloatArray) -> FloatArray:
+        rows = rows.copy()
+        rows[:, turns] %= period[turns]
+        rows[:, turns] = np.where(rows[:, turns] >= period[turns], 0.0, rows[:, turns])
+        return rows
+
+    tree = cKDTree(folded(to), boxsize=period)
+    return np.isfinite(tree.query(folded(x), p=np.inf, distance_upper_bound=1.0 + 1e-9)[0])
 
 
 def connected(n: int, edges: IntArray) -> IntArray:

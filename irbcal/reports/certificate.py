@@ -34,7 +34,7 @@ WORST, NOTES = (8, 8, 5), (7, 7, 4)
 """Poses and notes that are listed, of pages with little, some and much to say."""
 LONGEST = 400
 """Characters of a note."""
-LINE, ROOM = 92, (6, 16)
+LINE, ROOM = 92, (4, 14)
 """Characters of a line; lines of remarks and of what was told beyond which there is no room for the errors by pose,
 and none for all the rest on one page."""
 STATISTICS = (
@@ -229,8 +229,7 @@ def _remarks(evaluation: Evaluation) -> list[tuple[str, str]]:
     if kept is None:
         return [("against", words) for words in _short(evaluation.verdict.doubts, 4)]
     before = "Also: " if kept.outcome == "fail" else "No pass: "
-    against = [("against", before + words) for words in _short(kept.against, 4)]
-    return [*against, *(("remark", words) for words in kept.remarks)]
+    return [("against", before + words) for words in _short(kept.against, 4)]
 
 
 def _notes(evaluation: Evaluation, most: int) -> list[str]:

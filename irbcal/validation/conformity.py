@@ -1,24 +1,28 @@
-"""Whether a calibrated robot keeps a tolerance: one figure by one rule, its interval, and what stands against it."""
+"""Whether a calibrated robot keeps a tolerance: one figure by one rule, its upper bound, and what stands against it.
+
+A pass needs the one-sided 95 % upper bound of the figure and the tracker's expanded uncertainty within the tolerance
+(decision rules of ISO 14253-1:2017 and JCGM 106:2012); a figure beyond the tolerance is a fail; all else is not proven.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import IntArray, lock
+from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import OptionError
 from irbcal.options import checked, length
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
 from irbcal.validation import bootstrap
-from irbcal.validation.verdict import MOST_LEFT_OUT, Verdict
+from irbcal.validation.region import Region
+from irbcal.validation.upper_bound import LARGEST_SHARE, RULES, Rule, tracker_u95, upper_bound
+from irbcal.validation.verdict import Verdict
 
-Rule: TypeAlias = Literal["mean3sigma", "max", "percentile"]
-RULES: tuple[Rule, ...] = get_args(Rule)
 Outcome: TypeAlias = Literal["pass", "fail", "not proven"]
 
 FIGURES: Mapping[Rule, tuple[str, str]] = {
@@ -29,7 +33,7 @@ FIGURES: Mapping[Rule, tuple[str, str]] = {
 """What each rule compares with the tolerance: in words, and its name among the statistics."""
 
 LARGEST = 0.1
-"""Tolerance beyond which millimetres were meant, metres."""
+"""Tolerance and uncertainty beyond which millimetres were meant, metres."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,22 +43,26 @@ class Conformity(Speaks):
     Attributes
     ----------
     outcome : str
-        ``pass``, ``fail``, or ``not proven``: within the tolerance, but there is something that speaks against a pass.
+        ``pass``, ``fail`` (the figure is beyond the tolerance), or ``not proven``.
     rule : str
         ``mean3sigma``, ``max`` or ``percentile`` (the 95th).
     tolerance_mm, value_mm : float
+    upper_mm : float or None
+        One-sided 95 % upper bound of the value; None where poses are too few.
+    basis : str
+        What the bound rests on.
+    tracker_u95_mm : float
+        Expanded uncertainty of the tracker, which is added to the bound.
+    tracker_source : str
+        Where it comes from.
     intervals_mm : dict
         95 % bootstrap intervals of the statistics by their names; empty where poses are too few.
-    interval_mm : tuple of two float, or None
-        That of the value; None for the largest error, and where poses are too few.
     poses, points : int
         What was judged.
-    straddles : bool
-        Whether the interval holds the tolerance: other poses of the same kind may come out otherwise.
     against : tuple of str
         Why it is not proven, in sentences.
-    remarks : tuple of str
-        What to know of it, in sentences.
+    region_only : bool
+        Whether it is judged for the region of these poses only.
     simulated : bool
     """
 
@@ -62,13 +70,15 @@ class Conformity(Speaks):
     rule: Rule
     tolerance_mm: float
     value_mm: float
+    upper_mm: float | None
+    basis: str
+    tracker_u95_mm: float
+    tracker_source: str
     intervals_mm: Mapping[str, Sequence[float]]
-    interval_mm: tuple[float, ...] | None
     poses: int
     points: int
-    straddles: bool
     against: tuple[str, ...]
-    remarks: tuple[str, ...]
+    region_only: bool
     simulated: bool
 
     def __post_init__(self) -> None:
@@ -82,57 +92,77 @@ class Conformity(Speaks):
         """What is compared with the tolerance, in words."""
         return FIGURES[self.rule][0]
 
+    @property
+    def limit_mm(self) -> float | None:
+        """Upper bound and the tracker's uncertainty together, which a pass needs within the tolerance."""
+        return None if self.upper_mm is None else self.upper_mm + self.tracker_u95_mm
+
     def sentence(self) -> str:
-        """Figure, interval and tolerance."""
-        interval = ""
-        if self.interval_mm is not None:
-            low, high = self.interval_mm
-            interval = f" (95 % interval {low:.3f} to {high:.3f} mm)"
-        within = "within" if self.value_mm <= self.tolerance_mm else "beyond"
+        """Figure, upper bound, the tracker's part and tolerance."""
+        bound = ""
+        if self.limit_mm is not None:
+            bound = (
+                f"; with 95 % confidence at most {self.upper_mm:.3f} mm, with the tracker's "
+                f"{self.tracker_u95_mm:.3f} mm {self.limit_mm:.3f} mm"
+            )
         kind = "SIMULATED " if self.simulated else ""
+        where = " This holds for the region of these poses only." if self.region_only else ""
         return (
-            f"The {self.figure} is {self.value_mm:.3f} mm{interval}, {within} the tolerance of {self.tolerance_mm:.3f} "
-            f"mm, on {self.points} {kind}points of {self.poses} poses."
+            f"The {self.figure} is {self.value_mm:.3f} mm{bound}. The tolerance is {self.tolerance_mm:.3f} mm. Judged "
+            f"on {self.points} {kind}points of {self.poses} poses.{where}"
+        )
+
+    def rule_in_words(self) -> str:
+        """What a pass needs."""
+        most = f" (the error that {LARGEST_SHARE:.0%} of all poses stay below)" if self.rule == "max" else ""
+        return (
+            f"A pass needs the one-sided 95 % upper bound of the {self.figure}{most}, {self.basis}, and the tracker's "
+            f"expanded uncertainty of {self.tracker_u95_mm:.3f} mm ({self.tracker_source}) within the tolerance "
+            "(ISO 14253-1, JCGM 106), and a verdict that may be trusted."
         )
 
     def told(self) -> Sequence[Told]:
-        """Outcome, figures, what speaks against a pass, and remarks."""
+        """Outcome, figures, what speaks against a pass, and the rule."""
         lines = [f"Tolerance: {self.outcome.upper()}. {self.sentence()}"]
         lines += [f"Against a pass: {words}" for words in self.against]
-        return [*lines, *(f"Note: {words}" for words in self.remarks)]
+        return [*lines, f"Note: {self.rule_in_words()}"]
 
     def to_dict(self) -> dict[str, Any]:
         """What ``irbcal evaluate --tolerance --json`` prints."""
+        names = ("outcome", "rule", "tolerance_mm", "value_mm", "upper_mm", "basis", "tracker_u95_mm", "tracker_source")
         return {
-            "outcome": self.outcome,
-            "rule": self.rule,
-            "tolerance_mm": self.tolerance_mm,
-            "value_mm": self.value_mm,
-            "interval_mm": None if self.interval_mm is None else list(self.interval_mm),
-            "straddles": self.straddles,
+            **{name: getattr(self, name) for name in names},
             "poses": self.poses,
             "points": self.points,
+            "region_only": self.region_only,
             "against": list(self.against),
-            "remarks": list(self.remarks),
         }
 
 
-def check_options(tolerance: float | None, rule: str | None) -> Rule:
-    """The rule that is meant; refuses a tolerance that is none, and a rule without one.
+def check_options(
+    tolerance: float | None, rule: str | None, tracker: float | None = None, region_only: bool = False
+) -> Rule:
+    """The rule that is meant; refuses a tolerance that is none, and what only it needs without one.
 
     Raises
     ------
     OptionError
     """
     if tolerance is None:
-        if rule is not None:
-            raise OptionError("rule: only a tolerance has one: give the tolerance, too", parameter="rule")
+        for name, value in (("rule", rule), ("tracker_u95", tracker), ("region_only", region_only or None)):
+            if value is not None:
+                raise OptionError(f"{name}: only a tolerance needs it: give the tolerance, too", parameter=name)
         return "mean3sigma"
     if not 0.0 < length("tolerance", tolerance, 0.0) <= LARGEST:
         raise OptionError(
             f"tolerance: expected metres above 0 and at most {LARGEST:g} (half a millimetre is 0.0005), found "
             f"{tolerance:g}",
             parameter="tolerance",
+        )
+    if tracker is not None and not 0.0 <= length("tracker_u95", tracker, 0.0) <= LARGEST:
+        raise OptionError(
+            f"tracker_u95: expected metres from 0 to {LARGEST:g} (fifty micrometres are 0.00005), found {tracker:g}",
+            parameter="tracker_u95",
         )
     return checked("rule", rule or "mean3sigma", RULES)
 
@@ -146,15 +176,17 @@ def conformity(
     rule: Rule = "mean3sigma",
     *,
     poses: int,
-    largest_covers: float,
-    proven: bool = True,
+    declared: FloatArray | None = None,
+    tracker: float | None = None,
+    region: Region | None = None,
+    region_only: bool = False,
     simulated: bool = False,
     seed: int = 0,
 ) -> Conformity:
     """Judge errors by a tolerance.
 
-    A pass needs the figure within the tolerance and a trusted verdict: poses that the fit never saw, few points left
-    out, no doubts, and a calibration that serves the robot.
+    A pass needs the figure's upper bound and the tracker's uncertainty within the tolerance, and a trusted verdict:
+    poses that the fit never saw, few points left out, no doubts, and a calibration that serves the robot.
 
     Parameters
     ----------
@@ -171,10 +203,14 @@ def conformity(
     rule : {"mean3sigma", "max", "percentile"}
     poses : int
         How many there are.
-    largest_covers : float
-        See `irbcal.validation.accuracy.largest_covers`.
-    proven : bool
-        Whether the fit never saw these poses.
+    declared : ndarray, shape (m,), optional
+        Expanded uncertainty that the measurements declare of each point, metres.
+    tracker : float, optional
+        The same of all points as the user states it, metres, in place of what is declared.
+    region : Region, optional
+        Where the poses are.
+    region_only : bool
+        Judge for that region only; else it must cover the calibrated ranges.
     simulated : bool
     seed : int
         Of the bootstrap.
@@ -185,52 +221,49 @@ def conformity(
     """
     words, key = FIGURES[rule]
     distance, limit = np.asarray(distance, dtype=float), tolerance / MM
-    value = float(statistics[key])
-    intervals = bootstrap.intervals(distance, place, seed=seed) or {}
-    interval = tuple(intervals[key]) if key in intervals else None
-    straddles = interval is not None and interval[0] <= limit <= interval[1]
-    against = _against(verdict, proven, len(np.unique(place)))
-    remarks = []
-    if straddles:
-        remarks.append(
-            f"The interval of the {words} holds the tolerance: other poses of the same kind may come out otherwise. "
-            "More poses would tell."
+    value, places = float(statistics[key]), len(np.unique(place))
+    u95, source = tracker_u95(declared, tracker)
+    against = _against(verdict, places)
+    if region is not None and not region_only and not region.whole:
+        against.append(
+            f"Nothing is proven beyond the region of these poses: {region.narrow_in_words()}. Measure poses all over "
+            "the calibrated ranges, or ask for a certificate of this region only (--region-only)."
         )
-    if rule == "max":
-        remarks.append(
-            "The largest error has no interval: with 95 % confidence, "
-            f"{largest_covers:.1%} of all poses of this kind stay below it; others may exceed it."
-        )
+    upper, basis = None, f"of {bootstrap.FEWEST_POSES} places or more"
+    if places >= bootstrap.FEWEST_POSES:
+        bound, basis = upper_bound(rule, value * MM, distance, place)
+        upper = bound / MM
+        if value <= limit < upper + u95 / MM:
+            against.append(
+                f"The {words} may be larger than it was on these poses: {upper + u95 / MM:.3f} mm with 95 % confidence "
+                "and the tracker's uncertainty. Measure more poses: the bound comes nearer to the figure."
+            )
     outcome: Outcome = "fail" if not value <= limit else "not proven" if against else "pass"
     return Conformity(
         outcome,
         rule,
         limit,
         value,
-        intervals,
-        interval,
+        upper,
+        basis,
+        u95 / MM,
+        source,
+        bootstrap.intervals(distance, place, seed=seed) or {},
         poses,
         len(distance),
-        straddles,
         tuple(against),
-        tuple(remarks),
+        region_only,
         simulated,
     )
 
 
-def _against(verdict: Verdict, proven: bool, places: int) -> list[str]:
+def _against(verdict: Verdict, places: int) -> list[str]:
     """Why a figure within the tolerance would be no pass, in sentences."""
     out = list(verdict.doubts)
-    if not proven:
-        out.append("Poses that the calibration was fitted to are no proof of accuracy: measure others.")
     if places < bootstrap.FEWEST_POSES:
         out.append(f"{places} places are too few to judge by: {bootstrap.FEWEST_POSES} are the least.")
-    if verdict.left_out > MOST_LEFT_OUT:
-        out.append(f"{verdict.left_out:.0%} of the measured points were left out, which may be the rule.")
     if verdict.outcome == "worse":
         out.append("The calibrated robot is WORSE than the nominal one on these poses.")
     if verdict.outcome == "no better":
         out.append("The calibrated robot is no better than the nominal one on these poses, beyond chance.")
-    if not verdict.trusted and not out:
-        out.append("The verdict on the calibration is not to be trusted.")
     return out

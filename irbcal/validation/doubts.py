@@ -13,8 +13,10 @@ from irbcal.identification.outliers import spread
 from irbcal.identification.result import Fit
 from irbcal.measurement.moved import SHORTEST, moved_notes
 from irbcal.measurement.points import PointSet
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.elsewhere import elsewhere
 from irbcal.units import MM
+from irbcal.validation.length_scale import length_scale
 from irbcal.validation.mixed import mixed_poses
 from irbcal.validation.pose_equations import PoseEquations
 
@@ -51,6 +53,7 @@ def doubts(
     fitted: PointSet,
     measured: Sequence[PointSet],
     times: Sequence[FloatArray | None] | None = None,
+    proof: PointSet | None = None,
 ) -> list[str]:
     """What speaks against a calibration, in sentences: nothing of it may be trusted before that is cleared up.
 
@@ -64,6 +67,8 @@ def doubts(
         All points of each file in the order in which they were measured, in the measuring frame.
     times : sequence of ndarray, shape (n,), or None, optional
         When their poses were measured, as the fit's motion counts; None where nothing is known of it.
+    proof : PointSet, optional
+        The held-out points.
 
     Returns
     -------
@@ -88,8 +93,8 @@ def doubts(
     if nominal.rms > LARGE_NOMINAL and fit.rms > 0.05 * nominal.rms:
         out += _too_far(nominal.rms)
     out += _slip(nominal, fitted)
-    out += _scale(nominal, fitted)
-    beyond = elsewhere(fit.robot, nominal.robot, fitted.q)
+    out += _scale(nominal, fitted) or _lengths(nominal.problem.arm, fit.robot.arm)
+    beyond = elsewhere(fit.robot, nominal.robot, fitted.q, None if proof is None else proof.q)
     return [*out, beyond.in_words()] if beyond is not None and beyond.narrow else out
 
 
@@ -114,6 +119,12 @@ def _scale(nominal: Fit, fitted: PointSet) -> list[str]:
         f"All positions are {abs(scale - 1.0):.2%} too {how} for this robot: are the units right, and the tracker's "
         "scale? The fit takes that for link lengths."
     ]
+
+
+def _lengths(nominal: Arm, calibrated: Arm) -> list[str]:
+    """Whether all link lengths are too long or too short, which a wrong scale of the tracker looks like."""
+    found = length_scale(nominal, calibrated)
+    return [found.doubt()] if found is not None and found.beyond_machining else []
 
 
 def _too_far(rms: float) -> list[str]:

@@ -27,14 +27,17 @@ from irbcal.options import seed as check_seed
 from irbcal.parallel import on_workers
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
-from irbcal.validation.conformity import Rule, check_options, conformity
+from irbcal.validation.conformity import check_options, conformity
 from irbcal.validation.coverage import coverage
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
+from irbcal.validation.length_scale import length_scale, scale_in_words
 from irbcal.validation.origin import checked_info, origin
 from irbcal.validation.prepared import Prepared, prepare
 from irbcal.validation.refit import Refit
+from irbcal.validation.region import region
 from irbcal.validation.suspicion import doubts_of, lost_row, refuse_far_points
 from irbcal.validation.unseen import without_fitted
+from irbcal.validation.upper_bound import Rule
 from irbcal.validation.verdict import counted
 from irbcal.validation.verdict import verdict as judged
 
@@ -67,6 +70,8 @@ def evaluate(
     same_tool: bool = False,
     tolerance: float | None = None,
     rule: Rule | None = None,
+    tracker_u95: float | None = None,
+    region_only: bool = False,
     info: Mapping[str, str] | None = None,
     jobs: int | None = None,
 ) -> Evaluation:
@@ -111,6 +116,12 @@ def evaluate(
         Metres: judge the calibrated robot by it, see `irbcal.validation.conformity`.
     rule : {"mean3sigma", "max", "percentile"}, optional
         What must be within the tolerance; mean + 3 sigma unless given; ``percentile`` is the 95th.
+    tracker_u95 : float, optional
+        Expanded uncertainty (95 %) of a measured position, metres, which is added to the upper bound of that figure; by
+        default the largest ``u95_mm`` of the measurements, else `irbcal.validation.upper_bound.ASSUMED_U95`.
+    region_only : bool
+        Judge the tolerance for the region of these poses only, which the certificate states; else they must cover the
+        calibrated ranges, see `irbcal.validation.region`.
     info : dict of str to str, optional
         What a certificate tells besides: ``serial_number``, ``operator`` and others of
         `irbcal.validation.origin.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
@@ -134,7 +145,7 @@ def evaluate(
         checked("relative", relative, RELATIVE)
     if frame_points is not None and relative != "three-points":
         raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")
-    judged_by, told = check_options(tolerance, rule), checked_info(info)
+    judged_by, told = check_options(tolerance, rule, tracker_u95, region_only), checked_info(info)
     measurements = carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
     ready, robots = in_frame_of_calibration(record, measurements, refit, same_tool)
@@ -150,6 +161,11 @@ def evaluate(
         return {name: _known(statistics(error[mask])) for name, error in errors.items()}
 
     of_parts = {part: _by_label(labels, of) for part, labels in parts.items()}
+    fit = record.used_points(heldout=False)
+    covered = region(robots["calibrated"], points, None if fit is None else fit[0])
+    scale = scale_in_words(
+        length_scale(record.arm(calibrated=False), record.arm()), points.xyz, told.get("scale_bar", "")
+    )
     whole = of(np.ones(len(points), dtype=bool))
     percentiles = {name: _known(accuracy.percentiles(error)) for name, error in errors.items()}
     covers, simulated = accuracy.largest_covers(len(np.unique(places(points)))), seen.simulated or record.simulated
@@ -160,6 +176,7 @@ def evaluate(
         counted(ready.excluded),
         ready.proven,
         against,
+        basis=ready.basis,
     )
     return Evaluation(
         nominal=whole["nominal"],
@@ -185,7 +202,8 @@ def evaluate(
         refit_base=refit_base,
         refit_tool=refit_tool,
         errors=_pose_errors(robots, points, errors),
-        origin=origin(calibration, record, ready, told, _scope(refit, sphere, ready)),
+        origin=origin(calibration, record, ready, told, (*_scope(refit, sphere, ready), scale)),
+        region=covered,
         conformity=None
         if tolerance is None
         else conformity(
@@ -196,8 +214,10 @@ def evaluate(
             tolerance,
             judged_by,
             poses=points.poses,
-            largest_covers=covers,
-            proven=ready.proven,
+            declared=points.u95,
+            tracker=tracker_u95,
+            region=covered,
+            region_only=region_only,
             simulated=simulated,
             seed=seed,
         ),

@@ -19,6 +19,7 @@ from irbcal.validation import accuracy
 from irbcal.validation.conformity import Conformity
 from irbcal.validation.coverage import coverage_in_words
 from irbcal.validation.origin import Origin
+from irbcal.validation.region import Region
 from irbcal.validation.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -71,6 +72,8 @@ class Evaluation(Speaks):
         Robot, people, instruments, files with their hashes, and how many poses were new.
     conformity : Conformity or None
         Whether a tolerance is kept, where one was given.
+    region : Region or None
+        Where the judged poses are, and their share of the calibrated ranges.
     """
 
     nominal: Statistics
@@ -98,6 +101,7 @@ class Evaluation(Speaks):
     refit_tool: bool = False
     origin: Origin | None = None
     conformity: Conformity | None = None
+    region: Region | None = None
 
     def __post_init__(self) -> None:
         lock(self)
@@ -112,6 +116,7 @@ class Evaluation(Speaks):
             "simulated": self.simulated,
             "verdict": self.verdict.to_dict(),
             "origin": None if self.origin is None else self.origin.to_dict(),
+            "region": None if self.region is None else self.region.to_dict(),
             "conformity": None if self.conformity is None else self.conformity.to_dict(),
         }
 
@@ -159,6 +164,8 @@ class Evaluation(Speaks):
             told.append(orientation_line(words, self.orientation[name]))
         for part in (self._intervals, self._coverage, self._flange, self._relative, self._comparison, self._verified):
             told += part(shown)
+        scope = () if self.conformity is None or self.origin is None else self.origin.scope
+        told += [f"Note: {words}" for words in scope]
         return [*told, *(f"Note: {note}" for note in self.notes if note not in self.verdict.doubts)]
 
     def _error_table(self, shown: Mapping[str, str]) -> Table:

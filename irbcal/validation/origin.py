@@ -29,6 +29,7 @@ FIELDS = {
     "operator": "Operator",
     "tracker": "Tracker",
     "tracker_certificate": "Tracker certificate",
+    "scale_bar": "Scale bar",
     "temperature": "Temperature",
     "date": "Measured on",
 }

@@ -36,6 +36,8 @@ class Prepared:
         Poses of the file that were fitted and are not among these.
     at_fitted : ndarray of bool, shape (n,), or None
         Which poses are at joints that were fitted; None where that is not known.
+    basis : str
+        Why they prove nothing, in words that follow "poses", where they were not fitted themselves.
     """
 
     points: PointSet
@@ -46,6 +48,7 @@ class Prepared:
     proven: bool = True
     counted_out: int = 0
     at_fitted: BoolArray | None = None
+    basis: str = ""
 
     def __post_init__(self) -> None:
         lock(self)

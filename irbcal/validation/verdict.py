@@ -19,6 +19,8 @@ MOST_LEFT_OUT = 0.15
 """Share of the points left out above which it is part of the verdict."""
 NOT_COUNTED = ("lost", "target unknown to the calibration", "wrong reference")
 """Reasons of points that were not there to be used."""
+NO_PROOF = "Poses {basis} are no proof of accuracy: measure others, or hold some out of the fit."
+LEFT_OUT = "{share:.0%} of the measured points were left out, which may be the rule."
 CLEAR = 2.0
 """Standard errors of the difference, pose by pose, beyond which one model is called better."""
 
@@ -38,7 +40,7 @@ class Verdict(Speaks):
     trusted : bool
         Whether nothing speaks against it: better, few points were left out, and there are no doubts.
     doubts : tuple of str
-        What else speaks against it, in sentences.
+        All that speaks against it besides the outcome, in sentences.
     """
 
     outcome: Outcome
@@ -79,6 +81,7 @@ def verdict(
     proven: bool = True,
     doubts: Sequence[str] = (),
     used: int | None = None,
+    basis: str = "",
 ) -> Verdict:
     """Judge errors of the same points under both models, pose by pose.
 
@@ -96,6 +99,8 @@ def verdict(
         What else speaks against the calibration.
     used : int, optional
         Points that were used in all; m unless given.
+    basis : str
+        What poses these are, in words that follow "poses"; by default that the fit saw them, or never did.
 
     Returns
     -------
@@ -111,7 +116,7 @@ def verdict(
     outcome: Outcome = "better" if mean > CLEAR * error else "worse" if mean < -CLEAR * error else "no better"
     figures = f"mean {b.mean():.3f} mm against {a.mean():.3f} mm, largest {b.max():.3f} against {a.max():.3f} mm"
     poses = f"{n} pose{'s' if n > 1 else ''}"
-    on = f"{poses} that the fit never saw" if proven else f"{poses} that were fitted, which proves nothing"
+    on = f"{poses} {basis or ('that the fit never saw' if proven else 'that were fitted, which proves nothing')}"
     words = {
         "better": f"better than the nominal robot on {on} ({figures}).",
         "no better": f"NO BETTER than the nominal robot on {on}, beyond chance ({figures}).",
@@ -127,8 +132,10 @@ def verdict(
             f" {share:.0%} of the points were left out: this is the verdict on the rest only, and what was left out "
             "may be the rule. See why each was."
         )
-    trusted = outcome == "better" and proven and share <= MOST_LEFT_OUT and not doubts
-    return Verdict(outcome, words, float(share), trusted, tuple(doubts))
+    against = [] if proven else [NO_PROOF.format(basis=basis or "that were fitted")]
+    against += [LEFT_OUT.format(share=share)] if share > MOST_LEFT_OUT else []
+    reasons = (*doubts, *(reason for reason in against if reason not in doubts))
+    return Verdict(outcome, words, float(share), outcome == "better" and not reasons, reasons)
 
 
 def verdict_of(record: Record) -> Verdict:

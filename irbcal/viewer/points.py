@@ -87,7 +87,7 @@ def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit
         notes.insert(0, f"{count} points are left out (lost, or wrong); irbcal evaluate lists them.")
     notes += without_fitted(ready, calibration, include=True).notes[len(ready.notes) :]
     used = calibration.used_points(heldout=False)
-    fit = None if used is None else fitted.rows_of(ready.points, used[0])
+    fit = None if used is None else fitted.poses_of(ready.points, used[0], calibration.arm().table.prismatic)
     return Registered(seen, ready.points, robots["calibrated"], robots["nominal"], fit, notes)
 
 

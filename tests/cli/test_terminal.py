@@ -74,7 +74,7 @@ def verification(tmp_path):
 
 
 def test_a_terminal_of_80_columns_breaks_no_word(demo_calibration, verification, program):
-    line = ["evaluate", demo_calibration, verification, "--tolerance", 5]
+    line = ["evaluate", demo_calibration, verification, "--tolerance", 5, "--region-only"]
     shown, piped = seen(*line), program(*line)
     assert max(map(cell_len, lines(shown))) <= COLUMNS
     assert max(map(len, piped.splitlines())) > COLUMNS, "elsewhere a sentence is one line"

@@ -71,3 +71,32 @@ def test_without_points_there_is_nothing_to_compare(three):
     assert found.in_words() == [
         f"{date(2026, 1, 1)} to {date(2026, 2, 1)}: cannot be compared (no points saved, or nothing seen in common)."
     ]
+
+
+@pytest.fixture(scope="module")
+def swapped(tmp_path_factory):
+    """Two robots; the second files of them were swapped."""
+    folder, out = tmp_path_factory.mktemp("swapped"), []
+    for k, (robot, seed) in enumerate([("A", 4), ("B", 5), ("A", 5), ("B", 4)]):
+        measured(folder, f"{k}.csv", seed, 40 + k, poses=40)
+        irbcal.calibrate(folder / f"{k}.csv", "irb1600", "34").save(folder / str(k))
+        out.append(records.stored(folder / str(k), robot, "SN", f"2026-0{k + 1}-01"))
+    return out
+
+
+def test_the_sister_that_fits_is_named(swapped):
+    for before, after, sister in ((0, 2, "B"), (1, 3, "A")):
+        found = change(swapped[before], swapped[after], swapped)
+        assert found.real
+        assert found.sisters == (sister,)
+        assert found.in_words()[1:] == [f"The later one agrees with {sister}: were the files of two robots exchanged?"]
+    assert change(swapped[0], swapped[3], swapped).sisters == (), "nothing changed"
+
+
+def test_what_the_poses_do_not_show_explains_no_change(swapped):
+    """Joint 6's zero turns with the tool: it had moved by 1e11 degrees."""
+    for before, after in ((0, 2), (1, 3)):
+        found = change(swapped[before], swapped[after])
+        assert found.parameters
+        for item in found.parameters:
+            assert abs(item.value) < (np.radians(1.0) if item.unit == "rad" else 5e-3)

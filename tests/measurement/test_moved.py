@@ -77,3 +77,13 @@ def test_sessions_are_looked_at_one_by_one():
     (note,) = moved_notes(jump, robot)
     assert "farther by about" in note
     assert "most of it along y of the measuring frame" in note
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_repeats_in_a_row_are_one_pose(seed):
+    """Eight places, each measured ten times: every change of the place is a jump of the residuals, and no more."""
+    rng = np.random.default_rng(seed)
+    q = np.repeat(arm().random_joints(8, seed), 10, axis=0)
+    assert said(measured(random_robot(arm(), "34", rng), q, 5e-5, rng)) is None
+    q = np.repeat(arm().random_joints(24, seed), 10, axis=0)
+    assert said(measured(random_robot(arm(), "34", rng), q, 5e-5, rng)) is None

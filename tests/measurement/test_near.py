@@ -19,28 +19,22 @@ def both(monkeypatch):
 
 
 @pytest.mark.parametrize("radius", [0.02, 0.1, 0.5])
-def test_pairs_and_nearest(both, radius):
-    rng = np.random.default_rng(5)
-    x, y = rng.uniform(size=(120, 3)), rng.uniform(size=(90, 3))
+def test_pairs(both, radius):
+    x = np.random.default_rng(5).uniform(size=(120, 3))
     few, many = both(near.pairs, x, radius)
     assert {tuple(sorted(pair)) for pair in few} == {tuple(sorted(pair)) for pair in many}
     assert len(few) > 0 or radius < 0.1
-    for p in (2.0, np.inf):
-        few, many = both(near.nearest, x, y, radius, p=p)
-        assert np.array_equal(few, many)
-    assert np.array_equal(near.nearest(x, y[:0], radius), np.full(120, -1))
 
 
-@pytest.mark.parametrize("radius", [0.02, 0.3])
-def test_pairs_between_two_tables_are_those_of_all_rows(radius, monkeypatch):
+def test_rows_within_reach_up_to_full_periods(both):
     rng = np.random.default_rng(7)
-    x, y = np.round(rng.uniform(size=(80, 3)), 1), rng.uniform(size=(60, 3))
-    expected = np.argwhere((np.abs(x[:, None] - y) < radius).all(axis=2))
-    found = near.between(x, y, radius)
-    assert {tuple(pair) for pair in found} == {tuple(pair) for pair in expected}
-    assert len(near.between(x, y[:0], radius)) == len(near.between(x[:0], y, radius)) == 0
-    monkeypatch.setattr(near, "NEIGHBOURS", 0)
-    assert near.between(x, y, 0.3) is None, "a tree is quicker"
+    period = np.array([40.0, 0.0, 25.0])
+    x, y = rng.uniform(-60.0, 60.0, (150, 3)), rng.uniform(-60.0, 60.0, (400, 3))
+    x[:20] = y[:20] + rng.uniform(-0.9, 0.9, (20, 3)) + rng.integers(-2, 3, (20, 3)) * period
+    few, many = both(near.within, x, y, period)
+    assert np.array_equal(few, many)
+    assert few[:20].all()
+    assert not few[20:].all()
 
 
 def test_parts(both):

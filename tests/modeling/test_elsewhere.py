@@ -117,3 +117,29 @@ def test_words():
     assert "nominal" in grown.in_words()
     assert "nominal" not in replace(grown, difference=2e-3).in_words()
     assert replace(wide, shares=np.full(6, 0.4)).narrow
+
+
+def test_proof_poses_all_over_the_limits_leave_nothing_to_expect():
+    """Circles of 40 degrees on clean data of one robot: proven at 300 poses anywhere, which no expectation outweighs."""
+    model, q = arm(), np.zeros((108, 6))
+    q[:, 4] = np.radians(30.0)
+    for joint in range(6):
+        q[18 * joint : 18 * joint + 18, joint] = np.radians(np.linspace(-40.0, 40.0, 18))
+    points = measured(random_robot(model, "26", np.random.default_rng(3)), q, 1e-5, np.random.default_rng(4))
+    fit, nominal = identify(model, points, "26"), identify(model, points, "nominal").robot
+    robot = fit.robot.replace(certainty=certainty_of(fit))
+    proof = model.random_joints(300, 5)
+    assert elsewhere(robot, nominal, q).narrow
+    assert elsewhere(robot, nominal, q, proof) is None
+    corner = np.vstack([0.3 * proof, model.lower, model.upper])
+    assert elsewhere(robot, nominal, q, corner).narrow, "two poses at the ends are no proof in between"
+
+
+def test_what_is_expected_is_bounded_by_the_difference_from_the_nominal_robot():
+    """Scatter of a combination that the poses hardly show is no error of the size of the cell."""
+    truth = Truth(["gravity"], 1)
+    motion = Motion(box(truth.nominal, 0.1, 60, 1))
+    robot, nominal = fitted(truth.measured(motion, 3e-5), motion, "34")
+    vague = replace(robot.certainty, covariance=1e8 * robot.certainty.covariance)
+    found = elsewhere(robot.replace(certainty=vague), nominal, motion.q)
+    assert found.there <= found.here + 2.0 * found.difference

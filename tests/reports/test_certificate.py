@@ -1,5 +1,6 @@
 """The certificate: what it says, what it must not say, and that it fits on two pages."""
 
+import html
 import json
 import re
 import shutil
@@ -29,7 +30,7 @@ def some():
 
 @pytest.fixture(scope="module")
 def passed(demo_calibration, some):
-    return irbcal.evaluate(demo_calibration, some, tolerance=0.9 * MM, info={"operator": HOSTILE, "<b>": "=1+1"})
+    return irbcal.evaluate(demo_calibration, some, tolerance=1.1 * MM, info={"operator": HOSTILE, "<b>": "=1+1"})
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,7 @@ def moved(demo_calibration, some):
 
 
 def text_of(page):
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", page.split("</style>")[1]))
+    return html.unescape(re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", page.split("</style>")[1])))
 
 
 def test_it_says_what_the_evaluation_found(passed):
@@ -113,7 +114,7 @@ def test_wrong_calls(passed, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("tolerance", "code"), [("0.9", 0), ("0.3", 3)])
+@pytest.mark.parametrize(("tolerance", "code"), [("1.1", 0), ("0.3", 3)])
 def test_the_exit_code_tells(demo_calibration, some, tmp_path, tolerance, code):
     some.to_csv(tmp_path / "v.csv", index=False)
     call = ["evaluate", demo_calibration, tmp_path / "v.csv", "--tolerance", tolerance, "--info", "serial=1600-1"]

@@ -10,17 +10,20 @@ from irbcal.measurement.statistics import statistics
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.conformity import check_options, conformity
+from irbcal.validation.upper_bound import tracker_u95, upper_bound
 from irbcal.validation.verdict import verdict
 
 RNG = np.random.default_rng(5)
 ERRORS = np.abs(RNG.normal(0.3, 0.05, 200)) * MM
 PLACE = np.arange(200)
+U95_MM = 0.04
 
 
-def judged(tolerance_mm, rule="mean3sigma", errors=ERRORS, place=PLACE, proven=True, **verdict_options):
+def judged(
+    tolerance_mm, rule="mean3sigma", errors=ERRORS, place=PLACE, proven=True, tracker=U95_MM * MM, **verdict_options
+):
     found = verdict(errors / MM + 0.5, errors / MM, place, proven=proven, **verdict_options)
     values = {**statistics(errors), **accuracy.percentiles(errors)}
-    covers = accuracy.largest_covers(len(np.unique(place)))
     return conformity(
         values,
         errors,
@@ -29,8 +32,7 @@ def judged(tolerance_mm, rule="mean3sigma", errors=ERRORS, place=PLACE, proven=T
         tolerance_mm * MM,
         rule,
         poses=len(np.unique(place)),
-        largest_covers=covers,
-        proven=proven,
+        tracker=tracker,
     )
 
 
@@ -42,21 +44,40 @@ def judged(tolerance_mm, rule="mean3sigma", errors=ERRORS, place=PLACE, proven=T
         ("percentile", np.percentile(ERRORS, 95) / MM),
     ],
 )
-def test_each_rule_compares_its_figure_with_the_tolerance(rule, value):
-    for tolerance, outcome in ((value + 1e-6, "pass"), (value - 1e-6, "fail")):
+def test_a_pass_needs_the_upper_bound_and_the_tracker_within_the_tolerance(rule, value):
+    upper = upper_bound(rule, value * MM, ERRORS, PLACE)[0] / MM
+    assert upper > value
+    for tolerance, outcome in (
+        (value - 1e-6, "fail"),
+        (value + 1e-6, "not proven"),
+        (upper + U95_MM - 1e-6, "not proven"),
+        (upper + U95_MM + 1e-6, "pass"),
+    ):
         found = judged(tolerance, rule)
         assert found.outcome == outcome
         assert bool(found) == (outcome == "pass")
         assert found.value_mm == pytest.approx(value, abs=1e-9)
-        assert f"{value:.3f} mm" in found.sentence()
-        assert found.straddles == (rule != "max"), "the tolerance lies at the figure itself"
-        assert any("holds the tolerance" in words for words in found.remarks) == found.straddles
-    assert any("no interval" in words for words in found.remarks) == (rule == "max")
-    clear = judged(3 * value, rule)
-    assert clear.outcome == "pass"
-    assert not clear.straddles
-    if clear.interval_mm is not None:
-        assert clear.interval_mm[0] < value < clear.interval_mm[1]
+        assert found.upper_mm == pytest.approx(upper, abs=1e-9)
+        assert any("may be larger" in words for words in found.against) == (outcome == "not proven")
+        for number in (value, upper, upper + U95_MM):
+            assert f"{number:.3f} mm" in found.sentence()
+
+
+@pytest.mark.parametrize(
+    ("declared", "stated", "u95_mm", "source"),
+    [
+        ([0.02, 0.03, np.nan], None, 0.03, "u95_mm"),
+        ([0.02, 0.03, np.nan], 0.0, 0.0, "stated"),
+        (None, 0.07, 0.07, "stated"),
+        ([np.nan] * 3, None, 0.05, "assumed"),
+        (None, None, 0.05, "assumed"),
+    ],
+)
+def test_where_the_uncertainty_of_the_tracker_comes_from(declared, stated, u95_mm, source):
+    declared = None if declared is None else np.array(declared) * MM
+    value, words = tracker_u95(declared, None if stated is None else stated * MM)
+    assert value == pytest.approx(u95_mm * MM)
+    assert source in words
 
 
 @pytest.mark.parametrize(
@@ -81,7 +102,7 @@ def test_a_calibration_that_does_not_serve_is_no_pass(offset, words):
     other = ERRORS / MM - offset + RNG.normal(0, 0.01, 200)
     found = verdict(other, ERRORS / MM, PLACE)
     values = {**statistics(ERRORS), **accuracy.percentiles(ERRORS)}
-    kept = conformity(values, ERRORS, PLACE, found, 2 * MM, poses=200, largest_covers=0.98)
+    kept = conformity(values, ERRORS, PLACE, found, 2 * MM, poses=200)
     assert kept.outcome == "not proven"
     assert any(words in reason for reason in kept.against)
 
@@ -102,14 +123,21 @@ def test_options_are_checked(tolerance, rule, words):
         check_options(tolerance, rule)
 
 
+@pytest.mark.parametrize(("tolerance", "tracker"), [(None, 1e-5), (1e-3, -1e-5), (1e-3, 0.5), (1e-3, float("nan"))])
+def test_the_uncertainty_of_the_tracker_is_checked(tolerance, tracker):
+    with pytest.raises(OptionError, match="tracker_u95"):
+        check_options(tolerance, None, tracker)
+
+
 def test_an_evaluation_judges_by_a_tolerance(record):
     proof = robots.demo_file("demo_verification.csv")
-    found = irbcal.evaluate(record, proof, tolerance=0.9 * MM)
+    found = irbcal.evaluate(record, proof, tolerance=0.95 * MM)
     assert found.conformity.outcome == "pass"
     assert found.conformity.value_mm == pytest.approx(found.calibrated["mean_plus_3sigma_mm"], abs=1e-12)
     assert found.told()[0].startswith("Tolerance: PASS.")
     assert "SIMULATED" in found.told()[0]
     assert found.to_dict()["conformity"]["outcome"] == "pass"
+    assert irbcal.evaluate(record, proof, tolerance=0.95 * MM, tracker_u95=0.3 * MM).conformity.outcome == "not proven"
     fitted = robots.demo_file("demo_identification.csv")
     seen = irbcal.evaluate(record, fitted, tolerance=0.1, rule="max", include_fitted=True)
     assert seen.conformity.outcome == "not proven"

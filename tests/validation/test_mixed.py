@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
-from irbcal.validation.mixed import mixed_poses, told_apart
+from irbcal.validation.mixed import mixed_poses, predicted, told_apart
 from irbcal.validation.pose_equations import PoseEquations
 
 
@@ -59,3 +59,16 @@ def test_two_lines_are_told_apart():
     assert found.sure == 1.0
     assert len(set(found.second[1::2])) == 1
     assert found.second[0] != found.second[1]
+
+
+@pytest.mark.parametrize("seed", [1, 4, 5])
+def test_clean_data_of_one_robot_are_of_one_robot(seed):
+    """Sixty poses of a robot with other errors than the model's are told apart well, but that predicts no pose."""
+    nominal, rng = arm("irb1600"), np.random.default_rng(seed)
+    robot = random_robot(nominal, "placement", rng)
+    equations = PoseEquations(nominal, measured(robot, nominal.random_joints(60, seed), 2e-5, rng))
+    found = told_apart(*equations.sums)
+    assert found.two < 0.25 * found.one
+    assert found.sure > 0.9
+    assert predicted(*equations.sums, found.second) < 0.9
+    assert mixed_poses(equations) == []

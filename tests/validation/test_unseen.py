@@ -46,7 +46,7 @@ def test_training_data_prove_nothing(made, table):
 def test_of_a_mixed_file_the_rest_counts(made, table):
     found = irbcal.evaluate(made, table)
     assert found.calibrated["n"] == made.record.heldout.all.n
-    assert any("poses were fitted and are counted out" in note for note in found.notes)
+    assert any("and are counted out" in note for note in found.notes)
 
 
 def test_verify_with_fitted_poses_is_refused_or_counted_out(table):
@@ -59,3 +59,19 @@ def test_verify_with_fitted_poses_is_refused_or_counted_out(table):
     mixed = irbcal.calibrate(one, "irb1600", "26", verify=table)
     assert two["pose"].nunique() - 5 <= mixed.record.poses_heldout <= two["pose"].nunique()
     assert any("poses are at joints that are fitted" in note for note in mixed.record.notes)
+
+
+def test_a_load_that_was_never_fitted_is_called_so(made, table):
+    one, _ = halves(table)
+    fitted = irbcal.calibrate(one.assign(payload_kg=1.0), "irb1600", "26")
+    loaded = irbcal.evaluate(fitted, one.assign(payload_kg=7.0), tolerance=5e-3, same_tool=True)
+    assert "at fitted joints with a load that was never fitted" in loaded.verdict.words
+    assert loaded.conformity.outcome == "not proven"
+    assert "that were fitted" not in loaded.verdict.words
+
+
+def test_nothing_held_out_is_a_reason_in_the_file(table):
+    made = irbcal.calibrate(halves(table)[0], "irb1600", "26", holdout=0)
+    assert not made.verdict.trusted
+    assert any("no proof of accuracy" in doubt for doubt in made.verdict.doubts)
+    assert made.record.doubts == list(made.verdict.doubts)

@@ -39,12 +39,14 @@ def test_what_was_left_out_is_part_of_it():
     assert most.outcome == "better"
     assert not most
     assert "60% of the points were left out" in most.words
+    assert any("60%" in doubt for doubt in most.doubts)
 
 
 def test_fitted_poses_prove_nothing():
     found = verdict(errors(1.0, 1), errors(0.3, 2), POSE, proven=False)
     assert not found
     assert "which proves nothing" in found.words
+    assert any("no proof" in doubt for doubt in found.doubts)
 
 
 def test_doubts_are_part_of_it():
