@@ -1,5 +1,6 @@
 """What several tests need: comparators with metre and radian tolerances, central differences, simulation."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,11 @@ def random_robot(nominal, level, rng, size=0.3, targets=None, T_world_base=None)
     return Robot(
         nominal.with_table(table), joint_map.joint_map(nominal), T_world_base, TARGETS if targets is None else targets
     )
+
+
+def with_thesis(joint_map, **numbers):
+    """A joint map of the thesis with some of its numbers changed."""
+    return replace(ThesisMap.of(joint_map), **numbers).joint_map(joint_map.terms.arm)
 
 
 def random_rotation(rng):

@@ -17,6 +17,8 @@ from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term_map import TermMap
 
+WORDS = {"thesis": "arm stiffness and joint-6 series"}
+"""What a family is called on the page where its name does not say it."""
 SMALLEST = 1e-9
 """Metres: a family that moves no point by more is not told."""
 
@@ -42,7 +44,7 @@ def shifts(model: Robot, points: PointSet, T_scene_world: FloatArray) -> dict[st
     for family in families(model):
         shift = frames.apply(turn, points.predicted(without(model, family)) - whole)
         if np.abs(shift).max(initial=0.0) > SMALLEST:
-            out[family.replace("_", " ")] = shift
+            out[WORDS.get(family, family.replace("_", " "))] = shift
     return out
 
 

@@ -7,6 +7,7 @@ from support import arm, measured, random_robot
 from irbcal.errors import IdentificationError
 from irbcal.identification.fit import identify
 from irbcal.modeling.parameters import selected_parameters
+from irbcal.modeling.thesis_map import ThesisMap
 
 
 def test_intervals_hold_the_truth_in_95_of_100_cases():
@@ -95,7 +96,7 @@ def test_joint_gains_are_identified_on_any_level():
     rng = np.random.default_rng(7)
     truth = random_robot(nominal, "11", rng)
     gains = np.array([1e-3, -5e-4, 8e-4, 3e-4, -2e-4, 4e-4])
-    truth = truth.replace(joint_map=type(truth.joint_map)(gain=gains))
+    truth = truth.replace(joint_map=ThesisMap(gain=gains).joint_map(truth.joint_map.terms.arm))
     chosen = selected_parameters("11", free=["gain*"])
     fit = identify(nominal, measured(truth, nominal.random_joints(60, 1)), "11", parameters=chosen)
     rows = {row.name: row for row in fit.parameters()}

@@ -1,10 +1,8 @@
 """Models for planners that several tests need."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from support import example_robot, random_robot
+from support import example_robot, random_robot, with_thesis
 
 from irbcal.files import urdf
 from irbcal.modeling import frames
@@ -19,7 +17,7 @@ def cell():
     """A simulated IRB 1600 with large errors, in a URDF whose root is a measuring frame far from the base."""
     found = urdf.read("irb1600")
     robot = random_robot(found.arm, "34", np.random.default_rng(3), size=1.0)
-    robot = robot.replace(joint_map=replace(robot.joint_map, gain=1e-3 * np.arange(-2, 4)))
+    robot = robot.replace(joint_map=with_thesis(robot.joint_map, gain=1e-3 * np.arange(-2, 4)))
     content = urdf.to_bytes(found, robot.arm, robot.T_world_base)
     return robot, CalibratedModel(content, robot.arm, robot.joint_map, {"target_smr1": T_TIP_SMR1})
 

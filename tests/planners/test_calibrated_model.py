@@ -102,7 +102,7 @@ def test_model_limits_keep_commands_within_the_controllers(cell):
     q = model.command_from_model(lower + share * (upper - lower))
     assert not model.beyond_limits(q)[np.abs(model.beyond_limits(q)) > 1e-9].any()
     ends = robot.joint_map.effective(np.array([robot.arm.lower, robot.arm.upper]))
-    assert np.abs(ends - [lower, upper]).max() < 2 * abs(robot.joint_map.stiffness[1]) + 1e-12
+    assert np.abs(ends - [lower, upper]).max() < 2 * abs(ThesisMap.of(robot.joint_map).stiffness[1]) + 1e-12
 
 
 def test_commands_beyond_a_limit_are_refused_by_name(cell):
@@ -219,7 +219,7 @@ def test_model_of_a_calibration_folder(tmp_path):
     T = robot.T_world_base @ model.placement(q, "target_smr2")
     assert np.abs(T[:, :3, 3] - robot.points(q, "smr2")).max() < 1e-12
     loaded = model.with_payload(3.0)
-    assert (loaded.joint_map.stiffness > model.joint_map.stiffness).all()
+    assert (ThesisMap.of(loaded.joint_map).stiffness > ThesisMap.of(model.joint_map).stiffness).all()
     moved = loaded.placement(q)[:, :3, 3] - model.placement(q)[:, :3, 3]
     assert 0.1e-3 < np.linalg.norm(moved, axis=1).max() < 0.6e-3
     assert_same_model(CalibratedModel.load(irbcal.load(tmp_path)), model, q)  # the IRB 1600's URDF can be made again
@@ -260,7 +260,7 @@ def test_models_cannot_be_changed(cell):
 
 def test_what_a_model_says_of_itself(cell, kinova):
     said = cell[1].summary()
-    for words in ("tool0 in base_link", "stiffness A, B", "frames on the tool: target_smr1", "joint_6", "deg"):
+    for words in ("tool0 in base_link", "12 terms (gain, thesis)", "frames on the tool: target_smr1", "joint_6", "deg"):
         assert words in said
     assert "–" in kinova.summary(), "continuous joints have no limits"
     for model in (cell[1], kinova):

@@ -72,7 +72,7 @@ def test_payload_moves_the_joints_as_gravity_on_the_urdfs_masses_does(name, plac
     angles = theta[:, 1], theta[:, 1] + theta[:, 2] + phases[1]
     waves = np.array([np.sin(angles[0]), np.cos(angles[0]), np.sin(angles[1]), np.cos(angles[1])]).T
     A, _, B, _ = compliance * np.linalg.lstsq(waves, torque[:, 0], rcond=None)[0]
-    model = replace(bare, joint_map=replace(bare.joint_map, stiffness=[A, B]))
+    model = replace(bare, joint_map=ThesisMap(stiffness=[A, B], phases=phases).joint_map(nominal))
     heavier = model.model.copy()
     tip = heavier.frames[heavier.getFrameId("tool0")]
     point = tip.placement * np.array([0.0, 0, 0] if place is None else place)
@@ -84,7 +84,7 @@ def test_payload_moves_the_joints_as_gravity_on_the_urdfs_masses_does(name, plac
     assert not change[:, [0, 3, 4, 5]].any()
     lighter = loaded.with_payload(-3.0, place, wrist)
     assert loaded.model.nq == 6
-    assert np.isfinite(lighter.joint_map.stiffness).all()
+    assert np.isfinite(ThesisMap.of(lighter.joint_map).stiffness).all()
 
 
 def test_payload_needs_masses_and_stiffness():

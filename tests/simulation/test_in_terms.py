@@ -87,5 +87,5 @@ def test_the_truth_file_tells_terms_by_their_names(tmp_path):
         np.radians(simulated.cell.truth()["effects"]["direction"]["size_deg"][1])
     )
     ratio = simulated.cell.truth()["effects"]["gear"]["waves"][0]
-    assert f"rz{ratio[0]} cos {2 * ratio[1]}" in told
+    assert f"rz{ratio[0]} cos {2 * ratio[1]} gear" in told
     assert told["rx2 constant"] != 0.0

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support import arm, measured, random_robot
+from support import arm, measured, random_robot, with_thesis
 
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import MeasurementError
@@ -142,7 +142,7 @@ def test_commands_that_are_no_fake_targets_are_set_aside():
 def test_the_meant_robot_has_the_nominal_arm_and_no_joint_map():
     nominal = arm()
     robot = random_robot(nominal, "34", np.random.default_rng(4))
-    robot = robot.replace(joint_map=replace(robot.joint_map, gain=np.full(6, 0.01)))
+    robot = robot.replace(joint_map=with_thesis(robot.joint_map, gain=np.full(6, 0.01)))
     q = nominal.random_joints(5, 0)
     meant = comparison.replace_geometry(robot, nominal)
     assert np.abs(meant.poses(q) - nominal.forward(q)).max() < 1e-14

@@ -99,11 +99,11 @@ def test_click_field_list_and_filters(browser, view, saved):
     assert "fitted" not in page.text("#statistics")
     page.page.check("#kind-fitted")
 
-    # without gravity: the whole robot without these terms
-    page.page.get_by_label("gravity").uncheck()
-    assert "without gravity" in page.text("#pose table")
+    # without stiffness: the whole robot without these terms
+    page.page.get_by_label("arm stiffness and joint-6 series").uncheck()
+    assert "without arm stiffness and joint-6 series" in page.text("#pose table")
     scene = view.scene
-    bare = without.without(scene.robot, "gravity")
+    bare = without.without(scene.robot, "thesis")
     names = np.array(list(scene.targets))[scene.points.target]
     expected = bare.points(scene.q[scene.points.pose], list(names))
     expected = expected @ scene.T_scene_world[:3, :3].T + scene.T_scene_world[:3, 3]
@@ -111,7 +111,7 @@ def test_click_field_list_and_filters(browser, view, saved):
     assert np.abs(shown - expected).max() < 1e-6
     longest = 1e3 * np.linalg.norm(scene.points.measured - expected, axis=1).max()
     assert page("Math.max(...irbcalView.largest.calibrated)") == pytest.approx(longest, abs=1e-4)
-    page.page.get_by_label("gravity").check()
+    page.page.get_by_label("arm stiffness and joint-6 series").check()
     assert page("Math.max(...irbcalView.largest.calibrated)") == pytest.approx(of_pose.max(), abs=1e-5)
     page.check_silence()
 

@@ -5,13 +5,12 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from inverse_cases import assert_solved, like_table_6_1
-from support import arm, assert_same_poses, random_robot
+from support import arm, assert_same_poses, random_robot, with_thesis
 
 from irbcal.errors import RobotError
 from irbcal.modeling.inverse import calibrated_arm, closed_form
 from irbcal.modeling.inverse.result import Method, Reason
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.thesis_map import ThesisMap
 
 MANY = 20_000
 
@@ -68,9 +67,7 @@ def test_every_branch_of_one_pose():
 
 def test_turns_are_kept_with_joint_gains():
     nominal, robot = like_table_6_1("irb1600", 2.4)
-    robot = robot.replace(
-        joint_map=replace(ThesisMap.of(robot.joint_map), gain=np.full(6, 2e-3)).joint_map(robot.joint_map.terms.arm)
-    )
+    robot = robot.replace(joint_map=with_thesis(robot.joint_map, gain=np.full(6, 2e-3)))
     q = np.radians([[10.0, 20.0, -30.0, 20.0, 40.0, 30.0], [10.0, 20.0, -30.0, 20.0, 40.0, -330.0]])
     T = robot.poses(q)
     assert np.abs(T[0] - T[1]).max() > 1e-3

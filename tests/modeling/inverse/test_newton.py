@@ -1,21 +1,14 @@
 """Damped Newton steps: their Jacobian, their errors, and how far they come."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from support import arm, assert_derivative, assert_same_poses, on_a_rail, random_robot, random_rotation
+from support import arm, assert_derivative, assert_same_poses, on_a_rail, random_robot, random_rotation, with_thesis
 
 from irbcal.files import urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import newton
 from irbcal.modeling.inverse.poses import pose_columns
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.thesis_map import ThesisMap
-
-
-def with_gains(joint_map, gains):
-    return replace(ThesisMap.of(joint_map), gain=gains).joint_map(joint_map.terms.arm)
 
 
 def a_robot(name, folder):
@@ -23,9 +16,9 @@ def a_robot(name, folder):
     if name == "rail":
         nominal = urdf.read(on_a_rail(folder / "rail.urdf"), "rail_base").arm
         robot = random_robot(nominal, "placement", np.random.default_rng(2))
-        return robot.replace(joint_map=with_gains(robot.joint_map, np.linspace(-2e-3, 3e-3, 7)))
+        return robot.replace(joint_map=with_thesis(robot.joint_map, gain=np.linspace(-2e-3, 3e-3, 7)))
     robot = random_robot(arm(name), "34", np.random.default_rng(1), 1.0)
-    return robot.replace(joint_map=with_gains(robot.joint_map, np.linspace(-2e-3, 3e-3, 6)))
+    return robot.replace(joint_map=with_thesis(robot.joint_map, gain=np.linspace(-2e-3, 3e-3, 6)))
 
 
 @pytest.mark.parametrize("name", ["irb1600", "irb120", "rail"])
