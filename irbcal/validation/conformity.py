@@ -13,14 +13,14 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.arrays import IntArray, lock
 from irbcal.errors import OptionError
 from irbcal.options import checked, length
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
 from irbcal.validation import bootstrap
 from irbcal.validation.region import Region
-from irbcal.validation.upper_bound import LARGEST_SHARE, RULES, Rule, tracker_u95, upper_bound
+from irbcal.validation.upper_bound import LARGEST_SHARE, RULES, Rule, upper_bound
 from irbcal.validation.verdict import Verdict
 
 Outcome: TypeAlias = Literal["pass", "fail", "not proven"]
@@ -176,8 +176,7 @@ def conformity(
     rule: Rule = "mean3sigma",
     *,
     poses: int,
-    declared: FloatArray | None = None,
-    tracker: float | None = None,
+    tracker: tuple[float, str] = (0.0, "as stated by the user"),
     region: Region | None = None,
     region_only: bool = False,
     simulated: bool = False,
@@ -203,10 +202,8 @@ def conformity(
     rule : {"mean3sigma", "max", "percentile"}
     poses : int
         How many there are.
-    declared : ndarray, shape (m,), optional
-        Expanded uncertainty that the measurements declare of each point, metres.
-    tracker : float, optional
-        The same of all points as the user states it, metres, in place of what is declared.
+    tracker : tuple of float and str
+        Its expanded uncertainty, metres, and where that comes from.
     region : Region, optional
         Where the poses are.
     region_only : bool
@@ -221,21 +218,15 @@ def conformity(
     """
     words, key = FIGURES[rule]
     distance, limit = np.asarray(distance, dtype=float), tolerance / MM
-    value, places = float(statistics[key]), len(np.unique(place))
-    u95, source = tracker_u95(declared, tracker)
-    against = _against(verdict, places)
-    if region is not None and not region_only and not region.whole:
-        against.append(
-            f"Nothing is proven beyond the region of these poses: {region.narrow_in_words()}. Measure poses all over "
-            "the calibrated ranges, or ask for a certificate of this region only (--region-only)."
-        )
+    value, places, u95 = float(statistics[key]), len(np.unique(place)), tracker[0] / MM
+    against = _against(verdict, places, None if region_only else region)
     upper, basis = None, f"of {bootstrap.FEWEST_POSES} places or more"
     if places >= bootstrap.FEWEST_POSES:
         bound, basis = upper_bound(rule, value * MM, distance, place)
         upper = bound / MM
-        if value <= limit < upper + u95 / MM:
+        if value <= limit < upper + u95:
             against.append(
-                f"The {words} may be larger than it was on these poses: {upper + u95 / MM:.3f} mm with 95 % confidence "
+                f"The {words} may be larger than it was on these poses: {upper + u95:.3f} mm with 95 % confidence "
                 "and the tracker's uncertainty. Measure more poses: the bound comes nearer to the figure."
             )
     outcome: Outcome = "fail" if not value <= limit else "not proven" if against else "pass"
@@ -246,8 +237,8 @@ def conformity(
         value,
         upper,
         basis,
-        u95 / MM,
-        source,
+        u95,
+        tracker[1],
         bootstrap.intervals(distance, place, seed=seed) or {},
         poses,
         len(distance),
@@ -257,9 +248,14 @@ def conformity(
     )
 
 
-def _against(verdict: Verdict, places: int) -> list[str]:
+def _against(verdict: Verdict, places: int, region: Region | None) -> list[str]:
     """Why a figure within the tolerance would be no pass, in sentences."""
     out = list(verdict.doubts)
+    if region is not None and not region.whole:
+        out.append(
+            f"Nothing is proven beyond the region of these poses: {region.narrow_in_words()}. Measure poses all over "
+            "the calibrated ranges, or ask for a certificate of this region only (--region-only)."
+        )
     if places < bootstrap.FEWEST_POSES:
         out.append(f"{places} places are too few to judge by: {bootstrap.FEWEST_POSES} are the least.")
     if verdict.outcome == "worse":

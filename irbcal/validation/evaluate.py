@@ -37,7 +37,7 @@ from irbcal.validation.refit import Refit
 from irbcal.validation.region import region
 from irbcal.validation.suspicion import doubts_of, lost_row, refuse_far_points
 from irbcal.validation.unseen import without_fitted
-from irbcal.validation.upper_bound import Rule
+from irbcal.validation.upper_bound import Rule, expanded_uncertainty
 from irbcal.validation.verdict import counted
 from irbcal.validation.verdict import verdict as judged
 
@@ -214,8 +214,7 @@ def evaluate(
             tolerance,
             judged_by,
             poses=points.poses,
-            declared=points.u95,
-            tracker=tracker_u95,
+            tracker=expanded_uncertainty(points.u95, tracker_u95),
             region=covered,
             region_only=region_only,
             simulated=simulated,

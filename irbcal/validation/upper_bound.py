@@ -85,7 +85,7 @@ def _rank(n: int, share: float) -> int:
     return int((bdtr(np.arange(n), n, 1.0 - share) <= RISK).sum())
 
 
-def tracker_u95(declared: ArrayLike | None, stated: float | None) -> tuple[float, str]:
+def expanded_uncertainty(declared: ArrayLike | None, stated: float | None) -> tuple[float, str]:
     """Expanded uncertainty of a measured position, metres, and where it comes from, in words.
 
     Parameters

@@ -10,7 +10,7 @@ from irbcal.measurement.statistics import statistics
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.conformity import check_options, conformity
-from irbcal.validation.upper_bound import tracker_u95, upper_bound
+from irbcal.validation.upper_bound import expanded_uncertainty, upper_bound
 from irbcal.validation.verdict import verdict
 
 RNG = np.random.default_rng(5)
@@ -32,7 +32,7 @@ def judged(
         tolerance_mm * MM,
         rule,
         poses=len(np.unique(place)),
-        tracker=tracker,
+        tracker=(tracker, "as stated"),
     )
 
 
@@ -75,7 +75,7 @@ def test_a_pass_needs_the_upper_bound_and_the_tracker_within_the_tolerance(rule,
 )
 def test_where_the_uncertainty_of_the_tracker_comes_from(declared, stated, u95_mm, source):
     declared = None if declared is None else np.array(declared) * MM
-    value, words = tracker_u95(declared, None if stated is None else stated * MM)
+    value, words = expanded_uncertainty(declared, None if stated is None else stated * MM)
     assert value == pytest.approx(u95_mm * MM)
     assert source in words
 
