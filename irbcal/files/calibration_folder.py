@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol, TypeAlias
 
 from pydantic import ValidationError
@@ -68,7 +70,7 @@ class Saved:
 
 
 def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) -> None:
-    """Write a calibration folder: all its files, or none.
+    """Write a calibration folder: all its files, or none; what `read` would refuse is not written.
 
     Parameters
     ----------
@@ -83,22 +85,35 @@ def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) ->
     Raises
     ------
     CalibrationError
-        If the folder cannot be written.
+        If the folder cannot be written, or could not be read again.
     """
     document, tables = beside.parted(record)
-    write_together(
-        folder,
-        {
-            URDF_NAME: urdf_bytes,
-            ORIGINS_NAME: joint_origins.to_yaml(record).encode("utf-8"),
-            REPORT_NAME: report.encode("utf-8"),
-            **tables,
-            JSON_NAME: _text(seal.sealed(document)),
-        },
-    )
+    files = {
+        URDF_NAME: urdf_bytes,
+        ORIGINS_NAME: joint_origins.to_yaml(record).encode("utf-8"),
+        REPORT_NAME: report.encode("utf-8"),
+        **tables,
+        JSON_NAME: _text(seal.sealed(document)),
+    }
+    _refuse_unreadable(files, Path(folder))
+    write_together(folder, files)
     for name in beside.FILES.values():  # of a calibration that was here before
         if name not in tables:
             (Path(folder) / name).unlink(missing_ok=True)
+
+
+def _refuse_unreadable(files: Mapping[str, bytes], folder: Path) -> None:
+    """Read files as they would stand in a folder; an earlier calibration there is still whole."""
+    with TemporaryDirectory(prefix="irbcal-") as draft:
+        for name, content in files.items():
+            (Path(draft) / name).write_bytes(content)
+        try:
+            read(draft)
+        except CalibrationError as error:
+            why = str(error).removeprefix(f"{error.file}: ")
+            raise CalibrationError(
+                f"not written, because no command could open it: {why}", file=folder, parameter=error.parameter
+            ) from None
 
 
 def _text(document: dict[str, Any]) -> bytes:

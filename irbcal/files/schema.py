@@ -377,7 +377,8 @@ class Record(Section):
         rows = [row for row in self.parameters if row.name in known]
         factor = dict(UNIT_OUTSIDE.values())
         section, evidence = self.certainty, self.evidence
-        loo, fifths, ranges = {}, {}, None
+        loo: dict[str, float | None] = {}
+        fifths, ranges = loo, None
         if section is not None:
             loo, fifths = section.leave_one_out_mm, section.leave_fifths_out_mm
             ranges = np.array(section.ranges)

@@ -98,11 +98,11 @@ def elsewhere(robot: Robot, nominal: Robot, q: FloatArray) -> Elsewhere | None:
         None where nothing is known of the robot's certainty.
     """
     known = robot.certainty
-    if known is None or known.ranges is None or not known.loo or not robot.targets:
+    target = next((name for name in robot.targets if known is not None and known.left_out(name) is not None), None)
+    if known is None or known.ranges is None or target is None:
         return None
     lower, upper = _limits(robot.arm, known.ranges)
     anywhere = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(lower)))
-    target = next(iter(robot.targets))
     went = np.minimum(known.ranges[1], upper) - np.maximum(known.ranges[0], lower)
     moved = robot.points(anywhere, target) - nominal.points(anywhere, target)
     return Elsewhere(
@@ -116,7 +116,8 @@ def elsewhere(robot: Robot, nominal: Robot, q: FloatArray) -> Elsewhere | None:
 def _expected(robot: Robot, q: FloatArray, target: str) -> float:
     """Root mean square of the expected errors of a target: scatter of the parameters and leave-one-out error."""
     assert robot.certainty is not None
-    loo = robot.certainty.loo.get(target, robot.certainty.loo[""])
+    loo = robot.certainty.left_out(target)
+    assert loo is not None
     covariance = robot.predict(q, target=target).covariance
     return float(np.sqrt(np.einsum("nii->n", covariance).mean() + loo**2))
 
