@@ -62,9 +62,7 @@ def openings(case: Case, data: Path, out: Path) -> Iterator[tuple[str, ...]]:
     other_targets = ("measured.csv", "--refit-base", "--refit-tool") if at_features else (str(data), "--include-fitted")
     yield "evaluate", str(out), *other_targets
     yield "fk", str(out), "--joints", joints
-    if case.sample == "rail.csv":
-        yield "filter", str(out), "rail.csv", "--out", f"{out}.csv"
-    else:
+    if joints != "rail.csv":  # poses of which go to the joints' limits
         yield "filter", str(out), "job.csv", "--out", f"{out}.csv"
     without = ("--without-frame-terms",) if frame_terms else ()
     yield "export", str(out), "--as", "urdf", "--out", f"{out}-export", *without
