@@ -13,7 +13,7 @@ if "irbcal" in (sys.argv[0].rpartition("/")[2], *sys.orig_argv[1:3]):  # the pro
         _signal.SIGINT, _signal.SIG_DFL
     )  # until `irbcal.__main__` knows better: Ctrl-C ends it without a word
 
-import lazy_loader  # noqa: E402
+import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
