@@ -61,7 +61,7 @@ def test_a_file_that_was_cut_off_is_refused(size, whole, tmp_path):
     path = tmp_path / "fleet.db"
     path.write_bytes(whole[:size])
     for create in (False, True):
-        with pytest.raises(CalibrationError, match="the store (failed|is damaged)"), opened(path, create) as store:
+        with pytest.raises(CalibrationError, match=r"the store (failed|is damaged)"), opened(path, create) as store:
             store.calibrations()
     assert path.read_bytes() == whole[:size]
 
