@@ -1,6 +1,10 @@
 """The locked files are those of the pins: scripts/lock was run after every change of what irbcal needs."""
 
+import json
 import re
+import subprocess
+import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -48,3 +52,18 @@ def test_all_that_the_project_names_is_locked(name):
                 of.extend(more[1].split(",") if more else [])
                 wanted |= set() if more else {name_of(line)}
     assert wanted <= {name for name, _ in pins(locked(name))}
+
+
+def test_the_bill_of_materials_has_what_is_installed():
+    """Every part with its version, all that it needs among them, hashes of those that are locked."""
+    done = subprocess.run([sys.executable, ROOT / "scripts" / "sbom"], capture_output=True, text=True, check=True)
+    bill = json.loads(done.stdout)
+    parts = {part["name"]: part for part in bill["components"]}
+    assert all(part["version"] == version(name) for name, part in parts.items())
+    assert {"numpy", "pandas", "pin", "scipy", "sqlalchemy"} <= set(parts)
+    assert not {"pytest", "mypy"} & set(parts)
+    refs = {part["bom-ref"] for part in (*parts.values(), bill["metadata"]["component"])}
+    assert {ref for row in bill["dependencies"] for ref in (row["ref"], *row["dependsOn"])} == refs
+    for name, value in pins(locked("demo")):
+        if name in parts and parts[name]["version"] == value:
+            assert parts[name]["hashes"]
