@@ -4,6 +4,15 @@ The public names are those of the stub beside this file; they are imported on fi
 stays quick.
 """
 
+import sys
+
+if "irbcal" in (sys.argv[0].rpartition("/")[2], *sys.orig_argv[1:3]):  # the program, not the library
+    import _signal  # quicker than signal, which makes enumerations of it
+
+    _signal.signal(
+        _signal.SIGINT, _signal.SIG_DFL
+    )  # until `irbcal.__main__` knows better: Ctrl-C ends it without a word
+
 import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -20,19 +20,31 @@ def start() -> None:
         # matrices here are small: more threads take more CPU time, and a busy machine makes them wait for each other
         os.environ.update(dict.fromkeys(THREADS, "1"))
     from irbcal.cli.main import main
-    from irbcal.cli.streams import forgive
+    from irbcal.cli.streams import forgive, output_lost
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     forgive()
+    sys.unraisablehook = _stopped_or_shown
+    code = 0
     try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         main()
     except KeyboardInterrupt:
         os._exit(130)
     except SystemExit as end:
         if end.code is not None and not (isinstance(end.code, int) and 0 <= end.code < 256):
             raise
-        leave(end.code or 0)
-    leave(0)
+        code = end.code or 0
+    if code == 0 and output_lost():
+        print("irbcal: standard output is closed: what was to be printed there is lost", file=sys.stderr)
+        code = 1
+    leave(code)
+
+
+def _stopped_or_shown(unraisable: "sys.UnraisableHookArgs") -> None:
+    """End where Ctrl-C came while Python could not raise it, as between two imports: it would be dropped."""
+    if isinstance(unraisable.exc_value, KeyboardInterrupt):
+        os._exit(130)
+    sys.__unraisablehook__(unraisable)
 
 
 def leave(code: int) -> None:

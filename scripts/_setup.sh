@@ -1,4 +1,5 @@
-# Sourced by scripts/demo and scripts/test: `set_up` or `set_up test` makes .venv ready and sets $root and $venv.
+# Sourced by scripts/demo, scripts/test and scripts/docs: `set_up` or `set_up test` makes .venv ready and sets $root and
+# $venv. pip takes no file whose SHA-256 is not in scripts/locks/.
 #
 # .venv/.irbcal-stamp holds a fingerprint of what was installed and is written last; .venv/.irbcal-unfinished is there
 # from before the first step until then. So an interrupted set-up is seen, and starts again from nothing.
@@ -53,7 +54,7 @@ fingerprint() {
 import hashlib, pathlib, sys
 root, extras = pathlib.Path(sys.argv[1]), sys.argv[2]
 digest = hashlib.sha256(repr((str(root), sys.version, extras)).encode())
-for name in ("pyproject.toml", "scripts/constraints.txt"):
+for name in ("pyproject.toml", "scripts/locks/" + (extras or "demo") + ".txt"):
     digest.update(hashlib.sha256((root / name).read_bytes()).digest())
 print(digest.hexdigest())' "$root" "$1"
 }
@@ -68,14 +69,13 @@ up_to_date() {
     local stamp
     [[ -f $venv/.irbcal-stamp && ! -e $venv/.irbcal-unfinished && -x $venv/bin/python ]] || return 1
     stamp=$(<"$venv/.irbcal-stamp")
-    # What the tests need includes what the pages need, and that includes what the demo needs.
-    [[ $stamp == "$(fingerprint test)" || $stamp == "$(fingerprint "$1")" ||
-        ( -z $1 && $stamp == "$(fingerprint docs)" ) ]] || return 1
+    # What the tests need includes what the demo needs.
+    [[ $stamp == "$(fingerprint test)" || $stamp == "$(fingerprint "$1")" ]] || return 1
     [[ -z ${PYTHON:-} || $(version_of "$PYTHON") == "$(version_of "$venv/bin/python")" ]]
 }
 
 pip_install() {
-    "$venv/bin/python" -I -m pip install -qq --no-input --disable-pip-version-check -c "$root/scripts/constraints.txt" "$@" ||
+    "$venv/bin/python" -I -m pip install -qq --no-input --disable-pip-version-check "$@" ||
         fail "The set-up of irbcal failed in pip (see above); the next run starts it again."
 }
 
@@ -91,9 +91,9 @@ install() {
     fi
     touch -- "$venv/.irbcal-unfinished"
     rm -f -- "$venv/.irbcal-stamp"
-    # The build backend comes first, in its pinned version; pip would take the newest one otherwise.
-    pip_install pip hatchling editables
-    pip_install --no-build-isolation -e "$root${1:+[$1]}"
+    # The build backend is among them; pip would take the newest one otherwise.
+    pip_install --require-hashes -r "$root/scripts/locks/${1:-demo}.txt"
+    pip_install --no-deps --no-build-isolation -e "$root"
     fingerprint "$1" >"$venv/.irbcal-stamp"
     rm -f -- "$venv/.irbcal-unfinished"
 }

@@ -13,6 +13,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
+import typer.main
 from typer.testing import CliRunner
 
 from irbcal import atomic
@@ -169,3 +170,12 @@ def test_ctrl_c_ends_quietly_from_the_first_moment():
         assert process.returncode in (130, 0, -signal.SIGINT), (wait, err)
         assert "Traceback" not in err
     assert seen & {130, -signal.SIGINT}
+
+
+def test_the_fuzzer_knows_every_command():
+    """Also those behind a group, such as ``fleet list``."""
+    random, groups = Random(0), typer.main.get_command(app).commands
+    words = [maker(random) for maker, _ in commands.MAKERS for _ in range(60)]
+    for name, command in groups.items():
+        for below in getattr(command, "commands", {None: None}):
+            assert any(line[0] == name and below in (None, line[1]) for line in words), (name, below)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     app: typer.Typer
 
 HELP = "Calibrate robot arms from laser-tracker measurements: corrected URDF, joint map, proof."
+PACKAGES = {"collada": "pycollada", "pinocchio": "pin", "yaml": "pyyaml"}
+"""Packages whose modules have other names."""
 HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -111,6 +113,13 @@ def main() -> None:
             # numbers that overflow are refused in a sentence of ours, or end in a result that is checked
             warnings.simplefilter("ignore", RuntimeWarning)
             _called(sys.argv[1:])(prog_name=NAME)
+    except ModuleNotFoundError as error:
+        name = (error.name or "").partition(".")[0]
+        if name in ("", "irbcal"):
+            raise
+        package = PACKAGES.get(name, name)
+        print(f"irbcal: this needs {package}, which is not installed: pip install {package}", file=sys.stderr)
+        sys.exit(1)
     except IrbcalError as error:
         print(f"irbcal: {error}", file=sys.stderr)
         sys.exit(1)

@@ -322,7 +322,14 @@ def _run(out: Path, json: bool, robot: str, **options: Any) -> None:
             step("robot")
             made = measuring_plan.plan(robot, progress=step, **options)
             step("files")
-            files = [path.name for path in made.save(out, plan_page.page(made))]
+            try:
+                page = plan_page.page(made)
+            except ModuleNotFoundError as error:
+                if error.name != "meshcat":
+                    raise
+                page = None
+                typer.echo("irbcal: plan.html is not written, as it needs meshcat: pip install meshcat", err=True)
+            files = [path.name for path in made.save(out, page)]
     except BaseException:
         for folder in made_folders:  # innermost first; those that are still empty were made for nothing
             try:

@@ -1,4 +1,8 @@
-"""Output whose reader may go: what is written after that is dropped, and the command ends as it would have ended."""
+"""Output whose reader may go, that was closed from the start, or that cannot show every character.
+
+What is written after a reader has gone is dropped, and the command ends as it would have ended. What is written to a
+standard output that is closed is lost: the command says so. Characters that an encoding has not are written as escapes.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +28,38 @@ class Forgiving(io.FileIO):
             return super().write(data)  # type: ignore[arg-type]
 
 
+class Closed(io.FileIO):
+    """Stands for a stream that was closed when the program began."""
+
+    lost = False
+    """Whether something was written."""
+
+    def write(self, data: object) -> int:
+        """Write into nothing."""
+        self.lost = True
+        return super().write(data)  # type: ignore[arg-type]
+
+
+def output_lost() -> bool:
+    """Whether a standard output that is closed was written to; what could not be written otherwise is an error."""
+    if not isinstance(sys.stdout, io.TextIOWrapper):
+        return False
+    sys.stdout.flush()
+    raw = getattr(sys.stdout.buffer, "raw", None)
+    return isinstance(raw, Closed) and raw.lost
+
+
 def forgive() -> None:
     """Make stdout and stderr of this process forgiving."""
-    for name in ("stdout", "stderr"):
+    for number, name in ((1, "stdout"), (2, "stderr")):
         stream = getattr(sys, name)
+        if stream is None:
+            nothing = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nothing, number)  # or the next file that is opened would be this stream
+            if nothing not in (1, 2):
+                os.close(nothing)
+            setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(Closed(number, "w", closefd=False)), "utf-8"))
+            continue
         if not isinstance(stream, io.TextIOWrapper):  # none at all, or that of another program
             continue
         stream.flush()
@@ -38,7 +70,7 @@ def forgive() -> None:
             io.TextIOWrapper(
                 io.BufferedWriter(raw),
                 encoding=stream.encoding,
-                errors=stream.errors,
+                errors="backslashreplace",
                 line_buffering=stream.line_buffering or stream.write_through,
             ),
         )

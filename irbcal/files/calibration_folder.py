@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol, TypeAlias
 
 from pydantic import ValidationError
@@ -73,7 +74,7 @@ class Saved:
 
 
 def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) -> None:
-    """Write a calibration folder: all its files, or none.
+    """Write a calibration folder: all its files, or none; what `read` would refuse is not written.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) ->
     Raises
     ------
     CalibrationError
-        If the folder cannot be written.
+        If the folder cannot be written, or could not be read again.
     """
     document, tables = beside.parted(record)
     files = {
@@ -97,7 +98,9 @@ def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) ->
         REPORT_NAME: report.encode("utf-8"),
         **tables,
     }
-    write_together(folder, {**files, JSON_NAME: _text(seal.sealed(document, seal.hashes(files)))})
+    files[JSON_NAME] = _text(seal.sealed(document, seal.hashes(files)))
+    _refuse_unreadable(files, Path(folder))
+    write_together(folder, files)
     for name in {*beside.FILES.values(), SIGNATURE_NAME} - set(files):  # of a calibration that was here before
         (Path(folder) / name).unlink(missing_ok=True)
 
@@ -119,6 +122,20 @@ def with_page(folder: str | Path, page: bytes) -> dict[str, bytes]:
     content = _read(folder_of(folder))[1]
     listed = content[seal.KEY]["files"] | seal.hashes({REPORT_NAME: page})
     return {REPORT_NAME: page, JSON_NAME: _text(seal.sealed(content, listed))}
+
+
+def _refuse_unreadable(files: Mapping[str, bytes], folder: Path) -> None:
+    """Read files as they would stand in a folder; an earlier calibration there is still whole."""
+    with TemporaryDirectory(prefix="irbcal-") as draft:
+        for name, content in files.items():
+            (Path(draft) / name).write_bytes(content)
+        try:
+            read(draft)
+        except CalibrationError as error:
+            why = str(error).removeprefix(f"{error.file}: ")
+            raise CalibrationError(
+                f"not written, because no command could open it: {why}", file=folder, parameter=error.parameter
+            ) from None
 
 
 def _text(document: dict[str, Any]) -> bytes:

@@ -102,11 +102,12 @@ class CertaintySection(Section):
     """What intervals of predictions need beside the covariance, and where they are valid.
 
     Leave-one-out errors (mm) are root mean square lengths by target, under the empty name for all: of single poses, and
-    of contiguous fifths of the poses. ``ranges`` are the smallest and the largest joints of the fit, rad (m).
+    of contiguous fifths of the poses; null where what is left does not determine them. ``ranges`` are the smallest and
+    the largest joints of the fit, rad (m).
     """
 
-    leave_one_out_mm: dict[Name, float]
-    leave_fifths_out_mm: dict[Name, float]
+    leave_one_out_mm: dict[Name, float | None]
+    leave_fifths_out_mm: dict[Name, float | None]
     ranges: list[list[float]] = Field(min_length=2, max_length=2)
     elsewhere: ElsewhereSection | None = None
 
@@ -126,11 +127,11 @@ class CertaintySection(Section):
         return "" if self.elsewhere is None else self.elsewhere.found().in_words()
 
 
-def in_mm(lengths: Mapping[str, float]) -> dict[str, float]:
+def in_mm(lengths: Mapping[str, float | None]) -> dict[str, float | None]:
     """Lengths by name, metres, in millimetres."""
-    return {name: value / MM for name, value in lengths.items()}
+    return {name: None if value is None else value / MM for name, value in lengths.items()}
 
 
-def in_metres(lengths: Mapping[str, float]) -> dict[str, float]:
+def in_metres(lengths: Mapping[str, float | None]) -> dict[str, float | None]:
     """Lengths by name, millimetres, in metres."""
-    return {name: value * MM for name, value in lengths.items()}
+    return {name: None if value is None else value * MM for name, value in lengths.items()}

@@ -7,6 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from irbcal.files.certainty_section import in_mm
 from irbcal.files.explained_section import ExplainedStage, FamilyRow, GearSpectrum
 from irbcal.files.section import Name, Section, Sentence, Word
 from irbcal.identification.averaged import AveragedFit
@@ -123,15 +124,16 @@ class EvidenceSection(Section):
     """What is known of an average of error models beside its parameters.
 
     Leave-one-out errors are root mean squares by target, under the empty name for all: of single poses, and of
-    contiguous fifths of the poses. ``warm_up_tau`` is in poses. ``explained`` are fits with one family after the other;
+    contiguous fifths of the poses; null where what is left does not determine them. ``warm_up_tau`` is in poses.
+    ``explained`` are fits with one family after the other;
     ``spectrum`` is null where no gear scan was made, because long series of harmonics take its place.
     """
 
     terms: Word
     poses: int
     sigma_mm: float
-    leave_one_out_mm: dict[Name, float]
-    leave_fifths_out_mm: dict[Name, float]
+    leave_one_out_mm: dict[Name, float | None]
+    leave_fifths_out_mm: dict[Name, float | None]
     groups: list[Group]
     families: list[FamilyRow] = Field(default_factory=list)
     gears: list[Gear]
@@ -148,8 +150,8 @@ class EvidenceSection(Section):
             terms=fit.kind,
             poses=fit.poses,
             sigma_mm=fit.sigma / MM,
-            leave_one_out_mm={name: value / MM for name, value in fit.loo.items()},
-            leave_fifths_out_mm={name: value / MM for name, value in fit.loo_blocks.items()},
+            leave_one_out_mm=in_mm(fit.loo),
+            leave_fifths_out_mm=in_mm(fit.loo_blocks),
             groups=[Group.of(group) for group in fit.groups],
             gears=[
                 Gear(

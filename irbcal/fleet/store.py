@@ -5,8 +5,9 @@ A calibration is added in one transaction, whole or not at all, and once: a seco
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -142,6 +143,8 @@ class Estimate:
         """From rows and the covariance as `packed` gave it."""
         L = np.zeros((len(rows), len(rows)))
         L[np.tril_indices(len(rows))] = np.frombuffer(factor, "<f8")
+        if not np.isfinite(L).all():
+            raise ValueError("a covariance has numbers that are not finite")
         return Estimate(
             tuple(row["name"] for row in rows),
             tuple(row["unit"] for row in rows),
@@ -268,8 +271,9 @@ class Store:
         if type is not None:
             chosen = chosen.where(robots.c.type == type)
         with self.engine.connect() as link:
-            heads = link.execute(chosen.order_by(calibrations.c.robot, calibrations.c.measured, calibrations.c.created))
-            found = [dict(row) for row in heads.mappings()]
+            found = _checked(
+                link, chosen.order_by(calibrations.c.robot, calibrations.c.measured, calibrations.c.created)
+            )
             numbers = [row["number"] for row in found]
             of_parameters = self._by_calibration(link, parameters, numbers)
             of_files = self._by_calibration(link, files, numbers)
@@ -282,8 +286,8 @@ class Store:
         out: dict[int, list[dict[str, Any]]] = {}
         for k in range(0, len(numbers), 500):
             chosen = sql.select(table).where(table.c.calibration.in_(numbers[k : k + 500]))
-            for row in link.execute(chosen.order_by(table.c.calibration, table.c.position)).mappings():
-                out.setdefault(row["calibration"], []).append(dict(row))
+            for row in _checked(link, chosen.order_by(table.c.calibration, table.c.position)):
+                out.setdefault(row["calibration"], []).append(row)
         return out
 
     @staticmethod
@@ -291,20 +295,20 @@ class Store:
         robot = {"id": head["robot"], "serial": head.pop("serial"), "type": head.pop("type")}
         factors = {part: head.pop(f"{part}_covariance") for part in PARTS}
         parts = {part: [row for row in rows if row["part"] == part] for part in (*PARTS, "other")}
-        return Stored(
-            robot,
-            head,
-            Estimate.of(parts["fit"], factors["fit"]),
-            None if factors["level"] is None else Estimate.of(parts["level"], factors["level"]),
-            None if factors["terms"] is None else Estimate.of(parts["terms"], factors["terms"]),
-            tuple(parts["other"]),
-            tuple((row["name"], row["sha256"]) for row in data),
-        )
+        try:
+            fit, level, terms = (
+                None if factors[part] is None else Estimate.of(parts[part], factors[part]) for part in PARTS
+            )
+        except ValueError:
+            raise _Damaged(f"calibration {head['number']} has not the parameters of its covariance") from None
+        assert fit is not None
+        files_of = tuple((row["name"], row["sha256"]) for row in data)
+        return Stored(robot, head, fit, level, terms, tuple(parts["other"]), files_of)
 
     def robots(self) -> list[dict[str, str]]:
         """All robots by their ids."""
         with self.engine.connect() as link:
-            return [dict(row) for row in link.execute(sql.select(robots).order_by(robots.c.id)).mappings()]
+            return _checked(link, sql.select(robots).order_by(robots.c.id))
 
     def table(self, name: str) -> pd.DataFrame:
         """A table as it is: ``robots``, ``calibrations`` (without covariances), ``parameters`` or ``files``."""
@@ -312,8 +316,29 @@ class Store:
 
         chosen = [column for column in tables.tables[name].c if not column.name.endswith("_covariance")]
         with self.engine.connect() as link:
-            found = link.execute(sql.select(*chosen).order_by(*tables.tables[name].primary_key.columns))
-            return pd.DataFrame([dict(row) for row in found.mappings()], columns=[column.name for column in chosen])
+            found = _checked(link, sql.select(*chosen).order_by(*tables.tables[name].primary_key.columns))
+        return pd.DataFrame(found, columns=[column.name for column in chosen])
+
+
+class _Damaged(Exception):
+    """What stands in a store cannot have been written by irbcal."""
+
+
+def _checked(link: Connection, chosen: sql.Select[Any]) -> list[dict[str, Any]]:
+    """Rows whose values are of their columns' types: SQLite keeps anything anywhere."""
+    columns = [cast("sql.Column[Any]", column) for column in chosen.exported_columns]
+    kinds = [(int, float) if column.type.python_type is float else column.type.python_type for column in columns]
+    out = []
+    try:
+        for row in link.execute(chosen):
+            for column, kind, value in zip(columns, kinds, row, strict=True):
+                infinite = isinstance(value, float) and not math.isfinite(value)
+                if infinite or not (isinstance(value, kind) or (value is None and column.nullable)):
+                    raise _Damaged(f"table {column.table.name}, column {column.name}: {ascii(value)[:50]}")
+            out.append(dict(row._mapping))
+    except (ValueError, TypeError) as error:  # a date that is none
+        raise _Damaged(str(error)) from None
+    return out
 
 
 @contextmanager
@@ -335,13 +360,32 @@ def opened(store: str | Path, create: bool = False) -> Iterator[Store]:
         If the URL is of another database.
     """
     engine, shown = _engine(store, create)
+    new = create and "://" not in shown and not Path(shown).exists()
     try:
         _check(engine, shown, create)
         yield Store(engine)
-    except DBAPIError as error:
-        raise CalibrationError(f"the store failed: {str(error.orig).strip().splitlines()[0]}", file=shown) from None
+        if new and not Path(shown).exists():
+            raise CalibrationError("the store is gone, as another writer that made it failed: add again", file=shown)
+    except BaseException as error:
+        if new:
+            _remove_if_empty(engine, Path(shown))
+        if isinstance(error, _Damaged):
+            raise CalibrationError(f"the store is damaged: {error}", file=shown) from None
+        if isinstance(error, DBAPIError):
+            raise CalibrationError(f"the store failed: {str(error.orig).strip().splitlines()[0]}", file=shown) from None
+        raise
     finally:
         engine.dispose()
+
+
+def _remove_if_empty(engine: Engine, path: Path) -> None:
+    """Remove a file of SQLite that was made for nothing, while no other writer adds to it."""
+    with suppress(DBAPIError), engine.execution_options(writes=True).begin() as link:
+        there = calibrations.name in sql.inspect(link).get_table_names()
+        if not there or not link.execute(sql.select(sql.func.count()).select_from(calibrations)).scalar_one():
+            path.unlink(missing_ok=True)
+    if path.exists() and path.stat().st_size == 0:  # there was no space to look into it
+        path.unlink()
 
 
 def _engine(store: str | Path, create: bool) -> tuple[Engine, str]:
@@ -406,6 +450,9 @@ def _check(engine: Engine, shown: str, create: bool) -> None:
     with engine.connect() as link:
         if about.name not in sql.inspect(link).get_table_names():
             raise CalibrationError(f"{NOT_THERE}: irbcal fleet add makes one", file=shown)
-        version = link.execute(sql.select(about.c.version)).scalar_one()
+        versions = link.execute(sql.select(about.c.version)).scalars().all()
+    if len(versions) != 1 or not isinstance(versions[0], int):
+        raise CalibrationError(f"{NOT_THERE}: its table {about.name} does not say its version", file=shown)
+    version = versions[0]
     if version != VERSION:
         raise CalibrationError(f"a store of version {version}, this irbcal reads {VERSION}", file=shown)

@@ -26,7 +26,7 @@ from irbcal.identification.constraints import DIMENSIONS, cross, length_misses
 from irbcal.identification.dictionaries import Dictionary
 from irbcal.identification.evidence import Compared, groups_of
 from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit
-from irbcal.identification.leave_one_out import single
+from irbcal.identification.leave_one_out import closed, single
 from irbcal.identification.mackay import Posterior
 from irbcal.identification.sums import Sums
 from irbcal.measurement.feature_loads import usual_place
@@ -278,10 +278,11 @@ def _left_out(
     y: FloatArray,
     row: IntArray,
     t: float,
-) -> dict[str, float]:
+) -> dict[str, float | None]:
     """Root mean square length that a place would be missed by with its pose left out, by target, metres.
 
-    A row of one equation tells one direction; the others are taken for as large.
+    A row of one equation tells one direction; the others are taken for as large. None where a row depends on a
+    direction that is open without its pose.
     """
     pose = np.where(row < 0, -1 - np.arange(len(row)), problem.seen.pose_index[row])
     order = np.argsort(pose, kind="stable")
@@ -293,15 +294,15 @@ def _left_out(
         part = np.ascontiguousarray(J[columns][:, order])
         own = single(part, e[order], pose[order], fit.covariance, t / fit.s2)
         u[order] += item.weight * own
-        item.loo = _length(own[row[order] >= 0]) * MM
+        item.loo = _length(own[row[order] >= 0])
     mine = row >= 0
     target = np.where(mine, problem.seen.target[row], "")
-    out = {"": _length(u[mine]) * MM}
-    return out | {str(name): _length(u[target == name]) * MM for name in sorted(set(target[mine]))}
+    return {"": _length(u[mine])} | {str(name): _length(u[target == name]) for name in sorted(set(target[mine]))}
 
 
-def _length(u: FloatArray) -> float:
-    return float(np.sqrt(3.0 * np.mean(u * u)))
+def _length(u: FloatArray) -> float | None:
+    """Root mean square length in metres of vectors of which one coordinate is known (n,), mm."""
+    return closed(float(np.sqrt(3.0 * np.mean(u * u))) * MM)
 
 
 def _shown(problem: ConstraintProblem, item: Compared, sums: Sums) -> tuple[shown.FamilyShown, ...]:
@@ -317,7 +318,7 @@ def _evidence(
     covariance: FloatArray,
     kept: Sequence[Compared],
     compared: Sequence[Compared],
-    loo: Mapping[str, float],
+    loo: Mapping[str, float | None],
     families: tuple[shown.FamilyShown, ...],
     kind: str,
 ) -> EvidenceFit:

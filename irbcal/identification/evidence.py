@@ -463,8 +463,10 @@ def groups_of(kept: list[Compared], superset: Sequence[Term]) -> list[GroupResul
     return out
 
 
-def _of_points(u: FloatArray, points: PointSet, projected: bool) -> dict[str, float]:
+def _of_points(u: FloatArray, points: PointSet, projected: bool) -> dict[str, float | None]:
     """Root mean square length of leave-one-out residuals of each target and of all together (``""``), metres.
+
+    None where a residual is infinite: without its pose a direction that it depends on is open.
 
     Rows are ordered by pose: positions, then orientations of a pose, which are left out. Where a direction of each pose
     was projected out, what all its points have in common shows in two of three coordinates only; the third is as large.
@@ -481,7 +483,5 @@ def _of_points(u: FloatArray, points: PointSet, projected: bool) -> dict[str, fl
         total = [np.bincount(pose, u[:, k], points.poses) for k in range(3)]
         common = np.sum(np.square(total), axis=0) / np.maximum(count, 1) ** 2
         square = square + 0.5 * common[pose]
-    out = {"": float(np.sqrt(square.mean())) * MM}
-    for k, name in enumerate(points.target_names):
-        out[name] = float(np.sqrt(square[kind == k].mean())) * MM
-    return out
+    figures = {"": square.mean()} | {name: square[kind == k].mean() for k, name in enumerate(points.target_names)}
+    return {name: leave_one_out.closed(float(np.sqrt(mean)) * MM) for name, mean in figures.items()}

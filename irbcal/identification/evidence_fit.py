@@ -183,7 +183,7 @@ class EvidenceFit(Speaks):
         Residual standard deviation of a coordinate, metres.
     loo, loo_blocks : dict of str to float
         Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
-        for all, metres.
+        for all, metres; None where what is left does not determine them.
     dictionaries : tuple of DictionaryResult
     groups : tuple of GroupResult
     families : tuple of FamilyShown
@@ -224,8 +224,8 @@ class EvidenceFit(Speaks):
     framed_targets: tuple[str, ...]
     target_rotations: Mapping[str, FloatArray]
     sigma: float
-    loo: Mapping[str, float]
-    loo_blocks: Mapping[str, float]
+    loo: Mapping[str, float | None]
+    loo_blocks: Mapping[str, float | None]
     dictionaries: tuple[DictionaryResult, ...]
     groups: tuple[GroupResult, ...]
     families: tuple[FamilyShown, ...]
@@ -248,10 +248,11 @@ class EvidenceFit(Speaks):
     def told(self) -> Sequence[Told]:
         """What was reached; the choices of terms; how much of each group is seen; gears; what intervals hold."""
         kept = [row for row in self.dictionaries if row.weight > 0.0]
+        left_out = self.loo.get("")
         headline = (
             f"{self.nominal.name}, terms {self.kind}: {len(kept)} of {len(self.dictionaries)} choices averaged, "
             f"{self.poses} poses (residual standard deviation {self.sigma / MM:.4f} mm a coordinate, "
-            f"left-out poses {self.loo[''] / MM:.4f} mm rms)"
+            f"left-out poses {'not determined by the others' if left_out is None else f'{left_out / MM:.4f} mm rms'})"
         )
         return (
             headline,

@@ -58,7 +58,8 @@ class Stage:
         Whether the calibration has terms of such families; others, such as frame terms beside a joint map, are only
         tried.
     loo : float
-        Root mean square distance of poses left out of the fit one at a time, metres.
+        Root mean square distance of poses left out of the fit one at a time, metres; of points that the others
+        determine.
     mean, largest : float or None
         Distance of held-out points from the robot at use, which is warm, metres; None where none are held out.
     timed : float or None
@@ -119,7 +120,7 @@ def explain(fit: AveragedFit, heldout: PointSet, elapsed: FloatArray | None = No
                 terms=count,
                 seen=float(got.gammas.sum()),
                 carried=carried,
-                loo=leave_one_out.rms_length(u) * MM,
+                loo=leave_one_out.rms_length(u[np.isfinite(u).all(axis=1)]) * MM,
                 mean=_of(errors, np.mean),
                 largest=_of(errors, np.max),
                 timed=None if timed is None else _of(timed, np.mean),

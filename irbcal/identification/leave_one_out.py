@@ -4,11 +4,17 @@ With ``a = t / s2`` and the posterior covariance C, leaving out the rows J_n wit
 
     u_n = (I - a J_n C J_n')^-1 e_n
 
-at the same variances. For a whole block of poses the same is solved among the columns:
-``u = e + a J (C^-1 - a J'J)^-1 J'e``.
+at the same variances. For a whole block of poses the same is solved among the columns, with ``C = L L'``:
+``u = e + a J' L (I - a L' J J' L)^-1 L' J e``.
+
+A direction that the other poses do not determine is *open*: what depends on it cannot be predicted from them, so its
+residual is infinite.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,6 +25,8 @@ from irbcal.measurement.places import places
 
 BLOCKS = 5
 """Contiguous blocks of poses in an order."""
+OPEN = 1e-6
+"""Share of the information about a direction below which, without the poses left out, it is open: rounding decides."""
 
 
 def residuals(linear: Linearisation, columns: IntArray, found: Posterior) -> tuple[FloatArray, IntArray]:
@@ -35,6 +43,7 @@ def residuals(linear: Linearisation, columns: IntArray, found: Posterior) -> tup
     -------
     u : ndarray, shape (rows, 3)
         Millimetres, in the base link, the rows in order of the poses: positions of a pose, then its orientations.
+        Infinite where a row depends on a direction that is open without its pose.
     pose : ndarray of int, shape (rows,)
     """
     a = found.temper / found.s2
@@ -71,8 +80,75 @@ def _together(kept: list[tuple[FloatArray, FloatArray]], place: IntArray, found:
     order = np.argsort(of_row, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(of_row[order])) + 1):
         share = J[:, rows].T @ (found.covariance @ J[:, rows])
-        u[rows] = np.linalg.solve(np.eye(len(rows)) - a * share, e[rows])
+        u[rows] = _without(a * share, e[rows])
     return u.reshape(-1, 3)
+
+
+def _without(share: FloatArray, e: FloatArray) -> FloatArray:
+    """Residuals (…, n) without the rows of a share (…, n, n) of the fit; infinite where one is open."""
+    rest = np.eye(share.shape[-1]) - share
+    if _all_closed(rest):
+        return np.asarray(np.linalg.solve(rest, e[..., None])[..., 0])
+    left, V = np.linalg.eigh(rest)
+    u = np.einsum("...rk,...k->...r", V, np.einsum("...rk,...r->...k", V, e) / np.where(left < OPEN, np.inf, left))
+    return np.where(np.einsum("...rk,...k->...r", V * V, (left < OPEN) * 1.0) > OPEN, np.inf, u)
+
+
+def _all_closed(rest: FloatArray) -> bool:
+    """Whether no direction of symmetric matrices (…, n, n) is open."""
+    try:
+        np.linalg.cholesky(rest - OPEN * np.eye(rest.shape[-1]))
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class Without:
+    """A fit without a block of its rows.
+
+    Attributes
+    ----------
+    shift : ndarray, shape (columns,)
+        Of the coefficients, with the sign by which residuals grow.
+    is_open : ndarray, shape (columns, directions)
+        Directions that are open, in lengths by which the rows left out share them as unit vectors do.
+    """
+
+    shift: FloatArray
+    is_open: FloatArray
+
+    @staticmethod
+    def of(covariance: FloatArray, information: Sequence[FloatArray], b: Sequence[FloatArray]) -> list[Without]:
+        """Fits without one block each.
+
+        Parameters
+        ----------
+        covariance : ndarray, shape (columns, columns)
+            Of the fit with all rows; may be singular: along what is held nothing moves.
+        information : sequence of ndarray, shape (columns, columns)
+            Of each block, ``a J J'``.
+        b : sequence of ndarray, shape (columns,)
+            ``a J e`` with the residuals of the fit.
+        """
+        scale = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+        scale[scale == 0.0] = 1.0
+        values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+        L = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+        out = []
+        for H, right in zip(information, b, strict=True):
+            rest = np.eye(len(L)) - L.T @ H @ L
+            if _all_closed(rest):
+                out.append(Without(L @ np.linalg.solve(rest, L.T @ right), np.zeros((len(L), 0))))
+                continue
+            left, V = np.linalg.eigh(rest)
+            shift = V @ ((V.T @ (L.T @ right)) / np.where(left < OPEN, np.inf, left))
+            out.append(Without(L @ shift, L @ V[:, left < OPEN]))
+        return out
+
+    def residuals(self, J: FloatArray, e: FloatArray, a: float) -> FloatArray:
+        """Residuals (rows,) of rows left out, from derivatives (columns, rows); infinite where they are open."""
+        return np.where(a * np.sum((J.T @ self.is_open) ** 2, axis=1) > OPEN, np.inf, e + self.shift @ J)
 
 
 def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray, a: float) -> FloatArray:
@@ -92,6 +168,7 @@ def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray,
     Returns
     -------
     ndarray, shape (rows,)
+        Infinite where a row depends on a direction that is open without its pose.
     """
     CJ = covariance @ J
     first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])
@@ -101,7 +178,7 @@ def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray,
         rows = first[count == size][:, None] + np.arange(size)
         Jn = J[:, rows].transpose(1, 0, 2)
         share = Jn.transpose(0, 2, 1) @ CJ[:, rows].transpose(1, 0, 2)
-        u[rows] = np.linalg.solve(np.eye(size) - a * share, e[rows][..., None])[..., 0]
+        u[rows] = _without(a * share, e[rows])
     return u
 
 
@@ -133,14 +210,16 @@ def block_residuals(
         for part in np.unique(number[block.pose]):
             mine = number[block.pose] == part
             J = block.J[:, mine]
-            H[part] += J @ J.T
-            b[part] += J @ e[mine]
-    precision = np.linalg.inv(found.covariance)
-    shift = np.stack([a * np.linalg.solve(precision - a * H[i], b[i]) for i in range(blocks)])
+            H[part] += a * (J @ J.T)
+            b[part] += a * (J @ e[mine])
+    without = Without.of(found.covariance, list(H), list(b))
     out, pose = [], []
     for block in linear.blocks(columns):
         e = block.y - found.c @ block.J
-        u = e + np.einsum("kr,rk->r", block.J, shift[number[block.pose]])
+        u = np.empty_like(e)
+        for part in np.unique(number[block.pose]):
+            mine = number[block.pose] == part
+            u[mine] = without[part].residuals(block.J[:, mine], e[mine], a)
         out.append(u.reshape(-1, 3))
         pose.append(block.pose[::3])
     return np.concatenate(out), np.concatenate(pose)
@@ -149,3 +228,8 @@ def block_residuals(
 def rms_length(u: FloatArray) -> float:
     """Root mean square length of vectors (rows, 3)."""
     return float(np.sqrt(np.mean(np.sum(u * u, axis=1))))
+
+
+def closed(length: float) -> float | None:
+    """A root mean square length; None where it is infinite, because a residual depends on an open direction."""
+    return length if np.isfinite(length) else None

@@ -12,6 +12,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.identification import leave_one_out
+from irbcal.identification.leave_one_out import closed, rms_length
 from irbcal.identification.result import Fit
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
@@ -82,7 +83,8 @@ def certainty_of(fit: Fit) -> Certainty:
 def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray, PointSet]:
     """Leave-one-pose-out and leave-a-fifth-out residuals, both of shape (points, 3), metres, and whose they are.
 
-    Repeats of one place (`irbcal.measurement.places.places`) are left out together. Of more than `MOST_PLACES` places
+    Repeats of one place (`irbcal.measurement.places.places`) are left out together. Infinite where what is left does
+    not determine a direction that a residual depends on. Of more than `MOST_PLACES` places
     those drawn at random tell; a fifth of them stands for a fifth of all.
     """
     problem, state = fit.problem, fit.solution.state
@@ -105,19 +107,19 @@ def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray, 
     single = leave_one_out.single(J, e, np.repeat(place[order], 3), covariance, a)
     blocks = np.repeat(number[order], 3)
     several, share = e.copy(), a * count / int(drawn.sum())
-    for part in np.unique(blocks):
-        mine = blocks == part
-        G = J[:, mine]
-        shift = np.linalg.solve(np.eye(len(J)) - share * covariance @ (G @ G.T), share * covariance @ (G @ e[mine]))
-        several[mine] += shift @ G
+    masks = [blocks == part for part in np.unique(blocks)]
+    information = [share * (J[:, mine] @ J[:, mine].T) for mine in masks]
+    right = [share * (J[:, mine] @ e[mine]) for mine in masks]
+    for mine, without in zip(masks, leave_one_out.Without.of(covariance, information, right), strict=True):
+        several[mine] = without.residuals(J[:, mine], e[mine], share)
     each = problem.weights[: len(points), None]
     return single.reshape(-1, 3)[back] / each, several.reshape(-1, 3)[back] / each, points
 
 
-def of_targets(u: FloatArray, points: PointSet) -> dict[str, float]:
-    """Root mean square length of residuals (points, 3) of each target and of all together (``""``)."""
-    out = {"": leave_one_out.rms_length(u)}
+def of_targets(u: FloatArray, points: PointSet) -> dict[str, float | None]:
+    """Root mean square length of residuals (points, 3) of each target and of all (``""``); None where one is open."""
+    out = {"": closed(rms_length(u))}
     for k, name in enumerate(points.target_names):
         if (points.target == k).any():
-            out[name] = leave_one_out.rms_length(u[points.target == k])
+            out[name] = closed(rms_length(u[points.target == k]))
     return out

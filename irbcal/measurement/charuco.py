@@ -5,7 +5,9 @@ The finding is OpenCV's; it is not installed with irbcal but with its extra ``ca
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -137,7 +139,8 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
                 column="feature",
             )
         size = one.size
-        grey = cv2.imread(str(folder / picture), cv2.IMREAD_GRAYSCALE) if picture else None
+        with _silent():
+            grey = cv2.imread(str(folder / picture), cv2.IMREAD_GRAYSCALE) if picture else None
         if grey is None:
             words = f"there is no picture {picture or 'named'} in {folder} that OpenCV reads"
             raise MeasurementError(words, file=source, row=int(row), column=IMAGE)
@@ -160,6 +163,24 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
     table = pd.concat(parts, ignore_index=True)
     table[["u_px", "v_px"]] = table[["u_px", "v_px"]].astype(float).round(4)
     return FoundCorners(table, len(parts), tuple(missed))
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Keep what libraries in C say of a damaged picture off stderr: the refusal says it."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # there is no stderr
+        yield
+        return
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(nothing)
+        os.close(kept)
 
 
 def _opencv() -> Any:

@@ -333,7 +333,7 @@ def _some(values: FloatArray | None, rows: BoolArray) -> FloatArray | None:
 
 def _text(cells: pd.DataFrame, name: str, rows: int) -> NameArray:
     found = cells[name].astype(str).str.strip() if name in cells.columns else [""] * rows
-    return np.asarray(found, dtype=object)
+    return np.array(found, dtype=object)  # a copy: a column of pandas cannot be written to
 
 
 def _names(cells: pd.DataFrame, given: list[dict[str, str]], source: str) -> tuple[NameArray, str]:

@@ -102,7 +102,7 @@ class Certainty:
         Their sizes join the uncertainty where the last move is not known.
     loo, loo_blocks : dict of str to float
         Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
-        for all, metres; empty where not known.
+        for all, metres; empty where not known, None where what is left does not determine them.
     ranges : ndarray, shape (2, joints), optional
         Smallest and largest commanded joints of the fit, radians (metres).
     gravity : tuple of three float
@@ -114,8 +114,8 @@ class Certainty:
     covariance: FloatArray
     free_targets: tuple[str, ...]
     coefficients: FloatArray
-    loo: Mapping[str, float]
-    loo_blocks: Mapping[str, float]
+    loo: Mapping[str, float | None]
+    loo_blocks: Mapping[str, float | None]
     ranges: FloatArray | None
     gravity: tuple[float, ...] = GRAVITY
 
@@ -157,6 +157,14 @@ class Certainty:
         )
 
     # ---------------------------------------------------------------- predictions
+
+    def left_out(self, target: str | None, in_order: bool = False) -> float | None:
+        """Root mean square length of residuals of poses left out of the fit, of a target or (None, or unknown) of all.
+
+        Metres; of contiguous blocks of poses with ``in_order``. None where that is not known, or not determined.
+        """
+        figures = self.loo_blocks if in_order else self.loo
+        return figures.get(target or "", figures.get(""))
 
     def spread(
         self, path: chain.Walk, p: FloatArray, motion: Motion, known: BoolArray, target: str | None
@@ -250,13 +258,14 @@ class Certainty:
         Raises
         ------
         RobotError
-            If leave-one-out residuals are not known.
+            If leave-one-out residuals are not known or not determined.
         """
-        loo = (self.loo_blocks if in_order else self.loo).get(target or "", self.loo.get(""))
+        loo = self.left_out(target, in_order)
         if loo is None:
+            left_out = "a fifth of its poses" if in_order else "a pose"
             raise RobotError(
-                "this calibration knows its covariance but no leave-one-out errors, so it can give no intervals: it "
-                "was saved by an earlier version, calibrate again"
+                f"this calibration can give no intervals: without {left_out} it does not determine where "
+                f"{target or 'the tip'} is; measure more poses, each target in several"
             )
         position, covariance, outside = self.positions(walk, q, previous, place, target, T_world_base, load)
         variance = np.diagonal(covariance, axis1=1, axis2=2)

@@ -129,13 +129,13 @@ def elsewhere(robot: Robot, nominal: Robot, q: FloatArray, proof: FloatArray | N
         errors were measured, and need not be expected.
     """
     known = robot.certainty
-    if known is None or known.ranges is None or not known.loo or not robot.targets:
+    target = next((name for name in robot.targets if known is not None and known.left_out(name) is not None), None)
+    if known is None or known.ranges is None or target is None:
         return None
     lower, upper = _limits(robot.arm, known.ranges)
     if proof is not None and (even_width(proof, np.array([lower, upper])) >= COVERED * (upper - lower)).all():
         return None
     anywhere = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(lower)))
-    target = next(iter(robot.targets))
     went = np.minimum(known.ranges[1], upper) - np.maximum(known.ranges[0], lower)
     moved = robot.points(anywhere, target) - nominal.points(anywhere, target)
     here = _expected(robot, q[:: max(1, len(q) // POSES)], target)
@@ -151,7 +151,8 @@ def elsewhere(robot: Robot, nominal: Robot, q: FloatArray, proof: FloatArray | N
 def _expected(robot: Robot, q: FloatArray, target: str) -> float:
     """Root mean square of the expected errors of a target: scatter of the parameters and leave-one-out error."""
     assert robot.certainty is not None
-    loo = robot.certainty.loo.get(target, robot.certainty.loo[""])
+    loo = robot.certainty.left_out(target)
+    assert loo is not None
     covariance = robot.predict(q, target=target).covariance
     return float(np.sqrt(np.einsum("nii->n", covariance).mean() + loo**2))
 

@@ -59,7 +59,7 @@ def explained(record: Record) -> Figure:
             ". A tick shows the error with the warmth that the arm had at each pose; the robot that is used is the "
             "warm one, which poses of a cold arm miss"
         )
-    top = up_to(1.02 * max(average, *(value for _, value in rows)))
+    top = up_to(1.02 * max(average or 0.0, *(value for _, value in rows)))
     drawing = Drawing(caption, 46.0 + ROW * (len(rows) + 1))
     panel = Panel(drawing, (0, top), (0, len(rows) + 1), f"{'rms' if left_out else 'mean'} error (mm)", "", plain=True)
     before = 0.0
@@ -71,7 +71,8 @@ def explained(record: Record) -> Figure:
         if stage.timed_mean_mm is not None and not left_out:
             x = stage.timed_mean_mm
             panel.line([x, x], [y + 0.03, y + 0.5], "accent", 3.0)
-    _bar(panel, drawing, 0, average, f"this calibration: {fixed(average, 3)} mm", "calibrated", 1.0)
+    if average is not None:
+        _bar(panel, drawing, 0, average, f"this calibration: {fixed(average, 3)} mm", "calibrated", 1.0)
     legend: list[LegendEntry] = [("calibrated", "o", "in this calibration")]
     if not all(stage.carried for stage, _ in rows):
         legend.append(("soft", "o", "only tried"))

@@ -33,9 +33,14 @@ def predictions(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray]
     position, interval : ndarray, shape (m, 3)
         Metres; the second is the half-width that holds 95 % of a coordinate's errors.
 
-    ``None`` in place of both where nothing is known of the robot's certainty.
+    ``None`` in place of both where too little is known of the robot's certainty.
     """
-    if robot.certainty is None or not robot.certainty.loo or not len(points):
+    known = robot.certainty
+    if (
+        known is None
+        or not len(points)
+        or any(known.left_out(points.target_names[k]) is None for k in set(points.target))
+    ):
         return None
     position, width = np.zeros((len(points), 3)), np.zeros((len(points), 3))
     for k in np.unique(points.target):

@@ -195,7 +195,11 @@ def planned_points(model: Robot, ghost: Robot | None, q: FloatArray, T_scene_wor
         nominal = frames.apply(T_scene_world, ghost.replace(targets=model.targets).points(q[rows], names))
     u95 = None
     certainty = model.certainty
-    if certainty is not None and certainty.loo and set(model.targets) <= set(certainty.loo) and len(rows) <= MOST_KNOWN:
+    if (
+        certainty is not None
+        and len(rows) <= MOST_KNOWN
+        and all(certainty.left_out(n) is not None for n in model.targets)
+    ):
         known = [model.predict(q, None, name).interval.max(axis=1) for name in model.targets]
         u95 = np.column_stack(known).ravel()
     return Points(

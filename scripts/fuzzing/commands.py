@@ -12,7 +12,15 @@ from random import Random
 from fuzzing import corpus
 from fuzzing.damage import NUMBERS, TEXTS, damaged
 
-KINDS = {".csv": "csv", ".json": "json", ".jsonl": "csv", ".urdf": "xml", ".yaml": "yaml", ".txt": "csv"}
+KINDS = {
+    ".csv": "csv",
+    ".json": "json",
+    ".jsonl": "csv",
+    ".urdf": "xml",
+    ".yaml": "yaml",
+    ".txt": "csv",
+    ".db": "store",
+}
 
 
 @dataclass
@@ -254,6 +262,26 @@ def _fleet(random: Random) -> list[str]:
     )
 
 
+def _circles(random: Random) -> list[str]:
+    if random.random() < 0.3:
+        return ["axes", "@m.csv", *_some(random, ["--json"])]
+    more = _some(random, ["--json"], ["--parallel", "forced"], ["--part", "base"], ["--tolerance", "1"])
+    return ["circles", "@m.csv", "--robot", "irb1600", *more]
+
+
+def _corners(random: Random) -> list[str]:
+    words = ["corners", "@pictures", "--joints", "@pictures.csv", "--features", "@board.csv", "--out", ">corners.csv"]
+    return [*words, *_some(random, ["--json"], ["--legacy"])]
+
+
+def _samples(random: Random) -> list[str]:
+    return ["samples", random.choice((">samples", "@m.csv", "@cal")), *_some(random, ["--json"])]
+
+
+def _demo(random: Random) -> list[str]:
+    return ["demo", "--out", ">demo", "--model", random.choice(("16", "x")), *_some(random, ["--json"], ["--force"])]
+
+
 def _robots(random: Random) -> list[str]:
     return ["robots", *_some(random, ["--json"], ["--nothing"])]
 
@@ -261,7 +289,8 @@ def _robots(random: Random) -> list[str]:
 MAKERS: list[tuple[Maker, int]] = [
     (_fk, 10), (_ik, 5), (_filter, 34), (_verify, 10), (_evaluate, 8), (_calibrate, 1), (_view, 3), (_report, 1),
     (_import, 14), (_iso9283, 8), (_tracker, 12), (_ballbar, 3), (_joints, 2), (_simulate, 4), (_plan, 1), (_study, 1),
-    (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2), (_export, 4), (_stream, 6), (_fleet, 4),
+    (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2), (_export, 4), (_stream, 6), (_fleet, 8),
+    (_circles, 2), (_corners, 2), (_samples, 1), (_demo, 1),
 ]  # fmt: skip
 NAMES = (
     "-",
@@ -322,6 +351,8 @@ def _damage(folder: Path, name: str, random: Random) -> None:
     if name.startswith("jobs-"):
         path = random.choice(sorted(path.iterdir()))
         name = f"{name[5:]}{path.suffix}"
+    elif name == "pictures":
+        path = path / "1.png"
     elif path.is_dir():
         path = path / random.choice(("calibration.json",) * 6 + ("calibrated.urdf",))
     stem = name.partition(".")[0]
@@ -350,6 +381,8 @@ def _elsewhere(folder: Path, name: str, random: Random) -> str:
         return random.choice(("/dev/null", "/dev/zero", "/dev/tty", "/proc/self/mem", "/proc/self/environ"))
     if name.startswith("jobs-"):
         path = random.choice(sorted(path.iterdir()))
+    elif name == "pictures":
+        path = path / "1.png"
     elif path.is_dir():
         path = path / random.choice(("calibration.json", "calibrated.urdf"))
     path.unlink(missing_ok=True)

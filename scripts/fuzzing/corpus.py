@@ -47,6 +47,7 @@ def write(folder: Path) -> None:
     _features(folder)
     _lines_of_joints(folder)
     _fleet(folder)
+    _pictures(folder)
 
 
 @cache
@@ -202,6 +203,23 @@ def _sisters(folder: Path) -> None:
             about = {**one.robot, "id": robot, "serial": robot}
             store.add(replace(one, robot=about, calibration=head, terms=replace(one.terms, values=drawn)))
     irbcal.fleet_prior(one.robot["type"], folder / "prior.json", folder / "sisters.db")
+
+
+def _pictures(folder: Path) -> None:
+    """A picture of a board, where OpenCV is installed, its joints and its camera: ``pictures``, ``board.csv``."""
+    (folder / "pictures").mkdir()
+    _lines(folder / "pictures.csv", ["image,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,place", "1.png,1,2,3,4,5,6,a"])
+    names = "feature,kind,fx_px,cx_px,cy_px,width_px,height_px,squares_x,squares_y,square_mm,marker_mm,dictionary"
+    _lines(folder / "board.csv", [names, "board,image-on-tool,700,320,240,640,480,8,6,30,22,DICT_5X5_100"])
+    try:
+        import cv2
+    except ImportError:
+        (folder / "pictures" / "1.png").write_bytes(b"")
+        return
+    words = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    drawn = cv2.aruco.CharucoBoard((8, 6), 0.03, 0.022, words).generateImage((480, 360), marginSize=0)
+    seen = cv2.copyMakeBorder(drawn, 60, 60, 80, 80, cv2.BORDER_CONSTANT, value=200)
+    cv2.imwrite(str(folder / "pictures" / "1.png"), seen)
 
 
 def _lines(path: Path, lines: list[str]) -> None:

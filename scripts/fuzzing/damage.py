@@ -6,7 +6,10 @@ import csv
 import io
 import json
 import re
+import sqlite3
+import sys
 from collections.abc import Callable
+from contextlib import closing
 from random import Random
 from typing import Any
 
@@ -323,10 +326,39 @@ def _yaml(data: bytes, random: Random) -> bytes:
     return data[: spot.start()] + new + data[spot.end() :]
 
 
+def _stored(data: bytes, random: Random) -> bytes:
+    """A value, a row, a table or a column of a store of SQLite is another one, or lost."""
+    if sys.version_info < (3, 11):  # no deserialize
+        return _flip(data, random)
+    try:
+        with closing(sqlite3.connect(":memory:")) as link:
+            link.deserialize(data)
+            found = link.execute("select name from sqlite_master where type = 'table' order by name").fetchall()
+            table = random.choice(found)[0]
+            column = random.choice([row[1] for row in link.execute(f"pragma table_info({table})")])
+            rows = link.execute(f"select count(*) from {table}").fetchone()[0]
+            row = f"where rowid = (select rowid from {table} limit 1 offset {random.randrange(max(rows, 1))})"
+            new: object = random.choice((None, -1, 1e999, b"\x00", random.choice(TEXTS), random.choice(NUMBERS)))
+            kind = random.randrange(8)
+            if kind == 0:
+                link.execute(f"drop table {table}")
+            elif kind == 1:
+                link.execute(f"delete from {table} {row}")
+            elif kind == 2:
+                link.execute(f"alter table {table} rename column {column} to other")
+            else:
+                link.execute(f"update {table} set {column} = ? {row}", (new,))
+            link.commit()
+            return link.serialize()
+    except (sqlite3.Error, IndexError, MemoryError):  # keys are checked, or it is no store any more
+        return _flip(data, random)
+
+
 BY_KIND: dict[str, list[Callable[[bytes, Random], bytes]]] = {
     "csv": [*map(_csv, (_column, _cell, _cell, _cell, _whole_column, _factor, _shuffled, _header))],
     "json": [_json],
     "xml": [_attribute, _attribute, _element],
     "yaml": [_yaml],
+    "store": [_stored],
     "text": [_number, _lines, _piece],
 }

@@ -99,3 +99,23 @@ def test_blocks_are_fifths_of_each_session():
     own = leave_one_out.block_numbers(place, session)
     # pose 13 repeats a place of the first session, and goes with it
     assert own.tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 0, 1, 2, 1, 3, 4]
+
+
+def test_only_rows_that_depend_on_an_open_direction_are_infinite():
+    """The last of four columns is in the last three rows alone; against a fit of the other rows by a pseudo-inverse."""
+    rng = np.random.default_rng(5)
+    J = rng.normal(size=(4, 30))
+    J[3, :27] = 0.0
+    y = rng.normal(size=30)
+    C = np.linalg.inv(J @ J.T)
+    e = y - (C @ J @ y) @ J
+    mine = np.arange(30) >= 21
+    known = np.arange(30)[mine] < 27
+    (without,) = leave_one_out.Without.of(C, [J[:, mine] @ J[:, mine].T], [J[:, mine] @ e[mine]])
+    expected = (y - (np.linalg.pinv(J[:, ~mine].T) @ y[~mine]) @ J)[mine]
+    together = without.residuals(J[:, mine], e[mine], 1.0)
+    alone = leave_one_out.single(J, e, np.where(mine, 99, np.arange(30)), C, 1.0)[mine]
+    for found in (together, alone):
+        assert np.isinf(found).tolist() == (~known).tolist()
+        np.testing.assert_allclose(found[known], expected[known], rtol=0, atol=1e-10)
+    assert leave_one_out.closed(leave_one_out.rms_length(together.reshape(-1, 3))) is None

@@ -127,3 +127,12 @@ def test_without_opencv_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(OptionError, match=r"pip install 'irbcal\[camera\]'"):
         irbcal.corners(".", pd.DataFrame({"image": ["0.png"]}), pd.DataFrame([KNOWN]))
+
+
+def test_a_damaged_picture_is_refused_in_one_sentence(pictures, tmp_path, capfd):
+    folder, joints = pictures
+    whole = (folder / "0.png").read_bytes()
+    (tmp_path / "0.png").write_bytes(whole[:2000] + bytes([whole[2000] ^ 255]) + whole[2001:])
+    with pytest.raises(MeasurementError, match=r"there is no picture 0\.png"):
+        irbcal.corners(tmp_path, joints.head(1), pd.DataFrame([KNOWN]))
+    assert capfd.readouterr().err == ""

@@ -95,7 +95,7 @@ def test_wrong_calls(robot):
     with pytest.raises(RobotError, match="these look like degrees"):
         robot.predict([[0, 0, 0, 0, 90, 0]])
     bare = robot.replace(certainty=replace(robot.certainty, loo={}, loo_blocks={}))
-    with pytest.raises(RobotError, match="saved by an earlier version, calibrate again"):
+    with pytest.raises(RobotError, match="without a pose it does not determine where smr1 is"):
         bare.predict(np.zeros((1, 6)))
 
 
