@@ -369,7 +369,7 @@ def opened(store: str | Path, create: bool = False) -> Iterator[Store]:
     except BaseException as error:
         if new:
             _remove_if_empty(engine, Path(shown))
-        if isinstance(error, _Damaged):
+        if isinstance(error, (_Damaged, UnicodeDecodeError)):  # SQLite's own words can hold what stands in the file
             raise CalibrationError(f"the store is damaged: {error}", file=shown) from None
         if isinstance(error, DBAPIError):
             raise CalibrationError(f"the store failed: {str(error.orig).strip().splitlines()[0]}", file=shown) from None
@@ -380,7 +380,7 @@ def opened(store: str | Path, create: bool = False) -> Iterator[Store]:
 
 def _remove_if_empty(engine: Engine, path: Path) -> None:
     """Remove a file of SQLite that was made for nothing, while no other writer adds to it."""
-    with suppress(DBAPIError), engine.execution_options(writes=True).begin() as link:
+    with suppress(DBAPIError, UnicodeDecodeError), engine.execution_options(writes=True).begin() as link:
         there = calibrations.name in sql.inspect(link).get_table_names()
         if not there or not link.execute(sql.select(sql.func.count()).select_from(calibrations)).scalar_one():
             path.unlink(missing_ok=True)

@@ -66,6 +66,15 @@ def test_a_file_that_was_cut_off_is_refused(size, whole, tmp_path):
     assert path.read_bytes() == whole[:size]
 
 
+def test_a_schema_that_is_no_text_is_refused(whole, tmp_path):
+    """SQLite's message then holds bytes of the file, which Python cannot decode."""
+    path = tmp_path / "fleet.db"
+    path.write_bytes(whole.replace(b"CREATE TABLE robots", b"CREATE\xee TABLE robots"[:19]))
+    assert path.stat().st_size == len(whole)
+    with pytest.raises(CalibrationError, match=r"the store (failed|is damaged)"):
+        read(path)
+
+
 @pytest.mark.parametrize("made", ["version int", "name text"])
 def test_foreign_tables_of_the_same_name_are_refused(made, tmp_path):
     path = tmp_path / "fleet.db"

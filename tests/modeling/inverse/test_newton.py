@@ -95,3 +95,15 @@ def test_a_pose_that_is_met_already_costs_one_evaluation():
     found, _, _, evaluations = newton.solve(chain, H, q.T.copy(), lambda p, r: (p <= 1e-9) & (r <= 1e-9))
     assert np.array_equal(found, q.T)
     assert (evaluations == 1).all()
+
+
+def test_a_tip_beside_the_last_frame_counts():
+    """Arms whose tip link is no frame of the DHM chain, against the forward kinematics."""
+    robot = a_robot("irb1600", None)
+    T = frames.transform(random_rotation(np.random.default_rng(4)), np.array([0.1, -0.2, 0.05]))
+    robot = robot.replace(arm=replace(robot.arm, T_last_tip=T))
+    q = robot.arm.random_joints(5, 3)
+    tip = newton.CalibratedChain(robot, 1.3).tip(q.T.copy())
+    poses = robot.poses(q)
+    np.testing.assert_allclose(np.moveaxis(tip[3], -1, 0), poses[:, :3, 3], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.moveaxis(tip[:3], -1, 0).swapaxes(1, 2), poses[:, :3, :3], rtol=0, atol=1e-12)

@@ -1,30 +1,17 @@
-"""S and T, and the forms in which they stand."""
+"""Status and turn of joints, as KUKA's system manual counts them: bit k of T is set where axis k + 1 is negative."""
 
 import numpy as np
 import pytest
 
-from irbcal.correction.languages.krl.writing import integer, like, posture_of
+from irbcal.correction.languages.krl.writing import KrlProgram, posture_of
 
 
-@pytest.mark.parametrize(
-    ("text", "value", "new"),
-    [
-        ("35", 35, "2"),
-        ("'B00110010'", 50, "'B00000010'"),
-        ("'b010'", 2, "'b010'"),
-        ("'H1F'", 31, "'H02'"),
-        ("x", None, "2"),
-        ("-1", None, "2"),
-    ],
-)
-def test_whole_numbers_keep_their_form(text, value, new):
-    assert integer(text) == value
-    assert like(text, 2) == new
-
-
-def test_what_status_and_turn_mean():
-    home = posture_of(2, 2)
-    assert home[:3] == (False, False, 1)
-    assert home.low == (0, -np.inf, 0, 0, 0, 0)
-    assert home.high[1] == 0
-    assert posture_of(16 + 1, 16)[:3] == (True, True, -1)
+@pytest.mark.parametrize("angles", [(-10, 20, -30, 40, -50, 60), (1, -2, 3, -4, 5, -6), (0, 0, 0, 0, 0, 0), (-1,) * 6])
+@pytest.mark.parametrize("back", [True, False])
+@pytest.mark.parametrize("bent", [True, False])
+def test_status_and_turn_of_joints(angles, back, bent):
+    turn = int("".join("1" if angle < 0 else "0" for angle in reversed(angles)), 2)
+    status = (1 if back else 0) + (0 if bent else 2)
+    found = KrlProgram.posture(None, back, bent, False, np.radians(angles))
+    assert found == posture_of(status, turn)
+    assert found != posture_of(status, turn ^ 1)
