@@ -33,7 +33,7 @@ LEAST_TURN = 0.02
 """Root mean square of the tip link's turns about the axis it turns about least, radians: less shows no tip."""
 LEAST_LENGTH = 1.0 * MM
 """Between points of a work object, and of the third from the line through the others."""
-COMPONENTS = {"x": (1, 2), "xy": (2,)}
+COMPONENTS: dict[str, tuple[int, ...]] = {"x": (1, 2), "xy": (2,)}
 """Components of a point in the work object that are zero, where not all three are."""
 
 
@@ -151,19 +151,21 @@ def _linearised(
     at_object = {name: 3 * (len(tips) + len(x)) + 6 * k for k, name in enumerate(T)}
     unknowns = 3 * (len(tips) + len(x)) + 6 * len(T)
     residual, axes = np.zeros((len(touches), 3)), np.tile(np.eye(3), (len(touches), 1, 1))
-    rows, touch, component = [], [], []
+    rows: list[FloatArray] = []
+    touch: list[int] = []
+    component: list[int] = []
     for k, one in enumerate(touches):
         R, p = T_base_tip[k, :3, :3], tips[one.tool]
         tip = R @ p + T_base_tip[k, :3, 3]
         J = np.zeros((3, unknowns))
+        said = (0, 1, 2) if one.xyz is not None else COMPONENTS.get(one.point, (0, 1, 2))
         if one.frame == TOOL:
-            place = one.name, one.point
-            value, axis, said = tip - x[place], np.eye(3), (0, 1, 2)
+            place, said = (one.name, one.point), (0, 1, 2)
+            value, axis = tip - x[place], np.eye(3)
             J[:, at_place[place] : at_place[place] + 3] = -np.eye(3)
         else:
             axis = T[one.name][:3, :3].T
             c = axis @ (tip - T[one.name][:3, 3])
-            said = (0, 1, 2) if one.xyz is not None else COMPONENTS.get(one.point, (0, 1, 2))
             value = c - (np.zeros(3) if one.xyz is None else one.xyz)
             at = at_object[one.name]
             J[:, at : at + 3] = [[0, -c[2], c[1]], [c[2], 0, -c[0]], [-c[1], c[0], 0]]
@@ -181,7 +183,9 @@ def _first_tip(
     name: str, touches: Sequence[Touch], T_base_tip: FloatArray, source: str
 ) -> tuple[FloatArray, dict[tuple[str, str], FloatArray]]:
     """The tip of a tool by its own rows, and the places that it touched: linear least squares."""
-    mine = {point: [] for point in dict.fromkeys(t.point for t in touches if (t.frame, t.name) == (TOOL, name))}
+    mine: dict[str, list[int]] = {
+        point: [] for point in dict.fromkeys(t.point for t in touches if (t.frame, t.name) == (TOOL, name))
+    }
     for k, one in enumerate(touches):
         if (one.frame, one.name) == (TOOL, name):
             mine[one.point].append(k)

@@ -48,11 +48,14 @@ class Notation(NamedTuple):
         From ``tool`` or ``work_object`` and its transform to the numbers.
     words : str
         What they count from.
+    digits : int
+        Decimals.
     """
 
     names: tuple[str, ...]
     numbers: Callable[[str, FloatArray], Sequence[float]]
     words: str
+    digits: int = 4
 
 
 def _rpy(_: str, T: FloatArray) -> list[float]:
@@ -181,23 +184,30 @@ class CellFile(Speaks):
         )
         rows: list[tuple[str | float | None, ...]] = []
         for frame, one in self._all():
-            u95 = self.u95(frame, one.name)
+            touching = self.u95(frame, one.name, self.touch_covariance)
             theirs = one.T_nominal if one.T_controller is None else one.T_controller
-            away = np.linalg.norm(theirs[:3, 3] - one.T_true[:3, 3]) / MM
+            away = float(np.linalg.norm(theirs[:3, 3] - one.T_true[:3, 3])) / MM
             turned = float(frames.rotation_distance(theirs[:3, :3], one.T_true[:3, :3])) / DEG
-            true, other = (notation.numbers(frame, T) for T in (one.T_true, theirs))
+            true, other = (map(float, notation.numbers(frame, T)) for T in (one.T_true, theirs))
             label = f"{frame.replace('_', ' ')} {one.name}"
-            angle = None if one.position_only else u95[1] / DEG
-            rows.append((label, *map(float, true), u95[0] / MM, angle, None, None))
+            rows.append((label, *true, touching[0] / MM, None if one.position_only else touching[1] / DEG, None, None))
             word = "  nominal" if one.T_controller is None else "  controller"
-            rows.append((word, *map(float, other), None, None, float(away), turned))
-        heads = ("frame", *notation.names, "u95 mm", "deg", "off by mm", "deg")
-        table = Table(f"Frames {notation.words}", heads, tuple(rows), digits=4)
-        return [headline, table, *(f"Note: {text}" for text in (*self.left_out, *self.notes))]
+            rows.append((word, *other, None, None, away, None if one.position_only else turned))
+        heads = ("frame", *notation.names, "u95 mm", "deg", "off mm", "deg")
+        table = Table(f"Frames {notation.words}", heads, tuple(rows), digits=notation.digits)
+        return [headline, table, *(f"Note: {text}" for text in (*self.left_out, self._whole_in_words(), *self.notes))]
 
-    def u95(self, frame: str, name: str) -> tuple[float, float]:
-        """Half-widths that hold 95 % of the errors of a coordinate (metres) and an angle (radians), largest of three."""
-        std = np.sqrt(np.maximum(np.diagonal(self.covariance)[self.rows(frame, name)], 0.0))
+    def _whole_in_words(self) -> str:
+        """The intervals with the robot's own errors."""
+        sizes = [self.u95(frame, one.name, self.covariance)[0] / MM for frame, one in self._all()]
+        return (
+            "u95 is that of touching; with what is unknown of the robot, which programs share and irbcal filter --cell "
+            f"reckons with, {', '.join(f'{size:.2f}' for size in sizes)} mm"
+        )
+
+    def u95(self, frame: str, name: str, covariance: FloatArray) -> tuple[float, float]:
+        """Half-widths that hold 95 % of a coordinate's errors (metres) and an angle's (radians), largest of three."""
+        std = np.sqrt(np.maximum(np.diagonal(covariance)[self.rows(frame, name)], 0.0))
         return float(COVERAGE * std[3:].max()), float(COVERAGE * std[:3].max())
 
     def _all(self) -> list[tuple[str, FrameInCell]]:

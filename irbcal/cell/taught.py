@@ -217,7 +217,7 @@ def _certain(found: Adjusted, J: FloatArray, sigma: FloatArray) -> tuple[FloatAr
 
     weight = 1.0 / sigma[found.touch]
     A = found.jacobian * weight[:, None]
-    pseudo: FloatArray = np.linalg.pinv(A)
+    pseudo = np.asarray(np.linalg.pinv(A), dtype=float)
     by_robot = np.einsum("nij,njp->nip", found.axes, J)[found.touch, found.component] * weight[:, None]
     square = float(np.sum((found.values * weight) ** 2))
     factor, doubt = 1.0, ""

@@ -51,8 +51,8 @@ def cell(
     tool: Annotated[
         list[str] | None,
         typer.Option(
-            help="What the controller has for a tool: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or with --as six numbers "
-            "as the maker writes them; likewise"
+            help="What the controller has for a tool: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or with --as six "
+            "numbers as the maker writes them; likewise"
         ),
     ] = None,
     wobj: Annotated[
@@ -62,7 +62,7 @@ def cell(
     payload_place: PayloadPlace = None,
     json: Json = False,
 ) -> None:
-    """Compute tools and work objects with the calibrated robot from touches, and by how much the controller's differ."""
+    """Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."""
     from irbcal.cell.taught import cell_frames
     from irbcal.correction import languages
     from irbcal.files.calibration_folder import read
@@ -103,6 +103,7 @@ def _notation(
 
     from irbcal.cell.cell_file import TOOL, Notation
     from irbcal.correction.notation import numbers_from_poses
+    from irbcal.units import MM
 
     def numbers(frame: str, T: FloatArray) -> list[float]:
         T = to_controller[0 if frame == TOOL else 1] @ T
@@ -113,4 +114,5 @@ def _notation(
     base = "the controller's base" if ends.base_known else "the URDF's base link"
     names = ("q1", "q2", "q3", "q4") if maker is None else maker.orientation.names
     lengths = "m" if maker is not None and maker.length == 1.0 else "mm"
-    return Notation(("x", "y", "z", *names), numbers, f"as {name} writes them, {lengths}, in {flange} and {base}")
+    words = f"as {name} writes them, {lengths}, in {flange} and {base}"
+    return Notation(("x", "y", "z", *names), numbers, words, 4 if maker is not None and maker.length == MM else 6)
