@@ -26,7 +26,7 @@ from irbcal.modeling import frames
 from irbcal.units import MM
 
 ITERATIONS = 50
-ENOUGH = 1e-14
+ENOUGH = 1e-12
 """Radians and metres: a smaller step ends the iteration."""
 LEAST_SIDES = 3
 LEAST_TURN = 0.02

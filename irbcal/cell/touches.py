@@ -48,6 +48,9 @@ def read_touches(table: TableLike, arm: Arm) -> tuple[list[Touch], str]:
         If the table cannot be read or does not keep the format.
     """
     joints = arm.joint_columns
+    if isinstance(table, pd.DataFrame) and "tool" in table.columns:
+        # pandas reads numbers beside empty cells as 3.0
+        table = table.assign(tool=table["tool"].convert_dtypes())
     cells, source, _ = columns.read(table, ["frame", "name", "point", *joints])
     known = (*TEXT, *joints, *POSITION, "u95_mm")
     strange = [str(name) for name in cells.columns if name not in known]

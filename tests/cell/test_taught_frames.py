@@ -226,6 +226,16 @@ def test_rows_that_are_no_touches_are_refused(record, rows, column, value, words
         cell_frames(record, table)
 
 
+def test_tools_with_numbers_for_names_are_read_from_tables(record, rows, tmp_path):
+    """As pandas reads a file with empty cells among them."""
+    table = table_of(rows).assign(name="3", tool="3")
+    table.loc[table["frame"] == TOOL, "tool"] = ""
+    table.to_csv(tmp_path / "touches.csv", index=False)
+    found = [cell_frames(record, some) for some in (tmp_path / "touches.csv", pd.read_csv(tmp_path / "touches.csv"))]
+    assert [list(one.tools) for one in found] == [["3"], ["3"]]
+    np.testing.assert_array_equal(found[0].tools["3"].T_true, found[1].tools["3"].T_true)
+
+
 def test_frames_of_nothing_are_refused(record, rows):
     with pytest.raises(OptionError, match="no touch is of tool 9"):
         cell_frames(record, table_of(rows), tool={"9": np.eye(4)})
