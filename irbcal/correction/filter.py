@@ -299,10 +299,10 @@ def filter_program(
     """
     refuse_filtered(program)
     alone = []
-    for goals in _of_arm(program, nominal):
-        alone.append((goals, _fake_targets(robot, nominal, goals, controller)))
+    for goals in of_arm(program, nominal):
+        alone.append((goals, fake_targets(robot, nominal, goals, controller)))
     found, program, left, last_moves = _in_course(robot, nominal, program, alone, controller, speeds)
-    found = [(goals, _writable(program, nominal, goals, fake)) for goals, fake in found]
+    found = [(goals, writable(program, nominal, goals, fake)) for goals, fake in found]
     names: list[str] = []
     for goals, fake in found:
         names += [goals.names[k] for k in np.flatnonzero(fake.ok)]
@@ -321,7 +321,7 @@ def filter_program(
         last_move_error = np.concatenate([none[:, 0], *errors])
     return Filtered(
         source=program.source,
-        files=program.with_fake_targets(_counted(found, program, nominal), fingerprint),
+        files=program.with_fake_targets(counted(found, program, nominal), fingerprint),
         targets=np.array(names, dtype=object),
         lines=np.concatenate([np.zeros(0, dtype=int), *(goals.lines[fake.ok] for goals, fake in found)]),
         q_before=np.concatenate([none, *(fake.q_nominal[fake.ok] for fake in fakes)]),
@@ -364,82 +364,6 @@ def _ends(found: Sequence[tuple[Goals, Corrected]]) -> dict[int, Ends]:
         for goals, fake in found
         for k in np.flatnonzero(fake.ok)
     }
-
-
-def _of_arm(program: Program, nominal: Arm) -> list[Goals]:
-    """The goals of a program, in joints of the arm where it has those that its controller counts."""
-    goals = program.goals()
-    if isinstance(program, MakerProgram):  # a maker's program knows how its controllers count
-        return [*goals]
-    return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in goals]
-
-
-def _counted(
-    found: Sequence[tuple[Goals, Corrected]], program: Program, nominal: Arm
-) -> Sequence[tuple[Goals, Corrected]]:
-    """Corrections as the program counts joints."""
-    if nominal.coupling is None or isinstance(program, MakerProgram):
-        return found
-    return [(goals, replace(fake, q=nominal.to_controller(fake.q))) for goals, fake in found]
-
-
-def meant_joints(program: Program, nominal: Arm) -> list[tuple[Goals, FloatArray, Sequence[str]]]:
-    """Joints that a controller takes for the targets of a program.
-
-    Parameters
-    ----------
-    program : Program
-        See `irbcal.correction.languages`.
-    nominal : Arm
-        What the controller computes with.
-
-    Returns
-    -------
-    list of (Goals, ndarray of shape (n, joints), sequence of str)
-        Radians; NaN where there are none, with the reason. Empty reasons where there are.
-    """
-    out: list[tuple[Goals, FloatArray, Sequence[str]]] = []
-    for goals in _of_arm(program, nominal):
-        if goals.kind == "joint":
-            out.append((goals, goals.values, [""] * len(goals.names)))
-            continue
-        fake = _fake_targets(Robot(nominal), nominal, goals, None)
-        known = np.isfinite(fake.q_nominal).all(axis=1)
-        out.append((goals, fake.q_nominal, [*np.where(known, "", fake.reason)]))
-    return out
-
-
-def _fake_targets(robot: Robot, nominal: Arm, goals: Goals, controller: Arm | None) -> Corrected:
-    if goals.kind == "joint":
-        return correct_joints(robot, nominal, goals.values, controller)
-    if goals.joints is not None:
-        return _refused(correct_meant(robot, nominal, goals.values, goals.joints, controller), goals.unknown)
-    if goals.configurations is None:
-        return correct_poses(robot, nominal, goals.values, controller=controller)
-    confs = [conf if isinstance(conf, ConfData) else None for conf in goals.configurations]
-    seed, told = seeds_of(nominal, goals.values, confs, controller)
-    branch = closed_form.configuration(nominal, np.nan_to_num(seed))
-    found = correct_poses(robot, nominal, goals.values, seed, branch, controller)
-    reason = "its configuration data fit no solution of the robot within the joint limits"
-    return _refused(found, ["" if known else reason for known in told])
-
-
-def _writable(program: Program, nominal: Arm, goals: Goals, fake: Corrected) -> Corrected:
-    """Corrections without those that would write another configuration of the arm, or that the language refuses."""
-    kept = _refused(fake, program.refused(goals, fake))
-    if goals.kind == "joint" or not closed_form.has_closed_form(nominal):
-        return kept
-    before, after = (closed_form.configuration(nominal, np.nan_to_num(q)) for q in (kept.q_nominal, kept.q))
-    changed = kept.ok & (before != after)
-    return _refused(kept, [*np.where(changed, "its correction would need another configuration of the arm", "")])
-
-
-def _refused(found: Corrected, reasons: Sequence[str]) -> Corrected:
-    """Corrections without those that a reason (length n, or none at all) speaks against."""
-    new = np.array([*reasons] or [""] * len(found.ok), dtype=object)
-    mask = new != ""
-    ok = found.ok & ~mask
-    return replace(found, q=np.where(ok[:, None], found.q, np.nan), ok=ok, reason=np.where(mask, new, found.reason))
 
 
 def fingerprint_of(program: str | Path) -> str | None:
