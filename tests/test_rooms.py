@@ -26,6 +26,7 @@ FLOORS = (
     ("measurement",),
     ("identification",),
     ("files",),
+    ("cell",),
     ("correction",),
     ("validation", "joint_behaviour", "simulation"),
     ("kinematic_results",),

@@ -1,0 +1,344 @@
+"""The cell of a robot in a file, ``cell.json``: true tools and work objects, how well they are known, and the touches.
+
+Transforms ``T_a_b`` map coordinates in b to a. Lengths of the file are in millimetres, orientations are unit
+quaternions (scalar first), covariances are in radians and metres. A file that was edited or damaged is refused.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ValidationError, model_validator
+
+from irbcal.arrays import FloatArray, lock
+from irbcal.atomic import write_set
+from irbcal.errors import CalibrationError
+from irbcal.files.absurd_numbers import refuse_absurd
+from irbcal.files.schema import Pose
+from irbcal.files.seal import KEY, digest
+from irbcal.files.section import Date, Fingerprint, Name, Section, Sentence, Sha256
+from irbcal.modeling import frames
+from irbcal.reading import read_bytes
+from irbcal.units import MM
+
+SCHEMA = "irbcal-cell-1"
+TOOL, WORK_OBJECT = "tool", "work_object"
+QUATERNION_TOLERANCE = 1e-9
+"""How far the length of a quaternion of the file may be from one."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameInCell:
+    """A tool or a work object.
+
+    Attributes
+    ----------
+    name : str
+        As programs call it.
+    T_true : ndarray, shape (4, 4)
+        By the calibrated robot, metres: a tool in the tip link (``T_f_t``), a work object in the base link (``T_b_o``).
+    T_nominal : ndarray, shape (4, 4)
+        From the same touches by the nominal robot: what a controller that computes with it has.
+    T_controller : ndarray, shape (4, 4), or None
+        What the controller has, in the same links, where that is known.
+    position_only : bool
+        A tool taught by its tip alone: its axes are the controller's, or the tip link's.
+    """
+
+    name: str
+    T_true: FloatArray
+    T_nominal: FloatArray
+    T_controller: FloatArray | None = None
+    position_only: bool = False
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A touch and what is left of it.
+
+    Attributes
+    ----------
+    row : int
+        In the table, for messages.
+    frame, name, point, tool : str
+        ``tool`` or ``work_object``; its name; the point of it; the tool whose tip touched, the tool itself for tools.
+    q : ndarray, shape (joints,)
+        Radians (metres).
+    u95 : float
+        Of the touch, metres.
+    xyz : ndarray, shape (3,), or None
+        The point in the work object, or for a tool the touched place in the base link, where it is known; metres.
+    residual, residual_nominal : ndarray, shape (3,)
+        In the base link, metres: the tip by the calibrated (nominal) robot less where it should be.
+    """
+
+    row: int
+    frame: str
+    name: str
+    point: str
+    tool: str
+    q: FloatArray
+    u95: float
+    xyz: FloatArray | None = None
+    residual: FloatArray = field(default_factory=lambda: np.zeros(3))
+    residual_nominal: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+@dataclass(frozen=True, eq=False)
+class CellFile:
+    """Tools and work objects of a robot.
+
+    The small motion of a frame is six numbers in its own axes: rotation vector (rad), then translation (m),
+    ``T_true @ (Exp(motion))``. Their errors are those of touching plus ``robot_gain`` times those of the robot's
+    parameters, which are the columns of `irbcal.modeling.certainty.Certainty.covariance`: the same errors that move
+    every pose of a program.
+
+    Attributes
+    ----------
+    fingerprint : str
+        Of the calibration.
+    robot : str
+    simulated : bool
+    tools, work_objects : dict of str to FrameInCell
+    touch_covariance, covariance : ndarray, shape (6 k, 6 k)
+        Of the small motions of all tools, then all work objects, in order: by touching alone, and with the robot's.
+    robot_gain : ndarray, shape (6 k, p)
+        Derivative of the small motions by the parameters of the robot.
+    touches : tuple of Touch
+    left_out : tuple of str
+        Touches that were left out of the adjustment, and why.
+    notes : tuple of str
+    created : str
+        ISO 8601, UTC.
+    """
+
+    fingerprint: str
+    robot: str
+    simulated: bool
+    tools: Mapping[str, FrameInCell]
+    work_objects: Mapping[str, FrameInCell]
+    touch_covariance: FloatArray
+    covariance: FloatArray
+    robot_gain: FloatArray
+    touches: tuple[Touch, ...] = ()
+    left_out: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    created: str = field(default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds"))
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __repr__(self) -> str:
+        return f"<CellFile of {self.robot}: {len(self.tools)} tools, {len(self.work_objects)} work objects>"
+
+    def rows(self, frame: str, name: str) -> slice:
+        """Rows of a frame in the covariances; ``frame`` is ``tool`` or ``work_object``."""
+        before = list(self.tools) if frame == TOOL else list(self.work_objects)
+        start = 6 * (before.index(name) + (0 if frame == TOOL else len(self.tools)))
+        return slice(start, start + 6)
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the file, whole or not at all.
+
+        Raises
+        ------
+        CalibrationError
+            If it cannot be written.
+        """
+        document = _Document(
+            schema_name=SCHEMA,
+            created=self.created,
+            simulated=self.simulated,
+            robot=self.robot,
+            fingerprint=self.fingerprint,
+            tools=[_FrameSection.of(one) for one in self.tools.values()],
+            work_objects=[_FrameSection.of(one) for one in self.work_objects.values()],
+            covariance_rad_m=self.covariance.tolist(),
+            touch_covariance_rad_m=self.touch_covariance.tolist(),
+            robot_gain_rad_m=self.robot_gain.tolist(),
+            touches=[_TouchSection.of(one) for one in self.touches],
+            left_out=list(self.left_out),
+            notes=list(self.notes),
+        ).model_dump(mode="json", exclude={KEY})
+        content = json.dumps(document | {KEY: digest(document)}, indent=1) + "\n"
+        write_set({Path(path): content.encode()})
+        return Path(path)
+
+
+class _FrameSection(Section):
+    """A frame, in the file."""
+
+    name: Name
+    true: Pose
+    nominal: Pose
+    controller: Pose | None
+    position_only: bool
+
+    @staticmethod
+    def of(one: FrameInCell) -> _FrameSection:
+        there = None if one.T_controller is None else _pose(one.T_controller)
+        return _FrameSection(
+            name=one.name,
+            true=_pose(one.T_true),
+            nominal=_pose(one.T_nominal),
+            controller=there,
+            position_only=one.position_only,
+        )
+
+    def frame(self) -> FrameInCell:
+        there = None if self.controller is None else _transform(self.controller)
+        return FrameInCell(self.name, _transform(self.true), _transform(self.nominal), there, self.position_only)
+
+
+class _TouchSection(Section):
+    """A touch, in the file; joints in radians (metres)."""
+
+    row: int
+    frame: Literal["tool", "work_object"]
+    name: Name
+    point: Name
+    tool: Name
+    joints_rad: list[float]
+    u95_mm: float
+    xyz_mm: list[float] | None
+    residual_mm: list[float]
+    residual_nominal_mm: list[float]
+
+    @staticmethod
+    def of(one: Touch) -> _TouchSection:
+        return _TouchSection(
+            row=one.row,
+            frame=one.frame,
+            name=one.name,
+            point=one.point,
+            tool=one.tool,
+            joints_rad=one.q.tolist(),
+            u95_mm=one.u95 / MM,
+            xyz_mm=None if one.xyz is None else (one.xyz / MM).tolist(),
+            residual_mm=(one.residual / MM).tolist(),
+            residual_nominal_mm=(one.residual_nominal / MM).tolist(),
+        )
+
+    def touch(self) -> Touch:
+        return Touch(
+            self.row,
+            self.frame,
+            self.name,
+            self.point,
+            self.tool,
+            np.array(self.joints_rad),
+            self.u95_mm * MM,
+            None if self.xyz_mm is None else np.array(self.xyz_mm) * MM,
+            np.array(self.residual_mm) * MM,
+            np.array(self.residual_nominal_mm) * MM,
+        )
+
+
+class _Document(Section):
+    """The whole file."""
+
+    schema_name: Literal["irbcal-cell-1"]
+    created: Date
+    simulated: bool
+    robot: Name
+    fingerprint: Fingerprint
+    tools: list[_FrameSection]
+    work_objects: list[_FrameSection]
+    covariance_rad_m: list[list[float]]
+    touch_covariance_rad_m: list[list[float]]
+    robot_gain_rad_m: list[list[float]]
+    touches: list[_TouchSection]
+    left_out: list[Sentence]
+    notes: list[Sentence]
+    seal: Sha256 | None = None
+
+    @model_validator(mode="after")
+    def _fits(self) -> _Document:
+        size = 6 * (len(self.tools) + len(self.work_objects))
+        for name in ("covariance_rad_m", "touch_covariance_rad_m"):
+            matrix = getattr(self, name)
+            if len(matrix) != size or any(len(row) != size for row in matrix):
+                raise ValueError(f"{name} is not of {size} rows and columns, six for each frame")
+        if len(self.robot_gain_rad_m) != size or len({len(row) for row in self.robot_gain_rad_m}) > 1:
+            raise ValueError(f"robot_gain_rad_m is not of {size} rows of one length")
+        for kind in (self.tools, self.work_objects):
+            names = [one.name for one in kind]
+            if len(names) > len(set(names)):
+                raise ValueError("two frames have the same name")
+            for one in kind:
+                poses = [pose for pose in (one.true, one.nominal, one.controller) if pose is not None]
+                lengths = [np.linalg.norm([pose.qw, pose.qx, pose.qy, pose.qz]) for pose in poses]
+                if np.abs(np.subtract(lengths, 1.0)).max() > QUATERNION_TOLERANCE:
+                    raise ValueError(f"{one.name}: expected a unit quaternion")
+        return self
+
+
+def read_cell(path: str | PathLike[str]) -> CellFile:
+    """Read a cell as `CellFile.save` writes it.
+
+    Raises
+    ------
+    CalibrationError
+        If it cannot be read, is no cell, has absurd numbers, or was edited or damaged after irbcal wrote it.
+    """
+    data = read_bytes(path, CalibrationError)
+    try:
+        content: Any = json.loads(data)
+    except (ValueError, RecursionError):
+        content = None
+    if not isinstance(content, dict) or content.get("schema_name") != SCHEMA:
+        raise CalibrationError(f"expected a cell as irbcal cell writes it ({SCHEMA}), found another content", file=path)
+    if content.get(KEY) != digest({name: part for name, part in content.items() if name != KEY}):
+        raise CalibrationError(
+            "it was changed after irbcal wrote it: a damaged file must not move a robot (call irbcal cell again)",
+            file=path,
+        )
+    try:
+        found = _Document.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the file"
+        raise CalibrationError(f"{where}: {first['msg']}", file=path, parameter=where) from None
+    refuse_absurd(content, Path(path))
+    size = 6 * (len(found.tools) + len(found.work_objects))
+    return CellFile(
+        found.fingerprint,
+        found.robot,
+        found.simulated,
+        _by_name(found.tools),
+        _by_name(found.work_objects),
+        np.array(found.touch_covariance_rad_m).reshape(size, size),
+        np.array(found.covariance_rad_m).reshape(size, size),
+        np.array(found.robot_gain_rad_m).reshape(size, -1) if size else np.zeros((0, 0)),
+        tuple(one.touch() for one in found.touches),
+        tuple(found.left_out),
+        tuple(found.notes),
+        found.created,
+    )
+
+
+def _by_name(sections: Sequence[_FrameSection]) -> dict[str, FrameInCell]:
+    return {one.name: one.frame() for one in sections}
+
+
+def _pose(T: FloatArray) -> Pose:
+    w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
+    return Pose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
+
+
+def _transform(pose: Pose) -> FloatArray:
+    R = frames.matrix_from_quaternion([pose.qw, pose.qx, pose.qy, pose.qz])
+    return frames.transform(R, np.array([pose.x_mm, pose.y_mm, pose.z_mm]) * MM)
