@@ -6,6 +6,9 @@ from .calibration import calibrate as calibrate
 from .calibration import load as load
 from .calibration import report as report
 from .calibration import save as save
+from .cell.cell_file import CellFile as CellFile
+from .cell.cell_file import read_cell as read_cell
+from .cell.taught import cell_frames as cell_frames
 from .correction.filter import correct as correct
 from .correction.trajectory_files import read_trajectory as read_trajectory
 from .correction.trajectory_files import write_trajectory as write_trajectory

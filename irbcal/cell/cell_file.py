@@ -7,12 +7,12 @@ quaternions (scalar first), covariances are in radians and metres. A file that w
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError, model_validator
@@ -25,13 +25,46 @@ from irbcal.files.schema import Pose
 from irbcal.files.seal import KEY, digest
 from irbcal.files.section import Date, Fingerprint, Name, Section, Sentence, Sha256
 from irbcal.modeling import frames
+from irbcal.modeling.certainty import COVERAGE
 from irbcal.reading import read_bytes
-from irbcal.units import MM
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import DEG, MM
 
 SCHEMA = "irbcal-cell-1"
 TOOL, WORK_OBJECT = "tool", "work_object"
+RESIDUALS = ("residual", "residual_nominal")
 QUATERNION_TOLERANCE = 1e-9
 """How far the length of a quaternion of the file may be from one."""
+
+
+class Notation(NamedTuple):
+    """How frames are written for people.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the numbers.
+    numbers : callable
+        From ``tool`` or ``work_object`` and its transform to the numbers.
+    words : str
+        What they count from.
+    digits : int
+        Decimals.
+    """
+
+    names: tuple[str, ...]
+    numbers: Callable[[str, FloatArray], Sequence[float]]
+    words: str
+    digits: int = 4
+
+
+def _rpy(_: str, T: FloatArray) -> list[float]:
+    return [*(T[:3, 3] / MM), *(frames.rpy_from_matrix(T[:3, :3]) / DEG)]
+
+
+AS_URDF = Notation(
+    ("x mm", "y mm", "z mm", "roll", "pitch", "yaw"), _rpy, "in the URDF's tip link and base link, angles in degrees"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +130,8 @@ class Touch:
         lock(self)
 
 
-@dataclass(frozen=True, eq=False)
-class CellFile:
+@dataclass(frozen=True, eq=False, repr=False)
+class CellFile(Speaks):
     """Tools and work objects of a robot.
 
     The small motion of a frame is six numbers in its own axes: rotation vector (rad), then translation (m),
@@ -141,8 +174,49 @@ class CellFile:
     def __post_init__(self) -> None:
         lock(self)
 
-    def __repr__(self) -> str:
-        return f"<CellFile of {self.robot}: {len(self.tools)} tools, {len(self.work_objects)} work objects>"
+    def told(self, notation: Notation = AS_URDF) -> list[Told]:
+        """The frames with their intervals, and by how much the controller's differ; see `Speaks.told`."""
+        sizes = [np.linalg.norm([getattr(one, name) for one in self.touches], axis=1) / MM for name in RESIDUALS]
+        by = [f"mean {size.mean():.3f}, largest {size.max():.3f} mm" for size in sizes]
+        headline = (
+            f"{'SIMULATED: ' if self.simulated else ''}{len(self.touches)} touches by the calibrated {self.robot}: "
+            f"they miss by {by[0]}; by the nominal robot {by[1]}"
+        )
+        rows: list[tuple[str | float | None, ...]] = []
+        for frame, one in self._all():
+            touching = self.u95(frame, one.name, self.touch_covariance)
+            theirs = one.T_nominal if one.T_controller is None else one.T_controller
+            away = float(np.linalg.norm(theirs[:3, 3] - one.T_true[:3, 3])) / MM
+            turned = float(frames.rotation_distance(theirs[:3, :3], one.T_true[:3, :3])) / DEG
+            true, other = (map(float, notation.numbers(frame, T)) for T in (one.T_true, theirs))
+            label = f"{frame.replace('_', ' ')} {one.name}"
+            rows.append((label, *true, touching[0] / MM, None if one.position_only else touching[1] / DEG, None, None))
+            word = "  nominal" if one.T_controller is None else "  controller"
+            rows.append((word, *other, None, None, away, None if one.position_only else turned))
+        heads = ("frame", *notation.names, "u95 mm", "deg", "off mm", "deg")
+        table = Table(f"Frames {notation.words}", heads, tuple(rows), digits=notation.digits)
+        return [headline, table, *(f"Note: {text}" for text in (*self.left_out, self._whole_in_words(), *self.notes))]
+
+    def _whole_in_words(self) -> str:
+        """The intervals with the robot's own errors."""
+        sizes = [self.u95(frame, one.name, self.covariance)[0] / MM for frame, one in self._all()]
+        return (
+            "u95 is that of touching; with what is unknown of the robot, which programs share and irbcal filter --cell "
+            f"reckons with, {', '.join(f'{size:.2f}' for size in sizes)} mm"
+        )
+
+    def u95(self, frame: str, name: str, covariance: FloatArray) -> tuple[float, float]:
+        """Half-widths that hold 95 % of a coordinate's errors (metres) and an angle's (radians), largest of three."""
+        std = np.sqrt(np.maximum(np.diagonal(covariance)[self.rows(frame, name)], 0.0))
+        return float(COVERAGE * std[3:].max()), float(COVERAGE * std[:3].max())
+
+    def _all(self) -> list[tuple[str, FrameInCell]]:
+        pairs = ((TOOL, self.tools), (WORK_OBJECT, self.work_objects))
+        return [(frame, one) for frame, named in pairs for one in named.values()]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of the file but for its seal, ready for JSON."""
+        return self._document().model_dump(mode="json", exclude={KEY})
 
     def rows(self, frame: str, name: str) -> slice:
         """Rows of a frame in the covariances; ``frame`` is ``tool`` or ``work_object``."""
@@ -158,7 +232,13 @@ class CellFile:
         CalibrationError
             If it cannot be written.
         """
-        document = _Document(
+        document = self.to_dict()
+        content = json.dumps(document | {KEY: digest(document)}, indent=1) + "\n"
+        write_set({Path(path): content.encode()})
+        return Path(path)
+
+    def _document(self) -> _Document:
+        return _Document(
             schema_name=SCHEMA,
             created=self.created,
             simulated=self.simulated,
@@ -172,10 +252,7 @@ class CellFile:
             touches=[_TouchSection.of(one) for one in self.touches],
             left_out=list(self.left_out),
             notes=list(self.notes),
-        ).model_dump(mode="json", exclude={KEY})
-        content = json.dumps(document | {KEY: digest(document)}, indent=1) + "\n"
-        write_set({Path(path): content.encode()})
-        return Path(path)
+        )
 
 
 class _FrameSection(Section):

@@ -47,6 +47,9 @@ PANELS: dict[str, dict[str, str]] = {
             "Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it "
             "cannot."
         ),
+        "cell": (
+            "Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."
+        ),
         "filter": "Replace a program's targets so that the controller with its nominal model reaches the true poses.",
         "export": "Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside.",
         "stream": (

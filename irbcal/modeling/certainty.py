@@ -180,7 +180,7 @@ class Certainty:
         ndarray, shape (n, 3, 3)
             In the base link, m^2.
         """
-        J = self._jacobian(path, p, motion, known, target)
+        J = self.jacobian(path, p, motion, known, target)
         CJ = (self.covariance @ J.reshape(len(J), -1)).reshape(J.shape)
         spread = CJ.transpose(2, 1, 0) @ J.transpose(2, 0, 1)
         history = np.flatnonzero([t.basis in HISTORY for t in self.terms])
@@ -189,10 +189,16 @@ class Certainty:
             spread[~known] += np.einsum("kin,kjn->nij", H, H)
         return spread
 
-    def _jacobian(
+    def jacobian(
         self, path: chain.Walk, p: FloatArray, motion: Motion, known: BoolArray, target: str | None
     ) -> FloatArray:
-        """Derivative of the points by all columns of the covariance, shape (columns, 3, n), SI units."""
+        """Derivative of points of the tool, one a pose, by the robot's parameters; arguments as for `spread`.
+
+        Returns
+        -------
+        ndarray, shape (columns, 3, n)
+            In the order of the covariance's columns, SI units.
+        """
         n, flat = len(motion), len(self.covariance) - len(self.terms)
         J = np.zeros((len(self.covariance), 3, n))
         if target is not None:
