@@ -189,7 +189,7 @@ class CellFile(Speaks):
             away = float(np.linalg.norm(theirs[:3, 3] - one.T_true[:3, 3])) / MM
             turned = float(frames.rotation_distance(theirs[:3, :3], one.T_true[:3, :3])) / DEG
             true, other = (map(float, notation.numbers(frame, T)) for T in (one.T_true, theirs))
-            label = f"{frame.replace('_', ' ')} {one.name}"
+            label = f"{'tool' if frame == TOOL else 'object'} {one.name}"
             rows.append((label, *true, touching[0] / MM, None if one.position_only else touching[1] / DEG, None, None))
             word = "  nominal" if one.T_controller is None else "  controller"
             rows.append((word, *other, None, None, away, None if one.position_only else turned))

@@ -48,7 +48,8 @@ PANELS: dict[str, dict[str, str]] = {
             "cannot."
         ),
         "cell": (
-            "Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."
+            "Compute tools and work objects with the calibrated robot from touches, and how far off the "
+            "controller's are."
         ),
         "filter": "Replace a program's targets so that the controller with its nominal model reaches the true poses.",
         "export": "Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside.",

@@ -1,0 +1,282 @@
+"""Tools and work objects from touches: exact without noise, derivatives and intervals hold, doubts are named."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from support import assert_derivative, assert_same_poses
+
+from irbcal.cell.adjustment import _linearised, adjust
+from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
+from irbcal.cell.taught import _by_robot, _certain, _of_motions, cell_frames
+from irbcal.correction.languages import krl
+from irbcal.errors import CalibrationError, MeasurementError, OptionError
+from irbcal.files import calibration_folder
+from irbcal.modeling import frames
+from irbcal.modeling.dhm import DHMTable
+from irbcal.units import DEG, MM
+
+TIP = np.array([0.012, -0.03, 0.21])
+T_OBJECT = frames.transform(frames.rotation_from_vector([0.02, -0.05, 0.6]), [0.9, -0.3, 0.55])
+SOCKET = np.array([0.85, 0.1, 0.5])
+CAD = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.3, 0.2, 0.0], [0.0, 0.2, 0.05], [0.15, 0.1, 0.1]])
+START = np.radians([0.0, 20.0, 15.0, 10.0, 40.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def record(demo_calibration):
+    return calibration_folder.read(demo_calibration).record
+
+
+@pytest.fixture(scope="module")
+def robot(record):
+    return record.robot_calibrated()
+
+
+def reach(robot, place, rng):
+    """Joints that bring the tip to a place, from a side of their own: Newton's method with differences."""
+    q = START + rng.uniform(-0.5, 0.5, 6)
+    steps = np.vstack([np.zeros(6), 1e-6 * np.eye(6)])
+    for _ in range(30):
+        T = robot.poses(q + steps)
+        tips = T[:, :3, :3] @ TIP + T[:, :3, 3]
+        q = q + np.linalg.lstsq((tips[1:] - tips[0]).T / 1e-6, place - tips[0], rcond=1e-9)[0]
+    return q
+
+
+def rows_of(robot, sides=6, cad=CAD, taught=True, seed=1):
+    """SIMULATED touches without noise: a tool from some sides, one work object as pendants do, one from CAD."""
+    rng = np.random.default_rng(seed)
+    found = [(TOOL, "grip", "socket", SOCKET, None)] * sides
+    for point, xyz in (("origin", [0, 0, 0]), ("x", [0.37, 0, 0]), ("xy", [-0.06, 0.25, 0])) if taught else ():
+        found.append((WORK_OBJECT, "fixture", point, frames.apply(T_OBJECT, np.array([xyz]))[0], None))
+    for k, xyz in enumerate(cad):
+        found.append((WORK_OBJECT, "cast", f"hole{k}", frames.apply(T_OBJECT, xyz[None])[0], xyz))
+    return [
+        Touch(k, frame, name, point, "grip", reach(robot, place, rng), 2e-4, xyz)
+        for k, (frame, name, point, place, xyz) in enumerate(found, 2)
+    ]
+
+
+@pytest.fixture(scope="module")
+def rows(robot):
+    return rows_of(robot)
+
+
+def table_of(rows):
+    """The same as a table."""
+    columns = {name: [getattr(one, name) for one in rows] for name in ("frame", "name", "point", "tool")}
+    columns |= {f"q{j + 1}_deg": [one.q[j] / DEG for one in rows] for j in range(6)}
+    for k, axis in enumerate("xyz"):
+        columns[f"{axis}_mm"] = ["" if one.xyz is None else one.xyz[k] / MM for one in rows]
+    return pd.DataFrame(columns)
+
+
+def joints(rows):
+    return np.array([one.q for one in rows])
+
+
+def test_without_noise_the_truth_comes_back(record, rows, tmp_path):
+    found = cell_frames(record, table_of(rows), tmp_path / "cell.json")
+    np.testing.assert_allclose(found.tools["grip"].T_true[:3, 3], TIP, rtol=0, atol=1e-9)
+    for name in ("fixture", "cast"):
+        assert_same_poses(found.work_objects[name].T_true, T_OBJECT, 1e-9, 1e-9)
+        # the nominal robot has other frames: that is what a pendant has swallowed
+        assert np.abs(found.work_objects[name].T_nominal - T_OBJECT)[:3, 3].max() > 1e-4
+    assert max(np.linalg.norm(one.residual) for one in found.touches) < 1e-9
+    assert max(np.linalg.norm(one.residual_nominal) for one in found.touches) > 5e-5
+    assert found.left_out == ()
+    assert found.tools["grip"].position_only
+    again = read_cell(tmp_path / "cell.json")
+    assert again.fingerprint == record.fingerprint
+    for one in ("covariance", "touch_covariance", "robot_gain"):
+        np.testing.assert_array_equal(getattr(again, one), getattr(found, one))
+    np.testing.assert_allclose(again.work_objects["cast"].T_true, found.work_objects["cast"].T_true, atol=1e-14)
+    np.testing.assert_allclose(again.touches[-1].xyz, found.touches[-1].xyz, atol=1e-15)
+
+
+def test_residuals_have_their_derivatives(robot, rows):
+    T = robot.poses(joints(rows))
+    noisy = T + 0.0
+    noisy[:, :3, 3] += np.random.default_rng(3).normal(scale=1e-3, size=(len(rows), 3))
+    found = adjust(rows, noisy, np.full(len(rows), 1e-4), "")
+
+    def residuals(u):
+        objects = {
+            name: frames_of @ frames.transform(frames.rotation_from_vector(part[:3]), part[3:])
+            for (name, frames_of), part in zip(found.work_objects.items(), u[6:].reshape(-1, 6), strict=True)
+        }
+        tips, places = {"grip": found.tips["grip"] + u[:3]}, {("grip", "socket"): SOCKET + u[3:6]}
+        return _linearised(rows, noisy, tips, places, objects).values
+
+    assert_derivative(residuals, np.zeros(found.jacobian.shape[1]), found.jacobian, 1e-9)
+    assert found.jacobian.shape == (3 * 6 + 6 + 3 * len(CAD), 6 + 12)
+
+
+def test_the_gain_is_how_frames_follow_the_robot(record, robot, rows):
+    """One parameter of the geometry changed in the robot itself, and everything adjusted anew."""
+    found = cell_frames(record, table_of(rows))
+    certainty = robot.certainty
+    names = [term.name for term in certainty.terms]
+    first = len(certainty.covariance) - len(names)
+    for name, column, joint in (("rz3 constant", "theta", 2), ("tx2 constant", "a", 1)):
+        moved = {}
+        for sign in (-1, 1):
+            values = {key: np.array(getattr(robot.arm.table, key)) for key in ("alpha", "a", "theta", "d", "beta", "b")}
+            values[column][joint] += sign * 1e-5
+            changed = robot.replace(arm=robot.arm.with_table(DHMTable(**values, prismatic=robot.arm.table.prismatic)))
+            moved[sign] = adjust(rows, changed.poses(joints(rows)), np.full(len(rows), 1e-4), "")
+        expected = [np.zeros(3), (moved[1].tips["grip"] - moved[-1].tips["grip"]) / 2e-5]
+        for key in found.work_objects:
+            step = frames.inverse(moved[-1].work_objects[key]) @ moved[1].work_objects[key]
+            expected += [frames.vector_from_rotation(step[:3, :3]) / 2e-5, step[:3, 3] / 2e-5]
+        gain = found.robot_gain[:, first + names.index(name)]
+        np.testing.assert_allclose(gain, np.concatenate(expected), rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize("with_robot", [False, True])
+def test_intervals_hold(robot, rows, with_robot):
+    """Touches, and parameters of the robot, drawn again and again: 95 % of the errors are within 1.96 deviations."""
+    rng = np.random.default_rng(5)
+    q, sigma, certainty = joints(rows), np.full(len(rows), 1e-4), robot.certainty
+    T, J = robot.poses(q), _by_robot(robot, certainty, rows, "")
+    exact = adjust(rows, T, sigma, "")
+    touching, gain, _ = _certain(exact, J, sigma)
+    C_robot = certainty.covariance
+    part, whole, _ = _of_motions(exact, {}, touching, gain, C_robot)
+    std = np.sqrt(np.diagonal(whole if with_robot else part))[3:]
+    L = np.linalg.cholesky(C_robot + 1e-24 * np.eye(len(C_robot))) if with_robot else np.zeros((J.shape[2], 1))
+    inside = []
+    for _ in range(200):
+        noisy = T.copy()
+        noisy[:, :3, 3] += rng.normal(scale=1e-4, size=(len(rows), 3)) + J @ (L @ rng.normal(size=L.shape[1]))
+        found = adjust(rows, noisy, sigma, "")
+        errors = [found.tips["grip"] - TIP]
+        for one in found.work_objects.values():
+            step = frames.inverse(T_OBJECT) @ one
+            errors += [frames.vector_from_rotation(step[:3, :3]), step[:3, 3]]
+        inside.append(np.abs(np.concatenate(errors)) < 1.96 * std)
+    assert 0.92 < np.mean(inside) < 0.98
+
+
+def test_a_slip_is_named_and_left_out(record, robot, rows):
+    slipped = list(rows)
+    slipped[2] = replace(rows[2], q=rows[2].q + np.radians([0.2, 0, 0, 0, 0, 0]))
+    found = cell_frames(record, table_of(slipped))
+    assert ["row 3 (tool grip, socket)" in text for text in found.left_out] == [True]
+    np.testing.assert_allclose(found.tools["grip"].T_true[:3, 3], TIP, rtol=0, atol=1e-9)
+    distance = float(found.left_out[0].split(" mm")[0].split()[-1])
+    T = robot.poses(np.array([rows[2].q, slipped[2].q]))
+    assert distance == pytest.approx(np.linalg.norm((T[1] - T[0])[:3] @ [*TIP, 1]) / MM, rel=0.02)
+
+
+def test_more_scatter_than_said_widens_the_intervals(record, rows):
+    rng = np.random.default_rng(2)
+    rough = [replace(one, q=one.q + rng.normal(scale=5e-4, size=6)) for one in rows]
+    found, fine = (cell_frames(record, table_of(some)) for some in (rough, rows))
+    assert any("widened" in note for note in found.notes)
+    assert np.trace(found.touch_covariance) > 2 * np.trace(fine.touch_covariance)
+
+
+def about_one_axis(robot):
+    """Only joint 6 turns."""
+    rows = rows_of(robot, 1, (), taught=False)
+    return [replace(rows[0], q=rows[0].q + angle * np.eye(6)[5]) for angle in (0.0, 0.4, 0.9)]
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda robot: rows_of(robot, 2, ()), "from 2 sides: it takes 3 or more"),
+        (about_one_axis, "all sides are turned about one axis"),
+        (lambda robot: rows_of(robot, 0, ()), "was touched with tool grip, of which there are no rows"),
+        (lambda robot: rows_of(robot, cad=CAD[:2], taught=False), "origin, x, xy are missing"),
+        (
+            lambda robot: rows_of(robot, cad=np.outer([0, 1, 2, 4], [0.1, 0.05, 0]), taught=False),
+            "on a line",
+        ),
+    ],
+)
+def test_what_determines_nothing_is_refused(record, robot, make, words, tmp_path):
+    with pytest.raises(MeasurementError, match=words):
+        cell_frames(record, table_of(make(robot)), tmp_path / "cell.json")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "words"),
+    [
+        ("frame", "base", "row 1, column frame: expected tool or work_object"),
+        ("tool", "other", "column tool"),
+        ("x_mm", "5", "all or none"),
+        ("q2_deg", "", "column q2_deg: expected a joint angle in degrees, found nothing"),
+        ("e1_mm", "5", "there is a column e1_mm"),
+    ],
+)
+def test_rows_that_are_no_touches_are_refused(record, rows, column, value, words):
+    table = table_of(rows).astype(object)
+    if column not in table:
+        table[column] = ""
+    table.loc[0, column] = value
+    with pytest.raises(MeasurementError, match=words):
+        cell_frames(record, table)
+
+
+def test_frames_of_nothing_are_refused(record, rows):
+    with pytest.raises(OptionError, match="no touch is of tool 9"):
+        cell_frames(record, table_of(rows), tools={"9": np.eye(4)})
+
+
+def test_an_edited_file_is_refused(record, rows, tmp_path):
+    path = tmp_path / "cell.json"
+    cell_frames(record, table_of(rows), path)
+    path.write_text(path.read_text().replace('"name": "grip"', '"name": "other"', 1))
+    with pytest.raises(CalibrationError, match="was changed after irbcal wrote it"):
+        read_cell(path)
+
+
+def test_axes_are_those_of_the_controller(record, rows):
+    T = krl.MAKER.poses(np.array([[10.0, -28.0, 205.0, 30.0, 40.0, -50.0]]))[0]
+    found = cell_frames(record, table_of(rows), tools={"GRIP": T})
+    np.testing.assert_allclose(found.tools["grip"].T_true[:3], np.column_stack([T[:3, :3], TIP]), rtol=0, atol=1e-9)
+    plain = cell_frames(record, table_of(rows))
+    block = found.rows(TOOL, "grip")
+    C, own = found.covariance[block, block][3:, 3:], plain.covariance[block, block][3:, 3:]
+    np.testing.assert_allclose(T[:3, :3] @ C @ T[:3, :3].T, own, rtol=0, atol=1e-14)
+
+
+def test_the_command_writes_as_makers_do(demo_calibration, rows, tmp_path, program):
+    table_of(rows).to_csv(tmp_path / "touches.csv", index=False)
+    call = ["cell", demo_calibration, tmp_path / "touches.csv", "--out", tmp_path / "cell.json"]
+    text = program(*call, "--as", "kuka", "--tool", "grip=12,-30,210,0,0,0")
+    assert text.startswith("SIMULATED")
+    expected = krl.MAKER.numbers(T_OBJECT[None], np.zeros((1, 6)))[0]
+    row = next(line for line in text.splitlines() if line.strip().startswith("object"))
+    numbers = [float(word) for word in re.findall(r"-?\d+\.\d{4}", row)[:6]]
+    np.testing.assert_allclose(numbers, expected, rtol=0, atol=6e-5)
+    content = program(*call, "--json")
+    assert (content["schema_name"], content["simulated"]) == ("irbcal-cell-1", True)
+
+
+def test_the_example_has_its_check_values(shared_data, tmp_path, program):
+    """Computed independently, see the folder's README."""
+    folder = shared_data / "cell_example"
+    if not folder.is_dir():
+        pytest.skip("no cell_example among the measured data")
+    program("calibrate", folder / "measurements.csv", "--robot", folder / "kr16.urdf", "--out", tmp_path / "kr")
+    found = cell_frames(tmp_path / "kr", folder / "touches.csv")
+    tool, base = found.tools["3"], found.work_objects["1"]
+    for T, expected, tolerance in (
+        (tool.T_nominal, [0.0328, 0.1165, 182.3952], 0.005),
+        (tool.T_true, [-0.0140, -0.0116, 182.3329], 0.03),
+    ):
+        np.testing.assert_allclose(T[:3, 3] / MM, expected, rtol=0, atol=tolerance)
+    for T, expected, tolerance in (
+        (base.T_nominal, [709.7111, -1078.7046, 502.0156, 25.5484, -0.0349, -0.1042], 0.005),
+        (base.T_true, [709.8943, -1077.9177, 500.7108, 25.5356, -0.0014, -0.0042], 0.03),
+    ):
+        numbers = krl.MAKER.numbers(T[None], np.zeros((1, 6)))[0]
+        np.testing.assert_allclose(numbers[:3], expected[:3], rtol=0, atol=tolerance)
+        np.testing.assert_allclose(numbers[3:], expected[3:], rtol=0, atol=0.001)
