@@ -21,6 +21,7 @@ from irbcal.errors import IrbcalError, OptionError
 STUB = Path(irbcal.__file__).with_suffix(".pyi")
 
 VERBS = {
+    "cell": "cell_frames",
     "axes": "joints",
     "import": "import_measurements",
     "fk": "forward_kinematics",
@@ -35,6 +36,7 @@ VERBS = {
 ELSEWHERE = {
     "evaluate": dict.fromkeys(("report", "figures", "data"), "certificate"),
     "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
+    "cell": {"as": None},
     "fk": {"joints": None},
     "ik": {"poses": None},
     "simulate": {"device": "simulate_device", "noise": "simulate_device"},

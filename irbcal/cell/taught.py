@@ -39,8 +39,8 @@ def cell_frames(
     touches: TableLike,
     out: str | PathLike[str] | None = None,
     *,
-    tools: Mapping[str, ArrayLike] | None = None,
-    work_objects: Mapping[str, ArrayLike] | None = None,
+    tool: Mapping[str, ArrayLike] | None = None,
+    wobj: Mapping[str, ArrayLike] | None = None,
     payload: float | None = None,
     payload_place: ArrayLike | None = None,
 ) -> CellFile:
@@ -53,7 +53,7 @@ def cell_frames(
         See `irbcal.cell.touches`.
     out : str or Path, optional
         File to write, ``cell.json``.
-    tools, work_objects : dict of str to array_like, shape (4, 4), optional
+    tool, wobj : dict of str to array_like, shape (4, 4), optional
         What the controller has, metres: a tool in the tip link, a work object in the base link. A tool that is taught
         by its tip alone has the axes that the controller has.
     payload : float, optional
@@ -84,7 +84,7 @@ def cell_frames(
         raise RobotError(f"nothing is known of how certain {robot.arm.name} is: calibrate it", parameter="calibration")
     nominal = Robot(record.arm(calibrated=False))
     rows, source = read_touches(touches, nominal.arm)
-    theirs = {TOOL: _given(tools, "tools", TOOL, rows), WORK_OBJECT: _given(work_objects, "wobj", WORK_OBJECT, rows)}
+    theirs = {TOOL: _given(tool, "tool", TOOL, rows), WORK_OBJECT: _given(wobj, "wobj", WORK_OBJECT, rows)}
     J = _by_robot(robot, certainty, rows, source)
     rows, J, sigma, found, left_out = _without_outliers(rows, J, robot, certainty, source)
     by_nominal = adjust(rows, nominal.poses(_joints(rows)), sigma, source)

@@ -82,8 +82,8 @@ def cell(
             calibration,
             touches,
             out,
-            tools={name: ends.T_tip_flange @ T for name, T in tools.items()},
-            work_objects={name: ends.T_base_world @ T for name, T in work_objects.items()},
+            tool={name: ends.T_tip_flange @ T for name, T in tools.items()},
+            wobj={name: ends.T_base_world @ T for name, T in work_objects.items()},
             payload=payload,
             payload_place=grid.metres(payload_place, "--payload-place"),
         )

@@ -207,10 +207,19 @@ def _content(found: Filtered) -> dict[str, Any]:
         "expected_error_mm": None if found.expected_error is None else found.expected_error / MM,
         "unknown_frames": None if found.unknown_frames is None else found.unknown_frames.to_dict(),
         "unchanged": found.unchanged,
+        **_part(found),
         **_last_moves(found),
         "fingerprint": found.fingerprint,
         **({} if found.paths is None else {"paths": found.to_dict()["paths"]}),
     }
+
+
+def _part(found: Filtered) -> dict[str, Any]:
+    """The expected error of the part over all targets; nothing where it is not known."""
+    frame = found.to_frame()
+    if "part_mean_mm" not in frame:
+        return {}
+    return {"part_mean_mm": float(frame["part_mean_mm"].mean()), "max_part_u95_mm": float(frame["part_u95_mm"].max())}
 
 
 def _last_moves(found: Filtered) -> dict[str, Any]:

@@ -133,7 +133,8 @@ class Filtered(Speaks):
         ``turn_deg`` (from the wanted to the fake pose) and ``residual_mm`` (what the calibrated model still misses by).
         Of calibrations that depend on the last move also ``last_move_mm`` (what an unknown one adds) and
         ``expected_mm`` (with the mean error of held-out poses). Of programs with tools and work objects also ``tool``,
-        ``work_object``, ``frames`` (their origin: null, measured, cell, unknown) and ``points`` (offline or taught).
+        ``work_object``, ``frames`` (their origin: null, measured, cell, unknown) and ``points`` (offline or taught);
+        with a cell ``part_mean_mm`` and ``part_u95_mm``, the expected error of the part.
         """
         import pandas as pd
 
@@ -190,7 +191,7 @@ class Filtered(Speaks):
             told.append(f"… and {len(self.targets) - SHOWN} more")
         if self.expected_error is not None:
             mean = self.expected_error / MM
-            alone = ", of the robot alone: what tools and work objects add is not in it" if self._framed else ""
+            alone = ", of the robot alone: tools and work objects add their errors" if self._framed else ""
             told.append(
                 f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses{alone}"
             )

@@ -10,6 +10,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.part_error import part_errors
 from irbcal.correction.program import Goals
 from irbcal.correction.true_frames import CELL, UNKNOWN, FramesOfGoals, TrueFrames, worst
 from irbcal.modeling.arm import Arm
@@ -76,6 +77,8 @@ class TargetFrames:
         ``offline`` or ``taught``.
     at_stake : ndarray, shape (n,)
         Distance between the tool centre points of the nominal and the calibrated robot, metres.
+    part_error : ndarray, shape (n, 2)
+        Mean and 95 % of the expected error in the work object, metres; see `irbcal.correction.part_error`.
     numbers : str
         Which numbers the controller will have.
     """
@@ -86,6 +89,7 @@ class TargetFrames:
     object_origins: NameArray
     points: NameArray
     at_stake: FloatArray
+    part_error: FloatArray
     numbers: str
 
     def __post_init__(self) -> None:
@@ -108,6 +112,7 @@ class TargetFrames:
                 apart = robot.forward(q) - controller.forward(q)
                 off = np.einsum("nij,nj->ni", apart[:, :3, :3], ours.tcp[ok]) + apart[:, :3, 3]
             points = np.where(known.points.are_taught(goals.names), "taught", "offline").astype(object)
+            expected = part_errors(robot, known.cell, fake.q, ours)[ok]
             parts.append(
                 TargetFrames(
                     ours.tools[ok],
@@ -116,6 +121,7 @@ class TargetFrames:
                     ours.object_origins[ok],
                     points[ok],
                     np.linalg.norm(off, axis=1),
+                    expected,
                     known.numbers,
                 )
             )
@@ -133,6 +139,7 @@ class TargetFrames:
             np.concatenate([part.object_origins for part in parts]),
             np.concatenate([part.points for part in parts]),
             np.concatenate([part.at_stake for part in parts]),
+            np.concatenate([part.part_error for part in parts]),
             parts[0].numbers,
         )
 
@@ -141,10 +148,17 @@ class TargetFrames:
         """Of each target the origin of its frame that is known worst."""
         return worst(self.tool_origins, self.object_origins)
 
-    def columns(self) -> dict[str, NameArray]:
-        """For tables."""
-        names = {"tool": self.tools, "work_object": self.work_objects, "frames": self.origins, "points": self.points}
-        return {name: np.array(values) for name, values in names.items()}
+    def columns(self) -> dict[str, NameArray | FloatArray]:
+        """For tables; errors of the part in millimetres, where they are known."""
+        columns: dict[str, NameArray | FloatArray] = {
+            "tool": np.array(self.tools),
+            "work_object": np.array(self.work_objects),
+            "frames": self.origins,
+            "points": np.array(self.points),
+        }
+        if np.isfinite(self.part_error).any():
+            columns |= {"part_mean_mm": self.part_error[:, 0] / MM, "part_u95_mm": self.part_error[:, 1] / MM}
+        return columns
 
     def unknown(self) -> UnknownFrames | None:
         """Those of unknown origin; None where there are none."""
@@ -171,6 +185,12 @@ class TargetFrames:
         if (in_cell & (self.points == "offline")).any():
             told.append(
                 "All of them are taken for offline points: name those that were shown on the robot with --points"
+            )
+        expected = self.part_error[np.isfinite(self.part_error).all(axis=1)] / MM
+        if len(expected):
+            told.append(
+                f"Expected error of the part: {expected[:, 0].mean():.3f} mm mean, at the worst target within "
+                f"{expected[:, 1].max():.3f} mm with 95 % (robot, tools and work objects together)"
             )
         if unchanged:
             told.append(f"{unchanged} targets need no change")

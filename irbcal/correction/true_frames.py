@@ -115,6 +115,8 @@ class FramesOfGoals:
         ``Ot Oc^-1`` and ``Tc Tt^-1``: between them stands the flange as the controller computes it.
     tcp : ndarray, shape (n, 3)
         Tool centre point of the controller's tool in the tip link, metres.
+    T_tool, T_object : ndarray, shape (n, 4, 4)
+        ``Tt`` and ``Ot``, as far as they are known.
     """
 
     tools: NameArray
@@ -124,6 +126,8 @@ class FramesOfGoals:
     T_left: FloatArray
     T_right: FloatArray
     tcp: FloatArray
+    T_tool: FloatArray
+    T_object: FloatArray
 
     def __post_init__(self) -> None:
         lock(self)
@@ -191,7 +195,8 @@ class TrueFrames:
         """Tools and work objects of the goals of a program."""
         n = len(goals.names)
         tools, work_objects, tool_origins, object_origins = (np.full(n, "", dtype=object) for _ in range(4))
-        T_left, T_right, tcp = np.tile(np.eye(4), (n, 1, 1)), np.tile(np.eye(4), (n, 1, 1)), np.zeros((n, 3))
+        T_left, T_right, T_tool, T_object = np.tile(np.eye(4), (4, n, 1, 1))
+        tcp = np.zeros((n, 3))
         for k, number in enumerate(goals.numbers.tolist()):
             names = _names_of(program, number) if isinstance(program, TextProgram) else None
             if names is None or not isinstance(program, TextProgram):
@@ -203,7 +208,8 @@ class TrueFrames:
             if goals.kind == "pose" or CELL in (tool_origin, object_origin):
                 tool_origins[k], object_origins[k] = tool_origin, object_origin
             T_left[k], T_right[k], tcp[k] = Ot @ frames.inverse(Oc), Tc @ frames.inverse(Tt), Tc[:3, 3]
-        return FramesOfGoals(tools, work_objects, tool_origins, object_origins, T_left, T_right, tcp)
+            T_tool[k], T_object[k] = Tt, Ot
+        return FramesOfGoals(tools, work_objects, tool_origins, object_origins, T_left, T_right, tcp, T_tool, T_object)
 
     def _true(self, kind: str, name: str, T: FloatArray, T_null: FloatArray) -> tuple[FloatArray, str]:
         """The true frame of a name, and its origin; ``T`` is what the controller has."""

@@ -226,7 +226,7 @@ def test_rows_that_are_no_touches_are_refused(record, rows, column, value, words
 
 def test_frames_of_nothing_are_refused(record, rows):
     with pytest.raises(OptionError, match="no touch is of tool 9"):
-        cell_frames(record, table_of(rows), tools={"9": np.eye(4)})
+        cell_frames(record, table_of(rows), tool={"9": np.eye(4)})
 
 
 def test_an_edited_file_is_refused(record, rows, tmp_path):
@@ -239,7 +239,7 @@ def test_an_edited_file_is_refused(record, rows, tmp_path):
 
 def test_axes_are_those_of_the_controller(record, rows):
     T = krl.MAKER.poses(np.array([[10.0, -28.0, 205.0, 30.0, 40.0, -50.0]]))[0]
-    found = cell_frames(record, table_of(rows), tools={"GRIP": T})
+    found = cell_frames(record, table_of(rows), tool={"GRIP": T})
     np.testing.assert_allclose(found.tools["grip"].T_true[:3], np.column_stack([T[:3, :3], TIP]), rtol=0, atol=1e-9)
     plain = cell_frames(record, table_of(rows))
     block = found.rows(TOOL, "grip")
