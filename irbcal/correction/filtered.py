@@ -182,14 +182,15 @@ class Filtered(Speaks):
         """How many targets changed by how much, the first of them, and what was left and why."""
         unknown = self.unknown_frames
         told: list[Told] = [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
-        told.append(corrected_in_words(self.shift))
+        if not self._re_expressed:
+            told.append(corrected_in_words(self.shift))
         if self.frames is not None:
             told += self.frames.told(self.unchanged)
         if len(self.targets):
             told.append(self._first_changes())
         if len(self.targets) > SHOWN:
             told.append(f"… and {len(self.targets) - SHOWN} more")
-        if self.expected_error is not None:
+        if self.expected_error is not None and not self._re_expressed:
             mean = self.expected_error / MM
             alone = ", of the robot alone: tools and work objects add their errors" if self._framed else ""
             told.append(
@@ -202,6 +203,10 @@ class Filtered(Speaks):
         if self.written is not None:
             told.append(f"Written to {self.written}")
         return told
+
+    @property
+    def _re_expressed(self) -> bool:
+        return self.frames is not None and self.frames.re_expressed
 
     @property
     def _framed(self) -> bool:

@@ -81,6 +81,8 @@ class TargetFrames:
         Mean and 95 % of the expected error in the work object, metres; see `irbcal.correction.part_error`.
     numbers : str
         Which numbers the controller will have.
+    re_expressed : bool
+        Whether the targets are offline points of the true frames, and no fake targets.
     """
 
     tools: NameArray
@@ -91,6 +93,7 @@ class TargetFrames:
     at_stake: FloatArray
     part_error: FloatArray
     numbers: str
+    re_expressed: bool
 
     def __post_init__(self) -> None:
         lock(self)
@@ -123,6 +126,7 @@ class TargetFrames:
                     np.linalg.norm(off, axis=1),
                     expected,
                     known.numbers,
+                    known.points.re_express,
                 )
             )
         return TargetFrames.joined(parts)
@@ -141,6 +145,7 @@ class TargetFrames:
             np.concatenate([part.at_stake for part in parts]),
             np.concatenate([part.part_error for part in parts]),
             parts[0].numbers,
+            parts[0].re_expressed,
         )
 
     @property
@@ -174,6 +179,11 @@ class TargetFrames:
 
     def told(self, unchanged: int) -> list[Told]:
         """Which points were taken for offline points, and what the controller must have."""
+        if self.re_expressed:
+            return [
+                f"{len(self.tools)} taught points are re-expressed as offline points of the true frames, {unchanged} "
+                "stay as they are; nothing is corrected: filter the new program"
+            ]
         told: list[Told] = []
         in_cell = self.origins == CELL
         if in_cell.any():

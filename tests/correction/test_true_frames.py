@@ -250,6 +250,7 @@ def test_taught_points_stay_and_can_be_re_expressed(taught):
     P = np.array([target.value for target in rapid.parse(expressed.data).targets])
     assert np.abs(P - taught.wanted).max() < 1e-6
     assert rapid.parse(expressed.data).fingerprint is None, "offline points are no fake targets"
+    assert expressed.told()[0].startswith("18 taught points are re-expressed")
     again = taught.filtered(expressed.data, cell=taught.cell)
     assert np.abs(again.q - q).max() < 1e-5, "corrected as offline points they are where they were taught"
     half = taught.filtered(data, cell=taught.cell, points=PointOrigin("P1?"))
