@@ -193,7 +193,7 @@ def _first_tip(
         if len(rows) < 2 or sum(map(len, mine.values())) < LEAST_SIDES:
             raise MeasurementError(
                 f"tool {name}: its tip was brought to {point!r} from {len(rows)} side{'s'[: len(rows) != 1]}: it takes "
-                f"{LEAST_SIDES} or more, turned about different axes",
+                f"{LEAST_SIDES} or more, turned about different axes (of several places, two of each)",
                 file=source,
             )
     R = np.concatenate([T_base_tip[rows, :3, :3] - T_base_tip[rows, :3, :3].mean(axis=0) for rows in mine.values()])

@@ -82,7 +82,7 @@ class FrameInCell:
     T_controller : ndarray, shape (4, 4), or None
         What the controller has, in the same links, where that is known.
     position_only : bool
-        A tool taught by its tip alone: its axes are the controller's, or the tip link's.
+        A tool taught by its tip alone: its axes are the controller's, or the tip link's, and count as exact.
     """
 
     name: str

@@ -261,7 +261,8 @@ def _of_motions(
 
 def _notes(tip: str, rows: Sequence[Touch], theirs: Mapping[str, FloatArray], certainty: Certainty) -> list[str]:
     """What a reader must know of how this was computed."""
-    notes = []
+    outside = certainty.outside_in_words(_joints(rows), "touches")
+    notes = [outside] if outside else []
     alone = [name for name in dict.fromkeys(one.name for one in rows if one.frame == TOOL) if name not in theirs]
     if alone:
         notes.append(f"a tip alone tells no axes: tool {', '.join(alone)} has those of {tip}")
