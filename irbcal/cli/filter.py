@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,21 @@ from irbcal.cli.shared_options import Calibration, Json, Payload, PayloadPlace
 
 if TYPE_CHECKING:
     from irbcal.correction.filtered import Filtered
+    from irbcal.correction.true_frames import ControllerNumbers
+
+FRAMES = "Tools, work objects, points"
+
+
+class NumbersChoice(str, Enum):
+    """Which numbers the controller will have for tools and work objects."""
+
+    same = "same"
+    from_cell = "from-cell"
+
+    @property
+    def literal(self) -> ControllerNumbers:
+        """As `irbcal.correct` takes it."""
+        return "same" if self is NumbersChoice.same else "from-cell"
 
 
 def filter_program(
@@ -75,6 +91,58 @@ def filter_program(
             show_default=False,
         ),
     ] = None,
+    cell: Annotated[
+        Path | None,
+        typer.Option(
+            help="True tools and work objects, as irbcal cell writes them: corrections stand for these.",
+            metavar="FILE",
+            show_default=False,
+            rich_help_panel=FRAMES,
+        ),
+    ] = None,
+    controller_frames: Annotated[
+        NumbersChoice,
+        typer.Option(
+            help="Which numbers the controller will have for tools and work objects: the same as now, or those "
+            "from-cell.",
+            rich_help_panel=FRAMES,
+        ),
+    ] = NumbersChoice.same,
+    points: Annotated[
+        str | None,
+        typer.Option(
+            help="offline: coordinates of points are wanted; taught: they were shown on the real robot and stay; "
+            "taught:PATTERN: those with such names.",
+            metavar="KIND",
+            show_default="offline",
+            rich_help_panel=FRAMES,
+        ),
+    ] = None,
+    re_express: Annotated[
+        bool,
+        typer.Option(
+            "--re-express",
+            help="Rewrite taught points as offline points of the true frames; correct nothing.",
+            rich_help_panel=FRAMES,
+        ),
+    ] = False,
+    frames_measured: Annotated[
+        bool,
+        typer.Option(
+            "--frames-measured",
+            help="Tools and work objects (others than the cell's) were measured independently of the robot: by CAD, by "
+            "tracker.",
+            rich_help_panel=FRAMES,
+        ),
+    ] = False,
+    strict: Annotated[
+        bool,
+        typer.Option(
+            "--strict",
+            help="Write nothing, with exit code 3, where a tool or work object is of unknown origin.",
+            rich_help_panel=FRAMES,
+        ),
+    ] = False,
     json: Json = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
@@ -100,6 +168,12 @@ def filter_program(
             controller_model=controller_model,
             where=program_words.where(where, maker),
             path_tolerance=None if path_tolerance is None else path_tolerance * 1e-3,
+            cell=cell,
+            controller_frames=controller_frames.literal,
+            points=points,
+            re_express=re_express,
+            frames_measured=frames_measured,
+            strict=strict,
         )
     except NotWritten as refusal:
         found, refused = refusal.found, True
@@ -107,9 +181,13 @@ def filter_program(
         show.print_json(_content(found))
     else:
         show.tell(found.told())
+    if strict and found.unknown_frames is not None:
+        show.warn("nothing was written: tools or work objects are of unknown origin (--strict)")
+        raise typer.Exit(3)
     if refused:
         some = len(found.targets) > 0
         why = "correct these targets or call again with --allow-partial" if some else "no target could be corrected"
+        why += f", {found.unchanged} need no change" if found.unchanged and not some else ""
         show.warn(f"nothing was written: {why}")
         raise typer.Exit(1)
 
@@ -127,10 +205,21 @@ def _content(found: Filtered) -> dict[str, Any]:
         "mean_shift_mm": float(found.shift.mean() / MM) if some else None,
         "max_shift_mm": float(found.shift.max() / MM) if some else None,
         "expected_error_mm": None if found.expected_error is None else found.expected_error / MM,
+        "unknown_frames": None if found.unknown_frames is None else found.unknown_frames.to_dict(),
+        "unchanged": found.unchanged,
+        **_part(found),
         **_last_moves(found),
         "fingerprint": found.fingerprint,
         **({} if found.paths is None else {"paths": found.to_dict()["paths"]}),
     }
+
+
+def _part(found: Filtered) -> dict[str, Any]:
+    """The expected error of the part over all targets; nothing where it is not known."""
+    frame = found.to_frame()
+    if "part_mean_mm" not in frame:
+        return {}
+    return {"part_mean_mm": float(frame["part_mean_mm"].mean()), "max_part_u95_mm": float(frame["part_u95_mm"].max())}
 
 
 def _last_moves(found: Filtered) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction.filter import meant_joints
+from irbcal.correction.corrected_goals import meant_joints
 from irbcal.correction.program import Program
 from irbcal.errors import ProgramError
 from irbcal.modeling.arm import Arm

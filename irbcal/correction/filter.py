@@ -12,16 +12,18 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.atomic import write_set
+from irbcal.cell.cell_file import CellFile
 from irbcal.correction import languages
 from irbcal.correction.collecting import resting
-from irbcal.correction.configurations import ConfData, seeds_of
+from irbcal.correction.corrected_goals import UNCHANGED, as_written, corrected, counted, of_arm, writable
 from irbcal.correction.cutting import CutPath, Cuttable, Ends, cut_move
-from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
+from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.last_moves import LastMoves, with_last_moves
-from irbcal.correction.maker_program import MakerProgram
 from irbcal.correction.program import Given, Goals, Left, Program, read_bytes, refuse_filtered
+from irbcal.correction.target_frames import TargetFrames
 from irbcal.correction.timed import Timed, follow
+from irbcal.correction.true_frames import ControllerNumbers, TrueFrames, cell_of, point_origin
 from irbcal.errors import OptionError, ProgramError
 from irbcal.files.calibration_folder import CalibrationLike, opened, read
 from irbcal.files.controller_frames import ControllerFrames, controller_frames, unknown
@@ -30,7 +32,6 @@ from irbcal.files.schema import Record
 from irbcal.files.speed_limits import speed_limits
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import without_formulas
 from irbcal.options import number, pulses_per_degree, shown
@@ -66,6 +67,12 @@ def correct(
     controller_model: str | Path | None = None,
     where: tuple[ArrayLike, ArrayLike] | None = None,
     path_tolerance: float | None = None,
+    cell: CellFile | str | Path | None = None,
+    controller_frames: ControllerNumbers = "same",
+    points: str | None = None,
+    re_express: bool = False,
+    frames_measured: bool = False,
+    strict: bool = False,
 ) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 
@@ -100,6 +107,19 @@ def correct(
     path_tolerance : float, optional
         Put points into straight and circular moves, so that the tool centre point leaves the wanted path by less than
         this, metres. For RAPID.
+    cell : CellFile, str or Path, optional
+        True tools and work objects, as ``irbcal cell`` writes them (`irbcal.correction.true_frames`).
+    controller_frames : str
+        Which numbers the controller will have for them: ``same`` as now, or those ``from-cell``.
+    points : str, optional
+        ``offline``: coordinates of points are wanted. ``taught``, or ``taught:PATTERN`` of their names: they were shown
+        on the real robot, so they stay as they are. ``offline`` unless given.
+    re_express : bool
+        Rewrite the taught points as offline points of the true frames, and correct nothing.
+    frames_measured : bool
+        Tools and work objects that are not in the cell file were measured independently of the robot.
+    strict : bool
+        Write nothing where tools or work objects are of unknown origin.
 
     Returns
     -------
@@ -108,15 +128,16 @@ def correct(
     Raises
     ------
     NotWritten
-        If a file is asked for, and no target could be corrected, or not all while ``allow_partial`` is false.
+        If a file is asked for, and no target could be corrected, or not all while ``allow_partial`` is false; if
+        ``strict``, and a tool or work object is of unknown origin.
     ProgramError
         If the program cannot be read, was filtered before, or needs a frame that is not known.
     RobotError
         If the arm has fewer than six joints, or poses do not tell its joints.
     CalibrationError
-        If the calibration cannot be read, or a file cannot be written.
+        If the calibration or the cell cannot be read, the cell is of another calibration, or a file cannot be written.
     OptionError
-        If a frame is not a rigid transform, or two files to write are the same.
+        If options contradict each other, a frame is not a rigid transform, or two files to write are the same.
 
     Examples
     --------
@@ -126,7 +147,8 @@ def correct(
     programs_given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
     if not programs_given:
         raise OptionError("program: expected a file, found none", parameter="program")
-    inputs = [*programs_given, *([] if controller_model is None else [controller_model])]
+    read_too = [path for path in (controller_model, cell) if isinstance(path, (str, os.PathLike))]
+    inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
     language, sources = languages.files_of(programs_given)
     record = opened(calibration)
@@ -134,9 +156,14 @@ def correct(
     urdf = _urdf(calibration)
     model = None if controller_model is None else controller_kinematics(controller_model, record, urdf)
     tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
+    ends = _controller(urdf, record)
+    known = TrueFrames(
+        cell_of(cell, record.fingerprint), frames_measured, controller_frames, point_origin(points, re_express), ends
+    )
+    known.check(path_tolerance is not None)
     frames_given = given_frames(tool, "tool"), given_frames(wobj, "wobj")
     counts, own = pulses_per_degree(pulses), None if model is None else model.arm
-    given = Given(*frames_given, _controller(urdf, record), counts, own, place_pair(where, language))
+    given = Given(*frames_given, ends, counts, own, place_pair(where, language))
     programs = language.read_for(nominal, sources, given)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     robot = robot if model is None else model.seen_by_it(robot)
@@ -148,13 +175,15 @@ def correct(
         )
     speeds = None if urdf is None else speed_limits(urdf, nominal.joint_names)
     whole = record.fingerprint, given.own_model, tolerance, speeds
-    found = together([filter_program(robot, nominal, one, *whole) for one in programs])
+    found = together([filter_program(robot, nominal, one, *whole, known) for one in programs])
     if robot.certainty is not None and (outside := robot.certainty.outside_in_words(found.q_before, "targets")):
         found = replace(found, cautions=(outside,))
     if model is not None:
         found = replace(found, cautions=(model.in_words(robot, found.q_before), *found.cautions))
     if record.heldout is not None and record.features is None:  # rows at features tell no accuracy
         found = replace(found, expected_error=record.heldout.all.mean_mm * MM)
+    if strict and found.unknown_frames is not None:
+        raise _not_written(found, found.unknown_frames.in_words())
     if out is None and changes is None:
         return found
     if not len(found.targets) or (found.left and not allow_partial):
@@ -243,9 +272,12 @@ def place_pair(
     return joints, given_frames({"pose": pose}, "where")["pose"]
 
 
-def _not_written(found: Filtered) -> NotWritten:
-    if not len(found.targets):
-        message = "nothing was written: no target could be corrected"
+def _not_written(found: Filtered, why: str = "") -> NotWritten:
+    if why:
+        message = f"nothing was written: {why}"
+    elif not len(found.targets):
+        taught = f", and {found.unchanged} need no change" if found.unchanged else ""
+        message = f"nothing was written: no target could be corrected{taught}"
     else:
         first = found.left[0]
         more = f" and {len(found.left) - 1} more" if len(found.left) > 1 else ""
@@ -266,6 +298,7 @@ def filter_program(
     controller: Arm | None = None,
     path_tolerance: float | None = None,
     speeds: FloatArray | None = None,
+    known: TrueFrames | None = None,
 ) -> Filtered:
     """Correct the targets of a program as read.
 
@@ -285,6 +318,8 @@ def filter_program(
         As for `correct`; the program must be `irbcal.correction.cutting.Cuttable`.
     speeds : ndarray, shape (joints,), optional
         Largest speeds of the joints, which trajectories must keep to, rad/s (m/s).
+    known : TrueFrames, optional
+        What is known of tools and work objects; without it nothing is.
 
     Returns
     -------
@@ -298,20 +333,31 @@ def filter_program(
         As `irbcal.correction.fake_targets.correct_joints` and `irbcal.correction.fake_targets.correct_poses`.
     """
     refuse_filtered(program)
-    alone = []
-    for goals in _of_arm(program, nominal):
-        alone.append((goals, _fake_targets(robot, nominal, goals, controller)))
-    found, program, left, last_moves = _in_course(robot, nominal, program, alone, controller, speeds)
-    found = [(goals, _writable(program, nominal, goals, fake)) for goals, fake in found]
+    known = known or TrueFrames()
+    wanted = of_arm(program, nominal)
+    frames_of = [known.of_goals(program, goals) for goals in wanted]
+    alone = [
+        (goals, corrected(robot, nominal, goals, controller, at, known))
+        for goals, at in zip(wanted, frames_of, strict=True)
+    ]
+    moving = Robot(controller or nominal) if known.points.re_express else robot
+    found, program, left, last_moves = _in_course(moving, nominal, program, alone, controller, speeds)
+    found = [
+        (goals, writable(program, nominal, goals, as_written(nominal, goals, fake, controller, at, known)))
+        for (goals, fake), at in zip(found, frames_of, strict=True)
+    ]
     names: list[str] = []
+    unchanged = 0
     for goals, fake in found:
         names += [goals.names[k] for k in np.flatnonzero(fake.ok)]
-        left += [Left(goals.names[k], int(goals.lines[k]), fake.reason[k]) for k in np.flatnonzero(~fake.ok)]
+        unlike = [k for k in np.flatnonzero(~fake.ok) if fake.reason[k] not in UNCHANGED]
+        left += [Left(goals.names[k], int(goals.lines[k]), fake.reason[k]) for k in unlike]
+        unchanged += int((~fake.ok).sum()) - len(unlike)
     fakes = [fake for _, fake in found]
     cuts: list[CutPath] = []
     if path_tolerance is not None and isinstance(program, Cuttable):
-        known = _ends(found)
-        cuts = [cut_move(move, known, robot, nominal, path_tolerance, controller) for move in program.path_moves()]
+        ends = _ends(found)
+        cuts = [cut_move(move, ends, robot, nominal, path_tolerance, controller) for move in program.path_moves()]
         left += [Left(f"the path of {cut.move.name}", cut.move.line, cut.why) for cut in cuts if cut.why]
         program = program.with_cuts(cuts)
     none = np.zeros((0, len(nominal.joint_names)))
@@ -321,7 +367,9 @@ def filter_program(
         last_move_error = np.concatenate([none[:, 0], *errors])
     return Filtered(
         source=program.source,
-        files=program.with_fake_targets(_counted(found, program, nominal), fingerprint),
+        files=program.with_fake_targets(
+            counted(found, program, nominal), None if known.points.re_express else fingerprint
+        ),
         targets=np.array(names, dtype=object),
         lines=np.concatenate([np.zeros(0, dtype=int), *(goals.lines[fake.ok] for goals, fake in found)]),
         q_before=np.concatenate([none, *(fake.q_nominal[fake.ok] for fake in fakes)]),
@@ -337,6 +385,8 @@ def filter_program(
         last_moves=None if last_moves is None else (last_moves.known, last_moves.stops),
         coupling=nominal.coupling,
         paths=tuple(cuts) if path_tolerance is not None else None,
+        frames=TargetFrames.of(robot, controller or nominal, found, frames_of, known),
+        unchanged=unchanged,
     )
 
 
@@ -364,82 +414,6 @@ def _ends(found: Sequence[tuple[Goals, Corrected]]) -> dict[int, Ends]:
         for goals, fake in found
         for k in np.flatnonzero(fake.ok)
     }
-
-
-def _of_arm(program: Program, nominal: Arm) -> list[Goals]:
-    """The goals of a program, in joints of the arm where it has those that its controller counts."""
-    goals = program.goals()
-    if isinstance(program, MakerProgram):  # a maker's program knows how its controllers count
-        return [*goals]
-    return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in goals]
-
-
-def _counted(
-    found: Sequence[tuple[Goals, Corrected]], program: Program, nominal: Arm
-) -> Sequence[tuple[Goals, Corrected]]:
-    """Corrections as the program counts joints."""
-    if nominal.coupling is None or isinstance(program, MakerProgram):
-        return found
-    return [(goals, replace(fake, q=nominal.to_controller(fake.q))) for goals, fake in found]
-
-
-def meant_joints(program: Program, nominal: Arm) -> list[tuple[Goals, FloatArray, Sequence[str]]]:
-    """Joints that a controller takes for the targets of a program.
-
-    Parameters
-    ----------
-    program : Program
-        See `irbcal.correction.languages`.
-    nominal : Arm
-        What the controller computes with.
-
-    Returns
-    -------
-    list of (Goals, ndarray of shape (n, joints), sequence of str)
-        Radians; NaN where there are none, with the reason. Empty reasons where there are.
-    """
-    out: list[tuple[Goals, FloatArray, Sequence[str]]] = []
-    for goals in _of_arm(program, nominal):
-        if goals.kind == "joint":
-            out.append((goals, goals.values, [""] * len(goals.names)))
-            continue
-        fake = _fake_targets(Robot(nominal), nominal, goals, None)
-        known = np.isfinite(fake.q_nominal).all(axis=1)
-        out.append((goals, fake.q_nominal, [*np.where(known, "", fake.reason)]))
-    return out
-
-
-def _fake_targets(robot: Robot, nominal: Arm, goals: Goals, controller: Arm | None) -> Corrected:
-    if goals.kind == "joint":
-        return correct_joints(robot, nominal, goals.values, controller)
-    if goals.joints is not None:
-        return _refused(correct_meant(robot, nominal, goals.values, goals.joints, controller), goals.unknown)
-    if goals.configurations is None:
-        return correct_poses(robot, nominal, goals.values, controller=controller)
-    confs = [conf if isinstance(conf, ConfData) else None for conf in goals.configurations]
-    seed, told = seeds_of(nominal, goals.values, confs, controller)
-    branch = closed_form.configuration(nominal, np.nan_to_num(seed))
-    found = correct_poses(robot, nominal, goals.values, seed, branch, controller)
-    reason = "its configuration data fit no solution of the robot within the joint limits"
-    return _refused(found, ["" if known else reason for known in told])
-
-
-def _writable(program: Program, nominal: Arm, goals: Goals, fake: Corrected) -> Corrected:
-    """Corrections without those that would write another configuration of the arm, or that the language refuses."""
-    kept = _refused(fake, program.refused(goals, fake))
-    if goals.kind == "joint" or not closed_form.has_closed_form(nominal):
-        return kept
-    before, after = (closed_form.configuration(nominal, np.nan_to_num(q)) for q in (kept.q_nominal, kept.q))
-    changed = kept.ok & (before != after)
-    return _refused(kept, [*np.where(changed, "its correction would need another configuration of the arm", "")])
-
-
-def _refused(found: Corrected, reasons: Sequence[str]) -> Corrected:
-    """Corrections without those that a reason (length n, or none at all) speaks against."""
-    new = np.array([*reasons] or [""] * len(found.ok), dtype=object)
-    mask = new != ""
-    ok = found.ok & ~mask
-    return replace(found, q=np.where(ok[:, None], found.q, np.nan), ok=ok, reason=np.where(mask, new, found.reason))
 
 
 def fingerprint_of(program: str | Path) -> str | None:

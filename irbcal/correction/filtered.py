@@ -13,6 +13,8 @@ from irbcal.arrays import FloatArray, IntArray, NameArray, lock
 from irbcal.correction.cutting import CutPath
 from irbcal.correction.fake_targets import corrected_in_words
 from irbcal.correction.program import Left, Note
+from irbcal.correction.target_frames import TargetFrames, UnknownFrames
+from irbcal.correction.true_frames import NULL
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 
@@ -70,6 +72,10 @@ class Filtered(Speaks):
         Of the arm: tables and texts hold joints as the controller counts them.
     paths : tuple of CutPath, or None
         The straight and circular moves with what was put into them; None where no path tolerance was asked for.
+    frames : TargetFrames or None
+        Tool, work object and origin of each corrected target.
+    unchanged : int
+        Targets that need no correction: taught points.
     """
 
     source: str
@@ -92,6 +98,8 @@ class Filtered(Speaks):
     last_moves: tuple[int, int] | None = None
     coupling: FloatArray | None = None
     paths: tuple[CutPath, ...] | None = None
+    frames: TargetFrames | None = None
+    unchanged: int = 0
 
     def __post_init__(self) -> None:
         lock(self)
@@ -107,6 +115,11 @@ class Filtered(Speaks):
         return not self.left
 
     @property
+    def unknown_frames(self) -> UnknownFrames | None:
+        """Tools and work objects of unknown origin, and what is at stake; None where there are none."""
+        return None if self.frames is None else self.frames.unknown()
+
+    @property
     def expected_errors(self) -> FloatArray | None:
         """Of each target the held-out error and what an unknown last move adds, metres, (n,); None where not known."""
         if self.last_move_error is None or self.expected_error is None:
@@ -119,7 +132,9 @@ class Filtered(Speaks):
         Columns ``target``, ``line``, joints before (``q1_deg_before`` …) and after (``q1_deg`` …), ``shift_mm``,
         ``turn_deg`` (from the wanted to the fake pose) and ``residual_mm`` (what the calibrated model still misses by).
         Of calibrations that depend on the last move also ``last_move_mm`` (what an unknown one adds) and
-        ``expected_mm`` (with the mean error of held-out poses).
+        ``expected_mm`` (with the mean error of held-out poses). Of programs with tools and work objects also ``tool``,
+        ``work_object``, ``frames`` (their origin: null, measured, cell, unknown) and ``points`` (offline or taught);
+        with a cell ``part_mean_mm`` and ``part_u95_mm``, the expected error of the part.
         """
         import pandas as pd
 
@@ -135,6 +150,7 @@ class Filtered(Speaks):
                 "residual_mm": self.residual / MM,
                 **({} if self.last_move_error is None else {"last_move_mm": self.last_move_error / MM}),
                 **({} if self.expected_errors is None else {"expected_mm": self.expected_errors / MM}),
+                **({} if self.frames is None or not any(self.frames.tools) else self.frames.columns()),
             }
         )
 
@@ -149,6 +165,8 @@ class Filtered(Speaks):
             "left": [item._asdict() for item in self.left],
             "notes": [note._asdict() for note in self.notes],
             "cautions": list(self.cautions),
+            "unknown_frames": None if self.unknown_frames is None else self.unknown_frames.to_dict(),
+            "unchanged": self.unchanged,
             **({} if self.paths is None else {"paths": self._path_rows()}),
         }
 
@@ -162,14 +180,22 @@ class Filtered(Speaks):
 
     def told(self) -> list[Told]:
         """How many targets changed by how much, the first of them, and what was left and why."""
-        told: list[Told] = [corrected_in_words(self.shift)]
+        unknown = self.unknown_frames
+        told: list[Told] = [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
+        if not self._re_expressed:
+            told.append(corrected_in_words(self.shift))
+        if self.frames is not None:
+            told += self.frames.told(self.unchanged)
         if len(self.targets):
             told.append(self._first_changes())
         if len(self.targets) > SHOWN:
             told.append(f"… and {len(self.targets) - SHOWN} more")
-        if self.expected_error is not None:
+        if self.expected_error is not None and not self._re_expressed:
             mean = self.expected_error / MM
-            told.append(f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses")
+            alone = ", of the robot alone: tools and work objects add their errors" if self._framed else ""
+            told.append(
+                f"Expected error afterwards: {mean:.3f} mm mean, that of the calibration's held-out poses{alone}"
+            )
         told += [*self._last_moves_in_words(), *self._paths_in_words()]
         told += self._left_in_words()
         told += [f"Note: {caution}" for caution in self.cautions]
@@ -177,6 +203,15 @@ class Filtered(Speaks):
         if self.written is not None:
             told.append(f"Written to {self.written}")
         return told
+
+    @property
+    def _re_expressed(self) -> bool:
+        return self.frames is not None and self.frames.re_expressed
+
+    @property
+    def _framed(self) -> bool:
+        """Whether a tool or work object matters."""
+        return self.frames is not None and bool(set(self.frames.origins) - {"", NULL})
 
     def _left_in_words(self) -> list[Told]:
         """What was left as it was: each by itself, of very many with the same reason the first."""
@@ -276,6 +311,8 @@ def together(found: Sequence[Filtered]) -> Filtered:
         last_move_error=None if found[0].last_move_error is None else joined("last_move_error"),
         last_moves=_sum([one.last_moves for one in found]),
         paths=None if found[0].paths is None else tuple(path for one in found for path in one.paths or ()),
+        frames=TargetFrames.joined([one.frames for one in found if one.frames is not None]),
+        unchanged=sum(one.unchanged for one in found),
     )
 
 

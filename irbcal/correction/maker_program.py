@@ -220,13 +220,14 @@ class MakerProgram(TextProgram):
             text = text.rjust(span[1] - start) if more <= 0 else text
         return start, end, text
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
-        """Files of the program with fake targets, configurations and mark."""
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+        """Files of the program with fake targets, configurations and, with a fingerprint, the mark."""
         values, configurations = self.new_text(found)
         if not values:
             return self.listing.files_with([])
         check_values(self, values)
-        return self.listing.files_with([*self.edits(values, configurations), self.mark(one_word(fingerprint))])
+        mark = [] if fingerprint is None else [self.mark(one_word(fingerprint))]
+        return self.listing.files_with([*self.edits(values, configurations), *mark])
 
 
 class Parts(TypedDict):
@@ -350,7 +351,9 @@ def frames_for(
     work_objects: Mapping[str, FloatArray],
     source: str,
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Tools on the tip and work objects in the base link of all poses that may be corrected.
+    """Tools on the tip and work objects in the base link of all targets that may be corrected.
+
+    Poses need them; of joint targets those are taken that are known.
 
     Parameters
     ----------
@@ -371,16 +374,19 @@ def frames_for(
     missing: dict[str, int] = {}
     found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
     for target in targets:
-        for use in target.uses if target.kind == "pose" and target.correctable else ():
+        for use in target.uses if target.correctable else ():
             for k, (what, name) in enumerate((("tool", use.tool), ("frame", use.work_object))):
                 if name is None or name in found[k]:
                     continue
+                needed = target.kind == "pose"
                 if name in ours[k]:
                     T = ours[k][name]
                     if not np.abs(T).max() <= LARGEST:
+                        if not needed:
+                            continue
                         raise ProgramError(f"{what} {name}: found a number that is too large", file=source)
                     found[k][name] = given.controller.T_tip_flange @ T if k == 0 else given.controller.T_base_world @ T
-                else:
+                elif needed:
                     missing.setdefault(f"--{what} {name}=", use.line)
     if missing:
         first, line = next(iter(missing.items()))

@@ -162,11 +162,12 @@ class Program(Protocol):
         """Why corrections that were found cannot be written, for each goal; empty where they can."""
         ...
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
         """Files of the program, by name, with the fake targets that were found and the fingerprint of a calibration.
 
-        Targets that are not corrected (``ok`` is false) and all else keep their bytes; a program without any
-        corrected target gets no mark.
+        Without a fingerprint there is no mark: the targets are no fake targets then, but new wanted ones. Targets that
+        are not corrected (``ok`` is false) and all else keep their bytes; a program without any corrected target gets
+        no mark.
         """
         ...
 

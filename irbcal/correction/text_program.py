@@ -149,7 +149,8 @@ class TextProgram(ABC):
     targets : tuple of Target
         In the order of the file.
     tools, work_objects : dict of str to ndarray, shape (4, 4)
-        ``T_tip_tcp`` and ``T_base_wobj`` of the names (lower case) that direct uses of poses need; metres.
+        ``T_tip_tcp`` and ``T_base_wobj`` of the names (lower case) that direct uses of poses need, and of those of
+        joint targets that are known; metres.
     uncorrected : tuple of Uncorrected
         Moves that are left as they are.
     notes : tuple of Note
@@ -245,8 +246,8 @@ class TextProgram(ABC):
         return values, configurations
 
     @abstractmethod
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
-        """Files of the program with fake targets, their configuration data and the language's mark."""
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+        """Files of the program with fake targets, configuration data and, with a fingerprint, the language's mark."""
 
 
 def tip_poses(program: TextProgram, indices: Sequence[int]) -> FloatArray:

@@ -15,7 +15,7 @@ from irbcal.errors import ProgramError
 def needed_frames(
     reader: Reader, literals: Sequence[Literal], given: Mapping[str, Mapping[str, FloatArray]]
 ) -> dict[str, dict[str, FloatArray]]:
-    """Frames of the tools and work objects that correctable poses need.
+    """Frames of the tools and work objects that correctable poses need, and those of joint targets that are known.
 
     Parameters
     ----------
@@ -38,7 +38,8 @@ def needed_frames(
     found: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
     missing: dict[tuple[str, str], Use] = {}
     for literal in literals:
-        for use in literal.uses if literal.kind == "pose" else ():
+        needed = literal.kind == "pose" and not literal.reasons
+        for use in literal.uses:
             for type_name, name in (("tooldata", use.tool), ("wobjdata", use.work_object)):
                 if name is None or name in found[type_name]:
                     continue
@@ -48,9 +49,9 @@ def needed_frames(
                     try:
                         found[type_name][name] = read_frame(reader, reader.data[name], use.line)
                     except ProgramError:
-                        if not literal.reasons:
+                        if needed:
                             raise
-                elif not literal.reasons:
+                elif needed:
                     missing.setdefault((type_name, name), use)
     if missing:
         raise _not_defined(reader, missing)

@@ -90,12 +90,13 @@ class Module(TextProgram):
         pairs = zip(q, (target.configuration for target in targets), strict=True)
         return [configuration_of(row, old.cfx) if isinstance(old, ConfData) else None for row, old in pairs]
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
         """The module with fake targets, their configuration data and the line that says what they are corrected for."""
         values, configurations = self.new_text(found)
         if not values:
             return {self.source: self.data}
-        return {self.source: mark(with_targets(self, values, configurations), fingerprint, self.source)}
+        new = with_targets(self, values, configurations)
+        return {self.source: new if fingerprint is None else mark(new, fingerprint, self.source)}
 
 
 def looks_like(data: bytes) -> bool:

@@ -80,7 +80,7 @@ class RosProgram:
         """The program with speeds and accelerations to write."""
         return replace(self, commands=commands)
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
         """The file with the numbers of the commands and a comment at its end."""
         ((_, fake),) = found
         if not fake.ok.all():
@@ -99,5 +99,5 @@ class RosProgram:
             end = stop
         rest = self.text[end:]
         newline = "\r\n" if "\r\n" in self.text else "\n"
-        mark = f"# irbcal fake targets, calibration {fingerprint}{newline}"
+        mark = "" if fingerprint is None else f"# irbcal fake targets, calibration {fingerprint}{newline}"
         return {self.source: "".join([*pieces, rest, "" if rest.endswith("\n") else newline, mark]).encode("utf-8")}

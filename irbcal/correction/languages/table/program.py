@@ -86,7 +86,7 @@ class TableProgram:
         """Everything can be written into a table."""
         return [""] * len(goals.names)
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
         """The table with the joints or poses of the rows that are corrected, marked in a column."""
         ((_, fake),) = found
         values = fake.q if self.kind == "joint" else fake.T_fake

@@ -48,7 +48,7 @@ class TimedTable(TableProgram):
         """The program with speeds and accelerations to write."""
         return replace(self, commands=commands)
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
         """The table with the joints of the commands, their speeds and accelerations, marked in a column."""
         ((_, fake),) = found
         if not fake.ok.all() or self.commands is None:

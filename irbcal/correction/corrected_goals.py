@@ -1,0 +1,155 @@
+"""From the targets of a program to their fake targets: in the posture that the program names, for the true frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction.configurations import ConfData, seeds_of
+from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
+from irbcal.correction.maker_program import MakerProgram
+from irbcal.correction.program import Goals, Program
+from irbcal.correction.true_frames import CELL, UNKNOWN, FramesOfGoals, TrueFrames
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.robot import Robot
+
+TAUGHT = "it is a taught point, right as it is"
+OFFLINE = "it is an offline point, which stands for the true frames already"
+NO_FRAME = "the true place of its tool or work object is not known"
+UNCHANGED = frozenset({TAUGHT, OFFLINE})
+"""Reasons of targets that are not corrected because nothing is wrong with them."""
+
+
+def of_arm(program: Program, nominal: Arm) -> list[Goals]:
+    """The goals of a program, in joints of the arm where it has those that its controller counts."""
+    goals = program.goals()
+    if isinstance(program, MakerProgram):  # a maker's program knows how its controllers count
+        return [*goals]
+    return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in goals]
+
+
+def counted(
+    found: Sequence[tuple[Goals, Corrected]], program: Program, nominal: Arm
+) -> Sequence[tuple[Goals, Corrected]]:
+    """Corrections as the program counts joints."""
+    if nominal.coupling is None or isinstance(program, MakerProgram):
+        return found
+    return [(goals, replace(fake, q=nominal.to_controller(fake.q))) for goals, fake in found]
+
+
+def meant_joints(program: Program, nominal: Arm) -> list[tuple[Goals, FloatArray, Sequence[str]]]:
+    """Joints that a controller takes for the targets of a program.
+
+    Parameters
+    ----------
+    program : Program
+        See `irbcal.correction.languages`.
+    nominal : Arm
+        What the controller computes with.
+
+    Returns
+    -------
+    list of (Goals, ndarray of shape (n, joints), sequence of str)
+        Radians; NaN where there are none, with the reason. Empty reasons where there are.
+    """
+    out: list[tuple[Goals, FloatArray, Sequence[str]]] = []
+    for goals in of_arm(program, nominal):
+        if goals.kind == "joint":
+            out.append((goals, goals.values, [""] * len(goals.names)))
+            continue
+        fake = fake_targets(Robot(nominal), nominal, goals, None)
+        known = np.isfinite(fake.q_nominal).all(axis=1)
+        out.append((goals, fake.q_nominal, [*np.where(known, "", fake.reason)]))
+    return out
+
+
+def fake_targets(robot: Robot, nominal: Arm, goals: Goals, controller: Arm | None) -> Corrected:
+    """Fake targets of goals in the posture that the program names; tools and work objects are the controller's."""
+    if goals.kind == "joint":
+        return correct_joints(robot, nominal, goals.values, controller)
+    if goals.joints is not None:
+        return refused(correct_meant(robot, nominal, goals.values, goals.joints, controller), goals.unknown)
+    if goals.configurations is None:
+        return correct_poses(robot, nominal, goals.values, controller=controller)
+    confs = [conf if isinstance(conf, ConfData) else None for conf in goals.configurations]
+    seed, told = seeds_of(nominal, goals.values, confs, controller)
+    branch = closed_form.configuration(nominal, np.nan_to_num(seed))
+    found = correct_poses(robot, nominal, goals.values, seed, branch, controller)
+    reason = "its configuration data fit no solution of the robot within the joint limits"
+    return refused(found, ["" if known else reason for known in told])
+
+
+def corrected(
+    robot: Robot, nominal: Arm, goals: Goals, controller: Arm | None, at: FramesOfGoals, known: TrueFrames
+) -> Corrected:
+    """Fake targets of goals for the true tools and work objects; taught points are not corrected.
+
+    ``C(q) = Ot P Tt^-1`` is solved next to the joints that the controller takes for the target. Where taught points are
+    re-expressed, the controller shall compute the pose that the true frames give where they were taught, and nothing
+    else changes: ``N(q) = Oc Ot^-1 C(q0) Tt Tc^-1``.
+    """
+    taught = known.points.are_taught(goals.names)
+    if not taught.any() and CELL not in at.origins and not known.points.re_express:
+        return fake_targets(robot, nominal, goals, controller)
+    plain = as_programmed(nominal, goals, controller)
+    if known.points.re_express:
+        q = np.nan_to_num(plain.q_nominal)
+        T_wanted = frames.inverse(at.T_left) @ robot.forward(q) @ frames.inverse(at.T_right)
+        computing, unchanged = Robot(controller or nominal), np.where(taught, "", OFFLINE)
+    else:
+        T_wanted = at.T_left @ plain.T_wanted @ at.T_right
+        computing, unchanged = robot, np.where(taught, TAUGHT, "")
+    found = correct_meant(computing, nominal, T_wanted, plain.q_nominal, controller)
+    against = np.where(np.isfinite(plain.q_nominal).all(axis=1), "", plain.reason)
+    if known.points.re_express:
+        against = np.where(at.origins == UNKNOWN, NO_FRAME, against)
+    return refused(found, [*np.where(unchanged != "", unchanged, against)])
+
+
+def as_programmed(nominal: Arm, goals: Goals, controller: Arm | None) -> Corrected:
+    """Where the controller goes with goals as they are: joints, and its own pose of them."""
+    return fake_targets(Robot(controller or nominal), nominal, goals, controller)
+
+
+def as_written(
+    nominal: Arm, goals: Goals, fake: Corrected, controller: Arm | None, at: FramesOfGoals, known: TrueFrames
+) -> Corrected:
+    """Fake targets in the numbers that the controller will have: ``P' = On^-1 N(q) Tn``.
+
+    Programs write ``Oc^-1 T Tc`` for a pose ``T``, so with numbers from the cell ``T = Oc Ot^-1 N(q) Tt Tc^-1``. Taught
+    poses keep their joints, so these change as well.
+    """
+    if CELL not in at.origins and not known.points.re_express:
+        return fake
+    plain = as_programmed(nominal, goals, controller)
+    T_fake, q, ok, reason = fake.T_fake, fake.q, fake.ok, fake.reason
+    if known.numbers == "from-cell" and goals.kind == "pose" and not known.points.re_express:
+        stays = (reason == TAUGHT) & plain.ok
+        ok, reason = ok | stays, np.where(stays, "", reason)
+        q = np.where(stays[:, None], plain.q_nominal, q)
+        T_fake = np.where(stays[:, None, None], plain.T_fake, T_fake)
+        T_fake = frames.inverse(at.T_left) @ T_fake @ frames.inverse(at.T_right)
+    return replace(fake, T_wanted=plain.T_wanted, T_fake=T_fake, q=q, ok=ok, reason=reason)
+
+
+def writable(program: Program, nominal: Arm, goals: Goals, fake: Corrected) -> Corrected:
+    """Corrections without those that would write another configuration of the arm, or that the language refuses."""
+    kept = refused(fake, program.refused(goals, fake))
+    if goals.kind == "joint" or not closed_form.has_closed_form(nominal):
+        return kept
+    before, after = (closed_form.configuration(nominal, np.nan_to_num(q)) for q in (kept.q_nominal, kept.q))
+    changed = kept.ok & (before != after)
+    return refused(kept, [*np.where(changed, "its correction would need another configuration of the arm", "")])
+
+
+def refused(found: Corrected, reasons: Sequence[str]) -> Corrected:
+    """Corrections without those that a reason (length n, or none at all) speaks against."""
+    new = np.array([*reasons] or [""] * len(found.ok), dtype=object)
+    mask = new != ""
+    ok = found.ok & ~mask
+    return replace(found, q=np.where(ok[:, None], found.q, np.nan), ok=ok, reason=np.where(mask, new, found.reason))

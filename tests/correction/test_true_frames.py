@@ -1,0 +1,275 @@
+"""Programs for the true tools and work objects: SIMULATED robots, whose controllers have taught ones, run them."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from maker_cases import robot_of, well_inside
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from support import arm, example_robot, random_robot
+
+from irbcal.cell.cell_file import CellFile, FrameInCell
+from irbcal.correction.configurations import configuration_of
+from irbcal.correction.filter import filter_program
+from irbcal.correction.languages import rapid
+from irbcal.correction.notation import numbers_from_poses
+from irbcal.correction.true_frames import PointOrigin, TrueFrames, point_origin
+from irbcal.errors import OptionError
+from irbcal.files import controller_frames, urdf
+from irbcal.modeling import frames
+from irbcal.modeling.inverse import closed_form
+
+DIGEST = "abc123"
+FAR = "[9E9,9E9,9E9,9E9,9E9,9E9]"
+MOTION = frames.from_xyz_angles([0.0011, -0.0007, 0.0015, 0.001, -0.002, 0.0015])
+"""From the controller's frames to the true ones."""
+
+
+def cell_with(tools, work_objects):
+    """A cell file's content with such true frames."""
+    k = 6 * (len(tools) + len(work_objects))
+    named = ({name: FrameInCell(name, T, T) for name, T in each.items()} for each in (tools, work_objects))
+    return CellFile(DIGEST, "robot", True, *named, np.zeros((k, k)), np.zeros((k, k)), np.zeros((k, 0)))
+
+
+def part_errors(robot, q, T_wanted, tool, work_object):
+    """Distance (mm) and angle (degrees) of the true tool in the true work object from where it is wanted, (n,) each."""
+    T = np.linalg.inv(work_object) @ robot.forward(q) @ tool
+    turned = Rotation.from_matrix(np.swapaxes(T_wanted[:, :3, :3], 1, 2) @ T[:, :3, :3])
+    return np.linalg.norm(T[:, :3, 3] - T_wanted[:, :3, 3], axis=1) * 1e3, np.degrees(turned.magnitude())
+
+
+# ---------------------------------------------------------------- every language
+
+
+def language_tests(language):
+    """The module that tests a language, with its programs."""
+    path = Path(__file__).parent / "languages" / language / "test_reader.py"
+    spec = importlib.util.spec_from_file_location(f"programs_of_{language}", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def universal_robot():
+    path = example_robot("ur_description/urdf/ur10_robot.urdf")
+    nominal = urdf.read(path).arm
+    at = controller_frames.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
+    return nominal, random_robot(nominal, "placement", np.random.default_rng(1), size=0.05), at
+
+
+LANGUAGES = {  # robot, size of its errors, and by how much the printed decimals move a target, mm and degrees
+    "krl": ("kr120r2500pro", 0.05, 1e-4),
+    "fanuc": ("m20ia", 0.05, 0.06),
+    "urscript": (None, 0.05, 1e-4),
+    "val3": ("rx160", 0.05, 1e-4),
+    "inform": ("gp8", 0.05, 0.06),
+    "kawasaki": ("rs007n", 0.05, 1e-4),
+}
+
+
+@pytest.mark.parametrize("numbers", ["same", "from-cell"])
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_true_tool_reaches_the_true_work_object(language, numbers):
+    """The controller, with its own or the cell's numbers, takes the true robot where the program means."""
+    name, size, printed = LANGUAGES[language]
+    tests = language_tests(language)
+    robots = nominal, robot, at = universal_robot() if name is None else robot_of(name, size)
+    q0 = tests.joints(3) if language == "urscript" else getattr(tests, "in_front", well_inside)(nominal, 3)
+    arguments = {"krl": (nominal, q0), "fanuc": (nominal, at, q0)}.get(language, (robots, q0))
+    before = tests.parsed(robots, tests.program(*arguments))
+    tools = {key: T @ MOTION for key, T in before.tools.items()}
+    work_objects = {key: T @ np.linalg.inv(MOTION) for key, T in before.work_objects.items()}
+    known = TrueFrames(cell_with(tools, work_objects), numbers=numbers)
+    found = filter_program(robot, nominal, before, DIGEST, known=known)
+    assert found.left == ()
+    assert found.unknown_frames is None
+    files = found.files if language in ("krl", "val3") else found.data
+    after = tests.parsed(robots, files)
+    q_of = dict(zip(found.targets, found.q, strict=True))
+    assert len(q_of) >= 6
+    for k in before.correctable():
+        old, new = before.targets[k], after.targets[k]
+        names = old.uses[0].tool, old.uses[0].work_object
+        T_tool, T_object = before.tools[names[0]], before.work_objects[names[1]]
+        if old.kind == "joint":
+            P = np.linalg.inv(T_object) @ nominal.forward(old.value[None])[0] @ T_tool
+            q = new.value
+        else:
+            P, q = old.value, q_of[old.name]
+            own = (T_tool, T_object) if numbers == "same" else (tools[names[0]], work_objects[names[1]])
+            asked = own[1] @ new.value @ np.linalg.inv(own[0])
+            np.testing.assert_allclose(asked[:3, 3], nominal.forward(q[None])[0, :3, 3], atol=printed * 1e-3)
+        off, turn = part_errors(robot, q[None], P[None], tools[names[0]], work_objects[names[1]])
+        assert off[0] < printed, old.name
+        assert turn[0] < printed, old.name
+
+
+# ---------------------------------------------------------------- a cell whose truth is known
+
+
+class TaughtCell:
+    """A SIMULATED robot whose controller, with the nominal model, was taught tool and work object by touching."""
+
+    def __init__(self):
+        self.nominal = arm()
+        self.robot = random_robot(self.nominal, "34", np.random.default_rng(3), size=0.1)
+        self.tool = frames.transform(None, [0.02, -0.01, 0.2])
+        self.work_object = frames.from_xyz_angles([0.7, -0.2, 0.4, 0.0, 0.0, 0.3])
+        rng = np.random.default_rng(0)
+        tips = [
+            frames.from_xyz_angles([0.05, 0.05, 0.02, np.pi + a, b, c]) for a, b, c in rng.uniform(-0.5, 0.5, (6, 3))
+        ]
+        q = self.reach(np.array(tips))
+        T = self.nominal.forward(q)
+        A = np.concatenate([np.hstack([one[:3, :3], -np.eye(3)]) for one in T])
+        tip = np.linalg.lstsq(A, -T[:, :3, 3].ravel(), rcond=None)[0][:3]
+        self.tool_taught = frames.transform(None, tip)
+        corners = np.array([frames.from_xyz_angles([x, y, 0, np.pi, 0, 0]) for x, y in ((0, 0), (0.4, 0), (0.2, 0.3))])
+        o, x, y = (self.nominal.forward(self.reach(corners)) @ self.tool_taught)[:, :3, 3]
+        e_x = (x - o) / np.linalg.norm(x - o)
+        e_z = np.cross(e_x, y - o) / np.linalg.norm(np.cross(e_x, y - o))
+        self.work_object_taught = frames.transform(np.column_stack([e_x, np.cross(e_z, e_x), e_z]), o)
+        grid = np.stack(np.meshgrid([0, 0.2, 0.4], [0, 0.15, 0.3], [0, 0.1]), axis=-1).reshape(-1, 3)
+        turns = rng.uniform(-0.2, 0.2, (len(grid), 3)) + np.array([np.pi, 0, 0])
+        self.wanted = np.array([frames.from_xyz_angles([*p, *a]) for p, a in zip(grid, turns, strict=True)])
+        self.cell = cell_with({"tGrip": self.tool}, {"wPart": self.work_object})
+
+    def reach(self, T):
+        """Joints with which the true tool is at poses in the true work object, by SciPy."""
+        T = self.work_object @ T @ np.linalg.inv(self.tool)
+        return np.array([_solved(self.robot.forward, one, self.seed(one)) for one in T])
+
+    def seed(self, T):
+        return closed_form.nearest(self.nominal, closed_form.branches(self.nominal, T[None]), np.zeros(6))[0][0]
+
+    def controller(self, data, tool=None, work_object=None):
+        """Joints that the controller commands for the robtargets of a module."""
+        tool = self.tool_taught if tool is None else tool
+        work_object = self.work_object_taught if work_object is None else work_object
+        T = np.array([target.value for target in rapid.parse(data).targets])
+        T = work_object @ T @ np.linalg.inv(tool)
+        return np.array([_solved(self.nominal.forward, one, self.seed(one)) for one in T])
+
+    def module(self, T):
+        """A RAPID module of robtargets in the taught work object."""
+        q = [self.seed(one) for one in self.work_object_taught @ T @ np.linalg.inv(self.tool_taught)]
+        cfx = closed_form.configuration(self.nominal, np.array(q))
+        lines = [
+            "MODULE M",
+            f"PERS tooldata tGrip:=[TRUE,{_frame(self.tool_taught)},[1,[0,0,1],[1,0,0,0],0,0,0]];",
+            f'PERS wobjdata wPart:=[FALSE,TRUE,"",{_frame(self.work_object_taught)},[[0,0,0],[1,0,0,0]]];',
+        ]
+        for k, one in enumerate(T):
+            conf = configuration_of(q[k], int(cfx[k]))
+            lines.append(f"CONST robtarget p{k}:=[{_frame(one)[1:-1]},{[*conf]},{FAR}];")
+        lines.append("PROC main()")
+        lines += [f"MoveJ p{k},v100,fine,tGrip\\WObj:=wPart;" for k in range(len(T))]
+        return "\n".join([*lines, "ENDPROC", "ENDMODULE", ""]).encode()
+
+    def errors(self, q):
+        return part_errors(self.robot, q, self.wanted, self.tool, self.work_object)[0]
+
+    def filtered(self, data, **known):
+        return filter_program(self.robot, self.nominal, rapid.parse(data), DIGEST, known=TrueFrames(**known))
+
+
+def _solved(forward, T, seed):
+    def off(q):
+        made = forward(q[None])[0]
+        return np.concatenate([(made[:3, 3] - T[:3, 3]), (made[:3, :3] - T[:3, :3]).ravel()])
+
+    found = least_squares(off, seed, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    assert np.abs(found.fun).max() < 1e-7
+    return found.x
+
+
+def _frame(T):
+    row = numbers_from_poses(T[None])[0]
+    return "[[{:.6f},{:.6f},{:.6f}],[{:.10f},{:.10f},{:.10f},{:.10f}]]".format(*row)
+
+
+@pytest.fixture(scope="module")
+def taught():
+    return TaughtCell()
+
+
+def test_taught_frames_make_a_corrected_part_worse_and_the_cell_makes_it_right(taught):
+    data = taught.module(taught.wanted)
+    as_it_is = taught.errors(taught.controller(data))
+    unaware = taught.filtered(data)
+    with_taught = taught.errors(taught.controller(unaware.data))
+    same = taught.filtered(data, cell=taught.cell)
+    new = taught.filtered(data, cell=taught.cell, numbers="from-cell")
+    assert with_taught.mean() > 2 * as_it_is.mean()
+    assert taught.errors(taught.controller(same.data)).max() < 2e-3
+    assert taught.errors(taught.controller(new.data, taught.tool, taught.work_object)).max() < 2e-3
+    assert (unaware.unknown_frames.tools, unaware.unknown_frames.work_objects) == (("tgrip",), ("wpart",))
+    q = np.array(
+        [taught.seed(one) for one in taught.work_object_taught @ taught.wanted @ np.linalg.inv(taught.tool_taught)]
+    )
+    apart = (taught.robot.forward(q) - taught.nominal.forward(q)) @ taught.tool_taught[:, 3]
+    size = np.linalg.norm(apart[:, :3], axis=1)
+    assert unaware.unknown_frames.mean == pytest.approx(size.mean(), rel=1e-6)
+    assert unaware.unknown_frames.largest == pytest.approx(size.max(), rel=1e-6)
+    assert unaware.told()[0].startswith("WARNING: tool tgrip and work object wpart are of unknown origin")
+    assert set(same.to_frame()["frames"]) == {"cell"}
+    measured = taught.filtered(data, measured=True)
+    assert measured.unknown_frames is None
+    assert measured.data == unaware.data
+
+
+def test_a_frame_that_the_cell_file_does_not_have_is_named(taught):
+    data = taught.module(taught.wanted[:3])
+    found = taught.filtered(data, cell=cell_with({"TGRIP": taught.tool}, {}))
+    assert (found.unknown_frames.tools, found.unknown_frames.work_objects) == ((), ("wpart",))
+    assert found.unknown_frames.targets == 3
+
+
+def test_a_tool_known_by_its_tip_has_the_axes_of_the_controller(taught):
+    turned = frames.transform(Rotation.from_euler("x", 30, degrees=True).as_matrix(), taught.tool[:3, 3])
+    tools = {"tGrip": FrameInCell("tGrip", turned, turned, position_only=True)}
+    cell = cell_with({"tGrip": turned}, {"wPart": taught.work_object})
+    cell = CellFile(DIGEST, "robot", True, tools, cell.work_objects, *[np.zeros((12, 12))] * 2, np.zeros((12, 0)))
+    data = taught.module(taught.wanted[:3])
+    assert taught.filtered(data, cell=cell).data == taught.filtered(data, cell=taught.cell).data
+
+
+def test_taught_points_stay_and_can_be_re_expressed(taught):
+    q = taught.reach(taught.wanted)  # shown on the real robot where they are right
+    seen = np.linalg.inv(taught.work_object_taught) @ taught.nominal.forward(q) @ taught.tool_taught
+    data = taught.module(seen)
+    assert taught.errors(taught.controller(data)).max() < 1e-3
+    stays = taught.filtered(data, cell=taught.cell, points=PointOrigin("*"))
+    assert (stays.data, stays.left, stays.unchanged, len(stays.targets)) == (data, (), len(q), 0)
+    new = taught.filtered(data, cell=taught.cell, points=PointOrigin("*"), numbers="from-cell")
+    assert taught.errors(taught.controller(new.data, taught.tool, taught.work_object)).max() < 2e-3
+    expressed = taught.filtered(data, cell=taught.cell, points=PointOrigin("*", re_express=True))
+    P = np.array([target.value for target in rapid.parse(expressed.data).targets])
+    assert np.abs(P - taught.wanted).max() < 1e-6
+    assert rapid.parse(expressed.data).fingerprint is None, "offline points are no fake targets"
+    assert expressed.told()[0].startswith("18 taught points are re-expressed")
+    again = taught.filtered(expressed.data, cell=taught.cell)
+    assert np.abs(again.q - q).max() < 1e-5, "corrected as offline points they are where they were taught"
+    half = taught.filtered(data, cell=taught.cell, points=PointOrigin("P1?"))
+    assert half.unchanged == 8
+    assert sorted(set(half.to_frame()["target"])) == sorted({f"p{k}" for k in range(10)})
+
+
+@pytest.mark.parametrize(
+    ("points", "re_express"), [("shown", False), ("offline:p*", False), ("taught:", False), (None, True)]
+)
+def test_wrong_origins_of_points(points, re_express):
+    with pytest.raises(OptionError):
+        point_origin(points, re_express)
+
+
+def test_wrong_options():
+    with pytest.raises(OptionError, match="from-cell"):
+        TrueFrames(numbers="from-cell").check(False)
+    with pytest.raises(OptionError, match="the true tools and work objects are not known"):
+        TrueFrames(points=PointOrigin("*", re_express=True)).check(False)
+    with pytest.raises(OptionError, match="path_tolerance"):
+        TrueFrames(cell_with({}, {})).check(True)
