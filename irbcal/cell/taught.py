@@ -156,7 +156,7 @@ def _scatter(rows: Sequence[Touch], J: FloatArray, certainty: Certainty) -> tupl
     moves = np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) / 3.0
     J[:, :, history] = 0.0
     touching = np.array([one.u95 for one in rows]) / COVERAGE
-    return np.sqrt(touching**2 + certainty.loo.get("", 0.0) ** 2 / 3.0 + moves), J
+    return np.sqrt(touching**2 + certainty.determined_left_out(None) ** 2 / 3.0 + moves), J
 
 
 def _without_outliers(

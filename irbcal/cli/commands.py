@@ -54,7 +54,7 @@ PANELS: dict[str, dict[str, str]] = {
         "filter": "Replace a program's targets so that the controller with its nominal model reaches the true poses.",
         "export": "Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside.",
         "stream": (
-            "Correct wanted joints or poses, a line of JSON each, as they come; hold the last command where one is "
+            "Correct wanted joints or poses, a line of JSON each, as they come; bring the arm to rest where one is "
             "not safe."
         ),
         "verify": (

@@ -91,7 +91,7 @@ def _derivatives(
     J = np.asarray(certainty.jacobian(path, tcp.T, motion, unknown, None).transpose(2, 1, 0)).copy()
     history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + J.shape[2] - len(certainty.terms)
     size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - J.shape[2]] ** 2
-    left_over = np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) / 3.0 + certainty.loo.get("", 0.0) ** 2 / 3.0
+    left_over = np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) / 3.0 + certainty.determined_left_out(None) ** 2 / 3.0
     J[:, :, history] = 0.0
 
     to_object = np.swapaxes(at.T_object[rows, :3, :3], 1, 2)

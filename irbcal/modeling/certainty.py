@@ -166,6 +166,23 @@ class Certainty:
         figures = self.loo_blocks if in_order else self.loo
         return figures.get(target or "", figures.get(""))
 
+    def determined_left_out(self, target: str | None, in_order: bool = False) -> float:
+        """As `left_out`.
+
+        Raises
+        ------
+        RobotError
+            If it is not known, or not determined.
+        """
+        loo = self.left_out(target, in_order)
+        if loo is None:
+            left_out = "a fifth of its poses" if in_order else "a pose"
+            raise RobotError(
+                f"this calibration can give no intervals: without {left_out} it does not determine where "
+                f"{target or 'the tip'} is; measure more poses, each target in several"
+            )
+        return loo
+
     def spread(
         self, path: chain.Walk, p: FloatArray, motion: Motion, known: BoolArray, target: str | None
     ) -> FloatArray:
@@ -266,13 +283,7 @@ class Certainty:
         RobotError
             If leave-one-out residuals are not known or not determined.
         """
-        loo = self.left_out(target, in_order)
-        if loo is None:
-            left_out = "a fifth of its poses" if in_order else "a pose"
-            raise RobotError(
-                f"this calibration can give no intervals: without {left_out} it does not determine where "
-                f"{target or 'the tip'} is; measure more poses, each target in several"
-            )
+        loo = self.determined_left_out(target, in_order)
         position, covariance, outside = self.positions(walk, q, previous, place, target, T_world_base, load)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         return Prediction(position, covariance, COVERAGE * np.sqrt(np.maximum(variance, 0.0) + loo**2 / 3.0), outside)

@@ -1,5 +1,7 @@
 """Damped Newton steps: their Jacobian, their errors, and how far they come."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support import arm, assert_derivative, assert_same_poses, on_a_rail, random_robot, random_rotation, with_thesis
