@@ -89,6 +89,15 @@ def _verify(random: Random) -> list[str]:
     return ["verify", calibration, *(["--reseal", "why"] if random.random() < 0.1 and not more else more)]
 
 
+def _cell(random: Random) -> list[str]:
+    more = _some(random, ["--json"], ["--as", random.choice(("kuka", "abb", "fanuc", "ur", "x"))])
+    return ["cell", random.choice(("@cal", "@cal-map", "@cal-auto")), "@touches.csv", "--out", ">cell.json", *more]
+
+
+def _sign(random: Random) -> list[str]:
+    return ["sign", "@cal", "--key", ">lab.pem", *_some(random, ["--new-key"])]
+
+
 def _evaluate(random: Random) -> list[str]:
     more = _some(
         random, ["--json"], ["--flange"], ["--refit-base"], ["--relative", "virtual"], ["--sphere", "900,0,700,800"],
@@ -290,7 +299,7 @@ MAKERS: list[tuple[Maker, int]] = [
     (_fk, 10), (_ik, 5), (_filter, 34), (_verify, 10), (_evaluate, 8), (_calibrate, 1), (_view, 3), (_report, 1),
     (_import, 14), (_iso9283, 8), (_tracker, 12), (_ballbar, 3), (_joints, 2), (_simulate, 4), (_plan, 1), (_study, 1),
     (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2), (_export, 4), (_stream, 6), (_fleet, 8),
-    (_circles, 2), (_corners, 2), (_samples, 1), (_demo, 1),
+    (_circles, 2), (_corners, 2), (_samples, 1), (_demo, 1), (_cell, 5), (_sign, 1),
 ]  # fmt: skip
 NAMES = (
     "-",

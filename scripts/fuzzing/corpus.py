@@ -20,6 +20,7 @@ from irbcal.files import robots
 from irbcal.fleet.records import stored
 from irbcal.fleet.store import opened
 from irbcal.modeling import frames
+from irbcal.modeling.inverse import calibrated_arm
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = Path(__file__).parent / "programs"
@@ -48,6 +49,28 @@ def write(folder: Path) -> None:
     _lines_of_joints(folder)
     _fleet(folder)
     _pictures(folder)
+    _touches(folder)
+
+
+def _touches(folder: Path) -> None:
+    """A tip at one point from six sides, and the three points of a work object, by the calibration ``cal``."""
+    loaded = irbcal.load(folder / "cal")
+    robot, nominal = loaded.robot_calibrated(), loaded.record.arm(calibrated=False)
+    seed = np.tile([0.1, 0.3, 0.1, 0.2, 0.7, 0.1], (9, 1))
+    shifts = np.array([*np.zeros((6, 3)), [0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.15, 0.0]])
+    turns = 0.3 * np.random.default_rng(3).normal(size=(9, 3))
+    T = np.array([robot.poses(seed[:1])[0] @ frames.from_xyz_angles([0.0, 0.0, 0.15, *turn]) for turn in turns])
+    T[:, :3, 3] += shifts
+    q = np.degrees(
+        calibrated_arm.solve(robot, nominal, T @ frames.from_xyz_angles([0, 0, -0.15, 0, 0, 0]), seed=seed).joints
+    )
+    frames_of = ["tool"] * 6 + ["work_object"] * 3
+    points = ["p"] * 6 + ["origin", "x", "xy"]
+    names = ["3"] * 6 + ["1"] * 3
+    lines = ["frame,name,point,tool,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"]
+    for frame, name, point, row in zip(frames_of, names, points, q, strict=True):
+        lines.append(",".join([frame, name, point, "3", *(f"{x:.4f}" for x in row)]))
+    _lines(folder / "touches.csv", lines)
 
 
 @cache

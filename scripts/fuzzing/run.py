@@ -321,8 +321,9 @@ def _in_stream(out: str, least: float) -> str | None:
 
 
 def _in_table(text: str) -> str | None:
-    csv.field_size_limit(2**31 - 1)  # texts of any length come back in tables
+    before = csv.field_size_limit(2**31 - 1)  # texts of any length come back in tables
     rows = list(csv.reader(io.StringIO(text)))
+    csv.field_size_limit(before)
     for row in rows[1:]:
         for name, value in zip(rows[0], row, strict=False):
             if name.endswith(("_mm", "_deg", "_rad", "_s", "qw", "qx", "qy", "qz")) and value.lower().strip("-+") in (
