@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray
 from irbcal.errors import OptionError
 from irbcal.exporting import python
-from irbcal.exporting.motion import GAP_S, Joint, Motion
+from irbcal.exporting.motion import GAP_S, Joint, LimitedMotion
 from irbcal.exporting.parts import Parts
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source
@@ -119,7 +119,7 @@ class Live:
         self.lines = self.held = 0
         n = len(self._units)
         self._clock = clock
-        self._motion: Motion | None = None
+        self._motion: LimitedMotion | None = None
         self._stamped: bool | None = None
         self._time: float | None = None
         self._mark: int | None = None
@@ -214,7 +214,7 @@ class Live:
                 raise Refused(f"{kind}: {robot.JOINT_NAMES[i]} is beyond its limits{hint}")
         return values
 
-    def _begin(self, content: dict[str, Any], t: float) -> Motion:
+    def _begin(self, content: dict[str, Any], t: float) -> LimitedMotion:
         """The arm stands where it is."""
         at = self._at if "at" not in content else self._numbers("at", content["at"])
         if at is None:
@@ -223,7 +223,7 @@ class Live:
         limits = zip(at, self.speed, self.acceleration, self.jerk, robot.LOWER, robot.UPPER, strict=True)
         self._goal, self._theta = at, robot.effective(at)
         self._stamped, self._time, self._seen = "t" in content, t, (t, at)
-        return Motion(t, [Joint(*each) for each in limits])
+        return LimitedMotion(t, [Joint(*each) for each in limits])
 
     def _follow(self, content: dict[str, Any]) -> dict[str, float]:
         """Carry out what is wanted; how far the command is from it."""

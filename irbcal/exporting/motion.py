@@ -173,7 +173,7 @@ def _stood(t: float) -> tuple[float, float, float]:
     return t, t - SHORTEST_S, t - 2.0 * SHORTEST_S
 
 
-class Motion:
+class LimitedMotion:
     """All joints of an arm that follows targets.
 
     Parameters

@@ -191,7 +191,7 @@ def read(folder: str | Path) -> Saved:
 
 
 @dataclass(frozen=True)
-class Check:
+class FolderCheck:
     """What `checked` finds in a calibration folder.
 
     Attributes
@@ -211,7 +211,7 @@ class Check:
     unlisted: tuple[str, ...]
 
 
-def checked(folder: str | Path) -> Check:
+def checked(folder: str | Path) -> FolderCheck:
     """Look at every part and every file of a calibration folder.
 
     Parameters
@@ -220,7 +220,7 @@ def checked(folder: str | Path) -> Check:
 
     Returns
     -------
-    Check
+    FolderCheck
 
     Raises
     ------
@@ -239,7 +239,7 @@ def checked(folder: str | Path) -> Check:
         found += [f"{name} {how}" for name, how in changed.items()]
         found += [f"{name} is not listed in the seal" for name in (URDF_NAME, ORIGINS_NAME) if name not in listed]
     names = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
-    return Check(
+    return FolderCheck(
         saved.record,
         (*found, *_contradictions(saved)),
         tuple(name for name in (JSON_NAME, *listed) if name not in changed),

@@ -43,7 +43,7 @@ NOTHING = 1e-18
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class JointSeries:
     """Orders 1, 2, … of one joint's angle in the same joint."""
 
     joint: int
@@ -94,7 +94,7 @@ class Waves:
         return out
 
     @cached_property
-    def series(self) -> tuple[Series, ...]:
+    def series(self) -> tuple[JointSeries, ...]:
         """Waves of whole low orders of the joint that they move, the second order among them."""
         orders: dict[int, dict[int, complex]] = {}
         for (joint, turns), weight in self.weights.items():
@@ -106,11 +106,11 @@ class Waves:
             if max(of) > SHORT:
                 weights = np.zeros(max(of), dtype=complex)
                 weights[[k - 1 for k in of]] = list(of.values())
-                out.append(Series(joint, weights))
+                out.append(JointSeries(joint, weights))
         return tuple(out)
 
     @cached_property
-    def _mixed(self) -> Mixed:
+    def _mixed(self) -> Combinations:
         """Waves that are neither constant nor part of a series."""
         own = {(s.joint, float(k + 1)) for s in self.series for k in np.flatnonzero(s.weights)}
         others = [
@@ -118,7 +118,7 @@ class Waves:
             for (joint, turns), weight in self.weights.items()
             if any(turns) and not (sum(map(bool, turns)) == 1 and (joint, turns[joint]) in own)
         ]
-        return Mixed.of(others, self.joints)
+        return Combinations.of(others, self.joints)
 
     @property
     def bound(self) -> FloatArray:
@@ -185,7 +185,7 @@ class Waves:
 
 
 @dataclass(frozen=True, eq=False)
-class Mixed:
+class Combinations:
     """Waves of combinations of joints.
 
     Attributes
@@ -201,14 +201,14 @@ class Mixed:
     weights: ComplexArray
 
     @staticmethod
-    def of(waves: Sequence[tuple[int, Turns, complex]], joints: int) -> Mixed:
+    def of(waves: Sequence[tuple[int, Turns, complex]], joints: int) -> Combinations:
         """From the joint moved, the turns and the weight of each."""
         place = {turns: k for k, turns in enumerate(dict.fromkeys(turns for _, turns, _ in waves))}
         targets = np.unique(np.array([joint for joint, _, _ in waves], dtype=int))
         weights = np.zeros((len(targets), len(place)), dtype=complex)
         for joint, turns, weight in waves:
             weights[np.searchsorted(targets, joint), place[turns]] += weight
-        return Mixed(np.array(list(place), dtype=float).reshape(-1, joints), targets, weights)
+        return Combinations(np.array(list(place), dtype=float).reshape(-1, joints), targets, weights)
 
     @cached_property
     def values(self) -> FloatArray:
