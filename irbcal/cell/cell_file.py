@@ -266,6 +266,7 @@ class _FrameSection(Section):
 
     @staticmethod
     def of(one: FrameInCell) -> _FrameSection:
+        """The section of a frame."""
         there = None if one.T_controller is None else _pose(one.T_controller)
         return _FrameSection(
             name=one.name,
@@ -276,6 +277,7 @@ class _FrameSection(Section):
         )
 
     def frame(self) -> FrameInCell:
+        """The frame of the section."""
         there = None if self.controller is None else _transform(self.controller)
         return FrameInCell(self.name, _transform(self.true), _transform(self.nominal), there, self.position_only)
 
@@ -296,6 +298,7 @@ class _TouchSection(Section):
 
     @staticmethod
     def of(one: Touch) -> _TouchSection:
+        """The section of a touch."""
         return _TouchSection(
             row=one.row,
             frame=one.frame,
@@ -310,6 +313,7 @@ class _TouchSection(Section):
         )
 
     def touch(self) -> Touch:
+        """The touch of the section."""
         return Touch(
             self.row,
             self.frame,
