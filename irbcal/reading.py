@@ -9,6 +9,8 @@ import errno
 import os
 import stat
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from irbcal.errors import IrbcalError
 
@@ -106,3 +108,21 @@ def words_of(fault: OSError | ValueError) -> str:
         return "the name is too long for a file"
     reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else str(fault)
     return f"cannot read this file: {' '.join(reason.split())}"
+
+
+@contextmanager
+def libraries_silent() -> Iterator[None]:
+    """Keep what C libraries print about a damaged file off stderr: the refusal says it in one sentence."""
+    try:
+        stderr = os.dup(2)
+    except OSError:  # there is no stderr
+        yield
+        return
+    sink = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(sink, 2)
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(sink)
+        os.close(stderr)

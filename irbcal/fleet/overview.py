@@ -349,6 +349,12 @@ def fleet_export(store: str | Path, out: str | Path, *, what: str = "parameters"
         frame = held.table(name)
         if "calibration" in frame:
             heads = held.table("calibrations").set_index("number")[["robot", "measured"]]
+            absent = sorted(set(frame["calibration"]) - set(heads.index))
+            if absent:
+                raise CalibrationError(
+                    f"this store is damaged: table {name} names calibration {absent[0]}, which is not there",
+                    file=str(store),
+                )
             frame = heads.loc[frame["calibration"]].reset_index(drop=True).join(frame)
     if path.suffix == ".csv":
         from irbcal.names import without_formulas

@@ -5,9 +5,7 @@ The finding is OpenCV's; it is not installed with irbcal but with its extra ``ca
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -23,6 +21,7 @@ from irbcal.measurement import columns, imaging
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.known_features import filled, given_rows
 from irbcal.names import without_formulas
+from irbcal.reading import libraries_silent
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
 
@@ -139,8 +138,9 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
                 column="feature",
             )
         size = one.size
-        with _silent():
-            grey = cv2.imread(str(folder / picture), cv2.IMREAD_GRAYSCALE) if picture else None
+        path = folder / picture
+        with libraries_silent():
+            grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None  # a pipe would wait for ever
         if grey is None:
             words = f"there is no picture {picture or 'named'} in {folder} that OpenCV reads"
             raise MeasurementError(words, file=source, row=int(row), column=IMAGE)
@@ -163,24 +163,6 @@ def corners(images: str | Path, joints: TableLike, features: TableLike, *, legac
     table = pd.concat(parts, ignore_index=True)
     table[["u_px", "v_px"]] = table[["u_px", "v_px"]].astype(float).round(4)
     return FoundCorners(table, len(parts), tuple(missed))
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Keep what libraries in C say of a damaged picture off stderr: the refusal says it."""
-    try:
-        kept = os.dup(2)
-    except OSError:  # there is no stderr
-        yield
-        return
-    nothing = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nothing, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(nothing)
-        os.close(kept)
 
 
 def _opencv() -> Any:
@@ -217,7 +199,17 @@ def _boards(
                 column="marker_mm",
             )
         dictionary = _dictionary(cv2, one, name_of)
-        board = cv2.aruco.CharucoBoard(known.squares, known.square, marker, dictionary)
+        try:
+            board = cv2.aruco.CharucoBoard(known.squares, known.square, marker, dictionary)
+        except (cv2.error, SystemError):  # sizes that are equal in its single precision
+            across, along = known.squares
+            raise MeasurementError(
+                f"OpenCV makes no board of {across} × {along} squares of {known.square / MM:g} mm with markers of "
+                f"{marker / MM:g} mm",
+                file=name_of,
+                row=int(one["row"]),
+                column="squares_x",
+            ) from None
         board.setLegacyPattern(legacy)
         size = None if known.size is None else (int(known.size[0]), int(known.size[1]))
         names = filled(one["feature"], cells, one, source)

@@ -35,6 +35,7 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.planners import jacobians, paths, payload
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
 from irbcal.planners.trajectories import AlongTime
+from irbcal.reading import libraries_silent
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 
@@ -95,7 +96,8 @@ class CalibratedModel(AlongTime, Speaks):
         if self.joint_map is None:
             object.__setattr__(self, "joint_map", JointMap.identity(self.arm))
         try:
-            model = pin.buildModelFromXML(self.urdf.decode("utf-8"))
+            with libraries_silent():
+                model = pin.buildModelFromXML(self.urdf.decode("utf-8"))
         except (ValueError, RuntimeError) as error:
             raise CalibrationError(f"Pinocchio cannot read this robot's URDF: {' '.join(str(error).split())}") from None
         place = ArmInModel(model, self.arm)

@@ -10,6 +10,7 @@ import pytest
 
 from irbcal.errors import CalibrationError
 from irbcal.fleet import store as stores
+from irbcal.fleet.overview import EXPORTED, fleet_export
 from irbcal.fleet.store import opened
 
 ROWS = [(table.name, column.name) for table in stores.tables.sorted_tables for column in table.c]
@@ -32,11 +33,10 @@ def whole(stored, tmp_path_factory):
 def read(path):
     """All that is read of a store."""
     with opened(path) as store:
-        return (
-            store.calibrations(),
-            store.robots(),
-            [store.table(name) for name in ("calibrations", "parameters", "files")],
-        )
+        read = (store.calibrations(), store.robots())
+    for name in EXPORTED:
+        fleet_export(path, path.with_name(f"{name}.csv"), what=name)
+    return read
 
 
 @pytest.mark.parametrize(("table", "column"), ROWS)

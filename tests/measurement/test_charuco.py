@@ -1,5 +1,7 @@
 """Boards drawn by OpenCV, seen by a known homography: corners must be where it puts them."""
 
+import os
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -108,6 +110,7 @@ def test_a_board_is_named_by_its_place(pictures):
         ({"feature": ["board", "other", "board"]}, {}, "row 2, column feature.*one of board; found other"),
         ({}, {"width_px": 600}, r"0.png has 640 × 480 pixels, the camera 600 × 480"),
         ({}, {"dictionary": "5X5"}, "expected one of OpenCV's dictionaries.*found 5X5"),
+        ({}, {"marker_mm": 29.9999999}, "row 1, column squares_x: OpenCV makes no board of 8 × 6 squares of 30 mm"),
         ({}, {"marker_mm": 31}, "expected a marker smaller than its square, found 31 mm"),
         ({}, {"squares_x": 9}, "no picture shows 4 corners"),
         ({}, {"kind": "point"}, "there is no feature of kind image or image-on-tool"),
@@ -136,3 +139,10 @@ def test_a_damaged_picture_is_refused_in_one_sentence(pictures, tmp_path, capfd)
     with pytest.raises(MeasurementError, match=r"there is no picture 0\.png"):
         irbcal.corners(tmp_path, joints.head(1), pd.DataFrame([KNOWN]))
     assert capfd.readouterr().err == ""
+
+
+def test_a_pipe_is_no_picture(pictures, tmp_path):
+    joints = pictures[1]
+    os.mkfifo(tmp_path / "0.png")
+    with pytest.raises(MeasurementError, match=r"there is no picture 0\.png"):
+        irbcal.corners(tmp_path, joints.head(1), pd.DataFrame([KNOWN]))

@@ -269,6 +269,14 @@ def test_what_a_model_says_of_itself(cell, kinova):
         assert "<table>" in model._repr_html_()
 
 
+def test_a_damaged_urdf_is_refused_in_one_sentence(cell, capfd):
+    """The C++ reader of URDF prints lines besides."""
+    damaged = urdf.to_bytes(urdf.read("irb1600"), arm()).replace(b'rpy="0', b'rpy="zero')
+    with pytest.raises(CalibrationError, match="Pinocchio cannot read"):
+        CalibratedModel(damaged, arm())
+    assert capfd.readouterr().err == ""
+
+
 def test_degrees_are_refused(cell):
     model = cell[1]
     q = np.array([[0, -14, 14, 0, 30, 0.0]])
