@@ -59,7 +59,6 @@ from .simulation.device_simulation import SimulatedDevice as SimulatedDevice
 from .simulation.device_simulation import simulate_device as simulate_device
 from .simulation.simulation import Simulated as Simulated
 from .simulation.simulation import simulate as simulate
-from .studies.runner import study as study
 from .validation.ballbar_check import ballbar as ballbar
 from .validation.comparing import Compared as Compared
 from .validation.comparing import compare as compare

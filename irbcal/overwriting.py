@@ -33,7 +33,6 @@ FOLDER_FILES = (
     "PLAN.JBI",
     "plan.pg",
     "plan.html",
-    "study.json",
 )
 """Files that commands write into folders that they are given."""
 

@@ -23,7 +23,6 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```([^\n]*)\n(.*?)^```[ \t]*$", re.DOTALL | re.MULTILINE)
 
 ELSEWHERE = {
-    "irbcal study --out study": "tests/studies",
     "irbcal fleet prior --type irb1600_6_145 --store fleet.db --out prior.json": "tests/fleet/test_prior.py",
     "irbcal calibrate new.csv --robot irb1600 --prior prior.json --out new": "tests/fleet/test_prior.py",
     "irbcal samples try-irbcal": "the folder that the lines are run in",

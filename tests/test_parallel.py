@@ -159,18 +159,6 @@ def test_a_fleet_on_a_cluster_is_that_of_one_process_also_where_a_worker_is_kill
     assert len(irbcal.fleet_add(tmp_path / "one", tmp_path / "fleet.db").there) == 3
 
 
-def test_a_study_on_a_cluster_has_the_bytes_of_one_process(cluster, tmp_path):
-    """Two processes: tests/cli/test_study.py."""
-    options = {"procedures": [80], "each": 3, "points": 520, "poses_curve": [], "method": "least-squares"}
-    found = []
-    for name, workers in (("one", {"jobs": 1}), ("cluster", {"engine": address_of(cluster)})):
-        irbcal.study(out=tmp_path / name, **options, only=["7.1"], **workers)
-        files = [path for path in (tmp_path / name).rglob("*") if path.suffix in (".csv", ".md")]
-        found.append({path.relative_to(tmp_path / name): path.read_bytes() for path in files})
-    assert len(found[0]) >= 2
-    assert found[0] == found[1]
-
-
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [

@@ -31,7 +31,7 @@ FLOORS = (
     ("validation", "joint_behaviour", "simulation"),
     ("kinematic_results",),
     ("planning", "planners", "exporting", "kinematics"),
-    ("reports", "viewer", "studies"),
+    ("reports", "viewer"),
     ("calibrating", "calibration", "feature_calibration", "gathering", "shipped"),
     ("fleet",),
     ("practice",),

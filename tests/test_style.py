@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 
 def python_scripts():
     """Scripts without an ending, which ruff would not find by itself."""
-    files = [path for path in sorted((ROOT / "scripts").iterdir()) if path.is_file() and not path.suffix]
+    files = [path for path in sorted((ROOT / "scripts").rglob("*")) if path.is_file() and not path.suffix]
     return [path for path in files if "python" in path.read_text(encoding="utf-8").partition("\n")[0]]
 
 

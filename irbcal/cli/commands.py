@@ -34,10 +34,6 @@ PANELS: dict[str, dict[str, str]] = {
             "calibrations."
         ),
         "samples": "Write small example files for every command, all SIMULATED, with the lines that try them.",
-        "study": (
-            "Calibrate and verify a virtual robot again and again: tables and figures of the thesis's chapter 7, "
-            "SIMULATED."
-        ),
     },
     "Use": {
         "fk": (

@@ -212,20 +212,6 @@ def _plan(random: Random) -> list[str]:
     return ["plan", "--robot", robot, "--out", ">plan", *more, *_some(random, ["--json"], ["--targets", "@t.csv"])]
 
 
-def _study(random: Random) -> list[str]:
-    return [
-        "study",
-        "--out",
-        ">study",
-        "--procedures",
-        random.choice(("x", "1", "-1", "1,2", "")),
-        "--each",
-        "1",
-        "--poses-curve",
-        "none",
-    ]
-
-
 def _urdf(random: Random) -> list[str]:
     convention = random.choice(("modified", "standard"))
     return ["urdf", "--dh", "@dh.csv", "--convention", convention, "--out", ">arm.urdf", *_some(random, ["--json"], ["--name", "a b"])]  # fmt: skip
@@ -297,7 +283,7 @@ def _robots(random: Random) -> list[str]:
 
 MAKERS: list[tuple[Maker, int]] = [
     (_fk, 10), (_ik, 5), (_filter, 34), (_verify, 10), (_evaluate, 8), (_calibrate, 1), (_view, 3), (_report, 1),
-    (_import, 14), (_iso9283, 8), (_tracker, 12), (_ballbar, 3), (_joints, 2), (_simulate, 4), (_plan, 1), (_study, 1),
+    (_import, 14), (_iso9283, 8), (_tracker, 12), (_ballbar, 3), (_joints, 2), (_simulate, 4), (_plan, 1),
     (_robots, 1), (_urdf, 3), (_controller, 3), (_compare, 2), (_export, 4), (_stream, 6), (_fleet, 8),
     (_circles, 2), (_corners, 2), (_samples, 1), (_demo, 1), (_cell, 5), (_sign, 1),
 ]  # fmt: skip

@@ -59,12 +59,6 @@ def _files(folder: Path) -> object:
     return None
 
 
-def _study(folder: Path) -> object:
-    import json
-
-    return json.loads((folder / "out" / "study.json").read_text())
-
-
 def _urdf(folder: Path) -> object:
     import irbcal
 
@@ -84,15 +78,6 @@ def _edited(path: Path) -> None:
     document = json.loads(path.read_text())
     document["notes"].append("a note")
     path.write_text(json.dumps(document))
-
-
-def _unfinished(folder: Path) -> None:
-    """A study that lacks a part, and has other tables."""
-    for path in (folder / "parts").iterdir():
-        path.unlink()
-    for name in ("results.csv", "tables.md", "page.html"):
-        with (folder / name).open("a") as stream:
-            stream.write("\n")
 
 
 def _prior(folder: Path) -> object:
@@ -118,7 +103,6 @@ def _fleet(folder: Path) -> object:
 
 BALLBAR = ("--bar", "150", "--tool", "0,65,149", "--joints", "10,0,0,0,90,0")
 
-STUDY = ["study", "--out", "out", "--procedures", "80", "--each", "1", "--points", "600", "--poses-curve", "none", "--method", "least-squares", "--jobs", "1", "--only", "7.1"]  # fmt: skip
 
 TYPE = "irb1600_6_145"
 
@@ -224,10 +208,6 @@ WRITERS = (
         _document,
         prepare=lambda folder: shutil.copytree(folder / "cal", folder / "out", dirs_exist_ok=True),
         edit=lambda folder: _edited(folder / "out" / "calibration.json"),
-    ),
-    *(
-        Writer(name, STUDY, STUDY, _files, edit=lambda folder: _unfinished(folder / "out"), number=number)
-        for number, name in ((1, "study, a part"), (2, "study, tables"))
     ),
     Writer(
         "export",

@@ -14,8 +14,8 @@ from irbcal.simulation.shipped import open_cell
 
 @pytest.fixture(scope="module")
 def tables():
-    """The functions of scripts/cell_tables."""
-    path = Path(__file__).parents[2] / "scripts" / "cell_tables"
+    """The functions of scripts/thesis/cell_tables."""
+    path = Path(__file__).parents[2] / "scripts" / "thesis" / "cell_tables"
     loader = SourceFileLoader("cell_tables", str(path))
     written, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:

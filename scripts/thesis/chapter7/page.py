@@ -1,22 +1,32 @@
-"""The figures of a study: counterparts of those of Nubiola 2011, chapter 7, and a few more."""
+"""``page.html`` of a study: figures and tables as one page that loads nothing and runs no script."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irbcal.figures import inline_svg
-from irbcal.figures.colours import CALIBRATED, NOMINAL
+from chapter7 import printed
+from chapter7.settings import (
+    AREAS,
+    COURSE,
+    FULL,
+    NOMINAL,
+    PAYLOADS,
+    SMALL,
+    Repetition,
+    Settings,
+    curve,
+    procedures,
+)
+from chapter7.tables import AREA_NAMES, COMPARED, MODEL_NAMES, Cell, Results, Table, chosen, curve_values
+from irbcal.figures import colours, inline_svg
+from irbcal.figures.colours import CALIBRATED
 from irbcal.figures.inline_svg import INK
-from irbcal.studies import settings as of_study
-from irbcal.studies import thesis
-from irbcal.studies.procedure_tables import chosen, curve_values
-from irbcal.studies.results import AREA_NAMES, COMPARED, MODEL_NAMES, Results
-from irbcal.studies.settings import AREAS, COURSE, FULL, PAYLOADS, SMALL, Repetition, Settings, curve, procedures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -34,9 +44,9 @@ class Draw(Protocol):
 
 
 GREEN, PURPLE, GREY = "#2f9463", "#9560bd", "#7d868f"
-MODEL_COLOURS = {"nominal": NOMINAL, "11": GREEN, "axes": PURPLE, "34": CALIBRATED}
-ROW_COLOURS = (CALIBRATED, GREEN, NOMINAL, PURPLE, GREY)
-AREA_COLOURS = dict(zip(AREAS, (CALIBRATED, NOMINAL), strict=True))
+MODEL_COLOURS = {"nominal": colours.NOMINAL, "11": GREEN, "axes": PURPLE, "34": CALIBRATED}
+ROW_COLOURS = (CALIBRATED, GREEN, colours.NOMINAL, PURPLE, GREY)
+AREA_COLOURS = dict(zip(AREAS, (CALIBRATED, colours.NOMINAL), strict=True))
 MARKERS = dict(zip(PAYLOADS, "os", strict=True))
 
 OVERVIEW = "Expected against found, and the course of a search"
@@ -155,7 +165,7 @@ def _models_in_areas() -> list[Figure]:
     for number, (load, area) in enumerate(((load, area) for load in PAYLOADS for area in AREAS), 4):
         caption = f"After Figure 7.{number}: position errors found, {AREA_NAMES[area]}, {load} kg"
         strips = _strips_of(_members("nominal", "11", "34"), f"verified/{area}/{load}/point")
-        out.append(Figure(MODELS, f"figure-7-{number}", caption, (of_study.NOMINAL, SMALL, FULL), strips))
+        out.append(Figure(MODELS, f"figure-7-{number}", caption, (NOMINAL, SMALL, FULL), strips))
     return out
 
 
@@ -236,8 +246,8 @@ Two: TypeAlias = "Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]"
 def _beside(settings: Settings) -> tuple[str, Two, Two] | None:
     """Names and values of the thesis's tables, 3 and 6 kg, for a model that it verified; None for others."""
     if settings.model == "34":
-        return "7.4 and 7.5", thesis.TABLE_7_4, thesis.TABLE_7_5
-    return ("7.6 and 7.7", thesis.TABLE_7_6, thesis.TABLE_7_7) if settings.model == "11" else None
+        return "7.4 and 7.5", printed.TABLE_7_4, printed.TABLE_7_5
+    return ("7.6 and 7.7", printed.TABLE_7_6, printed.TABLE_7_7) if settings.model == "11" else None
 
 
 # --- drawing ----------------------------------------------------------------------------------------------
@@ -279,7 +289,7 @@ def _curve_of(area: str) -> Draw:
     def draw(figure: Canvas, results: Results, series: Series) -> list[Any]:
         axes = figure.add_subplot()
         settings = results.settings
-        methods = [(settings.method, NOMINAL if settings.method == "nelder-mead" else GREEN)]
+        methods = [(settings.method, colours.NOMINAL if settings.method == "nelder-mead" else GREEN)]
         if settings.method == "least-squares":
             methods = []
         for method, colour in (*methods, ("least-squares", CALIBRATED)):
@@ -295,7 +305,7 @@ def _curve_of(area: str) -> Draw:
         if settings.model == "34":
             k = AREAS.index(area)
             sizes = (80, 120, 120, 180, 200)
-            maxima = [row[k] for row in thesis.TABLE_7_13.values()]
+            maxima = [row[k] for row in printed.TABLE_7_13.values()]
             axes.plot(sizes, maxima, "D", markeredgecolor=INK, markerfacecolor="none", markersize=6, label="thesis")
         axes.set_xscale("log")
         axes.set_xticks(settings.curve, [str(n) for n in settings.curve], rotation=45 if len(settings.curve) > 6 else 0)
@@ -377,3 +387,61 @@ def _strips_of(members: Sequence[Member], key: str, quantity: str = "point", by_
         axes.set_ylabel("error (°)" if quantity == "orientation" else "error (mm)")
 
     return draw
+
+
+def render(results: Results, tables: Sequence[Table], series: Series) -> str:
+    """The page.
+
+    Parameters
+    ----------
+    results : Results
+    tables : sequence of Table
+    series : dict of Repetition to dict of str to ndarray
+        Errors one by one of `chapter7.page.drawn`.
+
+    Returns
+    -------
+    str
+    """
+    from irbcal.templates import environment
+
+    sections: dict[str, list[tuple[str, Any]]] = {}
+    with inline_svg.style():
+        for item in figures(results):
+            if results.has(*item.needs):
+                drawing = inline_svg.drawn(partial(item.draw, results=results, series=series), item.key, item.caption)
+                sections.setdefault(item.section, []).append((item.caption, drawing))
+    return (
+        environment("chapter7", "")
+        .get_template("page.html.j2")
+        .render(
+            settings=results.settings,
+            procedures=len(procedures(results.settings)),
+            sections=sections,
+            tables=tables,
+            verdict=verdict(results),
+            calibrated=CALIBRATED,
+            is_cell=lambda value: isinstance(value, Cell),
+            is_number=lambda value: isinstance(value, (Cell, int)),
+        )
+    )
+
+
+def verdict(results: Results) -> str | None:
+    """What the procedures came to, in a sentence; None while they are not done."""
+    settings = results.settings
+    every = procedures(settings)
+    if not results.has(*every):
+        return None
+    found = [results.row(r, "verified", "all_range") for r in every]
+    expected = [results.row(r, "expected", "all_range") for r in every]
+    before = results.row(NOMINAL, "verified", "all_range")["mean"] if results.has(NOMINAL) else None
+    low, high = min(row["mean"] for row in found), max(row["mean"] for row in found)
+    ratio = np.median([a["mean"] / b["mean"] for a, b in zip(found, expected, strict=True)])
+    start = f"{len(every)} simulated calibrations by {settings.method}: with fake targets the virtual robot"
+    where = "in the whole range with 3 kg"
+    nominal = f" ({before:.3f} mm without)" if before is not None else ""
+    return (
+        f"{start} misses by {low:.3f} to {high:.3f} mm on average {where}{nominal}; "
+        f"that is {ratio:.2f} times what the models had promised (median)."
+    )
