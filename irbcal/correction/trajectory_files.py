@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from irbcal.atomic import write_set
-from irbcal.correction.languages import ros
-from irbcal.correction.languages.table import reader, timed
+from irbcal.correction.languages import ros, table
 from irbcal.correction.program import read_bytes
 from irbcal.errors import OptionError, ProgramError
 from irbcal.files.opening import RobotLike, open_robot
@@ -37,10 +36,10 @@ def read_trajectory(path: str | Path, robot: RobotLike) -> Trajectory:
     arm = open_robot(robot).nominal
     if Path(path).suffix.lower() in ros.ENDINGS:
         return ros.parse(arm, read_bytes(path), str(path)).trajectory
-    table = reader.read(path, arm.joint_columns)
-    if not timed.has_times(table):
-        raise ProgramError(f"expected a column {timed.TIME} beside the joints", file=path, row=1)
-    return timed.along_time(table, arm).trajectory
+    program = table.read(path, arm.joint_columns)
+    if not table.has_times(program):
+        raise ProgramError(f"expected a column {table.TIME} beside the joints", file=path, row=1)
+    return table.along_time(program, arm).trajectory
 
 
 def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction.languages.fanuc.writing import FANUC
-from irbcal.correction.languages.inform.writing import YASKAWA
-from irbcal.correction.languages.kawasaki.writing import KAWASAKI
-from irbcal.correction.languages.krl.writing import KUKA
-from irbcal.correction.languages.urscript.writing import UNIVERSAL_ROBOTS
-from irbcal.correction.languages.val3.writing import STAUBLI
+from irbcal.correction.languages.fanuc import FANUC
+from irbcal.correction.languages.inform import YASKAWA
+from irbcal.correction.languages.kawasaki import KAWASAKI
+from irbcal.correction.languages.krl import KUKA
+from irbcal.correction.languages.urscript import UNIVERSAL_ROBOTS
+from irbcal.correction.languages.val3 import STAUBLI
 from irbcal.correction.maker import Maker
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.files import robots, urdf

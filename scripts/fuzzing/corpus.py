@@ -75,14 +75,14 @@ def _touches(folder: Path) -> None:
 
 @cache
 def programs() -> dict[str, list[Path]]:
-    """Sample programs of every language that the package knows, by the name of its folder; maybe none of a new one."""
+    """Sample programs of every language that the package knows, by the name of its file; maybe none of a new one."""
     names = [language.__name__.rsplit(".", 1)[1] for language in known()]  # type: ignore[attr-defined]
     return {name: sorted(PROGRAMS.glob(f"{name}.*")) for name in names}
 
 
 @cache
 def axes_of(name: str) -> tuple[str, ...]:
-    """How the axes of a language's arms point, of a language by its folder; empty: any arm."""
+    """How the axes of a language's arms point, of a language by its file; empty: any arm."""
     languages = {language.__name__.rsplit(".", 1)[1]: language for language in known()}  # type: ignore[attr-defined]
     maker = languages[name].MAKER
     return () if maker is None else maker.axes
@@ -90,7 +90,7 @@ def axes_of(name: str) -> tuple[str, ...]:
 
 @cache
 def endings() -> dict[str, tuple[str, ...]]:
-    """Endings of every language's files, by the name of its folder."""
+    """Endings of every language's files, by the name of its file."""
     return {language.__name__.rsplit(".", 1)[1]: language.ENDINGS for language in known()}  # type: ignore[attr-defined]
 
 
@@ -101,9 +101,9 @@ def words(language: str) -> list[bytes]:
     So a language that is added is written by the fuzzer at once.
     """
     found: set[bytes] = set()
-    for folder in (ROOT / "irbcal/correction/languages" / language, ROOT / "tests/correction/languages" / language):
-        for path in sorted(folder.glob("*.py")):
-            found |= set(_texts(ast.parse(path.read_text(encoding="utf-8"))))
+    for name in (f"irbcal/correction/languages/{language}.py", f"tests/correction/languages/test_{language}.py"):
+        if (ROOT / name).is_file():
+            found |= set(_texts(ast.parse((ROOT / name).read_text(encoding="utf-8"))))
     return sorted(found)
 
 

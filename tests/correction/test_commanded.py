@@ -5,9 +5,7 @@ import pytest
 from maker_cases import given, pose_numbers, robot_of, well_inside
 
 from irbcal.correction.commanded import commanded
-from irbcal.correction.languages import table
-from irbcal.correction.languages.krl import reader as krl
-from irbcal.correction.languages.rapid import reader as rapid
+from irbcal.correction.languages import krl, rapid, table
 from irbcal.errors import ProgramError
 from irbcal.files import urdf
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from irbcal.correction.languages.krl.writing import KUKA
+from irbcal.correction.languages.krl import KUKA
 from irbcal.correction.listing import Number
 from irbcal.correction.maker_program import Found, frame, relative
 

@@ -46,7 +46,7 @@ def part_errors(robot, q, T_wanted, tool, work_object):
 
 def language_tests(language):
     """The module that tests a language, with its programs."""
-    path = Path(__file__).parent / "languages" / language / "test_reader.py"
+    path = Path(__file__).parent / "languages" / f"test_{language}.py"
     spec = importlib.util.spec_from_file_location(f"programs_of_{language}", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

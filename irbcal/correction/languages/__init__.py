@@ -1,6 +1,6 @@
-"""Robot programs: one folder a language.
+"""Robot programs: one file a language.
 
-A language is a package in this folder, listed in `known`, that offers what `Language` says: its name, the endings of
+A language is a module of this folder, listed in `known`, that offers what `Language` says: its name, the endings of
 its files, ``looks_like``, ``read_for``, ``write_moves`` and ``fingerprint``. What it reads are
 `irbcal.correction.program.Program`: the targets that may be corrected, and the way back into the files.
 
@@ -114,7 +114,7 @@ def known() -> tuple[Language, ...]:
 
 
 def by_name() -> dict[str, Language]:
-    """All languages by the names of their folders; a table is called ``csv``."""
+    """All languages by the names of their files; a table is called ``csv``."""
     from irbcal.correction.languages import table
 
     return {"csv" if one is table else one.__name__.rsplit(".", 1)[1]: one for one in known()}  # type: ignore[attr-defined]

@@ -1,0 +1,438 @@
+"""FANUC LS listings: positions ``P[n]`` and the moves that go there.
+
+User frame and tool are those that stand in each position (the controller refuses to move where others are active);
+their values are not in the program and must be given, but for 0, the world and the flange.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction import orientations
+from irbcal.correction.course import Course, State
+from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
+from irbcal.correction.maker import Maker, Posture
+from irbcal.correction.maker_program import Found, MakerProgram, parts_of
+from irbcal.correction.moves import Moves, note
+from irbcal.correction.program import Given, Note, read_bytes
+from irbcal.correction.text_program import Target
+from irbcal.errors import ProgramError
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.units import DEG, MM
+
+_COUPLED = np.eye(6)
+_COUPLED[2, 1] = 1.0  # the pendant measures joint 3 against the horizontal
+
+FANUC = Maker(
+    name="FANUC",
+    orientation=orientations.FANUC,
+    length=MM,
+    angle=DEG,
+    joint=DEG,
+    decimals=(3, 3, 3),
+    axes=("+z", "+y", "-y", "-x", "-y", "-x"),
+    matrix=_COUPLED,
+    aligned=True,
+    world=True,
+)
+"""At zero joints the wrist is in front and the elbow up: ``U T``."""
+
+TURNING = (0, 3, 5)
+"""Joints of the three turn numbers, in their order."""
+
+_CONFIG = re.compile(r"\s*([NF])\s*([UD])\s*([TB])\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*,\s*([-+]?\d+)\s*\Z")
+
+
+def config(text: str, start: int) -> tuple[Posture | None, tuple[Span, ...], str]:
+    """What a CONFIG means, where its turn numbers stand, and why it means nothing.
+
+    Parameters
+    ----------
+    text : str
+        What stands between the quotes.
+    start : int
+        Where it begins.
+    """
+    found = _CONFIG.match(text)
+    if found is None:
+        what = "is empty" if not text.strip() else f"{text.strip()[:20]!r} is of another kind of arm"
+        return None, (), f"its CONFIG {what}"
+    wrist, elbow, front = found.group(1, 2, 3)
+    if front == "B":
+        return None, (), "its CONFIG says B: how U and D are counted behind axis 1 is not confirmed"
+    turns = [int(value) for value in found.group(4, 5, 6)]
+    spans = tuple((start + found.start(k), start + found.end(k)) for k in (4, 5, 6))
+    return posture_of(-1 if wrist == "N" else 1, elbow == "D", turns), spans, ""
+
+
+def posture_of(wrist: int, down: bool, turns: list[int]) -> Posture:
+    """A posture in front of axis 1."""
+    low, high = [-np.inf] * 6, [np.inf] * 6
+    for joint, turn in zip(TURNING, turns, strict=True):
+        low[joint], high[joint] = (2 * turn - 1) * math.pi, (2 * turn + 1) * math.pi
+    return Posture(False, down, wrist, tuple(low), tuple(high))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LsProgram(MakerProgram):
+    """A FANUC program as read.
+
+    Attributes
+    ----------
+    mark_number : int
+        Number of the mark's line.
+    """
+
+    mark_number: int
+
+    def mark(self, fingerprint: str) -> Edit:
+        """Comments at the end of the instructions, so that no other line changes its number.
+
+        Two, because older controllers take 32 characters each.
+        """
+        newline, number = self.listing.newline(), self.mark_number
+        text = f"{number:4d}:  !irbcal fake targets ;{newline}{number + 1:4d}:  !{fingerprint} ;{newline}"
+        return self.mark_at, self.mark_at, text
+
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
+        """CONFIG of joints."""
+        turns = [math.floor((joints[k] + math.pi) / (2 * math.pi)) for k in TURNING]
+        return posture_of(-1 if negative else 1, bent, turns)._replace(back=back)
+
+    def posture_edits(self, target: Target, posture: Posture) -> list[Edit]:
+        """New turn numbers."""
+        out: list[Edit] = []
+        for joint, (start, end) in zip(TURNING, target.configuration_spans, strict=True):
+            turn = round((posture.low[joint] / math.pi + 1) / 2)
+            if turn != int(self.text[start:end]):
+                out.append((start, end, str(turn)))
+        return out
+
+
+_SECTION = re.compile(r"^/(PROG|ATTR|APPL|MN|POS|END)\b", re.MULTILINE)
+_LINE = re.compile(r"^[ \t]*(\d*)[ \t]*:(.*)$", re.MULTILINE)
+_POINT = re.compile(r"\bP\[[ \t]*(\d{1,6})[ \t]*(?::[^\]\r\n]*)?\][ \t]*\{([^{}]*)\}")
+_GROUP = re.compile(r"\bGP(\d+)[ \t]*:")
+_FRAMES = re.compile(r"\bUF[ \t]*:[ \t]*(\w+)[ \t]*,[ \t]*UT[ \t]*:[ \t]*(\w+)")
+_QUOTED = re.compile(r"\w+[ \t]*:[ \t]*'([^'\r\n]*)'")
+_FIELD = re.compile(r"\b([A-Z][A-Z0-9]?)[ \t]*=[ \t]*(\*+|[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)[ \t]*(\w*)")
+
+POSE, JOINTS = ("X", "Y", "Z", "W", "P", "R"), ("J1", "J2", "J3", "J4", "J5", "J6")
+
+
+class Instruction(NamedTuple):
+    """An instruction without its number: its text and where that stands."""
+
+    number: int
+    start: int
+    end: int
+
+
+class Point(NamedTuple):
+    """A position: its target (or why it has none) and the frames that are stored with it."""
+
+    number: int
+    found: Found | None
+    reason: str
+    user_frame: str
+    tool: str
+    start: int
+
+
+def sections(listing: Listing) -> dict[str, tuple[int, int]]:
+    """First place behind the name of each section, and its end."""
+    marks = list(_SECTION.finditer(listing.text))
+    if not marks:
+        return {}
+    ends = [*(mark.start() for mark in marks[1:]), len(listing.text)]
+    out: dict[str, tuple[int, int]] = {}
+    for mark, end in zip(marks, ends, strict=True):
+        out.setdefault(mark[1], (mark.end(), end))
+    return out
+
+
+def instructions(listing: Listing, start: int, end: int) -> list[Instruction]:
+    """Instructions, with the lines that go on behind a colon without a number."""
+    out: list[Instruction] = []
+    for line in _LINE.finditer(listing.text, start, end):
+        if line[1] or not out:
+            out.append(Instruction(int(line[1][:9] or 0), line.start(2), line.end(2)))
+        else:
+            out[-1] = out[-1]._replace(end=line.end(2))
+    return out
+
+
+def points(listing: Listing, start: int, end: int) -> list[Point]:
+    """Positions."""
+    return [_point(listing, found) for found in _POINT.finditer(listing.text, start, end)]
+
+
+def _point(listing: Listing, match: re.Match[str]) -> Point:
+    """A position, of which the first motion group is the robot."""
+    number = int(match[1])
+    groups = list(_GROUP.finditer(listing.text, match.start(2), match.end(2)))
+    first = next((k for k, group in enumerate(groups) if group[1] == "1"), None)
+    if first is None:
+        return Point(number, None, "it is of another motion group", "", "", match.start())
+    begin = groups[first].end()
+    end = groups[first + 1].start() if first + 1 < len(groups) else match.end(2)
+    held = _FRAMES.search(listing.text, begin, end)
+    frames = (held[1], held[2]) if held else ("", "")
+    found, reason = _target(listing, f"P[{number}]", match.start(), begin, end)
+    if found is not None and not all(frame.isdecimal() for frame in frames):
+        found.reasons.append("it names no user frame or tool by number")
+    if found is not None and len(groups) > 1:
+        found.external = "other groups"
+    return Point(number, found, reason, *frames, match.start())
+
+
+def _target(listing: Listing, name: str, at: int, begin: int, end: int) -> tuple[Found | None, str]:
+    fields = {field[1]: field for field in reversed(list(_FIELD.finditer(listing.text, begin, end)))}
+    if "RX" in fields:
+        return None, "it is a remote-TCP point: the part is on the robot and the tool is fixed"
+    names = JOINTS if "J1" in fields else POSE
+    unit = "deg" if "J1" in fields else "mm"
+    missing = [key for key in names if key not in fields]
+    if missing:
+        return None, f"it has no {missing[0]}"
+    if any(fields[key][2].startswith("*") for key in names):
+        return None, "it is not taught (****)"
+    units = [fields[key][3].lower() for key in names]
+    if units != [unit] * 3 + ["deg"] * 3:
+        return None, "its numbers are not in mm and degrees"
+    numbers = [Number(float(fields[key][2]), fields[key].start(2), fields[key].end(2)) for key in names]
+    found = Found(name, "joint" if names is JOINTS else "pose", at, numbers)
+    found.external = ", ".join(key for key in fields if (key[0] == "E" and key[1:].isdecimal()) or key == "J7")
+    if found.kind == "pose":
+        quoted = _QUOTED.search(listing.text, begin, end)
+        if quoted is None:
+            found.reasons.append("it has no CONFIG")
+        else:
+            found.posture, found.posture_spans, reason = config(quoted[1], quoted.start(1))
+            found.reasons += [reason] if reason else []
+    return found, ""
+
+
+_MOVE = re.compile(r"\s*([JLCAS])[ \t]+(?=P|PR\[)")
+_GOAL = re.compile(r"[\s:]*\b(PR?)\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")
+_INDEX = re.compile(r"\s*(\d{1,6})\s*(?::.*)?\Z", re.DOTALL)
+_FLOW = re.compile(r"\b(LBL|JMP|CALL|IF|SELECT|FOR|ENDFOR|RUN|WENN|AUFRUF|SPRUNG)\b")
+_FRAME = re.compile(r"\b(UFRAME|UTOOL)\[[ \t]*(\w+)[^\]]*\][ \t]*=")
+_REASONS = (
+    (re.compile(r"\bRTCP\b"), "RTCP moves a part against a fixed tool"),
+    (re.compile(r"\bINC\b"), "INC makes its target relative"),
+    (re.compile(r"\bCOORD\b"), "COORD moves against another motion group"),
+    (re.compile(r"\bVOFFSET\b"), "a camera moves its target (VOFFSET)"),
+)
+_OFFSET = re.compile(r"\b(?:TOOL_|WKZ_)?OFFSET\b")
+
+
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like a FANUC listing."""
+    return re.search(rb"^/PROG\b", data, re.MULTILINE) is not None and b"/MN" in data
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[LsProgram]:
+    """Read FANUC listings for an arm, each a program; see `irbcal.correction.languages.Language`."""
+    FANUC.check(arm, str(files[0]))
+    return [parse(arm, read_bytes(file), str(file), given) for file in files]
+
+
+def parse(arm: Arm, data: bytes, source: str, given: Given) -> LsProgram:
+    """Read a FANUC listing.
+
+    Raises
+    ------
+    ProgramError
+        If this is none, or a frame that is needed is not known.
+    """
+    listing = Listing([(source, data)], "FANUC LS")
+    places = sections(listing)
+    if "PROG" not in places or "MN" not in places:
+        raise ProgramError("expected a FANUC listing with /PROG and /MN", file=source)
+    if "END" not in places:
+        raise ProgramError("the listing does not end with /END", file=source)
+    taught: dict[int, Point] = {}
+    for point in points(listing, *places["POS"]) if "POS" in places else ():
+        if point.number in taught:
+            raise listing.error(point.start, f"P[{point.number}] stands here a second time")
+        taught[point.number] = point
+    moves = _Moves(listing, taught)
+    steps = instructions(listing, *places["MN"])
+    for step in steps:
+        moves.take(step)
+    found = [point.found for point in taught.values() if point.found is not None]
+    order = moves.course.order({id(one): k for k, one in enumerate(found)})
+    eye = {"0": frames.transform()}
+    return LsProgram(
+        **parts_of(FANUC.of(arm), arm, listing, found, order, given, eye, eye, source),
+        uncorrected=tuple(moves.course.uncorrected),
+        notes=tuple(moves.notes(found)),
+        fingerprint=_mark_in(moves.comments),
+        mark_at=places["MN"][1],
+        mark_number=max((step.number for step in steps), default=0) + 1,
+    )
+
+
+class _Moves:
+    """Follows the instructions."""
+
+    def __init__(self, listing: Listing, taught: dict[int, Point]) -> None:
+        self.listing, self.taught = listing, taught
+        self.course = Course(listing)
+        self.comments: list[str] = []
+        self._noted: dict[str, Note] = {}
+
+    def take(self, step: Instruction) -> None:
+        """Take one instruction."""
+        text = self.listing.text[step.start : step.end]
+        if text.lstrip().startswith(("!", "//", "--")):
+            self.comments.append(text)
+            return
+        text = re.sub(r"'[^'\r\n]*'|\"[^\"\r\n]*\"", lambda found: " " * len(found[0]), text)
+        move = _MOVE.match(text)
+        if move is not None:
+            self._move(step, text, move)
+            return
+        self._changes(step, text)
+        if _FLOW.search(text.upper()):
+            self.course.forget()
+        for goal in _GOAL.finditer(text):
+            if goal[1] == "P":
+                why = f"line {self.listing.line(step.start)} uses it in another way"
+                for point in self._named(goal[2])[0]:
+                    if point.found is not None:
+                        point.found.reasons.append(why)
+
+    def _named(self, inside: str) -> tuple[list[Point], str]:
+        """Positions that an index names, all where it is computed, and why there are none."""
+        index = _INDEX.match(inside)
+        if index is None:
+            return list(self.taught.values()), ""
+        point = self.taught.get(int(index[1]))
+        return ([point], "") if point is not None else ([], "it is not in the /POS section")
+
+    def _move(self, step: Instruction, text: str, move: re.Match[str]) -> None:
+        at = move.end()
+        goals = []
+        for _ in range(2 if move[1] == "C" else 1):
+            goal = _GOAL.match(text, at)
+            if goal is None:
+                break
+            goals.append(goal)
+            at = goal.end()
+        options = text[at:].upper()
+        reason = next((words for sign, words in _REASONS if sign.search(options)), "")
+        if _OFFSET.search(options) and not reason:
+            line = self.listing.line(step.start)
+            self._noted.setdefault("offset", Note(line, "an offset moves targets that are corrected without it"))
+        stop: Found | None = None
+        for k, goal in enumerate(goals):
+            stop = self._goal(step, move[1], goal, "via" if k < len(goals) - 1 else "to", reason)
+        if not goals or (move[1] == "C" and len(goals) < 2):
+            self.course.left(step.start, move[1], self.listing.quote(step.start, step.end), "its target is computed")
+        self.course.stop(stop, step.start)
+
+    def _goal(self, step: Instruction, move: str, goal: re.Match[str], role: str, reason: str) -> Found | None:
+        """Use the positions of one argument; the target where it is just one."""
+        text = goal[0].strip(" \t\r\n:")
+        if goal[1] == "PR":
+            self.course.left(step.start, move, text, "a position register stands in the controller only")
+            return None
+        named, missing = self._named(goal[2])
+        if missing:
+            self.course.left(step.start, move, text, missing)
+        for point in named:
+            if point.found is None:
+                self.course.left(step.start, move, f"P[{point.number}]", point.reason)
+                continue
+            point.found.reasons += [reason] if reason else []
+            state = State(point.tool, point.user_frame)
+            self.course.use(point.found, step.start, move, "via" if role == "via" else "to", state)
+        return named[0].found if len(named) == 1 and not reason else None
+
+    def _changes(self, step: Instruction, text: str) -> None:
+        """Frames that the program sets itself."""
+        for change in _FRAME.finditer(text.upper()):
+            line = self.listing.line(step.start)
+            for point in self.taught.values():
+                held = point.user_frame if change[1] == "UFRAME" else point.tool
+                if point.found is not None and (held == change[2] or not change[2].isdecimal()):
+                    point.found.reasons.append(f"line {line} changes {change[1]}[{change[2]}]")
+
+    def notes(self, found: Sequence[Found]) -> list[Note]:
+        """What the corrections do not know about."""
+        moved = next((one for one in found if one.external and one.uses), None)
+        if moved is not None:
+            text = (
+                f"{moved.name} has other axes or groups: where they carry the robot or the work, its place is another"
+            )
+            self._noted.setdefault("external", Note(self.listing.line(moved.start), text))
+        if any(one.kind == "joint" and one.uses for one in found):
+            text = "joint 3 is taken as the pendant counts it, against the horizontal: check one pair on the pendant"
+            self._noted.setdefault("coupled", Note(1, text))
+        return list(self._noted.values())
+
+
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the mark of a listing; empty where it names none, None without mark.
+
+    Raises
+    ------
+    ProgramError
+        If this is no FANUC listing.
+    """
+    listing = Listing([(source, data)], "FANUC LS")
+    if not looks_like(data):
+        raise ProgramError("expected a FANUC listing with /PROG and /MN", file=source)
+    steps = instructions(listing, *sections(listing)["MN"]) if "MN" in sections(listing) else []
+    texts = [listing.text[step.start : step.end] for step in steps]
+    return _mark_in([text for text in texts if text.lstrip().startswith("!")])
+
+
+def _mark_in(comments: Sequence[str]) -> str | None:
+    """Fingerprint in the mark among comments, of which the second line bears it."""
+    return mark_in([" ".join(text.strip(" \t\r!;") for text in comments)])
+
+
+LONGEST = 32
+"""Characters of a remark that all controllers take."""
+LONGEST_WAIT_S = 300.0
+
+
+def write_moves(moves: Moves) -> dict[str, str]:
+    """``plan.ls``: positions as joints, J3 with J2 in it as the pendant counts, and moves to them."""
+    lines: list[str] = [f"!{_remark(text)}" for text in moves.head] + ["UFRAME_NUM=0", "UTOOL_NUM=1"]
+    points: list[str] = []
+    for number, (move, joints) in enumerate(zip(moves.moves, moves.texts(FANUC), strict=True), start=1):
+        lines += [f"!{_remark(move.comment)}"] if move.comment else []
+        lines.append(f"J P[{number}] {move.percent}% FINE")
+        waits = [LONGEST_WAIT_S] * int(move.wait_s // LONGEST_WAIT_S) + [move.wait_s % LONGEST_WAIT_S]
+        lines += [f"WAIT {seconds:6.2f}(sec)" for seconds in waits if seconds]
+        fields = [f"J{k}= {text:>9} deg" for k, text in enumerate(joints, start=1)]
+        points += [f"P[{number}]{{", "   GP1:", "\tUF : 0, UT : 1,"]
+        points += ["\t" + ",\t".join(fields[:3]) + ",", "\t" + ",\t".join(fields[3:]), "};"]
+    text = [f"{number:4d}:  {line} ;" for number, line in enumerate(lines, start=1)]
+    text = [line.replace(":  J P", ":J P", 1) for line in text]
+    head = ["/PROG  PLAN", "/ATTR", 'COMMENT\t\t= "irbcal plan";', f"LINE_COUNT\t= {len(lines)};"]
+    head += ["PROTECT\t\t= READ_WRITE;", "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
+    return {"plan.ls": "\r\n".join([*head, *text, "/POS", *points, "/END", ""])}
+
+
+def _remark(text: str) -> str:
+    return note(text, LONGEST, ";:'\"")
+
+
+NAME = "FANUC LS"
+ENDINGS = (".ls",)
+ROBOTS = r"fanuc|(^|_)(m\d+i|lrmate|r\d000i|crx)"
+MAKER = FANUC

@@ -1,0 +1,319 @@
+"""Yaskawa jobs: positions ``C…`` and the moves that go there.
+
+Pseudo lines (``///TOOL 1``, ``///POSTYPE USER``, ``///RCONF …``) hold for the positions behind them. Positions in
+pulses need the pulses per degree of the robot's joints, which no job tells.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction import orientations
+from irbcal.correction.course import Course, State
+from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.listing import Edit, Listing, Number, mark_in
+from irbcal.correction.maker import Maker, Posture
+from irbcal.correction.maker_program import Found, MakerProgram, parts_of
+from irbcal.correction.moves import Moves, note
+from irbcal.correction.program import Given, Goals, Note, read_bytes
+from irbcal.correction.text_program import Target
+from irbcal.errors import ProgramError
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.units import DEG, MM
+
+YASKAWA = Maker(
+    name="INFORM",
+    orientation=orientations.YASKAWA,
+    length=MM,
+    angle=DEG,
+    joint=DEG,
+    decimals=(3, 4, 0),
+    axes=("+z", "+y", "-y", "-x", "-y", "-x"),
+    matrix=np.eye(6),
+    world=True,
+    wrist_axis=4,
+    pulses=True,
+)
+"""At zero joints the wrist is in front, the elbow above and the wrist flipped."""
+
+HALF = math.pi
+
+
+def posture_of(rconf: Sequence[int]) -> tuple[Posture, str]:
+    """What RCONF means, and why it means nothing that is confirmed."""
+    if len(rconf) < 6 or any(value not in (0, 1) for value in rconf[:6]):
+        return Posture(), "its RCONF is not understood"
+    flip, elbow, back, *turns = rconf[:6]
+    if back:
+        return Posture(), "its RCONF says behind axis 1: how the elbow is counted there is not confirmed"
+    if any(turns):
+        return Posture(), "its RCONF says that a joint is beyond 180 degrees: to which side is not confirmed"
+    low, high = [-np.inf] * 6, [np.inf] * 6
+    for joint in (0, 3, 5):
+        low[joint], high[joint] = -HALF, HALF
+    return Posture(False, bool(elbow), 1 if flip else -1, tuple(low), tuple(high)), ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JobProgram(MakerProgram):
+    """A job as read.
+
+    Attributes
+    ----------
+    pulses : tuple of float
+        Pulses per degree of the six joints; empty where they are not given.
+    """
+
+    pulses: tuple[float, ...]
+
+    def mark(self, fingerprint: str) -> Edit:
+        """Two comments, because they take 32 characters each."""
+        newline = self.listing.newline()
+        return self.mark_at, self.mark_at, f"'irbcal fake targets{newline}'{fingerprint}{newline}"
+
+    def joint_units(self, target: Target) -> FloatArray:
+        """Radians of one pulse of each joint."""
+        return DEG / np.array(self.pulses)
+
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
+        """RCONF of joints, turns among them."""
+        low, high = [-np.inf] * 6, [np.inf] * 6
+        for joint in (0, 3, 5):
+            if abs(joints[joint]) < HALF:
+                low[joint], high[joint] = -HALF, HALF
+        return Posture(back, bent, -1 if negative else 1, tuple(low), tuple(high))
+
+    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
+        """Corrections that would need another RCONF, turns among them: several points share one."""
+        out = [""] * len(goals.names)
+        rows = np.flatnonzero(fake.ok) if goals.kind == "pose" else np.zeros(0, dtype=int)
+        for row, new in zip(rows.tolist(), self.postures(fake.q[rows]), strict=True):
+            if new != self.targets[int(goals.numbers[row])].configuration:
+                out[row] = "its correction would need another RCONF, which other points share"
+        return out
+
+
+WORLD = "base"
+_LINE = re.compile(r"[^\r\n]+")
+_POSITION = re.compile(r"[ \t]*((?:C|P|BC|BP|EC|EX)\d+)[ \t]*=[ \t]*(.*)")
+_PLAIN = re.compile(r"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+))[ \t]*(,|\Z)")
+_MOVE = re.compile(r"[ \t]*(S?MOV[JLCS]|IMOV|REFP)\b[ \t]*(.*)")
+_POINT = re.compile(r"\b(B?C|E?C|B?P|EX)(\d+)\b")
+_FLOW = re.compile(r"[ \t]*(?:\*|JUMP|CALL|RET|IF|ELSE|ENDIF|SWITCH|CASE|ENDSWITCH|FOR|NEXT|WHILE|ENDWHILE|DEFAULT)")
+
+
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like a Yaskawa job."""
+    return re.match(rb"(?:\xef\xbb\xbf)?\s*/JOB\b", data) is not None
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[JobProgram]:
+    """Read Yaskawa jobs for an arm, each a program; see `irbcal.correction.languages.Language`."""
+    YASKAWA.check(arm, str(files[0]))
+    return [parse(arm, read_bytes(file), str(file), given) for file in files]
+
+
+def parse(arm: Arm, data: bytes, source: str, given: Given) -> JobProgram:
+    """Read a Yaskawa job.
+
+    Raises
+    ------
+    ProgramError
+        If this is none, or a tool or frame that is needed is not known.
+    """
+    listing = Listing([(source, data)], "Yaskawa INFORM")
+    if not looks_like(data):
+        raise ProgramError("expected a Yaskawa job that begins with /JOB", file=source)
+    job = _Job(listing, given.pulses)
+    job.read()
+    found = list(job.points.values())
+    order = job.course.order({id(one): k for k, one in enumerate(found)})
+    units = np.array([DEG / value for value in given.pulses]) if given.pulses else np.full(6, DEG)
+    of_joints = dict.fromkeys(range(len(found)), units)
+    world = {WORLD: frames.transform()}
+    return JobProgram(
+        **parts_of(YASKAWA.of(arm), arm, listing, found, order, given, {}, world, source, of_joints),
+        uncorrected=tuple(job.course.uncorrected),
+        notes=tuple(job.notes.values()),
+        fingerprint=_mark_in(job.comments),
+        mark_at=job.nop,
+        pulses=tuple(given.pulses),
+    )
+
+
+class _Job:
+    """Follows the lines of a job."""
+
+    def __init__(self, listing: Listing, pulses: Sequence[float]) -> None:
+        self.listing, self.pulses = listing, pulses
+        self.course = Course(listing)
+        self.points: dict[str, Found] = {}
+        self.comments: list[str] = []
+        self.notes: dict[str, Note] = {}
+        self.nop = len(listing.text)
+        self._frames: dict[str, State] = {}
+        self._missing: dict[str, str] = {}
+        self._now = {"USER": "", "TOOL": "0", "POSTYPE": "PULSE", "RCONF": ""}
+        self._trouble = ""
+
+    def read(self) -> None:
+        """Take all lines."""
+        instructions = False
+        for line in _LINE.finditer(self.listing.text):
+            text, at = line[0], line.start()
+            if text.lstrip().startswith("'"):
+                self.comments.append(text)
+            elif text.startswith("///"):
+                self._pseudo(text)
+            elif text.startswith("//"):
+                instructions = text.startswith("//INST")
+            elif instructions and re.match(r"[ \t]*NOP\b", text):
+                self.nop = self.listing.after_line(at)
+            elif instructions:
+                self._instruction(text, at)
+            elif (position := _POSITION.match(text)) is not None:
+                self._position(position[1], position[2], at + position.start(2))
+        if self._trouble:
+            for found in self.points.values():
+                found.reasons.append(self._trouble)
+
+    def _pseudo(self, text: str) -> None:
+        word, _, rest = text[3:].partition(" ")
+        if word in self._now:
+            self._now[word] = rest.strip()
+        elif word == "PULSE":
+            self._now["POSTYPE"] = "PULSE"
+        elif word.startswith("GROUP"):
+            if word != "GROUP1" or not rest.strip().startswith("RB1"):
+                self._trouble = "the job moves other groups than one robot"
+            elif "BS" in rest:
+                self._trouble = "the robot stands on base axes, which carry its frames"
+
+    def _position(self, name: str, text: str, at: int) -> None:
+        """A position line; only the robot's own step points are targets."""
+        if not name.startswith("C"):
+            return
+        numbers = _numbers(text, at)
+        kind = self._now["POSTYPE"]
+        if numbers is None or len(numbers) != 6:
+            self._missing[name] = "its six numbers are not understood"
+        elif name in self.points:
+            self.points[name].reasons.append("it stands twice in the job")
+        elif kind == "PULSE" and not self.pulses:
+            self._missing[name] = "it is in pulses: give the pulses per degree of the joints (--pulses)"
+        elif kind in ("PULSE", "BASE", "ROBOT", "USER"):
+            found = Found(name, "joint" if kind == "PULSE" else "pose", at, numbers)
+            if kind != "PULSE":
+                rconf = [int(v) for v in self._now["RCONF"].split(",") if re.fullmatch(r"\s*\d{1,3}\s*", v)]
+                found.posture, reason = posture_of(rconf)
+                found.reasons += [reason] if reason else []
+            self.points[name] = found
+            frame = self._now["USER"] if kind == "USER" else WORLD
+            self._frames[name] = State(self._now["TOOL"], frame or "0")
+        else:
+            self._missing[name] = f"its POSTYPE {kind[:10]} is not supported"
+
+    def _instruction(self, text: str, at: int) -> None:
+        move = _MOVE.match(text)
+        names = [found[0] for found in _POINT.finditer(text)]
+        if move is None:
+            if _FLOW.match(text):
+                self.course.forget()
+            if re.match(r"[ \t]*SFTON\b", text):
+                shift = "SFTON shifts targets that are corrected without it"
+                self.notes.setdefault("shift", Note(self.listing.line(at), shift))
+            self._otherwise(names, at)
+            return
+        at += len(text) - len(text.lstrip())
+        first = names[0] if names else ""
+        found = self.points.get(first)
+        if move[1] in ("IMOV", "REFP") or found is None:
+            reason = self._missing.get(first, "it is not a step point of this job")
+            reason = "it moves on by a distance" if move[1] == "IMOV" else reason
+            self.course.left(at, move[1], first or self.listing.quote(at, at + 40), reason)
+            self.course.stop(None, at)
+            self._otherwise(names, at)
+            return
+        if "+MOV" in text or any(name.startswith("B") for name in names) or re.search(r"\b(?:TL|UF)#", text):
+            found.reasons.append(f"line {self.listing.line(at)} moves other groups, or names another tool or frame")
+        if any(name.startswith("E") for name in names):
+            moved = "stations move together with the robot: where they carry the work, its place is another"
+            self.notes.setdefault("stations", Note(self.listing.line(at), moved))
+        self.course.use(found, at, move[1], state=self._frames[first])
+        self.course.stop(found, at)
+
+    def _otherwise(self, names: Sequence[str], at: int) -> None:
+        for name in names:
+            if name in self.points:
+                self.points[name].reasons.append(f"line {self.listing.line(at)} uses it in another way")
+
+
+def _numbers(text: str, at: int) -> list[Number] | None:
+    """Numbers with commas between them; None where something else stands there."""
+    out: list[Number] = []
+    k, more = 0, True
+    while more:
+        found = _PLAIN.match(text, k)
+        if found is None:
+            return None
+        out.append(Number(float(found[1]), at + found.start(1), at + found.end(1)))
+        k, more = found.end(), found[2] == ","
+    return out
+
+
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the mark of a job; empty where it names none, None without mark.
+
+    Raises
+    ------
+    ProgramError
+        If this is no text.
+    """
+    listing = Listing([(source, data)], "Yaskawa INFORM")
+    return _mark_in([line for line in _LINE.findall(listing.text) if line.lstrip().startswith("'")])
+
+
+def _mark_in(comments: Sequence[str]) -> str | None:
+    return mark_in([" ".join(text.strip(" \t'") for text in comments)])
+
+
+LONGEST = 30
+"""Characters of a comment that all controllers take."""
+LONGEST_WAIT_S = 600.0
+
+
+def write_moves(moves: Moves) -> dict[str, str]:
+    """``PLAN.JBI``: positions in pulses and ``MOVJ`` to them.
+
+    Raises
+    ------
+    ProgramError
+        If the pulses per degree are not known.
+    """
+    if not moves.pulses:
+        raise ProgramError("a Yaskawa job holds pulses: give the pulses per degree of the six joints (--pulses)")
+    pulses = np.rint(moves.degrees(YASKAWA) * np.array(moves.pulses)).astype(np.int64)
+    points = [f"C{k:05d}={','.join(map(str, row))}" for k, row in enumerate(pulses.tolist())]
+    lines = [f"'{note(text, LONGEST)}" for text in moves.head]
+    for k, move in enumerate(moves.moves):
+        lines += [f"'{note(move.comment, LONGEST)}"] if move.comment else []
+        lines.append(f"MOVJ C{k:05d} VJ={move.percent:.2f} PL=0")
+        waits = [LONGEST_WAIT_S] * int(move.wait_s // LONGEST_WAIT_S) + [move.wait_s % LONGEST_WAIT_S]
+        lines += [f"TIMER T={seconds:.2f}" for seconds in waits if seconds]
+    head = ["/JOB", "//NAME PLAN", "//POS", f"///NPOS {len(points)},0,0,0,0,0", "///TOOL 0", "///POSTYPE PULSE"]
+    middle = ["//INST", "///DATE 2000/01/01 00:00", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
+    return {"PLAN.JBI": "\r\n".join([*head, "///PULSE", *points, *middle, *lines, "END", ""])}
+
+
+NAME = "Yaskawa INFORM"
+ENDINGS = (".jbi",)
+ROBOTS = r"motoman|yaskawa|(^|_)(gp|hc|mh|ma|ms)\d"
+MAKER = YASKAWA

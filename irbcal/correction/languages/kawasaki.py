@@ -1,0 +1,513 @@
+"""Kawasaki AS: programs with their locations, ``.JOINTS`` (``#name``) and ``.TRANS``.
+
+A transformation names no posture: the arm keeps its own, so the solution is the one next to the stop before. Tools,
+frames and plain numbers stand in ``.TRANS``, too: only what moves alone use is a target. How the controller's base and
+flange are turned against the URDF is told by one pair of joints and pose.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction import orientations
+from irbcal.correction.course import Course, State
+from irbcal.correction.listing import Edit, Listing, Number, mark_in
+from irbcal.correction.maker import Maker
+from irbcal.correction.maker_program import Found, MakerProgram, frame, parts_of
+from irbcal.correction.moves import Moves, note
+from irbcal.correction.program import Given, Note, read_bytes
+from irbcal.correction.text_program import Role
+from irbcal.correction.tokens import Token, Tokens, numbers
+from irbcal.errors import OptionError, ProgramError
+from irbcal.files.controller_frames import ControllerFrames
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.units import DEG, MM
+
+KAWASAKI = Maker(
+    name="AS",
+    orientation=orientations.KAWASAKI,
+    length=MM,
+    angle=DEG,
+    joint=DEG,
+    decimals=(6, 6, 6),
+    axes=("-z", "-x", "+x", "+z", "+x", "+z"),
+    matrix=np.eye(6),
+    world=True,
+    asks_where=True,
+)
+"""No configuration stands in its programs."""
+
+NO_WHERE = (
+    "how the controller's base and flange are turned against the URDF is not known: give joints and pose of one place "
+    "as WHERE shows them, with null tool and null base (--where)"
+)
+FIT_M, FIT_RAD = 1.0 * MM, 0.1 * DEG
+"""By how much a pair of joints and pose may be off."""
+
+
+def ends(arm: Arm, joints: FloatArray, pose: FloatArray) -> ControllerFrames:
+    """The controller's base and flange by one pair of joints and pose.
+
+    They are looked for among quarter turns about z at both ends, with the base at any height: of the six numbers of the
+    pair one is fitted, and the others tell whether that holds.
+
+    Parameters
+    ----------
+    arm : Arm
+    joints : ndarray, shape (6,)
+        As the controller counts them, radians.
+    pose : ndarray, shape (4, 4)
+        What it reports with null tool and null base, metres.
+
+    Raises
+    ------
+    OptionError
+        If no such turns fit the pair, or several do.
+    """
+    T = arm.forward(KAWASAKI.of(arm).joints(joints)[None])[0]
+    good, nearest = [], (np.inf, np.inf)
+    for base, flange in product(range(4), repeat=2):
+        B, F = (frames.from_xyz_angles([0.0, 0.0, 0.0, 0.0, 0.0, k * np.pi / 2]) for k in (base, flange))
+        found = frames.inverse(B) @ T @ F
+        off = found[:3, 3] - pose[:3, 3]
+        B[2, 3] = off[2]
+        angle = float(frames.rotation_distance(found[None, :3, :3], pose[None, :3, :3])[0])
+        away = float(np.linalg.norm(off[:2]))
+        nearest = min(nearest, (away, angle))
+        if away < FIT_M and angle < FIT_RAD:
+            good.append(ControllerFrames(B, F, True, True))
+    if not good:
+        raise OptionError(
+            f"where: this pose is none of {arm.name} at these joints with quarter turns about z at base and flange: "
+            f"the nearest is {nearest[0] / MM:.1f} mm and {nearest[1] / DEG:.2f} degrees off (null tool, null base?)",
+            parameter="where",
+        )
+    if len(good) > 1:
+        raise OptionError(
+            "where: this pair fits several turns: take one with all joints away from 0", parameter="where"
+        )
+    return good[0]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AsProgram(MakerProgram):
+    """Programs and locations of a Kawasaki file as read."""
+
+    def mark(self, fingerprint: str) -> Edit:
+        """A comment line."""
+        newline = self.listing.newline(self.listing.part(max(self.mark_at - 1, 0)))
+        return self.mark_at, self.mark_at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
+
+
+_LINE = re.compile(r"[^\r\n]+")
+_SECTION = re.compile(
+    r"(?:\xef\xbb\xbf)?\.(?:(PROGRAM)[ \t]+([^\s(;]+)|(TRANS|JOINTS)[ \t]*\Z|(END)\b|([A-Z]\w*))", re.I
+)
+_LOCATION = re.compile(r"[ \t]*(#?[A-Za-z_][\w.]*)[ \t]*(?:\[([^\[\]]*)\])?(?=[ \t])")
+_VALUE = re.compile(r"[ \t,]+([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?=[ \t,]|\Z)")
+_TOKEN = re.compile(
+    r"""(?P<space>[ \t]+)
+    |(?P<comment>;.*)
+    |(?P<string>"[^"]*"?)
+    |(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?!\w))
+    |(?P<name>[\#$]?\.?[A-Za-z_][\w.]*)
+    |(?P<symbol>.)""",
+    re.VERBOSE,
+)
+
+
+class Line(NamedTuple):
+    """A statement of a program; the first of each has the program's name and no tokens."""
+
+    start: int
+    tokens: list[Token]
+    program: str
+
+
+@dataclass
+class Sections:
+    """What stands in the files.
+
+    Attributes
+    ----------
+    lines : list of Line
+    comments : list of str
+    locations : dict of str to Found
+        By name and index in lower case, ``#p[1,2]``.
+    names : dict of str to list of str
+        Locations of each name.
+    numbered : dict of str to list of str
+        Locations of each name and index: several where it is given again.
+    begins : list of int
+        Behind the first line of each program.
+    """
+
+    lines: list[Line] = field(default_factory=list)
+    comments: list[str] = field(default_factory=list)
+    locations: dict[str, Found] = field(default_factory=dict)
+    names: dict[str, list[str]] = field(default_factory=dict)
+    numbered: dict[str, list[str]] = field(default_factory=dict)
+    begins: list[int] = field(default_factory=list)
+
+
+def read(listing: Listing) -> Sections:
+    """Read all programs, ``.TRANS`` and ``.JOINTS`` of the files; other sections are passed over."""
+    out = Sections()
+    section = ""
+    for part in listing.parts:
+        section = ""
+        for line in _LINE.finditer(listing.text, part.start, part.end):
+            head = _SECTION.match(line[0])
+            if head is not None and (head[1] or head[3]):
+                section = (head[1] or head[3]).upper()
+                if head[1]:
+                    out.lines.append(Line(line.start(), [], head[2].lower()))
+                    out.begins.append(listing.after_line(line.start()))
+            elif head is not None and head[4]:
+                section = ""
+            elif head is not None and section != "PROGRAM":
+                section = "other"
+            elif section == "PROGRAM":
+                tokens = _tokens(line[0], line.start(), out.comments)
+                out.lines += [Line(line.start(), tokens, "")] if tokens else []
+            elif section in ("TRANS", "JOINTS"):
+                _location(out, line[0], line.start(), section)
+    return out
+
+
+def _tokens(text: str, start: int, comments: list[str]) -> list[Token]:
+    tokens = []
+    for found in _TOKEN.finditer(text):
+        kind = str(found.lastgroup)
+        if kind == "comment":
+            comments.append(found[0])
+        elif kind != "space":
+            word = found[0].lower() if kind == "name" else found[0]
+            tokens.append(Token(kind, word, start + found.start(), start + found.end()))
+    return tokens
+
+
+def _location(out: Sections, text: str, start: int, section: str) -> None:
+    """A line of ``.TRANS`` or ``.JOINTS``."""
+    head = _LOCATION.match(text)
+    if head is None or head[1].startswith("#") != (section == "JOINTS"):
+        return
+    numbers: list[Number] = []
+    at = head.end()
+    while (value := _VALUE.match(text, at)) is not None:
+        numbers.append(Number(float(value[1]), start + value.start(1), start + value.end(1)))
+        at = value.end()
+    key = plain = keyed(head[1], head[2])
+    shown = text[head.start(1) : head.end()].strip()
+    whole = len(numbers) >= 6 and not text[at:].strip()
+    empty = [Number(0.0, start, start)] * 6
+    one = Found(shown, "joint" if section == "JOINTS" else "pose", start, numbers[:6] if whole else empty)
+    if not whole:
+        one.reasons.append("its six numbers are not understood")
+    if len(numbers) > 6:
+        one.external = "JT7"
+    if key in out.locations:
+        for other in (one, out.locations[key]):
+            other.reasons.append("there are two of this name")
+        key = f"{key} (again in line {start})"
+    out.locations[key] = one
+    out.names.setdefault(head[1].lower(), []).append(key)
+    out.numbered.setdefault(plain, []).append(key)
+
+
+def keyed(name: str, index: str | None) -> str:
+    """Name and index of a location as they are looked up."""
+    return name.lower() if index is None else f"{name.lower()}[{''.join(index.split())}]"
+
+
+def split(tokens: Tokens) -> list[Tokens]:
+    """Tokens between commas that stand in no brackets."""
+    out: list[Tokens] = []
+    depth, begin = 0, 0
+    for k, token in enumerate(tokens):
+        depth += (token.word in ("(", "[")) - (token.word in (")", "]"))
+        if depth == 0 and token.word == ",":
+            out.append(tokens[begin:k])
+            begin = k + 1
+    return [*out, tokens[begin:]]
+
+
+MOVES = ("jmove", "lmove", "hmove", "xmove", "c1move", "c2move")
+BLOCKS = ("joint", "linear", "linear2", "cir1", "cir2")
+"""Steps of teach programs, which end with their joints."""
+RELATIVE = ("jappro", "lappro", "jdepart", "ldepart", "draw", "tdraw", "drive", "align", "home", "home2")
+POSTURES = ("lefty", "righty", "above", "below", "uwrist", "dwrist")
+NULL = "null"
+LISTS = ("()", "[]")
+_BEGIN = re.compile(
+    rb"(?:\A(?:\xef\xbb\xbf)?|[\r\n])\.(?:PROGRAM[ \t]|(?:TRANS|JOINTS)[ \t]*(?:[\r\n]|\Z))", re.IGNORECASE
+)
+
+
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like one of a Kawasaki controller."""
+    return _BEGIN.search(data) is not None
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[AsProgram]:
+    """Read Kawasaki files for an arm: all are one program; see `irbcal.correction.languages.Language`."""
+    KAWASAKI.check(arm, str(files[0]))
+    return [parse(arm, [(str(file), read_bytes(file)) for file in files], given)]
+
+
+def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> AsProgram:
+    """Read Kawasaki AS from the names and contents of files.
+
+    Raises
+    ------
+    ProgramError
+        If this is none, or a tool or base that is needed is not known.
+    OptionError
+        If the pair of joints and pose does not fit the arm.
+    """
+    listing = Listing(files, "Kawasaki AS")
+    for part in listing.parts:
+        if not looks_like(listing.text[part.start : part.end].encode("latin-1")):
+            raise ProgramError("expected a Kawasaki file with .PROGRAM, .TRANS or .JOINTS", file=part.name)
+    sections = read(listing)
+    reader = _Reader(listing, sections)
+    for line in sections.lines:
+        reader.take(line)
+    reader.conclude()
+    found = sorted([*sections.locations.values(), *reader.literals], key=lambda one: one.start)
+    if given.where is None:
+        for one in found:
+            one.reasons += [NO_WHERE] if one.kind == "pose" and one.uses else []
+    else:
+        given = given._replace(controller=ends(arm, *given.where))
+    order = reader.course.order({id(one): k for k, one in enumerate(found)})
+    eye = {NULL: frames.transform()}
+    tools, bases = ({**reader.frames(), **eye} for _ in range(2))
+    return AsProgram(
+        **parts_of(KAWASAKI.of(arm), arm, listing, found, order, given, tools, bases, listing.parts[0].name),
+        uncorrected=tuple(reader.course.uncorrected),
+        notes=_notes(listing, found),
+        fingerprint=mark_in(sections.comments),
+        mark_at=sections.begins[0] if sections.begins else len(listing.text),
+    )
+
+
+def _notes(listing: Listing, found: Sequence[Found]) -> tuple[Note, ...]:
+    moved = next((one for one in found if one.external and one.uses), None)
+    if moved is None:
+        return ()
+    text = f"{moved.name} has other axes: where they carry the robot or the work, its place is another"
+    return (Note(listing.line(moved.start), text),)
+
+
+class _Reader:
+    """Follows the programs."""
+
+    def __init__(self, listing: Listing, sections: Sections) -> None:
+        self.listing, self.sections = listing, sections
+        self.course = Course(listing)
+        self.literals: list[Found] = []
+        self._literal_frames: dict[str, FloatArray] = {}
+        self._bad = {key for key, one in sections.locations.items() if one.reasons}
+        self._framed: dict[str, str] = {}
+        self._quiet = _quiet(sections.lines)
+
+    def take(self, line: Line) -> None:
+        """Take one line."""
+        if line.program:
+            self.course.restart()
+            return
+        tokens = self._without_label(line.tokens)
+        if not tokens:
+            return
+        word, rest, at = tokens[0].word, tokens[1:], tokens[0].start
+        if word in MOVES:
+            self._move(word, rest, at)
+        elif word in BLOCKS and any(token.word == "#" for token in rest):
+            first = next(k for k, token in enumerate(rest) if token.word == "#")
+            self._mention(rest[:first], at)
+            self._go(word, rest[first:], at, "via" if word == "cir1" else "to")
+        elif word in ("tool", "base"):
+            self._frame(word, rest, at)
+        elif word in RELATIVE:
+            self.course.left(at, word.upper(), self.listing.quote(at, tokens[-1].end), "it moves by a distance")
+            self.course.stop(None, at)
+            self._mention(rest, at)
+        else:
+            self._flow(word, tokens, at)
+            self._mention(tokens, at)
+
+    def _without_label(self, tokens: Tokens) -> Tokens:
+        """The statement behind a label; behind one nothing is known."""
+        named = len(tokens) > 1 and tokens[1].word == ":" and tokens[0].word not in ("any", "else")
+        if tokens[0].kind != "number" and not named:
+            return tokens
+        why = f"the label in line {self.listing.line(tokens[0].start)} is jumped to"
+        self.course.forget()
+        self.course.state = State(None, None, why)
+        return tokens[2 if named else 1 :]
+
+    def _flow(self, word: str, tokens: Tokens, at: int) -> None:
+        words = [token.word for token in tokens if token.kind == "name"]
+        if word in ("if", "while", "for", "do", "case", "scase"):
+            if word != "if" or words[-1] == "then":
+                self.course.open(word in ("while", "for", "do"))
+        elif word in ("else", "elseif", "value", "svalue", "any"):
+            self.course.alternative()
+        elif word in ("end", "until"):
+            self.course.close(at)
+        elif word in POSTURES or word in ("return", "goto", "here", "point"):
+            self.course.forget()
+        if "call" in words or word in ("gosub", "on", "oni", "pcexecute"):
+            callee = words[words.index("call") + 1 :][:1] if "call" in words else []
+            self.course.forget()
+            if not callee or callee[0] not in self._quiet:
+                why = f"what is called in line {self.listing.line(at)} may set the tool or base"
+                self.course.state = State(None, None, why)
+        elif "goto" in words:
+            self.course.forget()
+
+    def _move(self, word: str, rest: Tokens, at: int) -> None:
+        till = next((k for k, token in enumerate(rest) if token.word == "till"), len(rest))
+        points = split(rest[:till])
+        for other in [*points[1:], rest[till:]]:
+            self._mention(other, at)
+        self._go(word, points[0], at, "via" if word == "c1move" else "to")
+        if word == "xmove":  # a signal may stop it on the way
+            self.course.forget()
+
+    def _go(self, word: str, point: Tokens, at: int, role: Role) -> None:
+        """Use the target of a move."""
+        goals, reason = self._goals(point, f"of {word.upper()} in line {self.listing.line(at)}")
+        if not goals:
+            text = self.listing.quote(point[0].start, point[-1].end) if point else ""
+            self.course.left(at, word.upper(), text, reason)
+            self._mention(point, at)
+        for one in goals:
+            self.course.use(one, at, word.upper(), role)
+        if role == "to":
+            self.course.stop(goals[0] if len(goals) == 1 else None, at)
+
+    def _goals(self, tokens: Tokens, name: str) -> tuple[list[Found], str]:
+        """The locations that an argument names, all of an array where its index is computed."""
+        named = self._named(tokens)
+        if named is not None:
+            keys = named
+            return [self.sections.locations[key] for key in keys], "" if keys else "it is not in these files"
+        head = tokens[0].word if tokens else ""
+        joint = head in ("#ppoint", "#")
+        values = numbers(tokens[1:], LISTS) if joint or head == "trans" else None
+        if values is None or len(values) < 6 or (len(values) > 6 and not joint):
+            return [], "its target is computed"
+        found = Found(name, "joint" if joint else "pose", tokens[0].start, values[:6])
+        found.external = "JT7" if len(values) > 6 else ""
+        self.literals.append(found)
+        return [found], ""
+
+    def _named(self, tokens: Tokens) -> list[str] | None:
+        """Keys of the locations that a name with or without index stands for; None where it is something else."""
+        if not tokens or tokens[0].kind != "name" or tokens[0].word in ("trans", "#ppoint", NULL):
+            return None
+        inside = tokens[2:-1]
+        indexed = len(tokens) > 3 and tokens[1].word == "[" and tokens[-1].word == "]"
+        if len(tokens) > 1 and (not indexed or any(token.word in ("[", "]") for token in inside)):
+            return None
+        name = tokens[0].word
+        if len(tokens) > 1 and not all(token.kind == "number" or token.word == "," for token in inside):
+            return self.sections.names.get(name, [])
+        key = keyed(name, "".join(token.word for token in inside) if len(tokens) > 1 else None)
+        return self.sections.numbered.get(key, [])
+
+    def _frame(self, word: str, rest: Tokens, at: int) -> None:
+        """``TOOL`` and ``BASE``."""
+        set_to = self.course.tool if word == "tool" else self.course.frame
+        line = self.listing.line(at)
+        values = numbers(rest[1:], LISTS) if rest and rest[0].word == "trans" else None
+        if values is not None and len(values) == 6:
+            name = f"of line {line}"
+            self._literal_frames[name] = frame(KAWASAKI, [value.value for value in values])
+            set_to(name)
+        elif len(rest) == 1 and rest[0].word == NULL:
+            set_to(NULL)
+        else:
+            index = rest[2:-1]
+            plain = self._named(rest) is not None and all(t.kind == "number" or t.word == "," for t in index)
+            inside = "".join(token.word for token in index) if len(rest) > 1 else None
+            key = keyed(rest[0].word, inside) if plain else None
+            set_to(key, f"{word.upper()} in line {line} is computed")
+            if key is None:
+                self._mention(rest, at)
+            else:
+                self._framed[key] = f"line {line} uses it in another way"
+
+    def _mention(self, tokens: Tokens, at: int) -> None:
+        """Names that something else than a move uses."""
+        for token in tokens:
+            for key in self.sections.names.get(token.word, ()) if token.kind == "name" else ():
+                used = f"line {self.listing.line(at)} uses it in another way"
+                self.sections.locations[key].reasons.append(used)
+                self._bad.add(key)
+
+    def frames(self) -> dict[str, FloatArray]:
+        """Transformations that may serve as tool or base: those that nothing changes."""
+        own = {
+            key: frame(KAWASAKI, [number.value for number in one.numbers])
+            for key, one in self.sections.locations.items()
+            if one.kind == "pose" and key not in self._bad
+        }
+        return {**own, **self._literal_frames}
+
+    def conclude(self) -> None:
+        """Tell the targets that are a tool or base as well."""
+        for key, why in self._framed.items():
+            one = self.sections.locations.get(key)
+            if one is not None and one.uses:
+                one.reasons.append(why)
+
+
+def _quiet(lines: Sequence[Line]) -> set[str]:
+    """Programs that set no tool or base and call none."""
+    words: dict[str, set[str]] = {}
+    name = ""
+    for line in lines:
+        name = line.program or name
+        words.setdefault(name, set()).update(token.word for token in line.tokens if token.kind == "name")
+    loud = {"tool", "base", "call", "gosub", "on", "oni"}
+    return {name for name, inside in words.items() if not inside & loud}
+
+
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the mark of a Kawasaki file; empty where it names none, None without mark.
+
+    Raises
+    ------
+    ProgramError
+        If this is no text.
+    """
+    return mark_in(read(Listing([(source, data)], "Kawasaki AS")).comments)
+
+
+def write_moves(moves: Moves) -> dict[str, str]:
+    """``plan.pg``: joints as ``#plan1`` … and ``JMOVE`` to them."""
+    lines = [".PROGRAM plan()", *(f"; {note(text)}" for text in moves.head), "  ACCURACY 1 ALWAYS"]
+    for number, move in enumerate(moves.moves, start=1):
+        lines += [f"; {note(move.comment)}"] if move.comment else []
+        lines += [f"  SPEED {move.percent}", f"  JMOVE #plan{number}", "  BREAK"]
+        lines += [f"  TWAIT {move.wait_s:.1f}"] if move.wait_s else []
+    points = [f"#plan{number} {' '.join(joints)}" for number, joints in enumerate(moves.texts(KAWASAKI), start=1)]
+    return {"plan.pg": "\r\n".join([*lines, ".END", ".JOINTS", *points, ".END", ""])}
+
+
+NAME = "Kawasaki AS"
+ENDINGS = (".as", ".pg")
+ROBOTS = r"kawasaki|khi|(^|_)rs\d{3}"
+MAKER = KAWASAKI

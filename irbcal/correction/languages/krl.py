@@ -1,0 +1,951 @@
+"""KUKA KRL programs: a routine's ``.src`` with the ``.dat`` of the same name, and ``$config.dat`` where it is given.
+
+Targets are values in numbers of ``E6POS``, ``POS``, ``E6AXIS``, ``AXIS`` and ``FRAME``, in declarations, in assignments
+and inside moves. Where a component is missing the value before stays, so that such a target has no pose of its own.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction import orientations
+from irbcal.correction.course import Course, State
+from irbcal.correction.listing import BOM, Edit, Listing, Number, mark_in
+from irbcal.correction.maker import Maker, Posture
+from irbcal.correction.maker_program import Found, MakerProgram, frame, parts_of
+from irbcal.correction.moves import Moves, note
+from irbcal.correction.program import Given, Note, read_bytes
+from irbcal.correction.text_program import Role, Target
+from irbcal.correction.tokens import Token
+from irbcal.errors import ProgramError
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.units import DEG, MM
+
+KUKA = Maker(
+    name="KRL",
+    orientation=orientations.KUKA,
+    length=MM,
+    angle=DEG,
+    joint=DEG,
+    decimals=(6, 6, 6),
+    axes=("-z", "+y", "+y", "-x", "+y", "-x"),
+    matrix=np.eye(6),
+    reference=(0.0, -90.0, 90.0, 0.0, 0.0, 0.0),
+)
+"""The reference stands upright with the forearm forward, S = 2: its elbow bit is set."""
+
+_STATUS = 7
+
+
+def integer(text: str) -> int | None:
+    """Value of S or T: a whole number, or bits or hexadecimal digits in quotes; None for anything else."""
+    text = text.strip()
+    if re.fullmatch(r"\d{1,9}", text):
+        return int(text)
+    bits = re.fullmatch(r"'B([01]{1,32})'", text, re.IGNORECASE)
+    if bits:
+        return int(bits[1], 2)
+    digits = re.fullmatch(r"'H([0-9A-F]{1,8})'", text, re.IGNORECASE)
+    return int(digits[1], 16) if digits else None
+
+
+def like(old: str, value: int) -> str:
+    """A whole number in the form of another one."""
+    if old[:2].upper() == "'B":
+        return f"{old[:2]}{value:0{len(old) - 3}b}'"
+    if old[:2].upper() == "'H":
+        return f"{old[:2]}{value:0{len(old) - 3}X}'"
+    return str(value)
+
+
+def posture_of(status: int, turn: int) -> Posture:
+    """What S and T mean; bits 3 and above of S say nothing of joints."""
+    negative = [bool(turn >> k & 1) for k in range(6)]
+    low = tuple(-np.inf if minus else 0.0 for minus in negative)
+    high = tuple(0.0 if minus else np.inf for minus in negative)
+    return Posture(bool(status & 1), not status & 2, -1 if negative[4] else 1, low, high)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class KrlProgram(MakerProgram):
+    """A KRL program as read."""
+
+    def mark(self, fingerprint: str) -> Edit:
+        """A comment line."""
+        newline = self.listing.newline(self.listing.part(self.mark_at))
+        return self.mark_at, self.mark_at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
+
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
+        """S and T of joints."""
+        turn = sum(1 << k for k in range(6) if joints[k] < 0)
+        return posture_of(int(back) | (0 if bent else 2), turn)
+
+    def posture_edits(self, target: Target, posture: Posture) -> list[Edit]:
+        """New text of S and T; upper bits of S stay."""
+        out: list[Edit] = []
+        for k, (start, end) in enumerate(target.configuration_spans):
+            old = self.text[start:end]
+            value = integer(old) or 0
+            if k == 0:
+                wrist = 4 if (posture.wrist or 0) < 0 else 0
+                new = (value & ~_STATUS) | (1 if posture.back else 0) | (0 if posture.bent else 2) | wrist
+            else:
+                new = (value & ~0b111111) | sum(1 << i for i in range(6) if posture.high[i] == 0.0)
+            if new != value:
+                out.append((start, end, like(old, new)))
+        return out
+
+
+TOKEN = re.compile(
+    r"""(?P<space>[ \t\f\v]+)
+    |(?P<comment>;[^\r\n]*)
+    |(?P<newline>\r\n|\n|\r)
+    |(?P<string>"[^"\r\n]*")
+    |(?P<bits>'[^'\r\n]*')
+    |(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?(?![A-Za-z_$]))
+    |(?P<name>[$\#]?[A-Za-z_$\x80-\xff][\w$\x80-\xff]*)
+    |(?P<symbol>==|<>|<=|>=|[-+*/=<>()\[\]{},:.&@?])
+    |(?P<other>.)""",
+    re.VERBOSE | re.DOTALL,
+)
+
+
+END = Token("end", "", 0, 0)
+
+
+class Line:
+    """The tokens of a line and a place among them.
+
+    Attributes
+    ----------
+    tokens : list of Token
+    part : int
+        Number of the file.
+    at : int
+        The token that comes next.
+    """
+
+    def __init__(self, tokens: list[Token], part: int) -> None:
+        self.tokens, self.part, self.at = tokens, part, 0
+
+    @property
+    def next(self) -> Token:
+        """The token that comes next; `END` behind the last."""
+        return self.tokens[self.at] if self.at < len(self.tokens) else END
+
+    def word(self, ahead: int = 0) -> str:
+        """Text of a token that comes; empty behind the last."""
+        k = self.at + ahead
+        return self.tokens[k].word if 0 <= k < len(self.tokens) else ""
+
+    def take(self, *words: str) -> bool:
+        """Whether the next token is one of these words; it is taken then."""
+        if self.word() in words and self.next is not END:
+            self.at += 1
+            return True
+        return False
+
+    @property
+    def start(self) -> int:
+        """Where the line's first token stands."""
+        return self.tokens[0].start
+
+    @property
+    def end(self) -> int:
+        """Behind its last token."""
+        return self.tokens[-1].end
+
+    def number(self) -> Number | None:
+        """A number with its sign, taken; None where there is none."""
+        k = self.at
+        minus = 0
+        while self.word() in ("-", "+"):
+            minus += self.word() == "-"
+            self.at += 1
+        token = self.next
+        if token.kind != "number" or self.at - k > 1:
+            self.at = k
+            return None
+        self.at += 1
+        start = self.tokens[k].start
+        return Number(-float(token.word) if minus else float(token.word), start, token.end)
+
+    def index(self) -> tuple[int, ...] | None:
+        """A whole index in brackets, taken, empty where there is none; None where it is computed (and taken, too)."""
+        if not self.take("["):
+            return ()
+        out: list[int] = []
+        good = True
+        depth = 1
+        while depth and self.next is not END:
+            token = self.next
+            self.at += 1
+            depth += (token.word == "[") - (token.word == "]")
+            if token.kind == "number" and token.word.isdecimal() and len(token.word) < 9:
+                out.append(int(token.word))
+            elif token.word not in ("]", ","):
+                good = False
+        return tuple(out) if good and out else None
+
+
+def lines_of(listing: Listing) -> tuple[list[Line], list[str]]:
+    """Lines with their tokens, without comments, and the comments.
+
+    Raises
+    ------
+    ProgramError
+        If a string is not closed in its line.
+    """
+    lines: list[Line] = []
+    comments: list[str] = []
+    for number, part in enumerate(listing.parts):
+        tokens: list[Token] = []
+        start = part.start + (len(BOM) if listing.text.startswith(BOM, part.start, part.end) else 0)
+        for found in TOKEN.finditer(listing.text, start, part.end):
+            kind = str(found.lastgroup)
+            if kind == "newline":
+                if tokens:
+                    lines.append(Line(tokens, number))
+                tokens = []
+            elif kind == "comment":
+                comments.append(found[0])
+            elif kind == "other" and found[0] in "\"'":
+                raise listing.error(found.start(), "the string is not closed in its line")
+            elif kind != "space":
+                tokens.append(Token(kind, found[0].lower(), found.start(), found.end()))
+        if tokens:
+            lines.append(Line(tokens, number))
+    return lines, comments
+
+
+def names_in(tokens: Sequence[Token]) -> list[Token]:
+    """The names among tokens."""
+    return [token for token in tokens if token.kind == "name"]
+
+
+TYPES = ("pos", "e6pos", "axis", "e6axis", "frame", "fdat")
+POSE, JOINTS = ("x", "y", "z", "a", "b", "c"), ("a1", "a2", "a3", "a4", "a5", "a6")
+DECLARING = ("decl", "global", "const", "public")
+PLAIN = ("int", "real", "bool", "char", "signal", "struc", "enum", "ext", "extfct", "import", "load", "trigger_para")
+
+Index: TypeAlias = tuple[int, ...]
+Key: TypeAlias = tuple[str, str]
+"""File of the module (a stem in lower case, empty for global data) and name."""
+
+
+class Value(NamedTuple):
+    """A component of an aggregate: its number (or None) and where its text stands."""
+
+    number: Number | None
+    text: str
+    start: int
+    end: int
+
+
+class Aggregate(NamedTuple):
+    """Components in braces, by their names in lower case, and the type that the braces name."""
+
+    type: str
+    values: dict[str, Value]
+    start: int
+    end: int
+
+
+class Variable:
+    """What a name stands for.
+
+    Attributes
+    ----------
+    spelling, type : str
+    entries : list of (tuple of int, Aggregate)
+        Literal values and their indices.
+    changes : list of int
+        Where it gets another value.
+    found : dict of tuple of int to Found
+        Its targets.
+    """
+
+    def __init__(self, spelling: str, type_name: str, part: int) -> None:
+        self.spelling, self.type, self.part = spelling, type_name, part
+        self.entries: list[tuple[Index, Aggregate]] = []
+        self.changes: list[int] = []
+        self.found: dict[Index, Found] = {}
+
+
+def aggregate(line: Line, listing: Listing) -> Aggregate | None:
+    """Components in braces that begin with the next token, taken; None, and nothing taken, where there are none."""
+    if line.word() != "{":
+        return None
+    begin, start = line.at, line.next.start
+    line.at += 1
+    name = ""
+    if line.next.kind == "name" and line.word(1) == ":":
+        name = line.word()
+        line.at += 2
+    values: dict[str, Value] = {}
+    while line.next is not END and line.word() != "}":
+        if line.next.kind != "name":
+            line.at = begin
+            return None
+        key = line.word()
+        line.at += 1
+        line.index()
+        first = line.next
+        number = line.number()
+        last = line.tokens[line.at - 1]
+        if line.word() not in (",", "}"):
+            number = None
+            last = _skip(line)
+        values.setdefault(key, Value(number, listing.text[first.start : last.end], first.start, last.end))
+        line.take(",")
+    if line.next is END:
+        line.at = begin
+        return None
+    end = line.next.end
+    line.at += 1
+    return Aggregate(name, values, start, end)
+
+
+def _skip(line: Line) -> Token:
+    """The last token before the next comma or brace outside brackets; all up to it taken."""
+    depth = 0
+    last = line.next
+    while line.next is not END and (depth or line.word() not in (",", "}")):
+        depth += (line.word() in "([{") - (line.word() in ")]}")
+        last = line.next
+        line.at += 1
+    return last
+
+
+def target(name: str, type_name: str, one: Aggregate, listing: Listing) -> tuple[Found | None, str]:
+    """The target that an aggregate is, or why it is none."""
+    kind = type_name or one.type
+    joint = kind in ("axis", "e6axis") or (not kind and "a1" in one.values)
+    names = JOINTS if joint else POSE
+    missing = [key.upper() for key in names if key not in one.values]
+    if missing:
+        return None, f"it has no {missing[0]}, so that the value before stays"
+    numbers = [one.values[key].number for key in names]
+    plain = [number for number in numbers if number is not None]
+    if len(plain) < 6:
+        return None, "some of its numbers are computed"
+    found = Found(name, "joint" if joint else "pose", one.start, plain)
+    external = [key for key in one.values if key[0] == "e" and key[1:].isdecimal()]
+    found.external = ", ".join(listing.quote(one.values[key].start, one.values[key].end) for key in external)
+    if not joint and "s" in one.values and "t" in one.values:
+        status, turn = integer(one.values["s"].text), integer(one.values["t"].text)
+        if status is None or turn is None:
+            found.reasons.append("its S or T is no number")
+        else:
+            found.posture = posture_of(status, turn)
+            if found.posture.wrist != (-1 if status & 4 else 1):
+                found.reasons.append("its S and T contradict one another about the sign of A5")
+            found.posture_spans = tuple((one.values[key].start, one.values[key].end) for key in ("s", "t"))
+    return found, ""
+
+
+class Data:
+    """All variables of a program.
+
+    Attributes
+    ----------
+    variables : dict of Key to Variable
+    """
+
+    def __init__(self, listing: Listing, stems: list[str]) -> None:
+        self.listing, self.stems = listing, stems
+        self.variables: dict[Key, Variable] = {}
+
+    def lookup(self, part: int, name: str) -> Variable | None:
+        """The variable that a name stands for in a file."""
+        return self.variables.get((self.stems[part], name)) or self.variables.get(("", name))
+
+    def declaration(self, line: Line) -> bool:
+        """Take a declaration; whether the line is one."""
+        begin = line.at
+        public = False
+        while line.word() in DECLARING:
+            public |= line.word() in ("global", "public")
+            line.at += 1
+        kind = line.word()
+        named = line.next.kind == "name" and (line.tokens[line.at + 1 : line.at + 2] or [END])[0].kind == "name"
+        if not named or (kind not in TYPES and line.at == begin and kind not in PLAIN):
+            line.at = begin
+            return False
+        line.at += 1
+        shared = public or self.stems[line.part].startswith("$")
+        while line.next.kind == "name":
+            token = line.next
+            line.at += 1
+            spelling = self.listing.text[token.start : token.end]
+            index = line.index()
+            variable = Variable(spelling, kind, line.part)
+            self.variables.setdefault(("" if shared else self.stems[line.part], token.word), variable)
+            if line.take("="):
+                self.value(variable, () if index is None else index, line)
+            if not line.take(","):
+                break
+        return True
+
+    def value(self, variable: Variable, index: Index | None, line: Line) -> None:
+        """A value of a variable: components in numbers, or something else."""
+        at = line.next.start if line.next is not END else line.end
+        one = aggregate(line, self.listing)
+        if one is None or index is None or line.word() not in ("", ","):
+            variable.changes.append(at)
+        else:
+            variable.entries.append((index, one))
+
+    def collect(self) -> None:
+        """Make targets of all literal values."""
+        for variable in self.variables.values():
+            if variable.type not in ("pos", "e6pos", "axis", "e6axis", "frame"):
+                continue
+            for index, one in variable.entries:
+                inside = ",".join(str(k) for k in index)
+                name = variable.spelling + (f"[{inside}]" if index else "")
+                found, _ = target(name, variable.type, one, self.listing)
+                if found is not None and index in variable.found:
+                    variable.changes.append(one.start)
+                elif found is not None:
+                    variable.found[index] = found
+                else:
+                    variable.changes.append(one.start)
+
+
+MOVES = {name.lower(): name for name in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL")}
+RELATIVE = {name.lower(): name for name in ("PTP_REL", "LIN_REL", "CIRC_REL", "SPTP_REL", "SLIN_REL", "SCIRC_REL")}
+OPEN = ("if", "switch", "spline", "ptp_spline")
+LOOPS = ("for", "while", "repeat", "loop")
+ALTERNATIVE = ("else", "case", "default")
+CLOSE = ("endif", "endswitch", "endfor", "endwhile", "until", "endloop")
+ROUTINE = ("def", "deffct", "defdat", "end", "endfct", "enddat")
+NULLFRAME = "0"
+KNOWN = ("wait", "continue", "bas", "pulse", "halt", "return", "ini", "user_msg")
+TAKES_FDAT = ("#frames", "#ptp_params", "#cp_params")
+"""Commands of ``BAS`` that set tool and base from ``FDAT_ACT``."""
+NO_FRAMES = (
+    "#acc_cp",
+    "#acc_glue",
+    "#acc_ptp",
+    "#vel_cp",
+    "#vel_ptp",
+    "#cp_dat",
+    "#ptp_dat",
+    "#group",
+    "#out_sync",
+    "#out_async",
+)
+"""Commands of ``BAS`` that leave tool and base."""
+FIXED_TOOL = "the tool is fixed and the part on the robot (#TCP)"
+
+
+class Statements:
+    """Follows the lines of routines.
+
+    Parameters
+    ----------
+    listing : Listing
+    data : Data
+        With its targets collected.
+
+    Attributes
+    ----------
+    course : Course
+    literals : list of Found
+        Targets inside moves.
+    tools, frames : dict of str to ndarray, shape (4, 4)
+        Of the names that the program gives values to.
+    notes : list of (int, str)
+    """
+
+    def __init__(self, listing: Listing, data: Data) -> None:
+        self.listing, self.data = listing, data
+        self.course = Course(listing)
+        self.literals: list[Found] = []
+        self.tools: dict[str, FloatArray] = {}
+        self.frames: dict[str, FloatArray] = {}
+        self.notes: list[tuple[int, str]] = []
+        self._fdat: State | None = None
+        self._fdat_taken = True
+        self._before_spline = State()
+        self._called = False
+        self._mentioned: list[tuple[Token, int]] = []
+
+    def statement(self, line: Line) -> None:
+        """Take one line."""
+        word = line.word()
+        if word in MOVES:
+            self._move(line, MOVES[word])
+        elif word in RELATIVE:
+            self.course.left(line.start, RELATIVE[word], self._rest(line, 1), "its target is relative")
+            self.course.stop(None, line.start)
+            self._mention(line.tokens[1:], line.part)
+        elif word in ROUTINE:
+            self.course.restart()
+            self._forget_fdat()
+        elif word in (*OPEN, *LOOPS):
+            self._mention(line.tokens, line.part)
+            if word in ("spline", "ptp_spline"):
+                self._before_spline = self.course.state
+                self._with(line, self.course.state, lasting=True)
+            else:
+                self.course.open(word in LOOPS)
+                self._forget_fdat()
+        elif word in ALTERNATIVE:
+            self.course.alternative()
+            self._forget_fdat()
+        elif word in CLOSE:
+            self.course.close(line.start)
+            self._forget_fdat()
+        elif word == "endspline":
+            if self.course.state != self._before_spline:
+                why = f"the spline block that ends in line {self.listing.line(line.start)} has its own tool or base"
+                self.course.state = State(None, None, why)
+        elif word in ("goto", "interrupt", "return", "halt") or (line.word(1) == ":" and len(line.tokens) == 2):
+            self.course.forget()
+            if line.word(1) == ":" and len(line.tokens) == 2:
+                self.course.state = State(None, None, f"the label in line {self.listing.line(line.start)} is jumped to")
+                self._forget_fdat()
+        elif word == "bas" and line.word(1) == "(":
+            self._bas(line)
+        else:
+            self._assignment(line)
+
+    def _bas(self, line: Line) -> None:
+        """What ``BAS`` does to tool and base, as KUKA's bas.src has it.
+
+        ``#FRAMES``, ``#PTP_PARAMS`` and ``#CP_PARAMS`` set both from ``FDAT_ACT``; ``#INITMOV`` sets both to what the
+        version of the controller says, so that they count as those before the first of the program.
+        """
+        command, n = line.word(2), line.word(4)
+        plain = n if n.isdecimal() and line.word(5) == ")" else None
+        where = self.listing.line(line.start)
+        computed = f"BAS in line {where} computes the tool or base"
+        if command == "#tool":
+            self.course.tool(plain, computed)
+        elif command == "#base":
+            self.course.frame(plain, computed)
+        elif command == "#ex_base":
+            self.course.frame(None, f"BAS in line {where} ties the base to an external axis")
+        elif command in TAKES_FDAT:
+            why = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"
+            self.course.state = self._fdat or State(None, None, why)
+            self._fdat_taken = True
+        elif command == "#initmov":
+            self.course.state = State()
+        elif command not in NO_FRAMES:
+            self.course.state = State(None, None, computed)
+
+    def _forget_fdat(self) -> None:
+        """``FDAT_ACT`` may have another value from here on."""
+        self._fdat, self._fdat_taken = None, True
+
+    def _checked_fdat(self, state: State) -> State:
+        """Tool and base of a move; unknown where ``FDAT_ACT`` names others and no ``BAS`` has taken it."""
+        fdat = self._fdat
+        if fdat is None or self._fdat_taken or (fdat.tool, fdat.frame) == (state.tool, state.frame):
+            return state
+        names = f"tool {fdat.tool} and base {fdat.frame}"
+        return State(None, None, fdat.why or f"FDAT_ACT names {names}, but no BAS sets them before the move")
+
+    def _of_fdat(self, part: int, name: str) -> State:
+        """Tool and base of the frame data of an inline form."""
+        variable = self.data.lookup(part, name)
+        if variable is None or len(variable.entries) != 1 or variable.changes:
+            return State(None, None, f"the frame data {name.upper()} are not in these files")
+        return self._of_frame_data(variable.entries[0][1], name.upper())
+
+    def _of_frame_data(self, data: Aggregate, name: str) -> State:
+        values = data.values
+        numbers = [values[key].number for key in ("tool_no", "base_no") if key in values]
+        if "ipo_frame" in values and values["ipo_frame"].text.strip().lower() != "#base":
+            return State(None, None, f"{name} says that {FIXED_TOOL}")
+        plain = [str(int(number.value)) for number in numbers if number is not None and number.value % 1 == 0]
+        if len(plain) < 2:
+            return State(None, None, f"the frame data {name} name no tool or base")
+        return State(*plain)
+
+    def _set_fdat(self, line: Line) -> None:
+        """A value of ``FDAT_ACT``: frame data by their name, or in braces."""
+        self._fdat_taken = False
+        in_braces = aggregate(line, self.listing)
+        if in_braces is not None:
+            self._fdat = self._of_frame_data(in_braces, f"in line {self.listing.line(line.start)}")
+        elif line.next.kind == "name" and line.at + 1 == len(line.tokens):
+            self._fdat = self._of_fdat(line.part, line.word())
+        else:
+            self._fdat = State(None, None, f"FDAT_ACT is computed in line {self.listing.line(line.start)}")
+
+    def _assignment(self, line: Line) -> None:
+        """An assignment, or any other statement."""
+        tokens = line.tokens
+        first = line.next
+        if first.kind != "name":
+            self._mention(tokens, line.part)
+            return
+        line.at = 1
+        index = line.index()
+        member = line.word() == "."
+        if not member and line.take("="):
+            self._assigned(line, first, index)
+            return
+        variable = self.data.lookup(line.part, first.word)
+        if member and first.word == "fdat_act":
+            self._fdat = State(None, None, f"a part of FDAT_ACT is set in line {self.listing.line(line.start)}")
+            self._fdat_taken = False
+            return
+        if member and variable is not None and line.word(2) == "=":
+            variable.changes.append(first.start)
+            self._mention(tokens[line.at :], line.part)
+            return
+        self._mention(tokens, line.part)
+        if line.word() == "(" or len(tokens) == 1:
+            self.course.forget()
+            if first.word not in KNOWN and not self._called:
+                self._called = True
+                name = self.listing.quote(first.start, first.end)
+                self.notes.append((first.start, f"{name} is called: it is not followed, and may set tool or base"))
+
+    def _assigned(self, line: Line, first: Token, index: tuple[int, ...] | None) -> None:
+        word = first.word
+        if word in ("$tool", "$base"):
+            name = self._frame_value(line, word == "$tool")
+            why = f"{word.upper()} is computed in line {self.listing.line(first.start)}"
+            (self.course.tool if word == "$tool" else self.course.frame)(name, why)
+            return
+        if word == "$ipo_mode":
+            if any(token.word == "#tcp" for token in line.tokens):
+                self.course.state = State(None, None, FIXED_TOOL)
+            return
+        if word == "fdat_act":
+            self._set_fdat(line)
+            return
+        if word in ("tool_data", "base_data") and index:
+            one = aggregate(line, self.listing)
+            numbers = [one.values[key].number for key in POSE if key in one.values] if one is not None else []
+            plain = [number.value for number in numbers if number is not None]
+            frames = self.tools if word == "tool_data" else self.frames
+            if len(plain) == 6:
+                frames[str(index[0])] = frame(KUKA, plain)
+            return
+        variable = self.data.lookup(line.part, word)
+        if variable is not None:
+            begin = line.at
+            self.data.value(variable, index, line)
+            if variable.changes:
+                self._mention(line.tokens[begin:], line.part)
+        else:
+            self._mention(line.tokens[line.at :], line.part)
+
+    def _frame_value(self, line: Line, tool: bool) -> str | None:
+        """Name of the frame that is assigned to ``$TOOL`` or ``$BASE``; None where it is computed."""
+        frames = self.tools if tool else self.frames
+        at, part = line.next.start, line.part
+        one = aggregate(line, self.listing)
+        if one is not None:
+            numbers = [one.values[key].number for key in POSE if key in one.values]
+            plain = [number.value for number in numbers if number is not None]
+            if len(plain) < 6 or line.word() not in ("", ","):
+                return None
+            name = f"of line {self.listing.line(at)}, column {self.listing.column(at)}"
+            frames[name] = frame(KUKA, plain)
+            return name
+        word = line.word()
+        if line.next.kind != "name":
+            return None
+        line.at += 1
+        if word in ("stool2", "sbase") and line.take("("):
+            name = line.word()
+            depth = 1
+            while depth and line.next is not END:
+                depth += (line.word() == "(") - (line.word() == ")")
+                line.at += 1
+            state = self._of_fdat(part, name)
+            return state.tool if tool else state.frame
+        index = line.index()
+        if line.word() not in ("", ",", "c_spl", "c_ptp", "c_dis", "c_vel", "c_ori") or index is None:
+            return None
+        if word in ("$nullframe", "$world"):
+            return NULLFRAME
+        if word in ("tool_data", "base_data"):
+            return str(index[0]) if len(index) == 1 and (word == "tool_data") is tool else None
+        return self._variable_frame(part, word, index, frames)
+
+    def _variable_frame(
+        self, part: int, word: str, index: tuple[int, ...], frames: dict[str, FloatArray]
+    ) -> str | None:
+        variable = self.data.lookup(part, word)
+        if variable is None:
+            return word
+        found = variable.found.get(index)
+        if found is None or variable.changes or len(variable.entries) != len(variable.found):
+            return None
+        frames[word + str(index or "")] = frame(KUKA, [number.value for number in found.numbers])
+        return word + str(index or "")
+
+    def _with(self, line: Line, state: State, lasting: bool = False) -> State:
+        """Tool and base that ``WITH`` gives a move."""
+        tokens = line.tokens
+        for k, (token, behind) in enumerate(pairwise(tokens)):
+            if token.word in ("$tool", "$base", "$ipo_mode") and behind.word == "=":
+                line.at = k + 2
+                if token.word == "$ipo_mode":
+                    fixed = any(name.word == "#tcp" for name in tokens[k:])
+                    state = State(None, None, FIXED_TOOL) if fixed else state
+                    continue
+                name = self._frame_value(line, token.word == "$tool")
+                why = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
+                new = (name, state.frame) if token.word == "$tool" else (state.tool, name)
+                state = State(*new, why if None in new else state.why)
+        if lasting:
+            self.course.state = state
+        return state
+
+    def _move(self, line: Line, name: str) -> None:
+        """The points of a move."""
+        ends = [k for k, token in enumerate(line.tokens) if token.word == "with"]
+        state = self._checked_fdat(self.course.state)
+        state = self._with(line, state) if ends else state
+        line.at = 1
+        roles: tuple[Role, ...] = ("via", "to") if name in ("CIRC", "SCIRC") else ("to",)
+        goal: Found | None = None
+        for k, role in enumerate(roles):
+            if k and not line.take(","):
+                self.course.left(line.start, name, self._rest(line, 1), "its end point is missing")
+                break
+            found, text, reason = self._point(line, name)
+            if reason:
+                self.course.left(line.start, name, text, reason)
+            for one in found:
+                self.course.use(one, line.start, name, role, state)
+                if reason:
+                    one.reasons.append(reason)
+            goal = found[0] if len(found) == 1 and not reason else None
+        self.course.stop(goal, line.start)
+        rest = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
+        self._mention([token for token in rest if not token.word.startswith("c_")], line.part)
+
+    def _point(self, line: Line, move: str) -> tuple[list[Found], str, str]:
+        """Targets that an argument stands for, its text, and why they are not all or not to be changed."""
+        begin = line.at
+        one = aggregate(line, self.listing)
+        if one is not None and line.word() != ":":
+            name = f"of {move} in line {self.listing.line(one.start)}"
+            found, reason = target(name, "", one, self.listing)
+            text = self.listing.quote(one.start, one.end)
+            if found is None:
+                return [], text, reason
+            self.literals.append(found)
+            return [found], text, ""
+        line.at = begin
+        token = line.next
+        if token.kind != "name":
+            return [], self._rest(line, begin), "its target is computed"
+        line.at += 1
+        index = line.index()
+        text = self._rest(line, begin, line.at)
+        if line.word() in (":", ".", "(", "+", "-"):
+            self._mention(line.tokens[begin:], line.part)
+            line.at = len(line.tokens)
+            return [], self._rest(line, begin), "its target is computed"
+        variable = self.data.lookup(line.part, token.word)
+        if variable is None:
+            return [], text, f"{text} is not declared in these files"
+        if self.data.stems[variable.part].startswith("$"):
+            self.notes.append((token.start, f"{text} stands in a file that other programs share: it is left as it was"))
+            return [], "", ""
+        return self._of_variable(variable, index, text)
+
+    def _of_variable(
+        self, variable: Variable, index: tuple[int, ...] | None, text: str
+    ) -> tuple[list[Found], str, str]:
+        found = [one for at, one in variable.found.items() if index is None or at == index]
+        if variable.changes:
+            line = self.listing.line(variable.changes[0])
+            return found, text, f"{text} is computed, changed or not whole in line {line}"
+        if not found:
+            return [], text, f"{text} has no value in these files"
+        return found, text, ""
+
+    def _mention(self, tokens: list[Token], part: int) -> None:
+        """Note names that are used in another way than as the target of a move."""
+        self._mentioned += [(token, part) for token in names_in(tokens)]
+
+    def conclude(self) -> None:
+        """Tell the targets where they are used in another way than as the target of a move."""
+        for token, part in self._mentioned:
+            variable = self.data.lookup(part, token.word)
+            for found in variable.found.values() if variable is not None else ():
+                found.reasons.append(f"line {self.listing.line(token.start)} uses it in another way")
+
+    def _rest(self, line: Line, begin: int, end: int | None = None) -> str:
+        tokens = line.tokens[begin:end]
+        return self.listing.quote(tokens[0].start, tokens[-1].end) if tokens else ""
+
+
+_BEGIN = re.compile(rb"^[ \t]*(?:GLOBAL[ \t]+)?(DEF|DEFFCT|DEFDAT)\b", re.IGNORECASE | re.MULTILINE)
+
+
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like KRL."""
+    return data.lstrip(b"\xef\xbb\xbf \r\n\t").upper().startswith(b"&ACCESS") or _BEGIN.search(data) is not None
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[KrlProgram]:
+    """Read KRL for an arm: all files are one program; see `irbcal.correction.languages.Language`."""
+    KUKA.check(arm, str(files[0]))
+    files = list(files)
+    for file in [file for file in files if file.suffix.lower() in (".src", ".sub")]:
+        beside = [path for path in sorted(file.parent.glob("*")) if path.name.lower() == file.stem.lower() + ".dat"]
+        files += [path for path in beside if path not in files]
+    return [parse(arm, [(str(file), read_bytes(file)) for file in files], given)]
+
+
+def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given, maker: Maker = KUKA) -> KrlProgram:
+    """Read KRL from the names and contents of files.
+
+    Raises
+    ------
+    ProgramError
+        If this is no KRL, or a tool or base that is needed is not known.
+    """
+    # declarations before routines, so that moves find their targets
+    ordered = sorted(files, key=lambda file: (Path(file[0]).suffix.lower() != ".dat", files.index(file)))
+    maker, listing = maker.of(arm), Listing(ordered, "KUKA KRL")
+    for part in listing.parts:
+        if not looks_like(listing.text[part.start : part.end].encode("latin-1")):
+            raise ProgramError("expected a KRL program with DEF or DEFDAT", file=part.name)
+    lines, comments = lines_of(listing)
+    data = Data(listing, [Path(part.name).stem.lower() for part in listing.parts])
+    rest = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
+    statements = Statements(listing, data)
+    rest = _values_first(statements, data, rest)
+    data.collect()
+    for line in rest:
+        line.at = 0
+        statements.statement(line)
+    statements.conclude()
+    found = [one for variable in data.variables.values() for one in variable.found.values()]
+    return _program(arm, maker, listing, given, statements, [*found, *statements.literals], comments)
+
+
+def _values_first(statements: Statements, data: Data, lines: list[Line]) -> list[Line]:
+    """Take values of data files and assignments in numbers; returns the other lines."""
+    rest = []
+    for line in lines:
+        line.at = 0
+        if _is_value(line, data):
+            statements.statement(line)
+        else:
+            rest.append(line)
+    return rest
+
+
+def _is_value(line: Line, data: Data) -> bool:
+    """Whether a line gives a value to a variable that is declared, to one of its components, or to a numbered frame."""
+    if line.next.kind != "name" or line.word() in ("$tool", "$base", "fdat_act"):
+        return False
+    name = line.word()
+    line.at = 1
+    index = line.index()
+    member = line.word() == "." and line.word(2) == "="
+    given = line.take("=") and line.word() != ""
+    line.at = 0
+    if name in ("tool_data", "base_data"):
+        return given and bool(index)
+    variable = data.lookup(line.part, name)
+    return (given or member) and variable is not None and variable.type in TYPES
+
+
+def _program(
+    arm: Arm,
+    maker: Maker,
+    listing: Listing,
+    given: Given,
+    statements: Statements,
+    found: list[Found],
+    comments: list[str],
+) -> KrlProgram:
+    found.sort(key=lambda one: one.start)
+    if len(listing.parts) > 1:
+        for one in found:
+            one.name += f" of {Path(listing.parts[listing.part(one.start)].name).name}"
+    order = statements.course.order({id(one): k for k, one in enumerate(found)})
+    eye = {NULLFRAME: frames.transform()}
+    main = next((p for p in listing.parts if Path(p.name).suffix.lower() != ".dat"), listing.parts[0])
+    tools, bases = {**statements.tools, **eye}, {**statements.frames, **eye}
+    parts = parts_of(maker, arm, listing, found, order, given, tools, bases, main.name)
+    notes = [Note(listing.line(at), text) for at, text in statements.notes]
+    if any(one.external and one.uses for one in found):
+        moved = next(one for one in found if one.external and one.uses)
+        if re.search(r"[1-9]", re.sub(r"E\d", "", moved.external)):
+            text = f"{moved.name} has external axes: where they carry the robot or the work, its place is another"
+            notes.append(Note(listing.line(moved.start), text))
+    status = [
+        integer(listing.text[slice(*t.configuration_spans[0])]) or 0 for t in parts["targets"] if t.configuration_spans
+    ]
+    if any(value & 16 for value in status) and given.own_model is None:
+        text = (
+            "points say (S, bit 4) that the robot was absolutely accurate: it must not be corrected twice; what such a "
+            "controller computes with is given with --controller-model"
+        )
+        notes.append(Note(1, text))
+    return KrlProgram(
+        **parts,
+        uncorrected=tuple(statements.course.uncorrected),
+        notes=tuple(dict.fromkeys(notes)),
+        fingerprint=mark_in(comments),
+        mark_at=_behind_head(listing, main.start, main.end),
+    )
+
+
+def _behind_head(listing: Listing, start: int, end: int) -> int:
+    """Behind the first line with ``DEF``; before everything where there is none."""
+    found = _BEGIN.search(listing.text[start:end].encode("latin-1"))
+    if found is None:
+        return start
+    at = listing.after_line(start + found.start())
+    return at if at < end or listing.text[at - 1 : at] in "\r\n" else start
+
+
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the mark of a KRL file; empty where it names none, None without mark.
+
+    Raises
+    ------
+    ProgramError
+        If this is no text.
+    """
+    _, comments = lines_of(Listing([(source, data)], "KUKA KRL"))
+    return mark_in(comments)
+
+
+def write_moves(moves: Moves) -> dict[str, str]:
+    """``plan.src``: PTP moves to axes with exact stops; external axes stay where they are."""
+    lines = ["&ACCESS RVP", "DEF plan( )", *(f"; {note(text)}" for text in moves.head)]
+    lines += ["BAS (#INITMOV,0)", "BAS (#ACC_PTP,50)"]
+    percent = 0
+    for move, joints in zip(moves.moves, moves.texts(KUKA), strict=True):
+        lines += [f"; {note(move.comment)}"] if move.comment else []
+        if move.percent != percent:
+            percent = move.percent
+            lines.append(f"BAS (#VEL_PTP,{percent})")
+        lines.append(f"PTP {{{', '.join(f'A{k} {text}' for k, text in enumerate(joints, start=1))}}}")
+        lines += [f"WAIT SEC {move.wait_s:.1f}"] if move.wait_s else []
+    return {"plan.src": "\r\n".join([*lines, "END", ""])}
+
+
+NAME = "KUKA KRL"
+ENDINGS = (".src", ".dat", ".sub")
+ROBOTS = r"kuka|(^|_)k[ru]\d"
+MAKER = KUKA

@@ -1,0 +1,1901 @@
+r"""ABB RAPID modules: which targets stand in them as numbers, and which moves use them.
+
+Literals of ``robtarget`` and ``jointtarget`` in declarations, in assignments and inside moves are read; a move whose
+target the program computes (``Offs``, ``RelTool``, arithmetic, a function) is reported and left. A target is not
+corrected where its literal does more than the direct moves that use it: where it is also an argument of something
+else, where its variable is also computed, where moves use it with different tools or work objects. Uses in
+other modules of the same call count, see ``abroad``; what is not in the call is not seen.
+"""
+
+from __future__ import annotations
+
+import bisect
+import functools
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, locked
+from irbcal.correction.configurations import ConfData, configuration_of
+from irbcal.correction.cutting import CutPath, PathMove
+from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.listing import Edit, Span
+from irbcal.correction.moves import Moves, note
+from irbcal.correction.notation import (
+    DECIMALS,
+    QUATERNION_DECIMALS,
+    number_text,
+    numbers_from_poses,
+    poses_from_numbers,
+    quaternion_problem,
+)
+from irbcal.correction.program import Given, Goals, Kind, Note, Stop, read_bytes
+from irbcal.correction.text_program import Configuration, Role, Target, TextProgram, Uncorrected, Use, with_targets
+from irbcal.correction.tokens import Token
+from irbcal.errors import ProgramError
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.units import DEG, MM
+
+_WORDS = (
+    "module endmodule proc endproc func endfunc trap endtrap record endrecord alias const pers var local task "
+    "if then elseif else endif for from to step do endfor while endwhile test case default endtest goto return "
+    "error undo backward raise retry trynext exit connect with"
+)
+_OPERATORS = "div mod and or not xor"
+STRUCTURE = frozenset(_WORDS.split())
+OPERATORS = frozenset(_OPERATORS.split())
+RESERVED = STRUCTURE | OPERATORS | {"true", "false"}
+
+_SPACE = r"[ \t\r\n\f\v]*"
+_NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+TOKEN = re.compile(
+    rf"""{_SPACE}
+    (?:(?P<list>\[{_SPACE}[+-]?{_NUMBER}(?:{_SPACE},{_SPACE}[+-]?{_NUMBER})*{_SPACE}\])
+    |(?P<symbol>:=|<>|<=|>=|\.(?![0-9])|[-+*/=<>()\[\]{{}},;:\\?|%])
+    |(?P<number>(?!0[xXbBoO][0-9a-fA-F]){_NUMBER})
+    |(?P<name>[^\W\d]\w*)
+    |(?P<comment>![^\r\n]*)
+    |(?P<string>"(?:[^"\r\n]|"")*")
+    |(?P<hex>0[xXbBoO][0-9a-fA-F]+)
+    |(?P<other>[^ \t\r\n\f\v]))""",
+    re.VERBOSE,
+)
+"""A list of plain numbers is one token, whose word is its bracket: most of a long module are such lists."""
+_LIST, _NAME = TOKEN.groupindex["list"], TOKEN.groupindex["name"]
+_KINDS = ("", *sorted(TOKEN.groupindex, key=lambda kind: TOKEN.groupindex[kind]))
+
+
+def decode(data: bytes, source: str) -> tuple[str, str]:
+    """Text and encoding of a file that is UTF-8 or Latin-1; ``text.encode(encoding)`` gives the bytes back."""
+    if b"\x00" in data:
+        raise ProgramError("expected a RAPID module in text, found binary data", file=source)
+    try:
+        return data.decode("utf-8"), "utf-8"
+    except UnicodeDecodeError:
+        return data.decode("latin-1"), "latin-1"
+
+
+class Scanner:
+    """The tokens of a text, or as many of the first ones as are wanted.
+
+    Attributes
+    ----------
+    tokens : list of Token
+        The last one is of the kind ``end``, without a word.
+    comments : list of str
+    lines : list of int
+        Where the lines begin.
+    """
+
+    def __init__(self, text: str, source: str, most: int | None = None) -> None:
+        self.text, self.source = text, source
+        self.lines = [0, *(found.end() for found in re.finditer(r"\r\n|\n|\r", text))]
+        self.tokens: list[Token] = []
+        self.comments: list[str] = []
+        self._tokenize(most)
+
+    def line(self, position: int) -> int:
+        """Line of a position in the text, the first being 1."""
+        return bisect.bisect_right(self.lines, position)
+
+    def column(self, position: int) -> int:
+        """Column of a position in the text, the first being 1."""
+        return position - self.lines[self.line(position) - 1] + 1
+
+    def error(self, position: int, message: str) -> ProgramError:
+        """A refusal that names the line."""
+        return ProgramError(message, file=self.source, line=self.line(position))
+
+    def quote(self, start: int, end: int) -> str:
+        """A piece of the program for a message: one line, not long."""
+        text = " ".join(self.text[start:end].split())
+        return text if len(text) <= 50 else text[:49] + "…"
+
+    def quote_line(self, line: int) -> str:
+        """A line of the program for a message."""
+        end = self.lines[line] if line < len(self.lines) else len(self.text)
+        return self.quote(self.lines[line - 1], end)
+
+    def _tokenize(self, most: int | None) -> None:
+        make, append = partial(tuple.__new__, Token), self.tokens.append  # half the time of Token(…)
+        for found in islice(TOKEN.finditer(self.text, 1 if self.text.startswith("\ufeff") else 0), most):
+            k, end = found.lastindex, found.end()
+            assert k is not None
+            word = found[k]
+            if k == _LIST:
+                append(make(("list", "[", end - len(word), end)))
+            elif k < _NAME:
+                append(make((_KINDS[k], word, end - len(word), end)))
+            elif k == _NAME:
+                append(make(("name", word.lower(), end - len(word), end)))
+            elif _KINDS[k] == "comment":
+                self.comments.append(word)
+            elif _KINDS[k] == "other":
+                what = "the string is not closed in its line" if word == '"' else f"unexpected character {word!r}"
+                raise self.error(end - 1, what)
+            else:
+                append(make((_KINDS[k], word, end - len(word), end)))
+        append(Token("end", "", len(self.text), len(self.text)))
+
+
+ABSENT = 0.9e9
+"""From here on a number stands for an axis that is not there (9E9, 1E9), or for no place at all."""
+
+Index: TypeAlias = tuple[int | None, ...]
+"""Index of an element, each from 1; None where it is computed."""
+
+Scope: TypeAlias = "dict[str, Data]"
+"""Data of a routine by their names in lower case."""
+
+
+def may_be(index: Index, other: Index) -> bool:
+    """Whether two indices may name the same element; None, or no index at all, stands for any."""
+    return all(a is None or b is None or a == b for a, b in zip(index, other, strict=False))
+
+
+class Node(NamedTuple):
+    """A value: a list of values, a plain number, or (both None) any other expression."""
+
+    items: list[Node] | None
+    number: float | None
+    start: int
+    end: int
+
+
+class Mention(NamedTuple):
+    """A name in any other place."""
+
+    scope: Scope | None
+    name: str
+    indices: Index
+    start: int
+
+
+class Literal:
+    """A target in numbers while its uses are gathered.
+
+    Attributes
+    ----------
+    kind : str
+        ``joint`` or ``pose``.
+    name : str
+    start : int
+        Where it stands.
+    numbers, configuration : tuple of Node
+        The numbers to correct, and the configuration data: empty where they are not four numbers.
+    values : tuple of float
+        Of the numbers.
+    external : Node
+        The external axes.
+    uses : list of Use
+    reasons : list of str
+        What speaks against changing it.
+    mentioned : list of int
+        Where its variable is used in another way than as the target of a move.
+    problem : str or None
+        What is wrong with its numbers.
+    """
+
+    def __init__(
+        self, kind: Kind, name: str, start: int, numbers: list[Node], configuration: list[Node], external: Node
+    ) -> None:
+        self.kind, self.name, self.start, self.external = kind, name, start, external
+        self.numbers, self.configuration = tuple(numbers), tuple(configuration)
+        self.values = tuple(leaf.number for leaf in numbers if leaf.number is not None)
+        self.uses: list[Use] = []
+        self.reasons: list[str] = []
+        self.mentioned: list[int] = []
+        self.problem = self._problem()
+
+    def _problem(self) -> str | None:
+        sizes = [abs(value) for value in self.values]
+        if not all(map(math.isfinite, sizes)) or (self.kind == "pose" and max(sizes) >= ABSENT):
+            return "found a number that is too large"
+        if self.kind == "pose":
+            return quaternion_problem(self.values[3:])
+        absent = [k for k, size in enumerate(sizes, start=1) if size >= ABSENT]
+        if absent:
+            self.reasons.append(f"joint {absent[0]} has no value (9E9)")
+        return None
+
+
+class Arg(NamedTuple):
+    """An argument of a move: a literal (node), a name with an index, or neither: computed; ``text`` may be cut."""
+
+    node: Node | None
+    name: str | None
+    indices: Index
+    start: int
+    text: str
+    end: int
+
+
+class Move(NamedTuple):
+    """A move instruction: its points with their roles, tool and work object (None: wobj0), and all its arguments."""
+
+    name: str
+    start: int
+    scope: Scope | None
+    points: list[tuple[str, Arg]]
+    tool: Arg
+    work_object: Arg | None
+    args: list[Arg]
+    options: dict[str, Arg | None]
+
+
+class Assignment(NamedTuple):
+    """``name{index} := node``; without node: a computed value, or a component only."""
+
+    scope: Scope | None
+    name: str
+    indices: Index
+    node: Node | None
+    start: int
+
+
+class Data:
+    """What one name stands for: its type, and its value where the declaration gives a list."""
+
+    def __init__(
+        self,
+        spelling: str,
+        type_name: str,
+        start: int,
+        sizes: Index = (),
+        node: Node | None = None,
+        computed: int | None = None,
+        local: bool = False,
+    ) -> None:
+        self.spelling, self.type, self.start = spelling, type_name, start
+        self.sizes, self.node, self.computed, self.local = sizes, node, computed, local
+        self.entries: list[tuple[Index, Literal]] = []  # filled by `literals`
+        self.changes: list[tuple[Index, int]] = []  # and the positions of computed values, too
+        self._places: dict[Index, list[int]] = {}
+        self._loose: list[int] = []
+        self._known = 0
+
+    def literals(self, index: Index) -> list[Literal]:
+        """Entries that an index may mean, in their order: looked up, not looked through, where it is plain numbers."""
+        for k in range(self._known, len(self.entries)):
+            at = self.entries[k][0]
+            if None in at or len(at) != len(self.sizes):
+                self._loose.append(k)
+            else:
+                self._places.setdefault(at, []).append(k)
+        self._known = len(self.entries)
+        if None in index or len(index) != len(self.sizes):
+            return [literal for at, literal in self.entries if may_be(at, index)]
+        loose = [k for k in self._loose if may_be(self.entries[k][0], index)]
+        return [self.entries[k][1] for k in sorted([*self._places.get(index, []), *loose])]
+
+
+CLOSING = {"(": ")", "{": "}"}
+DEEPEST = 12  # lists in lists
+_NODE = partial(tuple.__new__, Node)  # half the time of Node(…)
+
+
+class Walker(Scanner):
+    """The tokens of a module and a walk over its expressions.
+
+    Attributes
+    ----------
+    scope : dict or None
+        Data of the routine that is being read; None outside routines.
+    mentions : list of Mention
+        Names seen in expressions.
+    """
+
+    def __init__(self, text: str, source: str, most: int | None = None) -> None:
+        super().__init__(text, source, most)
+        self.mentions: list[Mention] = []
+        self.scope: Scope | None = None
+        self.level = 0
+
+    def _found(self, i: int) -> str:
+        token = self.tokens[i]
+        end = token.start + 1 if token.kind == "list" else token.end
+        return "the end of the file" if token.kind == "end" else repr(self.quote(token.start, end))
+
+    def _expect(self, i: int, word: str) -> int:
+        if self.tokens[i].word != word:
+            raise self.error(self.tokens[i].start, f"expected {word!r}, found {self._found(i)}")
+        return i + 1
+
+    def _name(self, i: int, what: str) -> Token:
+        if not self._is_data(i):
+            raise self.error(self.tokens[i].start, f"expected {what}, found {self._found(i)}")
+        return self.tokens[i]
+
+    def _is_data(self, i: int) -> bool:
+        """Whether token i can be the name of something."""
+        return self.tokens[i].kind == "name" and self.tokens[i].word not in RESERVED
+
+    def _is_member(self, i: int) -> bool:
+        """Whether token i is a component after a dot or the name of an optional argument."""
+        return self.tokens[i - 1].word in (".", "\\")
+
+    def _bracket(self, stack: list[str], i: int) -> None:
+        """Keep the brackets ``( )`` and ``{ }`` in pairs within a statement."""
+        kind, word = self.tokens[i].kind, self.tokens[i].word
+        if kind != "symbol":
+            return
+        if word in CLOSING:
+            stack.append(word)
+        elif word in ")}]":
+            if not stack or CLOSING[stack.pop()] != word:
+                raise self.error(self.tokens[i].start, f"{word!r} closes nothing")
+        elif word == ";" and stack:
+            raise self.error(self.tokens[i].start, f"expected {CLOSING[stack[-1]]!r}, found ';'")
+
+    def _mention(self, i: int) -> None:
+        """Note a name that stands for data; components after a dot and names of optional arguments do not."""
+        if self.tokens[i].word not in RESERVED and not self._is_member(i):
+            _, word, start, _ = self.tokens[i]
+            self.mentions.append(Mention(self.scope, word, self._plain_index(i + 1), start))
+
+    def _whole(self, i: int) -> int | None:
+        """Value of a whole number; None for any other token."""
+        word = self.tokens[i].word
+        return int(word) if self.tokens[i].kind == "number" and word.isdecimal() and len(word) < 10 else None
+
+    def _plain_index(self, i: int) -> Index:
+        """Index such as ``{1,2}`` that begins at token i, if it is all of plain whole numbers; else empty."""
+        index: list[int | None] = []
+        while self.tokens[i].word == ("," if index else "{") and self._whole(i + 1) is not None:
+            index.append(self._whole(i + 1))
+            i += 2
+        return tuple(index) if index and self.tokens[i].word == "}" else ()
+
+    def _expression(self, i: int, stops: tuple[str, ...]) -> int:
+        """Walk over any expression to the first of ``stops`` outside brackets; returns the number of its token."""
+        begin, operand = i, False
+        stack: list[str] = []
+        while True:
+            kind, word, start, _ = self.tokens[i]
+            symbol = kind == "symbol"
+            if symbol and not stack and word in stops:
+                if i == begin:
+                    raise self.error(start, f"expected a value, found {self._found(i)}")
+                return i
+            structure = word in STRUCTURE and not self._is_member(i)
+            if kind == "end" or structure or word in (";", "]") or (word == ":=" and not stack):
+                expected = f"'{CLOSING[stack[-1]]}'" if stack else " or ".join(f"'{stop}'" for stop in stops)
+                raise self.error(start, f"expected {expected}, found {self._found(i)}")
+            value = not symbol and word not in OPERATORS
+            if operand and (value or word == "["):
+                raise self.error(start, f"expected an operator or '{stops[-1]}', found {self._found(i)}")
+            if word == "[":
+                _, i = self._list(i)
+                operand = True
+                continue
+            if kind == "name":
+                self._mention(i)
+            self._bracket(stack, i)
+            operand = value or word in (")", "}")
+            i += 1
+
+    def _list(self, i: int) -> tuple[Node, int]:
+        """A list of values that begins at token i: its node and the number of the token behind it."""
+        kind, _, begin, end = self.tokens[i]
+        if self.level == DEEPEST:
+            raise self.error(begin, f"more than {DEEPEST} lists within each other")
+        if kind == "list":
+            return Node(self._plain_items(begin, end), None, begin, end), i + 1
+        items: list[Node] = []
+        self.level += 1
+        while True:
+            i += 1
+            node, i = self._list(i) if self.tokens[i].word == "[" else self._item(i)
+            items.append(node)
+            if self.tokens[i].word not in (",", "]"):
+                raise self.error(self.tokens[i].start, f"expected ',' or ']', found {self._found(i)}")
+            if self.tokens[i].word == "]":
+                self.level -= 1
+                return Node(items, None, begin, self.tokens[i].end), i + 1
+
+    def _plain_items(self, begin: int, end: int) -> list[Node]:
+        """Nodes of a list of plain numbers."""
+        items, at = [], begin + 1
+        for part in self.text[at : end - 1].split(","):
+            word = part.strip()
+            start = at if len(word) == len(part) else at + part.index(word)
+            items.append(_NODE((None, float(word), start, start + len(word))))
+            at += len(part) + 1
+        return items
+
+    def _item(self, i: int) -> tuple[Node, int]:
+        j = self._expression(i, (",", "]"))
+        start, end = self.tokens[i].start, self.tokens[j - 1].end
+        signed = (
+            j - i == 2
+            and self.tokens[i].word in ("-", "+")
+            and not any(char in self.text[start:end] for char in "!\r\n")
+        )
+        if self.tokens[j - 1].kind == "number" and (j - i == 1 or signed):
+            number = float(self.tokens[j - 1].word)
+            return Node(None, -number if self.tokens[i].word == "-" else number, start, end), j
+        return Node(None, None, start, end), j
+
+    def _index(self, i: int) -> tuple[Index, int]:
+        """Index that begins at token i: whole numbers, None for computed ones; and the number of the token behind."""
+        parts: list[int | None] = []
+        while not parts or self.tokens[i].word == ",":
+            j = self._expression(i + 1, (",", "}"))
+            parts.append(self._whole(i + 1) if j == i + 2 else None)
+            i = j
+        return tuple(parts), i + 1
+
+    def _behind_index(self, i: int) -> int:
+        """Number of the token behind the braces that begin at token i; 0 if they do not end in the statement."""
+        depth = 0
+        while self.tokens[i].word not in (";", ""):
+            depth += (self.tokens[i].word == "{") - (self.tokens[i].word == "}")
+            i += 1
+            if depth == 0:
+                return i
+        return 0
+
+
+PATTERNS = {  # positional arguments of moves; s: anything, w: a point that the instruction writes, t: the tool
+    **dict.fromkeys(["MoveJ", "MoveL", "MoveAbsJ"], "to s s t"),
+    "MoveC": "via to s s t",
+    **{f"Move{a}{b}": "to s s t" for a in "JL" for b in ("DO", "AO", "GO", "Sync")},
+    **{f"MoveC{b}": "via to s s t" for b in ("DO", "AO", "GO", "Sync")},
+    **dict.fromkeys(["TriggJ", "TriggL", "TriggAbsJ"], "to s s s t"),
+    "TriggC": "via to s s s t",
+    **dict.fromkeys(["TriggJIOs", "TriggLIOs"], "to s s t"),
+    "SearchL": "s w to s t",
+    "SearchC": "s w via to s t",
+}
+MOVES = {name.lower(): (name, tuple(pattern.split())) for name, pattern in PATTERNS.items()}
+EXACT = frozenset(["MoveJ", "MoveL", "MoveAbsJ", "MoveC"])  # the others may have more arguments after the tool
+
+
+class Reader(Walker):
+    """One pass through the text of a module.
+
+    Attributes
+    ----------
+    data : dict of str to Data
+        Of the module.
+    scopes : list of dict
+        The same for each routine.
+    moves, assignments : list of Move, Assignment
+    loose : list of Node
+        Lists of values in any other place.
+    """
+
+    def __init__(self, text: str, source: str, most: int | None = None) -> None:
+        super().__init__(text, source, most)
+        self.data: Scope = {}
+        self.scopes: list[Scope] = []
+        self.moves: list[Move] = []
+        self.assignments: list[Assignment] = []
+        self.loose: list[Node] = []
+
+    def lookup(self, scope: Scope | None, name: str) -> Data | None:
+        """What a name stands for in a routine or in the module; None if it is not declared here."""
+        found = scope.get(name) if scope is not None else None
+        return found if found is not None else self.data.get(name)
+
+    def _declare(self, scope: Scope, data: Data, name: str) -> None:
+        if name in scope:
+            first = self.line(scope[name].start)
+            raise self.error(data.start, f"{data.spelling!r} is declared a second time, first in line {first}")
+        scope[name] = data
+
+    def header(self) -> int:
+        """Number of the token behind the header of the module, which may follow the header of older files."""
+        tokens = self.tokens
+        i = 0
+        while tokens[i].kind != "end" and tokens[i].word != "module":
+            i += 1
+        if tokens[i].kind == "end":
+            raise ProgramError("expected a RAPID module, found no MODULE", file=self.source)
+        self._name(i + 1, "the name of the module")
+        i += 2
+        if tokens[i].word == "(":
+            while tokens[i].word != ")":
+                if tokens[i].kind == "end":
+                    raise self.error(tokens[i].start, "expected ')' after the attributes of the module")
+                i += 1
+            i += 1
+        return i
+
+    def read(self) -> None:
+        """Go through the module."""
+        tokens, i = self.tokens, self.header()
+        handlers: dict[str, Callable[[int], int]] = {
+            **dict.fromkeys(["const", "pers", "var"], self._declaration),
+            **dict.fromkeys(["proc", "func", "trap"], self._routine),
+            **dict.fromkeys(["endproc", "endfunc", "endtrap"], self._routine_end),
+            "record": self._record,
+        }
+        stack: list[str] = []
+        while True:
+            token = tokens[i]
+            kind, word = token.kind, token.word
+            if kind == "end":
+                raise self.error(token.start, "the module has no ENDMODULE: the file is not whole")
+            if kind == "name":
+                if word in STRUCTURE and not self._is_member(i):
+                    if stack:
+                        raise self.error(token.start, f"expected {CLOSING[stack[-1]]!r}, found {self._found(i)}")
+                    if word == "endmodule":
+                        break
+                    if word == "module":
+                        raise self.error(token.start, "a second module in one file is not supported")
+                    i = handlers[word](i) if word in handlers else i + 1
+                elif word in MOVES and not stack and not self._is_member(i):
+                    i = self._move(i)
+                elif not stack and self._is_assignment(i):
+                    i = self._assignment(i)
+                else:
+                    self._mention(i)
+                    i += 1
+            elif word == "[":
+                node, i = self._list(i)
+                self.loose.append(node)
+            else:
+                self._bracket(stack, i)
+                i += 1
+        if self.scope is not None:
+            raise self.error(token.start, "ENDMODULE stands in a routine: its end is missing")
+        if tokens[i + 1].kind != "end":
+            found = self._found(i + 1)
+            raise self.error(tokens[i + 1].start, f"expected the end of the file after ENDMODULE, found {found}")
+
+    def _declaration(self, i: int) -> int:
+        type_token, local = self._name(i + 1, "a data type"), self.tokens[i - 1].word == "local"
+        name = self._name(i + 2, "a name")
+        sizes: Index = ()
+        node, computed = None, None
+        i += 3
+        if self.tokens[i].word == "{":
+            sizes, i = self._index(i)
+        if self.tokens[i].word == ":=":
+            if self.tokens[i + 1].word == "[":
+                node, i = self._list(i + 1)
+            else:
+                computed = self.tokens[i + 1].start
+                i = self._expression(i + 1, (";",))
+        i = self._expect(i, ";")
+        spelling = self.text[name.start : name.end]
+        data = Data(spelling, type_token.word, name.start, sizes, node, computed, local)
+        self._declare(self.data if self.scope is None else self.scope, data, name.word)
+        return i
+
+    def _is_assignment(self, i: int) -> bool:
+        """Whether a name with indices and components stands before ``:=``."""
+        if self._is_member(i):
+            return False
+        i += 1
+        while i and self.tokens[i].word in ("{", "."):
+            if self.tokens[i].word == "{":
+                i = self._behind_index(i)
+            else:
+                i = i + 2 if self.tokens[i + 1].kind == "name" else 0
+        return bool(i) and self.tokens[i].word == ":="
+
+    def _assignment(self, i: int) -> int:
+        name, whole = self.tokens[i], True
+        index: Index = ()
+        i += 1
+        if self.tokens[i].word == "{":
+            index, i = self._index(i)
+        while self.tokens[i].word != ":=":
+            whole = False
+            i = self._index(i)[1] if self.tokens[i].word == "{" else i + 2
+        node = None
+        if self.tokens[i + 1].word == "[":
+            node, i = self._list(i + 1)
+        else:
+            i = self._expression(i + 1, (";",))
+        i = self._expect(i, ";")
+        self.assignments.append(Assignment(self.scope, name.word, index, node if whole else None, name.start))
+        return i
+
+    def _routine(self, i: int) -> int:
+        start, word = self.tokens[i].start, self.tokens[i].word
+        if self.scope is not None:
+            raise self.error(start, f"{word.upper()} stands in a routine: the end of that one is missing")
+        if word == "func":
+            self._name(i + 1, "a data type")
+            i += 1
+        name = self._name(i + 1, "the name of the routine")
+        if name.word in MOVES:
+            raise self.error(start, f"the module makes its own {MOVES[name.word][0]}: this is not supported")
+        self.scope = {}
+        self.scopes.append(self.scope)
+        return self._parameters(i + 2, self.scope) if self.tokens[i + 2].word == "(" else i + 2
+
+    def _parameters(self, i: int, scope: Scope) -> int:
+        name = None
+        while self.tokens[i].word != ")":
+            i += 1
+            kind, word, start, _ = self.tokens[i]
+            if kind == "end" or word == ";":
+                raise self.error(start, f"expected ')', found {self._found(i)}")
+            if kind == "name":
+                name = self.tokens[i]
+            elif word in (",", "\\", "|", ")") and name is not None:
+                data = Data(self.text[name.start : name.end], "parameter", name.start)
+                self._declare(scope, data, name.word)
+                name = None
+        return i + 1
+
+    def _routine_end(self, i: int) -> int:
+        if self.scope is None:
+            raise self.error(self.tokens[i].start, f"{self.tokens[i].word.upper()} ends no routine")
+        self.scope = None
+        return i + 1
+
+    def _record(self, i: int) -> int:
+        start = self.tokens[i].start
+        while self.tokens[i].word != "endrecord":
+            if self.tokens[i].kind == "end":
+                raise self.error(start, "RECORD has no ENDRECORD")
+            i += 1
+        return i + 1
+
+    def _move(self, i: int) -> int:
+        name, pattern = MOVES[self.tokens[i].word]
+        start, stops = self.tokens[i].start, (",", "\\", ";")
+        args: list[Arg] = []
+        options: dict[str, Arg | None] = {}
+        i += 1
+        while self.tokens[i].word != ";":
+            if self.tokens[i].word == "\\":
+                option = self._name(i + 1, "the name of an optional argument").word
+                i += 2
+                options[option] = None
+                if self.tokens[i].word in (":=", "?"):
+                    computed = self.tokens[i].word == "?"
+                    arg, i = self._arg(i + 1, stops, option in ("wobj", "tool"))
+                    options[option] = arg._replace(node=None, name=None) if computed else arg
+            else:
+                role = pattern[len(args)] if len(args) < len(pattern) else "s"
+                arg, i = self._arg(i, stops, role != "s")
+                args.append(arg)
+            if self.tokens[i].word == ",":
+                i += 1
+                if self.tokens[i].word in (",", ";"):
+                    raise self.error(self.tokens[i].start, f"expected an argument of {name}, found {self._found(i)}")
+            elif self.tokens[i].word not in ("\\", ";"):
+                raise self.error(self.tokens[i].start, f"expected ',' or ';', found {self._found(i)}")
+        need = len(pattern) - (options.get("tool") is not None)
+        if len(args) < need or (name in EXACT and len(args) > need):
+            raise self.error(start, f"{name}: expected {need} arguments that are not optional, found {len(args)}")
+        points = [(role, arg) for role, arg in zip(pattern, args, strict=False) if role in ("to", "via", "w")]
+        tool = options.get("tool") or args[len(pattern) - 1]
+        self.moves.append(Move(name, start, self.scope, points, tool, options.get("wobj"), args, options))
+        return i + 1
+
+    def _arg(self, i: int, stops: tuple[str, ...], plain: bool) -> tuple[Arg, int]:
+        """An argument that begins at token i; names count as mentioned unless this is what the move is about."""
+        node, name, start = None, None, self.tokens[i].start
+        index: Index = ()
+        if self.tokens[i].word == "[":
+            node, j = self._list(i)
+        elif self.tokens[i].word == "*" and self.tokens[i + 1].word in stops:
+            j = i + 1
+        else:
+            j = i + 1
+            if self._is_data(i) and self.tokens[j].word == "{":
+                j = self._behind_index(j)
+            if plain and j and self._is_data(i) and self.tokens[j].word in stops:
+                name = self.tokens[i].word
+                index = self._index(i + 1)[0] if j > i + 1 else ()
+            else:
+                j = self._expression(i, stops)
+        end = self.tokens[j - 1].end
+        return Arg(node, name, index, start, self.quote(start, end), end), j
+
+
+KIND_OF: dict[str, Kind] = {"robtarget": "pose", "jointtarget": "joint"}
+TYPE_OF: dict[Kind, str] = {"pose": "robtarget", "joint": "jointtarget"}
+_PARTS: dict[Kind, tuple[tuple[int, str], ...]] = {
+    "pose": ((3, "[x, y, z]"), (4, "[q1, q2, q3, q4]"), (4, "[cf1, cf4, cf6, cfx]"), (6, "[six external axes]")),
+    "joint": ((6, "[six joints]"), (6, "[six external axes]")),
+}
+
+
+class Literals:
+    """All targets in numbers of a module.
+
+    Attributes
+    ----------
+    reader : Reader
+        The module as read.
+    found : list of Literal
+        In the order in which they are come upon.
+    uncorrected : list of Uncorrected
+        What looks like a target where none can be corrected, and moves to targets that cannot.
+    """
+
+    def __init__(self, reader: Reader) -> None:
+        self.reader = reader
+        self.found: list[Literal] = []
+        self.uncorrected: list[Uncorrected] = []
+
+    def report(self, start: int, instruction: str, target: str, reason: str) -> None:
+        """Note that something at this place is left as it is."""
+        line, column = self.reader.line(start), self.reader.column(start)
+        self.uncorrected.append(Uncorrected(line, column, instruction, target, reason))
+
+    def collect(self) -> None:
+        """Find all literals and everything that gives a target another value."""
+        reader = self.reader
+        for scope in [reader.data, *reader.scopes]:
+            for data in scope.values():
+                if data.type in KIND_OF:
+                    if data.node is not None:
+                        self._fill(data, (), data.node)
+                    elif data.computed is not None:
+                        data.changes.append(((), data.computed))
+        for assigned in reader.assignments:
+            self._assignment(*assigned)
+        for move in reader.moves:
+            for role, arg in move.points:
+                goal = reader.lookup(move.scope, arg.name) if role == "w" and arg.name else None
+                if goal is not None:
+                    goal.changes.append((arg.indices, move.start))
+        for node in reader.loose:
+            if _looks_like_target(node):
+                text = reader.quote(node.start, node.end)
+                self.report(node.start, "other", text, "this is no move that is known")
+
+    def _assignment(self, scope: Scope | None, name: str, index: Index, node: Node | None, start: int) -> None:
+        data = self.reader.lookup(scope, name)
+        if data is not None and data.type in KIND_OF and node is not None:
+            self._fill(data, index, node)
+        elif data is not None:
+            data.changes.append((index, start))
+        if (data is None or data.type == "parameter") and node is not None and _looks_like_target(node):
+            where = "is not declared in this module" if data is None else "is a parameter of the routine"
+            self.report(start, "assignment", name, where)
+
+    def _fill(self, data: Data, index: Index, node: Node) -> None:
+        """Take the literals of a declaration or an assignment, element by element."""
+        sizes = data.sizes[len(index) :] if not index or len(index) == len(data.sizes) else ()
+        kind = KIND_OF[data.type]
+        pending = [(index, node, sizes)]
+        while pending:
+            index, node, sizes = pending.pop()
+            if sizes:
+                if node.items is None:
+                    data.changes.append((index, node.start))
+                    continue
+                if sizes[0] is not None and len(node.items) != sizes[0]:
+                    raise self._wrong(node, data.type, data.spelling, f"{sizes[0]} elements", len(node.items))
+                new = [((*index, k + 1), item, sizes[1:]) for k, item in enumerate(node.items)]
+                pending.extend(reversed(new))
+                continue
+            inside = ",".join("?" if k is None else str(k) for k in index)
+            literal = self.literal(node, kind, data.spelling + (f"{{{inside}}}" if index else ""))
+            if literal is None:
+                data.changes.append((index, node.start))
+            else:
+                data.entries.append((index, literal))
+
+    def _wrong(self, node: Node, type_name: str, name: str, expected: str, found: str | int) -> ProgramError:
+        return self.reader.error(node.start, f"{type_name} {name!r}: expected {expected}, found {found}")
+
+    def literal(self, node: Node, kind: Kind, name: str) -> Literal | None:
+        """The literal that a list of values is; None if some of its numbers are computed."""
+        if node.items is None:
+            return None
+        self._check_parts(node, node.items, kind, name)
+        values = [part.items for part in (node.items[:2] if kind == "pose" else node.items[:1])]
+        numbers = [leaf for items in values for leaf in items or ()]
+        if any(items is None for items in values):
+            return None
+        for leaf in numbers:
+            if leaf.items is not None:
+                raise self._wrong(leaf, TYPE_OF[kind], name, "a number", self.reader.quote(leaf.start, leaf.end))
+        if any(leaf.number is None for leaf in numbers):
+            return None
+        configuration = self._configuration(node.items[2], name) if kind == "pose" else []
+        literal = Literal(kind, name, node.start, numbers, configuration, node.items[-1])
+        self.found.append(literal)
+        return literal
+
+    def _check_parts(self, node: Node, items: list[Node], kind: Kind, name: str) -> None:
+        """Refuse a list that has not the parts of a target."""
+        if len(items) != len(_PARTS[kind]):
+            expected = "[" + ", ".join(text for _, text in _PARTS[kind]) + "]"
+            raise self._wrong(node, TYPE_OF[kind], name, expected, f"{len(items)} parts")
+        for part, (size, text) in zip(items, _PARTS[kind], strict=True):
+            if part.number is not None or (part.items is not None and len(part.items) != size):
+                raise self._wrong(part, TYPE_OF[kind], name, text, self.reader.quote(part.start, part.end))
+
+    def _configuration(self, part: Node, name: str) -> list[Node]:
+        """The four numbers of configuration data; empty if they are computed."""
+        numbers = [leaf.number for leaf in part.items or () if leaf.number is not None]
+        if part.items is None or len(numbers) < len(part.items):
+            return []
+        if any(abs(number) > ABSENT * 100 or number % 1 for number in numbers):
+            found = self.reader.quote(part.start, part.end)
+            raise self._wrong(part, TYPE_OF["pose"], name, "a configuration in whole numbers", found)
+        return part.items
+
+
+def _looks_like_target(node: Node) -> bool:
+    sizes = [len(part.items) if part.items is not None else None for part in node.items or []]
+    return sizes in ([3, 4, 4, 6], [6, 6])
+
+
+Frames = Mapping[str, Mapping[str, FloatArray]]
+
+
+class Abroad:
+    """What a module sees of the targets of the others.
+
+    Parameters
+    ----------
+    mine : Literals
+        Of the module.
+    others : sequence of Literals
+        Of the other files of the call.
+    frames : dict of str to dict of str to dict of str to ndarray
+        Tools and work objects that each file defines in numbers, by file, by type and by name.
+    given : dict of str to dict of str to ndarray
+        Those from the caller, which go before.
+
+    Attributes
+    ----------
+    data : dict of str to Data
+        The targets that this module sees and another one declares, by their names.
+    """
+
+    def __init__(
+        self,
+        mine: Literals,
+        others: Sequence[Literals] = (),
+        frames: Mapping[str, Frames] | None = None,
+        given: Frames | None = None,
+    ) -> None:
+        self.mine, self.frames, self.given = mine, frames or {}, given or {"tooldata": {}, "wobjdata": {}}
+        self.modules = [mine, *others]
+        self.data: dict[str, Data] = {}
+        self.source: dict[str, str] = {}
+        seen: dict[str, list[tuple[Data, str]]] = {}
+        for other in others:
+            for name, data in other.reader.data.items():
+                if not data.local and name not in mine.reader.data:
+                    seen.setdefault(name, []).append((data, Path(other.reader.source).name))
+        self.twice = {
+            name: " and ".join(source for _, source in found)
+            for name, found in seen.items()
+            if len(found) > 1 and any(data.type in KIND_OF for data, _ in found)
+        }
+        for name, found in seen.items():
+            if found[0][0].type in KIND_OF and len(found) == 1:
+                self.data[name], self.source[name] = found[0]
+        self._twice_declared = {name: [data for data, _ in seen[name]] for name in self.twice}
+
+    def frame_problem(self, type_name: str, name: str) -> str:
+        """What speaks against a tool or work object of a move here to a target there; empty where nothing does."""
+        if name in self.given[type_name]:
+            return ""
+        declared = [one.reader.data[name] for one in self.modules if name in one.reader.data]
+        found = [types[type_name][name] for types in self.frames.values() if name in types[type_name]]
+        what = "tool" if type_name == "tooldata" else "work object"
+        if not found or len(found) < len(declared):
+            return f"the {what} {name} is not defined in numbers in these modules"
+        if any(not np.array_equal(T, found[0]) for T in found):
+            return f"the {what} {name} is another one in another module"
+        if any(change.name == name for one in self.modules for change in one.reader.assignments):
+            return f"the {what} {name} is changed"
+        return ""
+
+    def gather(self) -> None:
+        """Note what this module does to the targets of others but to move to them."""
+        reader = self.mine.reader
+        file = Path(reader.source).name
+        for scope, name, index, start in reader.mentions:
+            self._against(scope, name, index, f"line {reader.line(start)} of {file} uses it in another way")
+        changes = [(one.scope, one.name, one.indices, one.start) for one in reader.assignments]
+        for move in reader.moves:
+            changes += [
+                (move.scope, arg.name, arg.indices, move.start) for role, arg in move.points if role == "w" and arg.name
+            ]
+            for _, arg in move.points:
+                if arg.name in self.twice and reader.lookup(move.scope, arg.name) is None:
+                    self._declared_twice(arg.name, f"line {reader.line(move.start)} of {file}")
+        for scope, name, index, start in changes:
+            self._against(scope, name, index, f"line {reader.line(start)} of {file} gives it another value")
+
+    def _against(self, scope: dict[str, Data] | None, name: str, index: Index, reason: str) -> None:
+        if self.mine.reader.lookup(scope, name) is not None:
+            return
+        for literal in self.literals(name, index):
+            literal.reasons.append(reason)
+
+    def _declared_twice(self, name: str, where: str) -> None:
+        for data in self._twice_declared[name]:
+            for _, literal in data.entries:
+                literal.reasons.append(f"{where} uses this name, which {self.twice[name]} declare")
+
+    def literals(self, name: str, index: Index) -> list[Literal]:
+        """Literals of another module that a name with an index may stand for here."""
+        data = self.data.get(name)
+        return [] if data is None else data.literals(index)
+
+
+_QUOTED = 3  # mentions of a target that are quoted before the rest is counted
+
+
+class Uses:
+    """The uses of the targets of a module.
+
+    Parameters
+    ----------
+    literals : Literals
+        As collected; gathers the uses.
+    given : dict of str to dict of str to ndarray
+        Frames from the caller, by ``tooldata`` and ``wobjdata`` and by name.
+    abroad : Abroad, optional
+        The targets of other modules.
+
+    Attributes
+    ----------
+    goals : list of (Move, list of (list of Literal, bool))
+        For each move and each of its points the literals that it may stand for, and whether it may be another place.
+    """
+
+    def __init__(
+        self, literals: Literals, given: Mapping[str, Mapping[str, FloatArray]], abroad: Abroad | None = None
+    ) -> None:
+        self.abroad = abroad or Abroad(literals)
+        self.literals, self.reader, self.given = literals, literals.reader, given
+        self.goals: list[tuple[Move, list[tuple[list[Literal], bool]]]] = []
+
+    def gather(self) -> None:
+        """Give every literal its uses, those of other modules, too.
+
+        Raises
+        ------
+        ProgramError
+            If a move uses what cannot be its target, its tool or its work object.
+        """
+        self.abroad.gather()
+        for move in self.reader.moves:
+            self._move(move)
+        self._mentions()
+
+    def conclude(self) -> None:
+        """Put together what speaks against changing each literal, once the uses of all modules are gathered.
+
+        Raises
+        ------
+        ProgramError
+            If the numbers of one that is used are none.
+        """
+        for literal in self.literals.found:
+            self._conclude(literal)
+
+    def _move(self, move: Move) -> None:
+        """Give the literals that a move goes to this use, or report what is in the way."""
+        reader = self.reader
+        kind: Kind = "joint" if move.name.endswith("AbsJ") else "pose"
+        line = reader.line(move.start)
+        tool, no_tool = self._frame_name(move, move.tool, "tooldata", "tool")
+        wobj, no_wobj = self._frame_name(move, move.work_object, "wobjdata", "work object")
+        use = Use(line, reader.column(move.start), move.name, "to", tool, wobj)
+        unknown = no_tool or no_wobj if kind == "pose" else ""
+        points: list[tuple[list[Literal], bool]] = []
+        self.goals.append((move, points))
+        for role, arg in move.points:
+            if role == "w":
+                continue
+            as_role: Role = "via" if role == "via" else "to"
+            if self._goes_abroad(move, arg, kind, replace(use, role=as_role), unknown):
+                points.append(([], True))
+                continue
+            found, reason = self._goals(move, arg, kind, line)
+            points.append((found, bool(reason)))
+            if reason or unknown:
+                self.literals.report(move.start, move.name, arg.text, reason or unknown)
+            for literal in found:
+                literal.uses.append(replace(use, role=as_role))
+                literal.reasons.extend(text for text in (reason, unknown) if text)
+
+    def _goes_abroad(self, move: Move, arg: Arg, kind: Kind, use: Use, unknown: str) -> bool:
+        """Give a target of another module this use; false where it is none, or none that can be corrected."""
+        data: Data | None = None
+        if arg.name is not None and self.reader.lookup(move.scope, arg.name) is None:
+            data = self.abroad.data.get(arg.name)
+        if arg.name is None or data is None or KIND_OF[data.type] != kind or len(arg.indices) != len(data.sizes):
+            return False
+        file = Path(self.reader.source).name
+        found = self.abroad.literals(arg.name, arg.indices)
+        frames = (("tooldata", use.tool), ("wobjdata", use.work_object)) if kind == "pose" else ()
+        against = [f"{unknown} of {file}"] if unknown else []
+        against += [why for of, name in frames if name and (why := self.abroad.frame_problem(of, name))]
+        changes = [start for index, start in data.changes if may_be(index, arg.indices)]
+        against += ["it is computed or changed in its own module"] if changes else []
+        for literal in found:
+            literal.uses.append(replace(use, file=file))
+            literal.reasons.extend(against)
+        if against or not found:
+            self.literals.report(move.start, move.name, arg.text, "; ".join(against) or "it has no value in numbers")
+        return True
+
+    def _goals(self, move: Move, arg: Arg, kind: Kind, line: int) -> tuple[list[Literal], str]:
+        """Literals that an argument stands for, and why these are not all, or not to be changed."""
+        reader = self.reader
+        if arg.node is not None:
+            literal = self.literals.literal(arg.node, kind, f"of {move.name} in line {line}")
+            return ([], f"its numbers are computed: {arg.text}") if literal is None else ([literal], "")
+        if arg.name is None:
+            if arg.text == "*":
+                return [], "the position * stands in the controller only"
+            return [], f"its target is computed: {arg.text}"
+        data = reader.lookup(move.scope, arg.name)
+        if data is None:
+            return [], f"{arg.text} is not declared in this module"
+        if data.type == "parameter":
+            return [], f"{arg.text} is a parameter of the routine"
+        if KIND_OF.get(data.type) != kind:
+            if data.type in KIND_OF:
+                message = f"{move.name} goes to a {TYPE_OF[kind]}, but {data.spelling} is a {data.type}"
+                raise reader.error(arg.start, message)
+            return [], f"{arg.text} is declared as {data.type}"
+        if len(arg.indices) != len(data.sizes):
+            message = f"{data.spelling} has {len(data.sizes)} indices, but {arg.text} has {len(arg.indices)}"
+            raise reader.error(arg.start, message)
+        found = data.literals(arg.indices)
+        changes = sorted(position for index, position in data.changes if may_be(index, arg.indices))
+        if changes:
+            return found, f"{arg.text} is computed or changed in line {reader.line(changes[0])}"
+        return found, "" if found else f"{arg.text} has no value in this module"
+
+    def _frame_name(self, move: Move, arg: Arg | None, type_name: str, what: str) -> tuple[str | None, str]:
+        """Name of a tool or work object, or None and why there is no one name."""
+        if arg is None:
+            return "wobj0", ""
+        if arg.name is None or arg.indices:
+            return None, f"the {what} of {move.name} in line {self.reader.line(move.start)} is computed: {arg.text}"
+        data = self.reader.lookup(move.scope, arg.name)
+        if data is None or (arg.name in self.given[type_name] and data.type != "parameter"):
+            return arg.name, ""
+        if data.type == "parameter" or self.reader.data.get(arg.name) is not data:
+            kind = "a parameter of" if data.type == "parameter" else "declared in"
+            return None, f"the {what} {arg.text} is {kind} the routine"
+        if data.changes:
+            return None, f"the {what} {arg.text} is changed in line {self.reader.line(data.changes[0][1])}"
+        if data.type != type_name:
+            raise self.reader.error(arg.start, f"expected a {type_name}, but {arg.text} is declared as {data.type}")
+        return arg.name, ""
+
+    def _mentions(self) -> None:
+        """Note for each literal where its variable is used in another way than as the target of a move."""
+        for scope, name, index, start in self.reader.mentions:
+            data = self.reader.lookup(scope, name)
+            for literal in data.literals(index) if data is not None else ():
+                literal.mentioned.append(start)
+
+    def _conclude(self, literal: Literal) -> None:
+        """Put together what speaks against changing a literal."""
+        reader = self.reader
+        if literal.problem and literal.uses:
+            raise reader.error(literal.start, f"{TYPE_OF[literal.kind]} {literal.name!r}: {literal.problem}")
+        if literal.problem:
+            literal.reasons.append(literal.problem)
+        if literal.kind == "pose":
+            uses = literal.uses[::-1]
+            tools = {use.tool: use.place for use in uses}
+            work_objects = {use.work_object: use.place for use in uses}
+            for what, names in (("tools", tools), ("work objects", work_objects)):
+                if len(names) > 1:
+                    seen = ", ".join(f"{name or 'a computed one'} ({line})" for name, line in names.items())
+                    literal.reasons.append(f"used with different {what}: {seen}")
+        lines = sorted({reader.line(start) for start in literal.mentioned})
+        for line in lines[:_QUOTED]:
+            literal.reasons.append(f"line {line} uses it in another way: {reader.quote_line(line)}")
+        if len(lines) > _QUOTED:
+            literal.reasons.append(f"so do {len(lines) - _QUOTED} more lines")
+        literal.reasons = list(dict.fromkeys(literal.reasons))
+
+
+def given_frames(identity: str, frames: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Frames that the caller gives, by names in lower case, and the one that is always there.
+
+    Parameters
+    ----------
+    identity : str
+        ``tool0`` or ``wobj0``.
+    frames : dict of str to ndarray, shape (4, 4)
+
+    Returns
+    -------
+    dict of str to ndarray, shape (4, 4)
+    """
+    out = {identity: np.eye(4)}
+    for name, T in frames.items():
+        out[name.lower()] = np.array(T, dtype=float)
+        if out[name.lower()].shape != (4, 4) or not np.isfinite(out[name.lower()]).all():
+            raise ValueError(f"frame {name}: expected a transform of shape (4, 4)")
+    return out
+
+
+def read_frame(reader: Reader, data: Data, line: int) -> FloatArray:
+    """Frame of a tool on the flange or of a work object in the base.
+
+    Parameters
+    ----------
+    reader : Reader
+    data : Data
+        Of the type ``tooldata`` or ``wobjdata``.
+    line : int
+        Of the move that needs it.
+
+    Returns
+    -------
+    ndarray, shape (4, 4)
+        ``T_tip_tcp``, or ``T_base_wobj`` = user frame times object frame; metres.
+
+    Raises
+    ------
+    ProgramError
+        If it does not stand there in numbers, or is of a kind that is not supported.
+    """
+    tool = data.type == "tooldata"
+    what = f"{'tool' if tool else 'work object'} {data.spelling}"
+    items = data.node.items if data.node is not None else None
+    if items is None or len(items) != (3 if tool else 5):
+        raise reader.error(data.start, f"{what} has no frame in numbers, but line {line} uses it: give its frame")
+    words = [reader.text[item.start : item.end].lower() for item in items]
+    if words[0] != ("true" if tool else "false"):
+        held = "is not held by the robot" if tool else "is held by the robot"
+        raise reader.error(data.start, f"{what} {held} (robhold {words[0].upper()}): this is not supported")
+    if not tool and words[1] != "true":
+        moved = f"is moved by a mechanical unit (ufprog {words[1].upper()})"
+        raise reader.error(data.start, f"{what} {moved}: this is not supported")
+    T = np.eye(4)
+    for node in items[1:2] if tool else items[3:5]:
+        parts = [part.items or [] for part in node.items or []]
+        leaves = [leaf.number for part in parts for leaf in part if leaf.number is not None]
+        if [len(part) for part in parts] != [3, 4] or len(leaves) < 7:
+            expected = "a frame [[x, y, z], [q1, q2, q3, q4]] in numbers"
+            found = reader.quote(node.start, node.end)
+            raise reader.error(node.start, f"{what}: expected {expected}, found {found}")
+        too_large = "found a number that is too large" if max(map(abs, leaves)) >= ABSENT else None
+        problem = too_large or quaternion_problem(leaves[3:])
+        if problem:
+            raise reader.error(node.start, f"{what}: {problem}")
+        T = T @ poses_from_numbers(leaves)[0]
+    return T
+
+
+def shared_frames(contents: Sequence[tuple[bytes, str]]) -> dict[str, dict[str, dict[str, FloatArray]]]:
+    """Tools and work objects that modules define in numbers, by file, by type and by name.
+
+    Raises
+    ------
+    ProgramError
+        If one is no RAPID module.
+    """
+    out = {}
+    for data, source in contents:
+        reader = Reader(decode(data, source)[0], source)
+        reader.read()
+        found: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
+        for name, item in reader.data.items():
+            if item.type in found:
+                with suppress(ProgramError):  # refused where a move needs it
+                    found[item.type][name] = read_frame(reader, item, reader.line(item.start))
+        out[source] = found
+    return out
+
+
+def needed_frames(
+    reader: Reader, literals: Sequence[Literal], given: Mapping[str, Mapping[str, FloatArray]]
+) -> dict[str, dict[str, FloatArray]]:
+    """Frames of the tools and work objects that correctable poses need, and those of joint targets that are known.
+
+    Parameters
+    ----------
+    reader : Reader
+    literals : sequence of Literal
+        With all their uses and reasons.
+    given : dict of str to dict of str to ndarray
+        Frames from the caller, by ``tooldata`` and ``wobjdata`` and by name; they go before those of the module.
+
+    Returns
+    -------
+    dict of str to dict of str to ndarray
+        As ``given``.
+
+    Raises
+    ------
+    ProgramError
+        If one cannot be had.
+    """
+    found: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
+    missing: dict[tuple[str, str], Use] = {}
+    for literal in literals:
+        needed = literal.kind == "pose" and not literal.reasons
+        for use in literal.uses:
+            for type_name, name in (("tooldata", use.tool), ("wobjdata", use.work_object)):
+                if name is None or name in found[type_name]:
+                    continue
+                if name in given[type_name]:
+                    found[type_name][name] = given[type_name][name]
+                elif name in reader.data:
+                    try:
+                        found[type_name][name] = read_frame(reader, reader.data[name], use.line)
+                    except ProgramError:
+                        if needed:
+                            raise
+                elif needed:
+                    missing.setdefault((type_name, name), use)
+    if missing:
+        raise _not_defined(reader, missing)
+    return found
+
+
+def _not_defined(reader: Reader, missing: Mapping[tuple[str, str], Use]) -> ProgramError:
+    entries = sorted(missing.items(), key=lambda entry: entry[1].line)
+    texts = [f"{'tool' if type_name == 'tooldata' else 'work object'} {name}" for (type_name, name), _ in entries]
+    first = entries[0][1]
+    more = [f"{text} in line {use.line}" for text, (_, use) in zip(texts[1:], entries[1:], strict=True)]
+    also = f" (also: {', '.join(more)})" if more else ""
+    message = f"{first.instruction} uses the {texts[0]}, which this module does not define: give its frame{also}"
+    return ProgramError(message, file=reader.source, line=first.line)
+
+
+_BRANCHES = (
+    "if then elseif else endif for endfor while endwhile test case default endtest goto return error undo backward "
+    "raise retry trynext exit proc endproc func endfunc trap endtrap connect"
+)
+_HARMLESS = (
+    "accset add bitclear bitset bookerrno clear clkreset clkstart clkstop close confj confl decr enddo errlog errwrite "
+    "gripload idisable ienable incr invertdo isignaldi isleep iwatch open pathresol pulsedo reset rewind "
+    "setao setdo setgo set singarea softact softdeact speedrefresh startload tperase tpshow tpwrite triggequip "
+    "triggint triggio triggspeed unload velset waitai waitao waitdi waitdo waitgi waitgo waitrob waittime waituntil "
+    "worldacclim write writebin writestrbin"
+)
+_BEFORE = frozenset(["then", "else", "do", "default", "error"])
+BRANCHES = frozenset(_BRANCHES.split())
+HARMLESS = frozenset(_HARMLESS.split())
+"""Instructions that do not move the robot; any other name may be a routine that does."""
+
+
+def breaks(reader: Reader) -> list[int]:
+    """Places in the text behind which the stop before is not known, in order."""
+    found = []
+    tokens = reader.tokens
+    begin, compact = True, False
+    for i, (kind, word, start, _) in enumerate(tokens[:-1]):
+        if kind == "name":
+            if word in BRANCHES:
+                found.append(start)
+                if word == "if":
+                    compact = not _has_then(reader, i)
+            elif begin and word not in MOVES and word not in HARMLESS and not reader._is_assignment(i):
+                found.append(start)  # a declaration, a label or a call
+            begin = word in _BEFORE
+            continue
+        if begin and word == "%":  # a routine by its name in a text
+            found.append(start)
+        if word == ";" and compact:  # the move behind IF without THEN may not have been made
+            found.append(start)
+            compact = False
+        begin = word == ";" or word == ":"
+    return found
+
+
+def _has_then(reader: Reader, i: int) -> bool:
+    while reader.tokens[i].word not in (";", "then", ""):
+        i += 1
+    return reader.tokens[i].word == "then"
+
+
+def stops(
+    reader: Reader,
+    goals: Sequence[tuple[Move, list[tuple[list[Literal], bool]]]],
+    numbers: Mapping[int, int],
+    places: Sequence[int],
+) -> tuple[Stop, ...]:
+    """The stops of a module in the order of its text.
+
+    Parameters
+    ----------
+    reader : Reader
+    goals : sequence of (Move, list of (list of Literal, bool))
+        For each move and each of its points the literals that it may stand for, and whether it may be another place.
+    numbers : dict of int to int
+        Number of each literal's target by its ``id``.
+    places : sequence of int
+        Of `breaks`.
+
+    Returns
+    -------
+    tuple of Stop
+    """
+    out: list[Stop] = []
+    before: int | None = None
+    last = 0
+    for move, points in sorted(goals, key=lambda goal: goal[0].start):
+        if bisect.bisect_left(places, move.start) > bisect.bisect_left(places, last):
+            before = None
+        last = move.start
+        line = reader.line(move.start)
+        for literals, computed in points:
+            one = len(literals) == 1 and not computed
+            for literal in literals:
+                out.append(Stop(line, numbers[id(literal)], before if one else None))
+            if not literals:
+                out.append(Stop(line, None, None))
+            before = numbers[id(literals[0])] if one else None
+        if move.name.startswith("Search"):  # it ends where something was found
+            before = None
+    return tuple(out)
+
+
+ZONES = {"fine": 0.0, "z0": 0.3 * MM} | {f"z{n}": n * MM for n in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
+"""Predefined zones and their radii, metres."""
+
+KEPT = ("v", "tload")
+"""Optional arguments that each piece takes, too, behind the speed and at the end."""
+OF_THE_END = ("z", "inpos")
+"""Optional arguments that belong to the end of the move."""
+
+_HERE = locked(np.eye(4))
+
+_STRAIGHT = re.compile("(?:Move|Trigg|Search)[LC]")
+
+Points = Sequence[tuple[Move, list[tuple[list[Literal], bool]]]]
+
+
+class PathText(NamedTuple):
+    """Where a move stands, and of what a piece of it is made.
+
+    Attributes
+    ----------
+    at : int
+        Begin of the instruction.
+    via : (int, int) or None
+        The argument that names the point on the circle.
+    rest : str
+        Of a piece, behind its points.
+    work_object, tool : str or None
+        Names in lower case.
+    """
+
+    at: int
+    via: Span | None
+    rest: str
+    work_object: str | None
+    tool: str | None
+
+
+def paths(
+    reader: Reader,
+    goals: Points,
+    numbers: Mapping[int, int],
+    targets: Sequence[Target],
+    tools: Mapping[str, FloatArray],
+    places: Sequence[int],
+) -> tuple[tuple[PathMove, PathText], ...]:
+    """The straight and circular moves of a module in the order of its text; arguments as for `order.stops`."""
+    out = []
+    before: tuple[Move, int] | None = None
+    last = 0
+    for move, points in sorted(goals, key=lambda goal: goal[0].start):
+        if bisect.bisect_left(places, move.start) > bisect.bisect_left(places, last):
+            before = None
+        last = move.start
+        ends = [numbers[id(found[0])] if len(found) == 1 and not computed else None for found, computed in points]
+        if _STRAIGHT.match(move.name):
+            out.append(_path(reader, move, ends, before, targets, tools))
+        known = bool(ends) and ends[-1] is not None and not move.name.startswith("Search")
+        before = (move, ends[-1]) if known and ends[-1] is not None else None
+    return tuple(out)
+
+
+def _path(
+    reader: Reader,
+    move: Move,
+    ends: Sequence[int | None],
+    before: tuple[Move, int] | None,
+    targets: Sequence[Target],
+    tools: Mapping[str, FloatArray],
+) -> tuple[PathMove, PathText]:
+    circular = len(ends) > 1
+    here = reader.line(move.start), reader.column(move.start)
+    uses = [use for k in ends if k is not None for use in targets[k].uses if (use.line, use.column) == here]
+    use = uses[0] if uses else None
+    tool, work_object = (None, None) if use is None else (use.tool, use.work_object)
+    T = tools.get(tool or "")
+    name = f"{move.name} {move.points[-1][1].text}"
+    zones = [_zone(reader, one) for one in ([] if before is None else [before[0]]) + [move]]
+    start = None if before is None else before[1]
+    why = _doubt(reader, move, T, zones, [targets[k] for k in (start, *ends) if k is not None])
+    text = reader.text
+    speed, tool_arg = move.args[len(move.points)], move.tool
+    v, load = (move.options.get(option) for option in KEPT)
+    rest = text[speed.start : speed.end] + ("" if v is None else f"\\V:={text[v.start : v.end]}")
+    rest += f",z0,{text[tool_arg.start : tool_arg.end]}"
+    if move.work_object is not None:
+        rest += f"\\WObj:={text[move.work_object.start : move.work_object.end]}"
+    rest += "" if load is None else f"\\TLoad:={text[load.start : load.end]}"
+    if re.search(r"[\r\n!]", rest):
+        why = why or "an argument goes over several lines"
+    via = (move.points[0][1].start, move.points[0][1].end) if circular else None
+    radii = tuple(0.0 if zone is None else zone for zone in zones)
+    path = PathMove(
+        reader.line(move.start),
+        name,
+        start,
+        ends[0] if circular else None,
+        ends[-1] if None not in ends else None,
+        _HERE if T is None else T,
+        (radii[0], radii[-1]),
+        why,
+    )
+    return path, PathText(move.start, via, rest, work_object, tool)
+
+
+_ONE_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
+
+
+def _doubt(
+    reader: Reader, move: Move, T: FloatArray | None, zones: Sequence[float | None], targets: Sequence[Target]
+) -> str:
+    """Why no points can be put into a move; empty where they can."""
+    if move.name not in EXACT:
+        return f"no points are put into {move.name}: what it does on its way belongs to a place on the path"
+    others = [option for option in move.options if option not in ("wobj", "tool", *KEPT, *OF_THE_END)]
+    if others:
+        return f"no points are put into a move with \\{others[0]}: it would mean something else for each piece"
+    if T is None:
+        return "its tool is not known"
+    if None in zones:
+        return "a zone is not one of the predefined ones (fine, z0 … z200), or the move before is not MoveJ, MoveL, …"
+    if "z0" in reader.data or any("z0" in scope for scope in reader.scopes):
+        return "the module has its own z0"
+    poses = [target for target in targets if target.kind == "pose"]
+    if len({target.configuration.cfx if isinstance(target.configuration, ConfData) else None for target in poses}) > 1:
+        return "its points have different cfx"
+    if any(target.configuration is None for target in poses):
+        return "a configuration is computed"
+    return "" if all(_no_axes(target.external) for target in targets) else "there are external axes"
+
+
+@functools.lru_cache(maxsize=256)
+def _no_axes(external: str) -> bool:
+    """Whether the external axes of a target are all absent."""
+    values = re.sub(r"\s", "", external).lower().strip("[]").split(",")
+    return all(_ONE_NUMBER.fullmatch(value) and abs(float(value)) >= ABSENT for value in values)
+
+
+def _zone(reader: Reader, move: Move) -> float | None:
+    """Radius of the zone at the end of a move, metres; None where it is not known."""
+    place = len([role for role in PATTERNS[move.name].split() if role in ("to", "via", "w")]) + 1
+    if move.name not in EXACT or "z" in move.options or len(move.args) <= place:
+        return None
+    zone: Arg = move.args[place]
+    name = reader.text[zone.start : zone.end].lower()
+    if reader.lookup(move.scope, name) is not None:  # the module's own
+        return None
+    return ZONES.get(name)
+
+
+def insertions(
+    text: str,
+    moves: Sequence[tuple[PathMove, PathText]],
+    cuts: Sequence[CutPath],
+    targets: Sequence[Target],
+    work_objects: Mapping[str, FloatArray],
+) -> tuple[list[Edit], list[Span]]:
+    """Text of the points that are put into moves, and the spans of arguments that they replace."""
+    edits: list[Edit] = []
+    replaced: list[Span] = []
+    newline = "\r\n" if "\r\n" in text else "\n" if "\n" in text or "\r" not in text else "\r"
+    for (move, place), cut in zip(moves, cuts, strict=True):
+        if not len(cut.q) or move.to is None:
+            continue
+        to = targets[move.to]
+        points = _points(cut, to, work_objects[place.work_object or ""])
+        line_start = max(text.rfind("\n", 0, place.at), text.rfind("\r", 0, place.at)) + 1
+        indent = text[line_start : place.at]
+        gap = newline + indent if not indent.strip(" \t\ufeff") else " "
+        if place.via is None:
+            pieces = [f"MoveL {point},{place.rest};{gap}" for point in points]
+        else:
+            pairs = zip(points[:-1:2], points[1::2], strict=True)
+            pieces = [f"MoveC {via},{end},{place.rest};{gap}" for via, end in pairs]
+            edits.append((*place.via, points[-1]))
+            replaced.append(place.via)
+        edits.append((place.at, place.at, "".join(pieces)))
+    return edits, replaced
+
+
+def _points(cut: CutPath, to: Target, T_base_wobj: FloatArray) -> list[str]:
+    """Literals of the points of a cut."""
+    T = frames.inverse(T_base_wobj) @ cut.T_fake @ cut.move.T_tip_tcp
+    near = np.array(to.written[3:])[None].repeat(len(T), axis=0)
+    out = []
+    assert isinstance(to.configuration, ConfData)
+    external = re.sub(r"\s", "", to.external)
+    for row, q in zip(numbers_from_poses(T, near), cut.q, strict=True):
+        place = ",".join(number_text(value, DECIMALS) for value in row[:3])
+        turn = ",".join(number_text(value, QUATERNION_DECIMALS) for value in row[3:])
+        conf = ",".join(map(str, configuration_of(q, to.configuration.cfx)))
+        out.append(f"[[{place}],[{turn}],[{conf}],{external}]")
+    return out
+
+
+MARK = "! irbcal: fake targets, calibration "
+"""Begin of the line; the fingerprint of the calibration follows."""
+
+HEADER = 500
+"""Tokens and comments among which the line with ``MODULE`` is looked for first."""
+
+_MARK = re.compile(r"!\s*irbcal: fake targets(?:, calibration (\S+))?", re.IGNORECASE)
+
+
+def mark(data: bytes, fingerprint: str, source: str = "program") -> bytes:
+    """Bytes of a module with the comment line that says what its targets are corrected for.
+
+    The line comes behind the one with ``MODULE``; all other bytes stay.
+
+    Parameters
+    ----------
+    data : bytes
+    fingerprint : str
+        Of the calibration: one word.
+    source : str
+        File name for messages.
+
+    Returns
+    -------
+    bytes
+    """
+    if not fingerprint.isascii() or not fingerprint.isprintable() or fingerprint.split() != [fingerprint]:
+        raise ValueError("expected a fingerprint of one word")
+    text, encoding = decode(data, source)
+    try:
+        reader = Reader(text, source, HEADER)
+        end = reader.tokens[reader.header() - 1].end
+    except ProgramError:
+        reader = Reader(text, source)
+        end = reader.tokens[reader.header() - 1].end
+    line_end = re.search(r"\r\n|\n|\r", text)
+    newline = line_end[0] if line_end else "\n"
+    rest = re.match(r"[ \t]*(?:![^\r\n]*)?(\r\n|\n|\r)", text[end:])
+    at, before = (end + rest.end(), "") if rest else (end, newline)
+    return (text[:at] + before + MARK + fingerprint + newline + text[at:]).encode(encoding)
+
+
+def in_comments(comments: Sequence[str]) -> str | None:
+    """Fingerprint in the first mark among comments; empty where it names none, None without mark."""
+    marks = [found[1] or "" for found in map(_MARK.match, comments) if found]
+    return marks[0] if marks else None
+
+
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the mark of a module; empty where it names none, None without mark.
+
+    Raises
+    ------
+    ProgramError
+        If this is no RAPID module.
+    """
+    text, _ = decode(data, source)
+    reader = Reader(text, source)
+    reader.header()
+    return in_comments(reader.comments)
+
+
+def edits(
+    program: TextProgram, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]
+) -> list[Edit]:
+    """New text of the numbers that change; see `irbcal.correction.text_program.with_targets`."""
+    out: list[Edit] = []
+    poses = [k for k in new_values if program.targets[k].kind == "pose"]
+    if poses:
+        near = np.array([program.targets[k].written[3:] for k in poses])
+        numbers = numbers_from_poses(np.array([new_values[k] for k in poses]), near)
+        for k, row in zip(poses, numbers, strict=True):
+            _edit(out, program.targets[k], row, [DECIMALS] * 3 + [QUATERNION_DECIMALS] * 4)
+    for k, value in new_values.items():
+        if program.targets[k].kind == "joint":
+            _edit(out, program.targets[k], np.asarray(value) / DEG, [DECIMALS] * 6)
+    for k, conf in configurations.items():
+        target = program.targets[k]
+        if target.configuration is None:
+            message = f"target {target.name} has no configuration in numbers to rewrite"
+            raise ProgramError(message, file=program.source, line=target.line)
+        assert isinstance(conf, ConfData)
+        assert isinstance(target.configuration, ConfData)
+        pairs = zip(conf, target.configuration, strict=True)
+        spans = target.configuration_spans
+        out.extend((*s, str(int(new))) for s, (new, old) in zip(spans, pairs, strict=True) if new != old)
+    return out
+
+
+def _edit(edits: list[Edit], target: Target, numbers: FloatArray, decimals: Sequence[int]) -> None:
+    for span, new, old, places in zip(target.spans, numbers, target.written, decimals, strict=True):
+        if not abs(new - old) <= 0.5 * 10.0**-places:
+            edits.append((*span, number_text(new, places)))
+
+
+_NOTES = {
+    **dict.fromkeys(["pdispon", "pdispset"], "a program displacement moves targets that are corrected without it"),
+    **dict.fromkeys(["getdataval", "setdataval", "setalldataval"], "data are reached by a name that is not followed"),
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Module(TextProgram):
+    """A RAPID module as read.
+
+    Attributes
+    ----------
+    order : tuple of Stop
+        Its stops in the order of the text.
+    moves : callable
+        Gives its straight and circular moves in the order of the text, and their text; gathered when asked for.
+    cuts : tuple of CutPath
+        What is put into these; empty: nothing.
+    """
+
+    order: tuple[Stop, ...] = ()
+    moves: Callable[[], tuple[tuple[PathMove, PathText], ...]] = tuple
+    cuts: tuple[CutPath, ...] = ()
+
+    def path_moves(self) -> list[PathMove]:
+        """The straight and circular moves, see `irbcal.correction.languages.rapid`."""
+        return [move for move, _ in self.moves()]
+
+    def with_cuts(self, cuts: Sequence[CutPath]) -> Module:
+        """The module that writes points into its moves, one cut for each."""
+        return replace(self, cuts=tuple(cuts))
+
+    def stops(self) -> tuple[Stop, ...]:
+        """The stops in the order of the text, see `irbcal.correction.languages.rapid`."""
+        return self.order
+
+    def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
+        """New text of numbers and configuration data, and points put into moves."""
+        plain = edits(self, new_values, configurations)
+        if not self.cuts:
+            return plain
+        inserted, replaced = insertions(self.text, self.moves(), self.cuts, self.targets, self.work_objects)
+        return [*(edit for edit in plain if not any(a <= edit[0] < b for a, b in replaced)), *inserted]
+
+    def new_configurations(self, targets: Sequence[Target], q: FloatArray) -> list[Configuration | None]:
+        """Quadrants of the axes; ``cfx`` stays."""
+        pairs = zip(q, (target.configuration for target in targets), strict=True)
+        return [configuration_of(row, old.cfx) if isinstance(old, ConfData) else None for row, old in pairs]
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+        """The module with fake targets, their configuration data and the line that says what they are corrected for."""
+        values, configurations = self.new_text(found)
+        if not values:
+            return {self.source: self.data}
+        new = with_targets(self, values, configurations)
+        return {self.source: new if fingerprint is None else mark(new, fingerprint, self.source)}
+
+
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like a RAPID module."""
+    return re.search(rb"^\s*(?:%%%[\s\S]{0,200}?)?MODULE\s+\w+", data, re.IGNORECASE | re.MULTILINE) is not None
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[Module]:
+    """Read RAPID modules for an arm; see `irbcal.correction.languages.Language`.
+
+    Tools and work objects that one of them defines in numbers serve all others.
+    """
+    if not arm.six_revolute:
+        raise ProgramError(f"RAPID targets are of six revolute joints, {arm.name} has others", file=files[0])
+    contents = [(read_bytes(path), str(path)) for path in files]
+    shared = shared_frames(contents) if len(files) > 1 else {}
+    parsed = []
+    for data, source in contents:
+        others = [frames for name, frames in shared.items() if name != source]
+        tools = {name: T for found in others for name, T in found["tooldata"].items()}
+        work_objects = {name: T for found in others for name, T in found["wobjdata"].items()}
+        own = shared.get(source, {"tooldata": {}, "wobjdata": {}})
+        tools = {name: T for name, T in tools.items() if name not in own["tooldata"]} | {**given.tools}
+        work_objects = {name: T for name, T in work_objects.items() if name not in own["wobjdata"]}
+        parsed.append(_Parsed(data, source, tools, work_objects | {**given.work_objects}))
+    everywhere = {
+        "tooldata": given_frames("tool0", given.tools),
+        "wobjdata": given_frames("wobj0", given.work_objects),
+    }
+    for one in parsed:
+        seen = [other.literals for other in parsed if other is not one]
+        one.gather(Abroad(one.literals, seen, shared, everywhere))
+    return [one.module() for one in parsed]
+
+
+def read(
+    path: str | Path,
+    tools: Mapping[str, FloatArray] | None = None,
+    work_objects: Mapping[str, FloatArray] | None = None,
+) -> Module:
+    """Read a RAPID module from a file; see `parse`."""
+    return parse(read_bytes(path), str(path), tools, work_objects)
+
+
+def parse(
+    data: bytes,
+    source: str = "program",
+    tools: Mapping[str, FloatArray] | None = None,
+    work_objects: Mapping[str, FloatArray] | None = None,
+) -> Module:
+    """Read a RAPID module.
+
+    Parameters
+    ----------
+    data : bytes
+        UTF-8 (with or without byte order mark) or Latin-1.
+    source : str
+        File name for messages.
+    tools, work_objects : dict of str to ndarray, shape (4, 4), optional
+        ``T_tip_tcp`` and ``T_base_wobj`` in metres of names that the module does not define; they go before what
+        the module says. ``tool0`` and ``wobj0`` need not be given.
+
+    Returns
+    -------
+    Module
+
+    Raises
+    ------
+    ProgramError
+        If this is not a whole RAPID module, or a needed tool or work object is not known or not supported.
+    """
+    parsed = _Parsed(data, source, tools or {}, work_objects or {})
+    parsed.gather(Abroad(parsed.literals))
+    return parsed.module()
+
+
+class _Parsed:
+    """A module on its way: its targets first, their uses when those of all modules are known."""
+
+    def __init__(
+        self, data: bytes, source: str, tools: Mapping[str, FloatArray], work_objects: Mapping[str, FloatArray]
+    ) -> None:
+        self.text, self.encoding = decode(data, source)
+        self.reader = Reader(self.text, source)
+        self.reader.read()
+        self.given = {"tooldata": given_frames("tool0", tools), "wobjdata": given_frames("wobj0", work_objects)}
+        self.literals = Literals(self.reader)
+        self.literals.collect()
+        self.uses = Uses(self.literals, self.given)
+
+    def gather(self, abroad: Abroad) -> None:
+        """Gather the uses that this module makes of its targets and of others'."""
+        self.uses = Uses(self.literals, self.given, abroad)
+        self.uses.gather()
+
+    def module(self) -> Module:
+        """The module, once the uses of all are gathered."""
+        reader, literals = self.reader, self.literals
+        self.uses.conclude()
+        numbers = {id(literal): k for k, literal in enumerate(_in_file_order(literals.found))}
+        found = needed_frames(reader, literals.found, self.given)
+        targets = _targets(reader, literals.found)
+        places = breaks(reader)
+        reader.tokens.clear()  # nothing below asks for them, and the module keeps the reader
+        return Module(
+            source=reader.source,
+            text=self.text,
+            encoding=self.encoding,
+            targets=targets,
+            tools=found["tooldata"],
+            work_objects=found["wobjdata"],
+            uncorrected=tuple(sorted(literals.uncorrected, key=lambda entry: (entry.line, entry.column))),
+            notes=_notes(reader, literals.found),
+            fingerprint=in_comments(reader.comments),
+            order=stops(reader, self.uses.goals, numbers, places),
+            moves=cache(lambda: paths(reader, self.uses.goals, numbers, targets, found["tooldata"], places)),
+        )
+
+
+def _in_file_order(found: list[Literal]) -> list[Literal]:
+    return sorted(found, key=lambda literal: literal.start)
+
+
+def _targets(reader: Reader, found: list[Literal]) -> tuple[Target, ...]:
+    """The targets in the order of the file."""
+    literals = _in_file_order(found)
+    poses = [k for k, literal in enumerate(literals) if literal.kind == "pose" and not literal.problem]
+    values = [np.full((4, 4) if literal.kind == "pose" else 6, np.nan) for literal in literals]
+    for k, T in zip(poses, poses_from_numbers([literals[k].values for k in poses]), strict=True):
+        values[k] = T
+    out = []
+    for literal, value in zip(literals, values, strict=True):
+        if literal.kind == "joint" and not literal.problem:
+            value = np.array([number if abs(number) < ABSENT else np.nan for number in literal.values]) * DEG
+        value.setflags(write=False)
+        leaves = literal.configuration
+        out.append(
+            Target(
+                name=literal.name,
+                kind=literal.kind,
+                value=value,
+                configuration=ConfData(*(int(leaf.number or 0) for leaf in leaves)) if leaves else None,
+                external=reader.text[literal.external.start : literal.external.end],
+                line=reader.line(literal.start),
+                column=reader.column(literal.start),
+                uses=tuple(literal.uses),
+                conflicts=tuple(literal.reasons),
+                written=literal.values,
+                spans=tuple((leaf.start, leaf.end) for leaf in literal.numbers),
+                configuration_spans=tuple((leaf.start, leaf.end) for leaf in leaves),
+            )
+        )
+    return tuple(out)
+
+
+def _notes(reader: Reader, found: list[Literal]) -> tuple[Note, ...]:
+    """What the corrections do not know about."""
+    seen: dict[str, Note] = {}
+    for mention in reader.mentions:
+        if mention.name in _NOTES:
+            seen.setdefault(mention.name, Note(reader.line(mention.start), _NOTES[mention.name]))
+    for literal in found:
+        axes = literal.external.items or ()
+        if literal.uses and any(leaf.number is not None and abs(leaf.number) < ABSENT for leaf in axes):
+            text = f"{literal.name} has external axes: where they carry the robot or the work, its place is another"
+            seen.setdefault("external", Note(reader.line(literal.start), text))
+    return tuple(sorted(seen.values(), key=lambda note: note.line))
+
+
+SPEED_NAMES = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000, 1500, 2000, 2500, 3000)
+"""Speeds that RAPID has names for, mm/s."""
+
+
+def write_moves(moves: Moves) -> dict[str, str]:
+    """``plan.mod``: absolute joint moves to fine points."""
+    mm_s = round(moves.tip_speed / MM)
+    speed = f"v{mm_s}" if mm_s in SPEED_NAMES else f"[{mm_s},500,5000,1000]"
+    absent = ",".join(["9E9"] * 6)
+    lines = ["MODULE irbcal_plan", *(f"  ! {note(text)}" for text in moves.head), "  PROC main()", "    AccSet 50,50;"]
+    for move, joints in zip(moves.moves, moves.texts(), strict=True):
+        lines += [f"    ! {note(move.comment)}"] if move.comment else []
+        lines.append(f"    MoveAbsJ [[{','.join(joints)}],[{absent}]]\\NoEOffs,{speed},fine,tool0;")
+        lines += [f"    WaitTime {move.wait_s:g};"] if move.wait_s else []
+    return {"plan.mod": "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])}
+
+
+NAME = "RAPID"
+ENDINGS = (".mod", ".prg", ".sys", ".modx", ".sysx")
+ROBOTS = r"(^|_)(abb|irb_?\d)"
+MAKER = None

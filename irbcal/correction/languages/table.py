@@ -1,0 +1,459 @@
+"""Programs as CSV: one target in each row, joints or poses of the tip in the base link.
+
+The columns are those of the arm's joints, such as ``q1_deg`` … ``q6_deg``, or ``x_mm``, ``y_mm``, ``z_mm``, ``qw``,
+``qx``, ``qy``, ``qz``; their order is free and all other columns are kept. Joints with a column ``time_s`` are one
+motion (`irbcal.correction.languages.table`). A corrected file bears a column
+``irbcal_filtered`` with the fingerprint of the calibration. Errors name the file, the row (line of the file, the header
+being line 1) and the column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.notation import (
+    DECIMALS,
+    QUATERNION_DECIMALS,
+    QUATERNION_TOLERANCE,
+    numbers_from_poses,
+    poses_from_numbers,
+)
+from irbcal.correction.program import Given, Goals, Kind, Left, Note, Stop, read_bytes
+from irbcal.errors import MeasurementError, OptionError, ProgramError, RobotError
+from irbcal.measurement import plain_csv
+from irbcal.measurement.columns import (
+    JOINTS,
+    POSITION,
+    QUATERNION,
+    check_header,
+    expected_joint,
+    joint_units,
+    listed,
+    numbers,
+    parse_csv,
+)
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.trajectory import ENDS, Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MARK = "irbcal_filtered"
+"""Name of the column that marks a corrected file."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TableProgram:
+    """A CSV program as read.
+
+    Attributes
+    ----------
+    source : str
+        File name for messages.
+    kind : str
+        ``joint`` or ``pose``.
+    columns : tuple of str
+        Names of the columns with the numbers.
+    values : ndarray, shape (n, joints) or (n, 4, 4)
+        Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres; locked.
+    rows : ndarray of int, shape (n,)
+        Lines in the file.
+    data : bytes
+        The file.
+    table : DataFrame
+        All columns in the text of the file.
+    newline : str
+        Line end of the file.
+    byte_order_mark : bool
+        Whether the file begins with one.
+    fingerprint : str or None
+        Of the calibration that this program was already corrected with.
+    """
+
+    source: str
+    kind: Kind
+    columns: tuple[str, ...]
+    values: FloatArray
+    rows: IntArray
+    data: bytes
+    table: pd.DataFrame
+    newline: str
+    byte_order_mark: bool
+    fingerprint: str | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """There is nothing in a table that the corrections do not know about."""
+        return ()
+
+    def left(self) -> tuple[Left, ...]:
+        """Every row is to be corrected."""
+        return ()
+
+    def goals(self) -> list[Goals]:
+        """All rows."""
+        names = tuple(f"row {row}" for row in self.rows.tolist())
+        return [Goals(self.kind, np.arange(len(names)), names, self.rows, self.values)]
+
+    def stops(self) -> list[Stop]:
+        """A row a stop, in the order of the file."""
+        return [Stop(row, k, k - 1 if k else None) for k, row in enumerate(self.rows.tolist())]
+
+    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
+        """Everything can be written into a table."""
+        return [""] * len(goals.names)
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+        """The table with the joints or poses of the rows that are corrected, marked in a column."""
+        ((_, fake),) = found
+        values = fake.q if self.kind == "joint" else fake.T_fake
+        return {self.source: with_values(self, values, fingerprint, fake.ok) if fake.ok.any() else self.data}
+
+
+def with_values(
+    program: TableProgram,
+    values: ArrayLike,
+    fingerprint: str | None = None,
+    rows: ArrayLike | None = None,
+    more: Mapping[str, FloatArray] | None = None,
+) -> bytes:
+    """Bytes of the program with new values; all other columns keep their text.
+
+    Parameters
+    ----------
+    program : TableProgram
+    values : ndarray, shape (n, joints) or (n, 4, 4)
+        Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres.
+    fingerprint : str, optional
+        Of the calibration, for the column that marks a corrected file; without it there is none.
+    rows : ndarray of bool, shape (n,), optional
+        Rows that get their new values, the others keep their text (their new values may be NaN) and get no mark;
+        all by default.
+    more : dict of str to ndarray, shape (n,), optional
+        Numbers of other columns that are new, too, in the units of the file.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite, not rigid or of the wrong shape.
+    """
+    new = np.asarray(values, dtype=float)
+    n = len(program.table)
+    chosen = np.ones(n, dtype=bool) if rows is None else np.asarray(rows, dtype=bool)
+    if new.shape != program.values.shape or chosen.shape != (n,) or not np.isfinite(new[chosen]).all():
+        raise ValueError(f"expected finite values of shape {program.values.shape}")
+    if program.kind == "pose":
+        near = program.table[QUATERNION].to_numpy(dtype=float)
+        numbers = numbers_from_poses(new[chosen], near[chosen])
+    else:
+        numbers = new[chosen] / joint_units(program.columns)
+    changed = dict(zip(program.columns, numbers.T, strict=True))
+    changed |= {name: column[chosen] for name, column in (more or {}).items()}
+    columns = []
+    for name in program.table.columns:
+        if name == MARK and fingerprint is not None:
+            continue
+        text = program.table[name].to_numpy(dtype=object)
+        column = _new_column(name, changed[name], text, chosen) if name in changed else ("%s", _quoted(text))
+        columns.append((_quoted(np.array([name], dtype=object))[0], *column))
+    if fingerprint is not None:
+        columns.append((MARK, "%s", _quoted(np.where(chosen, fingerprint, "").astype(object))))
+    flat = np.empty((n, len(columns)), dtype=object)
+    for k, (_, _, cells) in enumerate(columns):
+        flat[:, k] = cells
+    body = (",".join(form for _, form, _ in columns) + program.newline) * n % tuple(flat.ravel())
+    head = ",".join(name for name, _, _ in columns) + program.newline
+    return (head + body).encode("utf-8-sig" if program.byte_order_mark else "utf-8")
+
+
+def _new_column(name: str, values: FloatArray, text: NameArray, chosen: BoolArray) -> tuple[str, NameArray]:
+    """Format and cells of a column with new values for the chosen rows."""
+    decimals = QUATERNION_DECIMALS if name in QUATERNION else DECIMALS
+    form = f"%.{decimals}f"
+    rounded = np.round(values, decimals) + 0.0  # no negative zero
+    if chosen.all():
+        return form, rounded.astype(object)
+    cells = text.copy()
+    cells[chosen] = [form % value for value in rounded.tolist()]
+    return "%s", _quoted(cells)
+
+
+def _quoted(cells: NameArray) -> NameArray:
+    """Cells with the quotation marks that CSV asks for."""
+    joined = "\x00".join(cells)
+    if not any(char in joined for char in ',"\r\n'):
+        return cells
+    return np.array(
+        ['"' + cell.replace('"', '""') + '"' if any(char in cell for char in ',"\r\n') else cell for cell in cells],
+        dtype=object,
+    )
+
+
+TIME = "time_s"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TimedTable(TableProgram):
+    """A CSV trajectory as read; see `irbcal.correction.timed.Timed`.
+
+    Attributes
+    ----------
+    arm : Arm
+    motion : Trajectory
+        In joints as the controller counts them.
+    commands : Trajectory or None
+        Speeds and accelerations to write, in the arm's joints.
+    """
+
+    arm: Arm
+    motion: Trajectory
+    commands: Trajectory | None = None
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion in joints of the arm."""
+        return _counted(self.motion, self.arm.from_controller(np.eye(len(self.columns))).T)
+
+    def with_motion(self, commands: Trajectory) -> TimedTable:
+        """The program with speeds and accelerations to write."""
+        return replace(self, commands=commands)
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+        """The table with the joints of the commands, their speeds and accelerations, marked in a column."""
+        ((_, fake),) = found
+        if not fake.ok.all() or self.commands is None:
+            return {self.source: self.data}
+        counted = _counted(self.commands, self.arm.to_controller(np.eye(len(self.columns))).T)
+        frame = counted.to_frame()
+        more = {name: frame[name].to_numpy() for name in frame.columns if name[0] in "va"}
+        return {self.source: with_values(self, fake.q, fingerprint, more=more)}
+
+
+def _counted(trajectory: Trajectory, turned: FloatArray) -> Trajectory:
+    """The trajectory in joints that count otherwise: ``q @ turned.T``."""
+    q, dq, ddq = (None if v is None else v @ turned.T for v in (trajectory.q, trajectory.dq, trajectory.ddq))
+    assert q is not None
+    return replace(trajectory, q=q, dq=dq, ddq=ddq, lean=None)
+
+
+def has_times(program: TableProgram) -> bool:
+    """Whether the rows of a table are joints over time."""
+    return program.kind == "joint" and TIME in program.table.columns
+
+
+def along_time(program: TableProgram, arm: Arm) -> TimedTable:
+    """A table of joints and times as a motion.
+
+    Raises
+    ------
+    ProgramError
+        If times do not grow, or columns of speeds or accelerations are not whole.
+    """
+    table, source = program.table, program.source
+    found = dict[str, FloatArray]()
+    try:
+        times = numbers(table, TIME, source, "a time in seconds")
+        for letter, end in ENDS[1:]:
+            columns = [f"{letter}{name[1:]}{end}" for name in arm.joint_columns]
+            if any(name in table.columns for name in columns):
+                check_header(list(table.columns), columns, source)
+                values = np.column_stack([numbers(table, name, source, "a number") for name in columns])
+                found[letter] = values * arm.joint_units
+    except MeasurementError as error:
+        refusal = ProgramError(str(error))
+        refusal.file, refusal.row, refusal.column = error.file, error.row, error.column
+        raise refusal from None
+    still = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(still):
+        k = int(still[0]) + 1
+        message = f"times of a trajectory grow, found {times[k]:g} s after {times[k - 1]:g} s"
+        raise ProgramError(message, file=source, row=int(program.rows[k]), column=TIME)
+    try:
+        derivatives = found.get("v"), found.get("a")
+        motion = Trajectory(times, program.values, *derivatives, arm.joint_names, arm.table.prismatic)
+    except RobotError as error:
+        raise ProgramError(str(error), file=source) from None
+    return TimedTable(**{f.name: getattr(program, f.name) for f in fields(TableProgram)}, arm=arm, motion=motion)
+
+
+POSE = [*POSITION, *QUATERNION]
+"""Columns of poses."""
+
+LARGEST = 1e9
+"""Numbers beyond (9E9, …) stand for no place that a robot could reach."""
+
+
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like a CSV program: its header names joints or positions."""
+    header = data[:4096].splitlines()[:1]
+    return bool(header) and (b"q1_" in header[0] or b"x_mm" in header[0]) and b"," in header[0]
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[TableProgram]:
+    """Read CSV programs for an arm; see `irbcal.correction.languages.Language`."""
+    for parameter, frames in (("tool", given.tools), ("wobj", given.work_objects)):
+        if frames:
+            message = "the poses of a CSV program are those of the tip in the base link: there is no frame to give"
+            raise OptionError(f"{parameter}: {message}", file=files[0], parameter=parameter)
+    programs = [read(path, arm.joint_columns) for path in files]
+    return [along_time(one, arm) if has_times(one) else one for one in programs]
+
+
+def read(path: str | Path, joints: Sequence[str] = JOINTS) -> TableProgram:
+    """Read a CSV program from a file; see `parse`."""
+    return parse(read_bytes(path), str(path), joints)
+
+
+def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) -> TableProgram:
+    """Read a CSV program.
+
+    Parameters
+    ----------
+    data : bytes
+        UTF-8 text with commas.
+    source : str
+        File name for messages.
+    joints : sequence of str
+        Columns of the arm's joints, ``arm.joint_columns``.
+
+    Returns
+    -------
+    TableProgram
+
+    Raises
+    ------
+    ProgramError
+        If it does not keep the format.
+    """
+    try:
+        table = parse_csv(data, source, typed=lambda name: False)
+        kind, columns = _kind(list(table.columns), source, joints)
+        if table.empty:
+            raise ProgramError("the file has a header but no rows", file=source)
+        written = np.column_stack([_column(table, name, source) for name in columns])
+    except MeasurementError as error:
+        _refuse(error)
+    _check_size(written, columns, table, source)
+    if kind == "pose":
+        _check_quaternions(written[:, 3:], table.index, source)
+    return TableProgram(
+        source=source,
+        kind=kind,
+        columns=columns,
+        values=poses_from_numbers(written) if kind == "pose" else written * joint_units(columns),
+        rows=table.index.to_numpy(),
+        data=data,
+        table=table,
+        newline="\r\n" if b"\r\n" in data else "\n",
+        byte_order_mark=data.startswith(b"\xef\xbb\xbf"),
+        fingerprint=_mark_of(table),
+    )
+
+
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the column that marks a corrected file; None without mark.
+
+    Raises
+    ------
+    ProgramError
+        If this is no CSV file.
+    """
+    try:
+        return _mark_of(parse_csv(data, source))
+    except MeasurementError as error:
+        _refuse(error)
+
+
+def _refuse(error: MeasurementError) -> NoReturn:
+    """What the reader of measurements refuses is refused as a program, in the same words."""
+    refusal = ProgramError(str(error))
+    refusal.file, refusal.row, refusal.column = error.file, error.row, error.column
+    raise refusal from None
+
+
+def _mark_of(table: pd.DataFrame) -> str | None:
+    marks = [str(mark).strip() for mark in table[MARK].unique() if mark.strip()] if MARK in table.columns else []
+    return marks[0] if marks else None
+
+
+def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Kind, tuple[str, ...]]:
+    """Joints or poses and their columns, from the header."""
+    kinds: dict[Kind, tuple[str, ...]] = {"joint": tuple(joints), "pose": tuple(POSE)}
+    complete = {kind: all(name in names for name in columns) for kind, columns in kinds.items()}
+    if all(complete.values()):
+        raise ProgramError("expected columns of joints or of poses, found both", file=source, row=1)
+    for kind, all_there in complete.items():
+        if all_there:
+            return kind, kinds[kind]
+    for columns in kinds.values():
+        metric = [name.replace("_deg", "_rad").replace("_mm", "_m") for name in columns]
+        if any(name in names for name in (*columns, *metric)):
+            check_header(names, columns, source)
+    expected = f"columns {joints[0]} … {joints[-1]} (joints) or {', '.join(POSE)} (poses)"
+    raise ProgramError(f"expected {expected}, found {listed(names)}", file=source, row=1)
+
+
+def _column(table: pd.DataFrame, name: str, source: str) -> FloatArray:
+    """Numbers of a column; what is not a plain number is refused by the reader of measurements, in its words."""
+    values = plain_csv.floats(table[name])
+    if values is not None and np.isfinite(values).all():
+        return values
+    cells = table[name].to_numpy(dtype=object)
+    text = "".join(cells)
+    if text.isascii() and "_" not in text:  # float() would take 1_0, and digits of other scripts
+        try:
+            values = cells.astype(float)
+        except ValueError:
+            values = np.array([np.nan])
+        if np.isfinite(values).all():
+            return values
+    return numbers(table, name, source, _expected(name))
+
+
+def _expected(name: str) -> str:
+    if name in POSITION:
+        return "a position in mm"
+    if name in QUATERNION:
+        return "a component of a quaternion"
+    return expected_joint(name)
+
+
+def _check_size(written: FloatArray, names: Sequence[str], table: pd.DataFrame, source: str) -> None:
+    bad = np.abs(written) > LARGEST
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        name = names[column]
+        found = repr(table[name].iloc[row].strip())
+        message = f"expected a number up to {LARGEST:g}, found {found}"
+        raise ProgramError(message, file=source, row=int(table.index[row]), column=name)
+
+
+def _check_quaternions(quaternions: FloatArray, lines: Sequence[int], source: str) -> None:
+    bad = np.abs(np.linalg.norm(quaternions, axis=1) - 1) > QUATERNION_TOLERANCE
+    if bad.any():
+        k = int(np.flatnonzero(bad)[0])
+        found = ", ".join(f"{value:g}" for value in quaternions[k])
+        message = f"expected a unit quaternion, found {found}"
+        raise ProgramError(message, file=source, row=int(lines[k]), column=QUATERNION)
+
+
+NAME = "CSV"
+ENDINGS = (".csv",)
+MAKER = None
+ROBOTS = ""
+write_moves = None

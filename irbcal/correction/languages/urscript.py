@@ -1,0 +1,388 @@
+"""URScript: joint lists and poses in variables and inside moves.
+
+A pose names no solution of the arm: that is the one next to ``qnear`` of ``get_inverse_kin``, else next to the stop
+before. Poses are those of the TCP that ``set_tcp`` sets, in the link ``base`` of the URDF.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction import orientations
+from irbcal.correction.course import Course, State
+from irbcal.correction.listing import BOM, Edit, Listing, mark_in
+from irbcal.correction.maker import Maker
+from irbcal.correction.maker_program import Found, MakerProgram, frame, parts_of
+from irbcal.correction.moves import Moves, note
+from irbcal.correction.program import Given, Note, read_bytes
+from irbcal.correction.text_program import Role
+from irbcal.correction.tokens import Token, Tokens, numbers
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.units import DEG
+
+UNIVERSAL_ROBOTS = Maker(
+    name="URScript",
+    orientation=orientations.UNIVERSAL_ROBOTS,
+    length=1.0,
+    angle=1.0,
+    joint=1.0,
+    decimals=(9, 9, 9),
+    axes=(),
+    matrix=np.eye(6),
+    world=True,
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScriptProgram(MakerProgram):
+    """A URScript program as read."""
+
+    def mark(self, fingerprint: str) -> Edit:
+        """A comment line."""
+        text = f"# irbcal: fake targets, calibration {fingerprint}{self.listing.newline()}"
+        return self.mark_at, self.mark_at, text
+
+
+TOKEN = re.compile(
+    r"""(?P<space>[ \t\f\v]+)
+    |(?P<comment>\#[^\r\n]*)
+    |(?P<newline>\r\n|\n|\r|;)
+    |(?P<string>"[^"\r\n]*"|'[^'\r\n]*')
+    |(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?(?![A-Za-z_]))
+    |(?P<name>[A-Za-z_\x80-\xff][\w\x80-\xff]*)
+    |(?P<symbol>==|!=|<=|>=|[-+*/=<>()\[\]{},:.%&|^~?@!])
+    |(?P<line>\$[^\r\n]*)
+    |(?P<other>.)""",
+    re.VERBOSE | re.DOTALL,
+)
+_MOST = 10_000  # tokens of a statement
+
+
+def statements(listing: Listing) -> tuple[list[list[Token]], list[str]]:
+    """Statements, each to the end of its line or of its brackets, and the comments.
+
+    Raises
+    ------
+    ProgramError
+        If a string or a bracket is not closed.
+    """
+    out: list[list[Token]] = []
+    comments: list[str] = []
+    tokens: list[Token] = []
+    depth = 0
+    start = len(BOM) if listing.text.startswith(BOM) else 0
+    for found in TOKEN.finditer(listing.text, start):
+        kind = str(found.lastgroup)
+        if kind == "comment":
+            comments.append(found[0])
+        elif kind == "newline":
+            if tokens and (depth <= 0 or found[0] == ";"):
+                out.append(tokens)
+                tokens, depth = [], 0
+        elif kind == "other" and found[0] in "\"'":
+            raise listing.error(found.start(), "the string is not closed in its line")
+        elif kind not in ("space", "line"):
+            depth += (found[0] in "([") - (found[0] in ")]") if kind == "symbol" else 0
+            tokens.append(Token(kind, found[0], found.start(), found.end()))
+            if len(tokens) > _MOST:
+                raise listing.error(tokens[0].start, "the brackets of this statement are not closed")
+    if tokens:
+        if depth > 0:
+            raise listing.error(tokens[0].start, "the brackets of this statement are not closed")
+        out.append(tokens)
+    return out, comments
+
+
+def arguments(tokens: Tokens) -> list[tuple[str, Tokens]]:
+    """Arguments of a call whose tokens begin with ``(``, each with its name or an empty text; what follows is left."""
+    out: list[tuple[str, Tokens]] = []
+    depth, begin = 0, 1
+    for k, token in enumerate(tokens):
+        depth += (token.word in ("(", "[")) - (token.word in (")", "]")) if token.kind == "symbol" else 0
+        if (depth == 1 and token.word == ",") or depth == 0:
+            piece = tokens[begin:k]
+            if len(piece) > 2 and piece[0].kind == "name" and piece[1].word == "=":
+                out.append((piece[0].word, piece[2:]))
+            elif piece:
+                out.append(("", piece))
+            begin = k + 1
+        if depth == 0:
+            break
+    return out
+
+
+GOALS = {"movej": 1, "movel": 1, "movep": 1, "movec": 2}
+"""Moves and how many points they have."""
+OTHER_MOVES = ("servoj", "servoc", "servol", "speedj", "speedl", "movej_joint")
+QUIET = (*GOALS, "set_tcp", "sleep", "sync", "stopj", "stopl", "textmsg", "popup", "set_payload", "set_gravity")
+_DEF = re.compile(r"^[ \t]*def[ \t]+\w+[ \t]*\([^\r\n]*:", re.MULTILINE)
+_NOTE = (
+    "poses are made for the kinematics of the URDF that was calibrated: it must be the controller's own, with its "
+    "factory calibration; otherwise give that with --controller-model"
+)
+
+
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like URScript."""
+    return (
+        re.search(rb"\b(?:movej|movel|movep|movec|set_tcp|get_inverse_kin)[ \t]*\(", data) is not None
+        and b"%%%" not in data
+    )
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[ScriptProgram]:
+    """Read URScript for an arm, each file a program; see `irbcal.correction.languages.Language`."""
+    UNIVERSAL_ROBOTS.check(arm, str(files[0]))
+    return [parse(arm, read_bytes(file), str(file), given) for file in files]
+
+
+def parse(arm: Arm, data: bytes, source: str, given: Given) -> ScriptProgram:
+    """Read a script.
+
+    Raises
+    ------
+    ProgramError
+        If this is none, or the TCP is not known.
+    """
+    listing = Listing([(source, data)], "URScript")
+    lines, comments = statements(listing)
+    script = _Script(listing)
+    for line in lines:
+        script.declare(line)
+    for line in lines:
+        script.take(line)
+    script.conclude()
+    found = sorted([*script.variables.values(), *script.literals], key=lambda one: one.start)
+    order = script.course.order({id(one): k for k, one in enumerate(found)})
+    maker, base = UNIVERSAL_ROBOTS.of(arm), {"base": frames.transform()}
+    head = _DEF.search(listing.text)
+    poses = any(one.kind == "pose" and one.uses for one in found)
+    return ScriptProgram(
+        **parts_of(maker, arm, listing, found, order, given, script.tools, base, source),
+        uncorrected=tuple(script.course.uncorrected),
+        notes=(Note(1, _NOTE),) if poses and given.own_model is None else (),
+        fingerprint=mark_in(comments),
+        mark_at=listing.after_line(head.start()) if head else len(BOM) * listing.text.startswith(BOM),
+    )
+
+
+class _Script:
+    """Follows the statements."""
+
+    def __init__(self, listing: Listing) -> None:
+        self.listing = listing
+        self.course = Course(listing)
+        self.course.frame("base")
+        self.variables: dict[str, Found] = {}
+        self.literals: list[Found] = []
+        self.tools: dict[str, FloatArray] = {}
+        self._changed: dict[str, int] = {}
+        self._mentioned: list[Token] = []
+        self._set_tcp = 0
+        self._ends: list[tuple[str, State]] = []
+
+    def declare(self, tokens: list[Token]) -> None:
+        """Note variables and everything that gives them another value."""
+        self._set_tcp += sum(token.word == "set_tcp" for token in tokens)
+        name, value = _assignment(tokens)
+        if name is None:
+            return
+        found = None if value is None else self._literal(value, name.word)
+        if found is None or name.word in self.variables or name.word in self._changed:
+            self._changed.setdefault(name.word, name.start)
+        else:
+            self.variables[name.word] = found
+
+    def take(self, tokens: list[Token]) -> None:
+        """Take one statement."""
+        first = tokens[0].word
+        name, value = _assignment(tokens)
+        if name is not None:
+            if value is None or self._literal(value, "") is None:
+                self._mentioned += [token for token in tokens if token.kind == "name" and token is not name]
+                if any(token.word in OTHER_MOVES or token.word in GOALS for token in tokens):
+                    self.course.stop(None, name.start)
+        elif first in GOALS and tokens[1:2] and tokens[1].word == "(":
+            self._move(tokens)
+        elif first == "set_tcp" and tokens[1:2] and tokens[1].word == "(":
+            self._tcp(tokens)
+        else:
+            self._other(tokens)
+
+    def _other(self, tokens: list[Token]) -> None:
+        first, at = tokens[0].word, tokens[0].start
+        words = [token.word for token in tokens]
+        inside = next((word for word in words if word in (*GOALS, *OTHER_MOVES)), None)
+        self._mentioned += [token for token in tokens if token.kind == "name"]
+        if first in ("def", "thread"):
+            self._ends.append((first, self.course.state))
+            if self._set_tcp != 1 and len(self._ends) > 1:
+                self.course.state = State(frame="base")
+            self.course.forget()
+        elif first in ("if", "while", "for"):
+            self._ends.append((first, self.course.state))
+            self.course.open(first != "if")
+        elif first in ("elif", "else"):
+            self.course.alternative()
+        elif first == "end" and self._ends:
+            kind, state = self._ends.pop()
+            if kind in ("def", "thread"):
+                self.course.state = state if self._set_tcp != 1 else self.course.state
+                self.course.forget()
+            else:
+                self.course.close(at)
+        elif first not in QUIET and "(" in words:
+            self.course.forget()
+        if inside is not None:
+            text = self.listing.quote(at, tokens[-1].end)
+            self.course.left(at, inside, text, "its target is computed while the program runs")
+            self.course.stop(None, at)
+
+    def _tcp(self, tokens: list[Token]) -> None:
+        """``set_tcp``."""
+        given = arguments(tokens[1:])
+        line = self.listing.line(tokens[0].start)
+        found = self._pose(given[0][1]) if given else None
+        if found is None:
+            self.course.tool(None, f"the TCP of line {line} is computed")
+            return
+        name = f"of line {line}"
+        self.tools[name] = frame(UNIVERSAL_ROBOTS, [number.value for number in found.numbers])
+        self.course.tool(name)
+
+    def _pose(self, tokens: Tokens) -> Found | None:
+        """A pose, or one in a variable that does not change."""
+        if len(tokens) == 1 and tokens[0].kind == "name":
+            return None if tokens[0].word in self._changed else self.variables.get(tokens[0].word)
+        return self._literal(tokens, "")
+
+    def _literal(self, tokens: Tokens, name: str) -> Found | None:
+        """A pose ``p[…]`` or six joints ``[…]`` in numbers."""
+        pose = bool(tokens) and tokens[0].word == "p"
+        values = numbers(tokens[1:] if pose else tokens)
+        if values is None or len(values) != 6:
+            return None
+        return Found(name, "pose" if pose else "joint", tokens[0].start, values)
+
+    def _move(self, tokens: list[Token]) -> None:
+        """Points of a move."""
+        move, at = tokens[0].word, tokens[0].start
+        given = arguments(tokens[1:])
+        count = GOALS[move]
+        points = [value for key, value in given if not key or key in ("q", "pose", "pose_to", "pose_via")][:count]
+        stop: Found | None = None
+        roles: list[Role] = ["via", "to"] if count == 2 else ["to"]
+        if len(points) < count:
+            self.course.left(at, move, self.listing.quote(at, tokens[-1].end), "its target is missing")
+        for role, point in zip(roles, points, strict=False):
+            stop = self._goal(move, at, point, role)
+        self.course.stop(stop, at)
+        taken = {id(token) for point in points for token in point}
+        self._mentioned += [token for token in tokens[1:] if token.kind == "name" and id(token) not in taken]
+
+    def _goal(self, move: str, at: int, point: Tokens, role: Role) -> Found | None:
+        near: FloatArray | None = None
+        text = self.listing.quote(point[0].start, point[-1].end)
+        goal = point
+        if point[0].word == "get_inverse_kin" and point[1:2] and point[1].word == "(":
+            given = arguments(point[1:])
+            names = [key for key, _ in given]
+            seed = next((value for key, value in given[1:] if key in ("", "qnear")), None)
+            if not given or len(given) > 2 or names[0] not in ("", "x") or (len(given) == 2 and seed is None):
+                self._mentioned += [token for token in point if token.kind == "name"]
+                self.course.left(at, move, text, "its target is computed")
+                return None
+            goal = given[0][1]
+            near = self._joints(seed) if seed is not None else None
+        elif len(point) > 1 and point[0].kind == "name" and point[0].word != "p":
+            self._mentioned += [token for token in point if token.kind == "name"]
+        found = self._target(goal, f"of {move} in line {self.listing.line(at)}")
+        if found is None:
+            name = goal[0].word if len(goal) == 1 else ""
+            changed = self._changed.get(name)
+            where = f"{name} is computed or changed in line {self.listing.line(changed)}" if changed is not None else ""
+            self.course.left(at, move, text, where or "its target is computed")
+            return None
+        if near is not None:
+            if found.near is not None and np.abs(found.near - near).max() > 0.5:
+                found.reasons.append("its moves start from different joints (qnear)")
+            found.near = near
+        self.course.use(found, at, move, role)
+        return found
+
+    def _target(self, tokens: Tokens, name: str) -> Found | None:
+        if len(tokens) == 1 and tokens[0].kind == "name":
+            return self.variables.get(tokens[0].word)
+        found = self._literal(tokens, name)
+        if found is not None:
+            self.literals.append(found)
+        return found
+
+    def _joints(self, tokens: Tokens) -> FloatArray | None:
+        """Joints in radians, or those of a variable."""
+        found = self._pose(tokens)
+        if found is None or found.kind != "joint" or found.reasons:
+            return None
+        return np.array([number.value for number in found.numbers])
+
+    def conclude(self) -> None:
+        """Tell the targets of other uses and other values of their variables."""
+        for name, at in self._changed.items():
+            if name in self.variables:
+                line = self.listing.line(at)
+                self.variables[name].reasons.append(f"{name} is computed or changed in line {line}")
+        for token in self._mentioned:
+            if token.word in self.variables:
+                line = self.listing.line(token.start)
+                self.variables[token.word].reasons.append(f"line {line} uses it in another way")
+
+
+def _assignment(tokens: Tokens) -> tuple[Token | None, Tokens | None]:
+    """Name and value of an assignment; no value for that of an element."""
+    rest = tokens[1:] if tokens[0].word in ("global", "local") else tokens
+    if len(rest) < 2 or rest[0].kind != "name":
+        return None, None
+    if rest[1].word == "=":
+        return rest[0], rest[2:]
+    if rest[1].word == "[":
+        depth = 0
+        for k, token in enumerate(rest[1:], start=1):
+            depth += (token.word == "[") - (token.word == "]")
+            if depth == 0:
+                return (rest[0], None) if rest[k + 1 : k + 2] and rest[k + 1].word == "=" else (None, None)
+    return None, None
+
+
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the mark of a script; empty where it names none, None without mark.
+
+    Raises
+    ------
+    ProgramError
+        If this is no script.
+    """
+    return mark_in(statements(Listing([(source, data)], "URScript"))[1])
+
+
+def write_moves(moves: Moves) -> dict[str, str]:
+    """``plan.script``: ``movej`` to joints in radians."""
+    lines = ["def plan():", *(f"  # {note(text)}" for text in moves.head)]
+    radians = np.round(moves.degrees(UNIVERSAL_ROBOTS) * DEG, 9) + 0.0
+    for move, joints in zip(moves.moves, radians, strict=True):
+        lines += [f"  # {note(move.comment)}"] if move.comment else []
+        lines.append(f"  movej([{', '.join(f'{value:.9f}' for value in joints)}], a=1.0, v={move.joint_speed:.3f})")
+        lines += [f"  sleep({move.wait_s:.1f})"] if move.wait_s else []
+    return {"plan.script": "\n".join([*lines, "end", ""])}
+
+
+NAME = "URScript"
+ENDINGS = (".script", ".urscript")
+ROBOTS = r"universal_?robot|(^|_)ur\d+e?(_|$)"
+MAKER = UNIVERSAL_ROBOTS

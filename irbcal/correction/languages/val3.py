@@ -1,0 +1,450 @@
+"""VAL3 applications (SRS 7 and newer): points and joints in ``.dtx``, moves in ``.pgx``; a folder is one application.
+
+A point stands in the frame that it names as its father, whose place is in the data as well, up to ``world``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction import orientations
+from irbcal.correction.course import Course, State
+from irbcal.correction.listing import Edit, Listing, Number, mark_in
+from irbcal.correction.maker import Maker, Posture
+from irbcal.correction.maker_program import Found, MakerProgram, frame, parts_of
+from irbcal.correction.moves import Moves, note
+from irbcal.correction.program import Given, read_bytes
+from irbcal.errors import ProgramError
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.units import DEG, MM
+
+STAUBLI = Maker(
+    name="VAL3",
+    orientation=orientations.STAUBLI,
+    length=MM,
+    angle=DEG,
+    joint=DEG,
+    decimals=(6, 6, 6),
+    axes=("+z", "+y", "+y", "+z", "+y", "+z"),
+    matrix=np.eye(6),
+    reference=(0.0, 0.0, 90.0, 0.0, 0.0, 0.0),
+    world=True,
+)
+"""In the reference the elbow is positive."""
+
+
+def posture_of(attributes: Mapping[str, str]) -> tuple[Posture, str]:
+    """What shoulder, elbow and wrist mean, and why they mean nothing; ``same`` and ``free`` leave it open."""
+    shoulder, elbow, wrist = (attributes.get(key, "") for key in ("shoulder", "elbow", "wrist"))
+    if shoulder == "righty":
+        return Posture(), "its shoulder is righty: how the elbow is counted behind axis 1 is not confirmed"
+    known = {
+        "shoulder": ("lefty", "ssame", "sfree", ""),
+        "elbow": ("epositive", "enegative", "esame", "efree", ""),
+        "wrist": ("wpositive", "wnegative", "wsame", "wfree", ""),
+    }
+    for key, value in (("shoulder", shoulder), ("elbow", elbow), ("wrist", wrist)):
+        if value not in known[key]:
+            return Posture(), f"its {key} {value[:20]!r} is not known"
+    back = False if shoulder == "lefty" else None
+    bent = {"epositive": False, "enegative": True}.get(elbow)
+    return Posture(back, bent, {"wpositive": 1, "wnegative": -1}.get(wrist)), ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Val3Program(MakerProgram):
+    """A VAL3 application as read."""
+
+    def mark(self, fingerprint: str) -> Edit:
+        """A comment of the XML."""
+        return self.mark_at, self.mark_at, f"<!-- irbcal: fake targets, calibration {fingerprint.replace('-', '_')} -->"
+
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
+        """Shoulder, elbow and wrist of joints."""
+        return Posture(back, bent, -1 if negative else 1)
+
+
+_PIECE = re.compile(
+    r"(?P<comment><!--.*?-->)|<!\[CDATA\[(?P<code>.*?)\]\]>|<(?P<end>/?)(?P<tag>[A-Za-z]\w*)(?P<rest>[^<>]*)>",
+    re.DOTALL,
+)
+_ATTRIBUTE = re.compile(r"([A-Za-z_][\w:.]*)\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')")
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\Z")
+
+POSE, JOINTS = ("x", "y", "z", "rx", "ry", "rz"), ("j1", "j2", "j3", "j4", "j5", "j6")
+
+
+class Value(NamedTuple):
+    """An element of a datum: its attributes and where their texts stand."""
+
+    type: str
+    name: str
+    key: str
+    attributes: dict[str, str]
+    places: dict[str, int]
+    start: int
+
+    @property
+    def shown(self) -> str:
+        """Name with its index."""
+        return f"{self.name}[{self.key}]"
+
+
+class Code(NamedTuple):
+    """The text of a program."""
+
+    start: int
+    end: int
+
+
+def read(listing: Listing) -> tuple[list[Value], list[Code], list[str]]:
+    """Elements of all data, program texts and comments."""
+    values: list[Value] = []
+    codes: list[Code] = []
+    comments: list[str] = []
+    for part in listing.parts:
+        datum: dict[str, str] = {}
+        for piece in _PIECE.finditer(listing.text, part.start, part.end):
+            if piece["comment"]:
+                comments.append(piece["comment"])
+            elif piece["code"] is not None:
+                codes.append(Code(piece.start("code"), piece.end("code")))
+            elif piece["tag"] == "Data":
+                datum = {} if piece["end"] else _attributes(piece)[0]
+            elif piece["tag"] == "Value" and datum and not piece["end"]:
+                attributes, places = _attributes(piece)
+                key = attributes.get("key", "0")
+                kind, name = datum.get("type", ""), datum.get("name", "")
+                values.append(Value(kind, name, key, attributes, places, piece.start()))
+    return values, codes, comments
+
+
+def _attributes(piece: re.Match[str]) -> tuple[dict[str, str], dict[str, int]]:
+    texts: dict[str, str] = {}
+    places: dict[str, int] = {}
+    for found in _ATTRIBUTE.finditer(piece["rest"]):
+        which = 2 if found[2] is not None else 3
+        texts.setdefault(found[1], found[which])
+        places.setdefault(found[1], piece.start("rest") + found.start(which))
+    return texts, places
+
+
+def numbers(value: Value, names: tuple[str, ...], absent: bool = False) -> list[Number] | None:
+    """Six numbers of an element; None where one is none, or, unless ``absent`` (they are 0 then), is not there."""
+    out = []
+    for name in names:
+        text = value.attributes.get(name, "0" if absent else "").strip()
+        if not _NUMBER.match(text):
+            return None
+        place = value.places.get(name, value.start)
+        raw = value.attributes.get(name, text)
+        start = place + raw.index(text)
+        out.append(Number(float(text), start, start + len(text)))
+    return out
+
+
+def target(value: Value) -> Found | None:
+    """The target that an element is; None for other data."""
+    if value.type not in ("pointRx", "jointRx"):
+        return None
+    joint = value.type == "jointRx"
+    found = numbers(value, JOINTS if joint else POSE)
+    if found is None:
+        out = Found(value.shown, "joint" if joint else "pose", value.start, [Number(0.0, value.start, value.start)] * 6)
+        out.reasons.append("not all of its numbers are written")
+        return out
+    out = Found(value.shown, "joint" if joint else "pose", value.start, found)
+    if not joint:
+        out.posture, reason = posture_of(value.attributes)
+        out.reasons += [reason] if reason else []
+    return out
+
+
+_MOVE = re.compile(r"\b(movej|movel|movec)\s*\(")
+_ITEM = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*\Z")
+_NAME = re.compile(r"[A-Za-z_]\w*")
+_QUIET = re.compile(r"\b(?:open|close)\s*\(\s*[A-Za-z_]\w*(?:\[\s*\d+\s*\])?\s*\)")
+_FLOW = re.compile(
+    r"\b(?:if|else|elseIf|endIf|while|endWhile|for|endFor|do|until|switch|case|default|endSwitch|call|return)\b"
+)
+MENTIONS = 3
+"""Lines that use a datum in another way, and are named."""
+_HEAD = re.compile(r"(?:\xef\xbb\xbf)?\s*<\?xml[^<>]*\?>")
+
+
+def looks_like(data: bytes) -> bool:
+    """Whether a file looks like one of a VAL3 application."""
+    return b"/VAL3/" in data[:2000] and b"<" in data[:10]
+
+
+def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[Val3Program]:
+    """Read a VAL3 application for an arm, with all files beside those named."""
+    STAUBLI.check(arm, str(files[0]))
+    if len({file.parent for file in files}) > 1:
+        raise ProgramError("these are files of several VAL3 applications: filter them one by one", file=files[-1])
+    beside = [path for path in sorted(files[0].parent.glob("*")) if path.suffix.lower() in (".dtx", ".pgx", ".pjx")]
+    every = list(dict.fromkeys([*files, *beside]))
+    return [parse(arm, [(str(file), read_bytes(file)) for file in every], given)]
+
+
+def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> Val3Program:
+    """Read a VAL3 application.
+
+    Raises
+    ------
+    ProgramError
+        If this is none, or a tool or frame that is needed is not known.
+    """
+    listing = Listing(sorted(files, key=lambda file: not file[0].lower().endswith(".dtx")), "VAL3")
+    for part in listing.parts:
+        text = listing.text[part.start : part.end]
+        if part.name.lower().endswith(".dtx") and "VAL3/Data/2" not in text:
+            raise ProgramError("expected data of VAL3 s7 or newer (VAL3/Data/2), found others", file=part.name)
+        if re.search(r"millimeterUnit\s*=\s*[\"']false", text):
+            raise ProgramError("this application is in inches, which is not supported", file=part.name)
+    values, codes, comments = read(listing)
+    application = _Application(listing, values)
+    for code in codes:
+        application.follow(code)
+    application.conclude()
+    found = [one for _, one in application.targets]
+    order = application.course.order({id(one): k for k, one in enumerate(found)})
+    main = next((part for part in listing.parts if part.name.lower().endswith(".dtx")), listing.parts[0])
+    tools, places = application.tools(), application.frames()
+    head = _HEAD.match(listing.text, main.start, main.end)
+    return Val3Program(
+        **parts_of(STAUBLI.of(arm), arm, listing, found, order, given, tools, places, main.name),
+        uncorrected=tuple(application.course.uncorrected),
+        notes=(),
+        fingerprint=mark_in(comments),
+        mark_at=head.end() if head else main.end,
+    )
+
+
+def _shown(name: str, index: str = "0") -> str:
+    return f"{name}[{index or '0'}]".lower()
+
+
+class _Application:
+    """Follows the program texts."""
+
+    def __init__(self, listing: Listing, values: Sequence[Value]) -> None:
+        self.listing, self.values = listing, values
+        self.course = Course(listing)
+        pairs = [(value, target(value)) for value in values]
+        self.targets = [(value, one) for value, one in pairs if one is not None]
+        seen: dict[str, Found] = {}
+        for _, one in self.targets:
+            if one.name in seen:
+                one.reasons.append("there are two of this name")
+                seen[one.name].reasons.append("there are two of this name")
+            seen[one.name] = one
+        self.named: dict[str, list[tuple[Value, Found]]] = {}
+        self.single: dict[tuple[str, str], list[tuple[Value, Found]]] = {}
+        for pair in self.targets:
+            self.named.setdefault(pair[0].name, []).append(pair)
+            self.single.setdefault((pair[0].name, pair[0].key), []).append(pair)
+        self.own = {_shown(value.name, value.key): value for value in values if value.type == "frame"}
+        self.inside: dict[str, list[Found]] = {}
+        for value, one in self.targets:
+            if value.type == "pointRx":
+                for frame_name in self._fathers(value):
+                    self.inside.setdefault(frame_name, []).append(one)
+        self.names = {value.name for value in values}
+        self._touched: dict[str, str] = {}
+        self._mentions: Counter[str] = Counter()
+
+    def follow(self, code: Code) -> None:
+        """Take the text of a program."""
+        self.course.restart()
+        for line in re.finditer(r"[^\r\n]+", self.listing.text[code.start : code.end]):
+            text = re.sub(r"\"[^\"]*\"", lambda found: " " * len(found[0]), line[0])
+            text = _QUIET.sub(lambda found: " " * len(found[0]), text.split("//", maxsplit=1)[0])
+            self._line(code.start + line.start(), text)
+
+    def _line(self, at: int, text: str) -> None:
+        at += len(text) - len(text.lstrip())
+        if _FLOW.search(text):
+            self.course.forget()
+        move = _MOVE.search(text)
+        while move is not None:
+            inside, end = _inside(text, move.end())
+            self._move(at, move[1], inside)
+            text = text[: move.start()] + " " * (end - move.start()) + text[end:]
+            move = _MOVE.search(text)
+        self._mention(at, text)
+
+    def _mention(self, at: int, text: str) -> None:
+        for name in set(_NAME.findall(text)) & self.names:
+            why = f"line {self.listing.line(at)} uses {name} in another way"
+            self._touched[name.lower()] = why
+            self._mentions[name] += 1
+            if self._mentions[name] > MENTIONS:
+                continue
+            ones = [*(one for _, one in self.named.get(name, ())), *self.inside.get(name.lower(), ())]
+            for one in {id(one): one for one in ones}.values():
+                one.reasons.append(why)
+
+    def _fathers(self, value: Value) -> set[str]:
+        """Names of all frames that a point stands in, without index."""
+        at, seen = self._father(value), set()
+        while at not in seen:
+            seen.add(at)
+            at = self._father(self.own[at]) if at in self.own else at
+        return {place.partition("[")[0] for place in seen}
+
+    def conclude(self) -> None:
+        """Tell the targets of tools that the programs use in another way."""
+        for _, one in self.targets:
+            for use in one.uses:
+                name = (use.tool or "").split("[", maxsplit=1)[0]
+                one.reasons += [self._touched[name]] if name in self._touched else []
+
+    def _father(self, value: Value) -> str:
+        return value.attributes.get("fatherId", "world[0]").lower()
+
+    def _move(self, at: int, move: str, arguments: list[str]) -> None:
+        roles = ["via", "to"] if move == "movec" else ["to"]
+        if len(arguments) < len(roles) + 1:
+            self.course.left(at, move, ", ".join(arguments)[:50], "its arguments are not understood")
+            self.course.stop(None, at)
+            return
+        tool = _ITEM.match(arguments[len(roles)])
+        index = (tool[2] or "0") if tool else ""
+        name = _shown(tool[1], index) if tool is not None and index.isdecimal() else None
+        stop: Found | None = None
+        for role, argument in zip(roles, arguments, strict=False):
+            found, reason = self._goal(argument)
+            if reason:
+                self.course.left(at, move, argument.strip()[:50], reason)
+            for value, one in found:
+                state = State(name, self._father(value), f"the tool of line {self.listing.line(at)} is computed")
+                self.course.use(one, at, move, "via" if role == "via" else "to", state)
+            stop = found[0][1] if len(found) == 1 else None
+            if not found:
+                self._mention(at, argument)
+        self.course.stop(stop, at)
+
+    def _goal(self, argument: str) -> tuple[list[tuple[Value, Found]], str]:
+        item = _ITEM.match(argument)
+        if item is None:
+            return [], "its target is computed"
+        index = item[2] or "0"
+        found = self.single.get((item[1], index), []) if index.isdecimal() else self.named.get(item[1], [])
+        return found, "" if found else "it is not declared in this application"
+
+    def tools(self) -> dict[str, FloatArray]:
+        """Tools by name, on the flange."""
+        out = {"flange[0]": frames.transform()}
+        for value in self.values:
+            if value.type == "tool":
+                T = self._frame(value)
+                if T is not None and self._father(value) in ("flange[0]", "world[0]"):
+                    out[_shown(value.name, value.key)] = T
+        return out
+
+    def frames(self) -> dict[str, FloatArray]:
+        """Frames by name, in the world."""
+        own, out = self.own, {"world[0]": frames.transform()}
+        for name in own:
+            T, at, seen = np.eye(4), name, set()
+            while at in own and at not in seen:
+                seen.add(at)
+                step = self._frame(own[at])
+                T = np.full((4, 4), np.nan) if step is None else step @ T
+                at = self._father(own[at])
+            if at == "world[0]" and np.isfinite(T).all():
+                out[name] = T
+        return out
+
+    def _frame(self, value: Value) -> FloatArray | None:
+        found = numbers(value, POSE, absent=True)
+        return None if found is None else frame(STAUBLI, [number.value for number in found])
+
+
+def _inside(text: str, begin: int) -> tuple[list[str], int]:
+    """Arguments of a call that begin there, and the place behind it."""
+    depth, start = 1, begin
+    out: list[str] = []
+    for k in range(begin, len(text)):
+        depth += (text[k] in "([{") - (text[k] in ")]}")
+        if depth == 0 or (depth == 1 and text[k] == ","):
+            out.append(text[start:k])
+            start = k + 1
+        if depth == 0:
+            return out, k + 1
+    return out, len(text)
+
+
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the mark of data; empty where it names none, None without mark.
+
+    Raises
+    ------
+    ProgramError
+        If this is no text.
+    """
+    return mark_in(read(Listing([(source, data)], "VAL3"))[2])
+
+
+_XML_HEAD = '<?xml version="1.0" encoding="utf-8" ?>'
+_XSI = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
+_SPACE = "http://www.staubli.com/robotics/VAL3"
+
+
+def write_moves(moves: Moves) -> dict[str, str]:
+    """``plan.pjx``, ``plan.dtx`` and ``start.pgx``: an array of joints, and moves to its elements."""
+    code = ["begin", *(f"  // {note(text, without='<>[]')}" for text in moves.head)]
+    for k, move in enumerate(moves.moves):
+        code += [f"  // {note(move.comment, without='<>[]')}"] if move.comment else []
+        code += [f"  mPlan.vel={move.percent}", f"  movej(jPlan[{k}],flange,mPlan)", "  waitEndMove()"]
+        code += [f"  delay({move.wait_s:.1f})"] if move.wait_s else []
+    values = [
+        f'      <Value key="{k}" ' + " ".join(f'j{i}="{text}"' for i, text in enumerate(joints, start=1)) + " />"
+        for k, joints in enumerate(moves.texts(STAUBLI))
+    ]
+    data = [
+        _XML_HEAD,
+        f'<Database {_XSI} xmlns="{_SPACE}/Data/2">',
+        "  <Datas>",
+        f'    <Data name="jPlan" access="private" xsi:type="array" type="jointRx" size="{len(values)}">',
+        *values,
+        "    </Data>",
+        '    <Data name="mPlan" access="private" xsi:type="array" type="mdesc" size="1">',
+        '      <Value key="0" accel="50" vel="10" decel="50" tmax="99999" rmax="99999" blend="off" />',
+        "    </Data>",
+        "  </Datas>",
+        "</Database>",
+    ]
+    program = [_XML_HEAD, f'<Programs xmlns="{_SPACE}/Program/2">', '  <Program name="start">', "    <Code><![CDATA["]
+    start = [*program, *code, "end]]></Code>", "  </Program>", "</Programs>"]
+    project = [
+        _XML_HEAD,
+        f'<Project xmlns="{_SPACE}/Project/3">',
+        '  <Parameters version="s7.3.1" stackSize="5000" millimeterUnit="true" />',
+        "  <Programs>",
+        '    <Program file="start.pgx" />',
+        "  </Programs>",
+        "  <Database>",
+        '    <Data file="plan.dtx" />',
+        "  </Database>",
+        "  <Libraries />",
+        "</Project>",
+    ]
+    files = {"plan.pjx": project, "plan.dtx": data, "start.pgx": start}
+    return {name: "\r\n".join([*lines, ""]) for name, lines in files.items()}
+
+
+NAME = "VAL3"
+ENDINGS = (".dtx", ".pgx", ".pjx")
+ROBOTS = r"staubli|(^|_)(rx\d|tx2?_?\d)"
+MAKER = STAUBLI
