@@ -1,6 +1,5 @@
 """The front door: every public name. `irbcal/__init__.py` imports each on first use."""
 
-from . import shipped as shipped
 from .calibration import Calibration as Calibration
 from .calibration import calibrate as calibrate
 from .calibration import load as load
@@ -22,13 +21,8 @@ from .errors import RobotError as RobotError
 from .exporting.export import Exported as Exported
 from .exporting.export import export as export
 from .exporting.live import stream as stream
-from .files.dh_table import DhRobot as DhRobot
-from .files.dh_table import urdf_from_dh as urdf_from_dh
-from .files.robots import robots as robots
-from .files.signature import sign as sign
-from .files.urdf import read_urdf as read_urdf
-from .fleet.calibrated import CalibratedFleet as CalibratedFleet
-from .fleet.calibrated import fleet_calibrate as fleet_calibrate
+from .fleet.batch import CalibratedFleet as CalibratedFleet
+from .fleet.batch import fleet_calibrate as fleet_calibrate
 from .fleet.overview import fleet_add as fleet_add
 from .fleet.overview import fleet_drift as fleet_drift
 from .fleet.overview import fleet_export as fleet_export
@@ -36,6 +30,11 @@ from .fleet.overview import fleet_list as fleet_list
 from .fleet.prior import fleet_prior as fleet_prior
 from .identification.evidence import identify_evidence as identify_evidence
 from .identification.evidence_fit import EvidenceFit as EvidenceFit
+from .io.dh_table import DhRobot as DhRobot
+from .io.dh_table import urdf_from_dh as urdf_from_dh
+from .io.robots import robots as robots
+from .io.signature import sign as sign
+from .io.urdf import read_urdf as read_urdf
 from .joint_behaviour.behaviour import joints as joints
 from .joint_behaviour.by_circles import circles as circles
 from .kinematics import forward_kinematics as forward_kinematics

@@ -13,12 +13,6 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.files import prior_file, robots
-from irbcal.files.calibration_folder import URDF_NAME, CalibrationLike
-from irbcal.files.earlier import Earlier, calibrated_before, earlier_of, taken_from
-from irbcal.files.frame_terms_section import FrameTermsSection
-from irbcal.files.nominal import calibration_at, read_nominal
-from irbcal.files.outcome import Outcome
 from irbcal.gathering import gathered, of_earlier, refuse_orientations, without_gross_errors
 from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
@@ -40,6 +34,12 @@ from irbcal.identification.residuals import session_names
 from irbcal.identification.result import Fit
 from irbcal.identification.selection import choose_level
 from irbcal.identification.type_prior import TypePrior
+from irbcal.io import prior_file, robots
+from irbcal.io.calibration_folder import URDF_NAME, CalibrationLike
+from irbcal.io.earlier import Earlier, calibrated_before, earlier_of, taken_from
+from irbcal.io.opening import calibration_at, read_nominal
+from irbcal.io.outcome import Outcome
+from irbcal.io.schema import FrameTermsSection
 from irbcal.measurement import cleaning, fitted, lists, table, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.columns import TableLike

@@ -12,13 +12,13 @@ from irbcal import calibrating
 from irbcal.arrays import FloatArray
 from irbcal.calibrating import Options, Progress
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.files import calibration_folder
-from irbcal.files.calibration_folder import JSON_NAME, NAMES, CalibrationLike, Saved
-from irbcal.files.mesh_paths import MeshPaths
-from irbcal.files.outcome import Outcome
-from irbcal.files.schema import Errors, Record
 from irbcal.identification.averaged import groups_table
 from irbcal.identification.type_prior import TypePrior
+from irbcal.io import calibration_folder
+from irbcal.io.calibration_folder import JSON_NAME, NAMES, CalibrationLike, Saved
+from irbcal.io.mesh_paths import MeshPaths
+from irbcal.io.outcome import Outcome
+from irbcal.io.schema import Errors, Record
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
@@ -51,7 +51,7 @@ class Calibration(Speaks):
     """A calibrated robot with its proof: just identified, or loaded from its folder.
 
     All that stands in ``calibration.json`` can be read from it by the same names: ``model``, ``parameters``,
-    ``heldout``, ``placement``, ``joint_map`` and others, see `irbcal.files.schema.Record`.
+    ``heldout``, ``placement``, ``joint_map`` and others, see `irbcal.io.schema.Record`.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Calibration(Speaks):
 
     @one_thread()
     def _document(self, **options: bool) -> tuple[Record, bytes]:
-        from irbcal.files import document
+        from irbcal.io import document
 
         assert self.outcome is not None
         record, urdf = document.build(self.outcome, **options)
@@ -298,7 +298,7 @@ def calibrate(
     base_link, tip_link : str, optional
         Link names, see `irbcal.read_urdf`.
     coupling : str, optional
-        How the controller counts joints, such as ``3+2``; see `irbcal.files.coupling_file.declared`.
+        How the controller counts joints, such as ``3+2``; see `irbcal.io.urdf.declared_coupling`.
     method, objective, power, loss, parallel
         See `irbcal.identification.methods.identify_by`. With method ``circles`` the fit sees the one-joint moves
         (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then ``26``.
@@ -393,7 +393,7 @@ def save(
         If a mesh file whose path is asked for is not found.
     """
     from irbcal.atomic import check_writable
-    from irbcal.files import mesh_paths as paths
+    from irbcal.io import mesh_paths as paths
     from irbcal.options import checked
     from irbcal.reports import report_page
 

@@ -14,15 +14,15 @@ import pandas as pd
 
 from irbcal.arrays import IntArray
 from irbcal.errors import IdentificationError, OptionError
-from irbcal.files import robots
-from irbcal.files.earlier import calibrated_before
-from irbcal.files.features_section import FeatureRow, FeaturesSection, LengthRow, PlaceRow
-from irbcal.files.nominal import calibration_at, read_nominal
-from irbcal.files.outcome import AtFeatures, Outcome, PlacedRobot
 from irbcal.identification.constraint_fit import FeatureFit, identify_features
 from irbcal.identification.constraint_kind import SHOWN
 from irbcal.identification.constraint_problem import ConstraintProblem, Key
 from irbcal.identification.constraint_result import FeaturedFit, as_points, frames_of, shape_only
+from irbcal.io import robots
+from irbcal.io.earlier import calibrated_before
+from irbcal.io.opening import calibration_at, read_nominal
+from irbcal.io.outcome import AtFeatures, Outcome, PlacedRobot
+from irbcal.io.schema import FeatureRow, FeaturesSection, LengthRow, PlaceRow
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.features import FeatureSet

@@ -11,11 +11,11 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IrbcalError, MeasurementError, OptionError
-from irbcal.files.earlier import Earlier
 from irbcal.identification import lost_rows, outliers
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import method_of
 from irbcal.identification.result import Fit
+from irbcal.io.earlier import Earlier
 from irbcal.measurement import cleaning, swapped
 from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import motion_of

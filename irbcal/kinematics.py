@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.errors import OptionError, RobotError
-from irbcal.files.opening import Opened, RobotLike, open_robot
+from irbcal.io.opening import Opened, RobotLike, open_robot
 from irbcal.kinematic_results import ForwardResult, InverseJoints, poses_to_frame
 from irbcal.modeling.robot import loaded
 from irbcal.options import shown
@@ -51,7 +51,7 @@ def forward_kinematics(
     ----------
     robot : str, Path, Record, a result that holds one, or Opened
         Calibration folder, loaded calibration, path of a URDF, name of a shipped robot (``irb1600``, ``irb120``), or
-        one of these opened before (`irbcal.files.opening.open_robot`).
+        one of these opened before (`irbcal.io.opening.open_robot`).
     q : array_like, shape (n, joints), path, DataFrame, MeasurementSet or InverseJoints
         Commanded joints, radians (metres for prismatic joints); or a file or table with the columns ``q1_deg`` and so
         on (``q1_mm`` of a prismatic joint), ``-`` being standard input; or the joints of measured poses.

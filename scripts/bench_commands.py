@@ -13,7 +13,7 @@ from irbcal.correction import languages, write_moves
 from irbcal.correction.moves import Move, Moves
 from irbcal.correction.trajectory_files import write_trajectory
 from irbcal.errors import ProgramError
-from irbcal.files import robots, urdf
+from irbcal.io import robots, urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.trajectory import Trajectory

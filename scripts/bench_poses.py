@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from irbcal.correction import languages
-from irbcal.files import controller_frames
+from irbcal.io import controller_model
 from irbcal.modeling import frames
 
 GIVEN = {
@@ -33,7 +33,7 @@ def program(name, data, arm, start, n, folder, samples):
     """A program of n poses: its file or folder."""
     maker = languages.by_name()[name].MAKER.of(arm)
     q = waves(maker, arm, start, n)
-    at = controller_frames.controller_frames(data, name, arm.base_link, arm.tip_link)
+    at = controller_model.controller_frames(data, name, arm.base_link, arm.tip_link)
     T = (
         frames.inverse(at.T_base_world) @ arm.forward(q) @ at.T_tip_flange
         if at.base_known or name == "kawasaki"

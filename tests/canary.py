@@ -6,7 +6,7 @@ import numpy as np
 from lxml import etree
 from support import arm, measured, random_robot
 
-from irbcal.files import robots
+from irbcal.io import robots
 
 TEXT = (
     '''=1+cmd"""+open("canary","w")+"""';*/${open("canary","w")}$(touch canary)`touch canary`");system("touch canary")'''

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import example_robot
 
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.simulation import cell as cells
 from irbcal.simulation.effect import Motion
 from irbcal.simulation.shipped import open_cell

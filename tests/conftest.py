@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli.main import app
-from irbcal.files import calibration_folder, robots
+from irbcal.io import calibration_folder, robots
 from irbcal.modeling.terms import families
 
 # the same examples every time, and no verdict on a slow moment of a shared machine

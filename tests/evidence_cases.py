@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 from support import TARGETS, arm, measured, random_robot
 
-from irbcal.files import urdf
 from irbcal.identification import linearisation
 from irbcal.identification.dictionaries import superset
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import identify
+from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from support import arm, on_a_rail, random_robot
 
-from irbcal.files import robots, urdf
+from irbcal.io import robots, urdf
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from irbcal.files.nominal import read_nominal
 from irbcal.identification.constraint_fit import identify_features
 from irbcal.identification.constraint_kind import LEVER, with_third
 from irbcal.identification.constraint_problem import ConstraintProblem
 from irbcal.identification.constraints import KINDS, Seen
+from irbcal.io.opening import read_nominal
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import FITTED, LENS, TARGETS

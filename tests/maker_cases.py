@@ -10,7 +10,7 @@ from support import random_robot
 
 from irbcal.correction.filter import filter_program
 from irbcal.correction.program import Given
-from irbcal.files import controller_frames, urdf
+from irbcal.io import controller_model, urdf
 from irbcal.modeling.inverse import closed_form
 
 SCIPY = {"krl": "ZYX", "fanuc": "xyz", "inform": "xyz", "kawasaki": "ZYZ", "val3": "XYZ"}
@@ -29,7 +29,7 @@ def robot_of(name, size=0.1):
     """A nominal arm of ../shared/data/other_arms, a robot that errs, and the controller's frames."""
     path = path_of(name)
     nominal = urdf.read(path).arm
-    at = controller_frames.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
+    at = controller_model.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
     return nominal, random_robot(nominal, "placement", np.random.default_rng(1), size=size), at
 
 

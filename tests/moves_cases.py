@@ -5,7 +5,7 @@ from maker_cases import robot_of
 
 from irbcal.correction import languages, write_moves
 from irbcal.correction.moves import Move, Moves
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.units import DEG
 
 Q = np.array([[0.0] * 6, [10.0, -60.0, 95.5, 20.0, 30.125, -40.0], [-15.25, -70.5, 80.0, -12.3456, 45.0, 77.7]]) * DEG

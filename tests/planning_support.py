@@ -3,8 +3,8 @@
 import numpy as np
 from support import arm
 
-from irbcal.files import urdf, urdf_check
-from irbcal.files.robots import robot_file
+from irbcal.io import urdf, urdf_check
+from irbcal.io.robots import robot_file
 from irbcal.modeling.robot import Robot
 from irbcal.planning.conditions import Setting
 from irbcal.planning.reflectors import Targets

@@ -3,8 +3,8 @@
 import numpy as np
 from support import random_robot
 
-from irbcal.files import urdf
-from irbcal.files.opening import Opened
+from irbcal.io import urdf
+from irbcal.io.opening import Opened
 from irbcal.kinematics import inverse_kinematics
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import any_arm

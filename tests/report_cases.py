@@ -6,10 +6,11 @@ from collections import Counter
 import numpy as np
 from lxml import html
 
-from irbcal.files.certainty_section import CovarianceSection
-from irbcal.files.choice_section import Candidate, Choice
-from irbcal.files.schema import (
+from irbcal.io.schema import (
+    Candidate,
+    Choice,
     Correlation,
+    CovarianceSection,
     Errors,
     Exclusion,
     Parameter,

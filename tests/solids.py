@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from scipy.optimize import linprog
 
-from irbcal.files import robots
+from irbcal.io import robots
 
 
 @functools.cache

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irbcal.files import robots, urdf
+from irbcal.io import robots, urdf
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.arm import relative_difference

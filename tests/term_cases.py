@@ -3,7 +3,7 @@
 import numpy as np
 from support import TARGETS, arm, central_differences, on_a_rail
 
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families

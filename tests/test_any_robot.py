@@ -23,9 +23,9 @@ from support import (
 import irbcal
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import IdentificationError, IrbcalError, MeasurementError, RobotError
-from irbcal.files import urdf, urdf_check
 from irbcal.identification.fit import identify
 from irbcal.identification.residuals import Problem, State
+from irbcal.io import urdf, urdf_check
 from irbcal.measurement.points import distances
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.robot import Robot

@@ -9,9 +9,9 @@ from support import arm, assert_derivative, assert_same_poses, measured, on_a_ra
 
 import irbcal
 from irbcal.errors import OptionError, RobotError
-from irbcal.files import seal
-from irbcal.files.joint_map_section import JointMapSection
 from irbcal.identification.averaged import AveragedFit
+from irbcal.io import integrity
+from irbcal.io.schema import JointMapSection
 from irbcal.measurement.points import distances
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
@@ -74,8 +74,8 @@ def test_the_fingerprint_covers_the_terms(made):
         TermMap(joint_map.terms.arm, joint_map.terms.terms, 1.001 * joint_map.terms.coefficients), joint_map.ranges
     )
     changed = made.record.model_copy(update={"joint_map": JointMapSection.of(other, joint_map.terms.arm)})
-    assert seal.fingerprint(dict(made.record)) == made.record.fingerprint
-    assert seal.fingerprint(dict(changed)) != made.record.fingerprint
+    assert integrity.fingerprint(dict(made.record)) == made.record.fingerprint
+    assert integrity.fingerprint(dict(changed)) != made.record.fingerprint
 
 
 def test_the_geometry_is_in_the_urdf(folder):

@@ -7,15 +7,15 @@ import pytest
 
 import irbcal
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.files import calibration_folder
-from irbcal.files.schema import Exclusion
+from irbcal.io import calibration_folder, robots
+from irbcal.io.schema import Exclusion
 
 EXCLUDED = Exclusion(pose="1", target="smr1", reason="lost")
 
 
 @pytest.fixture(scope="module")
 def made():
-    return irbcal.calibrate(irbcal.shipped.demo_file("demo_identification.csv"), "irb1600", "26")
+    return irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", "26")
 
 
 def test_what_was_made_is_what_is_loaded(made, tmp_path):
@@ -57,9 +57,7 @@ def test_the_urdf_says_first_that_it_was_changed_and_from_what(made):
 
 def test_a_urdf_calibrated_twice_says_so_once(made, tmp_path):
     made.save(tmp_path / "first")
-    again = irbcal.calibrate(
-        irbcal.shipped.demo_file("demo_identification.csv"), tmp_path / "first" / "calibrated.urdf", "11"
-    )
+    again = irbcal.calibrate(robots.demo_file("demo_identification.csv"), tmp_path / "first" / "calibrated.urdf", "11")
     assert again.urdf.count(b"CALIBRATED by irbcal") == 1
     assert b"model 11" in again.urdf
 
@@ -68,7 +66,7 @@ def test_no_path_of_this_computer_is_written(made, tmp_path):
     made.save(tmp_path)
     for name in ("calibration.json", "report.html", "calibrated.urdf", "joint_origins.yaml"):
         text = (tmp_path / name).read_text()
-        assert str(irbcal.shipped.demo_file("")) not in text
+        assert str(robots.demo_file("")) not in text
         assert str(tmp_path) not in text
 
 

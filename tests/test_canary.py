@@ -18,7 +18,7 @@ from lxml import etree, html
 import irbcal
 from irbcal.errors import CalibrationError, IrbcalError
 from irbcal.exporting.export import TARGETS
-from irbcal.files import seal
+from irbcal.io import integrity
 
 
 @pytest.fixture(scope="module")
@@ -79,14 +79,14 @@ def test_every_text_of_a_calibration(room, tmp_path, seals):
     """What would act is refused on load, with one printable sentence, whatever the attacker does with the seal."""
     document = json.loads((room / "calibration" / "calibration.json").read_text())
     shutil.copytree(room / "calibration", tmp_path / "c")
-    (tmp_path / "c" / "calibration.json").write_text(json.dumps(seal.sealed(document)))
+    (tmp_path / "c" / "calibration.json").write_text(json.dumps(integrity.sealed(document)))
     irbcal.load(tmp_path / "c")
     places = [*texts(document)]
     assert len(places) > 80
     for k, place in enumerate(places):
         foreign = put(document, place, canary.CONTROL[k % len(canary.CONTROL)])
         if seals == "renewed" and place[0] != "seal":
-            foreign = seal.sealed(foreign)
+            foreign = integrity.sealed(foreign)
         elif seals == "gone":
             foreign.pop("seal", None)
         (tmp_path / "c" / "calibration.json").write_text(json.dumps(foreign))

@@ -12,10 +12,9 @@ import pinocchio
 import pytest
 from support import arm, on_a_rail
 
-from irbcal.files import urdf
-from irbcal.files.document import _rows
-from irbcal.files.joint_map_section import JointMapSection
-from irbcal.files.schema import Record
+from irbcal.io import urdf
+from irbcal.io.document import _rows
+from irbcal.io.schema import JointMapSection, Record
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.payload import Payload

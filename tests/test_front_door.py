@@ -17,6 +17,7 @@ from typer.main import get_command
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import IrbcalError, OptionError
+from irbcal.io import robots
 
 STUB = Path(irbcal.__file__).with_suffix(".pyi")
 
@@ -153,7 +154,7 @@ def test_every_command_is_a_function_with_its_options(name, command):
 )
 def test_options_are_checked_as_on_the_command_line(option, value):
     with pytest.raises(OptionError, match=str(option)) as refused:
-        irbcal.calibrate(irbcal.shipped.demo_file("demo_identification.csv"), "irb1600", **{option: value})
+        irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", **{option: value})
     assert refused.value.parameter == option
 
 
@@ -164,7 +165,7 @@ def test_former_option_names_work_with_a_warning():
 
 def test_there_is_no_default_robot():
     with pytest.raises(OptionError, match="expected a URDF or the name of a robot"):
-        irbcal.calibrate(irbcal.shipped.demo_file("demo_identification.csv"))
+        irbcal.calibrate(robots.demo_file("demo_identification.csv"))
 
 
 def test_degrees_in_place_of_radians_are_refused():
@@ -181,7 +182,7 @@ def test_degrees_in_place_of_radians_are_refused():
 def results(tmp_path_factory):
     """One public result of each kind, from the simulated demonstration."""
     folder = tmp_path_factory.mktemp("front")
-    fit, proof = (irbcal.shipped.demo_file(f"demo_{name}.csv") for name in ("identification", "verification"))
+    fit, proof = (robots.demo_file(f"demo_{name}.csv") for name in ("identification", "verification"))
     calibration = irbcal.calibrate(fit, "irb1600")
     calibration.save(folder / "cal")
     loaded = irbcal.load(folder / "cal")

@@ -20,8 +20,8 @@ from support import (
 
 import irbcal
 from irbcal.errors import IrbcalError, MeasurementError, OptionError, RobotError
-from irbcal.files import calibration_folder, document, urdf
-from irbcal.files.opening import open_robot
+from irbcal.io import calibration_folder, document, urdf
+from irbcal.io.opening import open_robot
 from irbcal.kinematics import forward_kinematics, inverse_kinematics, pose_table
 from irbcal.modeling.inverse import closed_form
 from irbcal.validation.uncertainty import position_std

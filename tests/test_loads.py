@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support import TARGETS, arm, example_robot
 
-from irbcal.files import urdf
 from irbcal.identification.averaged import identify_averaged
+from irbcal.io import urdf
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap

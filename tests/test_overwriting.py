@@ -5,7 +5,7 @@ import os
 import pytest
 
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.files import calibration_folder
+from irbcal.io import calibration_folder
 from irbcal.overwriting import FOLDER_FILES, refuse_overwriting, refuse_replacing
 
 READ = "this is the file to read from: name another one to write"

@@ -18,6 +18,7 @@ import irbcal
 from irbcal import parallel
 from irbcal.errors import IrbcalError, OptionError
 from irbcal.identification import linearisation
+from irbcal.io import robots
 from irbcal.measurement import cleaning
 from irbcal.validation import bootstrap
 
@@ -84,7 +85,7 @@ def test_workers_and_threads_of_the_blas_change_no_byte_of_a_calibration(monkeyp
     monkeypatch.setattr(parallel, "THREADS_PAY", 0.0)
     monkeypatch.setattr(linearisation, "BLOCK", 20)
     monkeypatch.setattr(bootstrap, "BLOCK", 20_000)
-    seen = pd.read_csv(irbcal.shipped.demo_file("demo_identification.csv"))
+    seen = pd.read_csv(robots.demo_file("demo_identification.csv"))
     seen = seen[seen["pose"].isin(seen["pose"].unique()[:40])]
     points = cleaning.clean(irbcal.read_measurements(seen)).points
     arm = irbcal.read_urdf("irb1600").arm
@@ -136,7 +137,7 @@ def numbers(out):
 
 
 def test_a_fleet_on_a_cluster_is_that_of_one_process_also_where_a_worker_is_killed(cluster, tmp_path):
-    """And the store takes each robot once, whoever calibrated it. Two processes: tests/fleet/test_calibrated.py."""
+    """And the store takes each robot once, whoever calibrated it. Two processes: tests/fleet/test_batch.py."""
     distributed = pytest.importorskip("distributed")
     for k in range(3):
         measured(tmp_path, f"r{k}.csv", 20 + k, k, poses=16)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from support import example_robot, outcome_of
 
-from irbcal.files import urdf, urdf_check
+from irbcal.io import urdf, urdf_check
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances, rotation_distances
 from irbcal.measurement.statistics import statistics

@@ -17,7 +17,7 @@ import yaml
 from support import assert_same_poses, measured, random_robot, write_measurements
 
 import irbcal
-from irbcal.files import robots, urdf, urdf_check
+from irbcal.io import robots, urdf, urdf_check
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = robots.urdf_folder() / "irbcal_description"

@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.viewer import links, robot
 
 JOINTS = "".join(

@@ -80,7 +80,7 @@ def api() -> str:
 
 def schema() -> str:
     """JSON Schema of calibration.json."""
-    from irbcal.files.schema import Record
+    from irbcal.io.schema import Record
 
     return json.dumps(Record.model_json_schema(), indent=1)
 

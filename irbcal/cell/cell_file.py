@@ -20,10 +20,9 @@ from pydantic import ValidationError, model_validator
 from irbcal.arrays import FloatArray, lock
 from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError
-from irbcal.files.absurd_numbers import refuse_absurd
-from irbcal.files.schema import Pose
-from irbcal.files.seal import KEY, digest
-from irbcal.files.section import Date, Fingerprint, Name, Section, Sentence, Sha256
+from irbcal.io.integrity import KEY, digest, refuse_absurd
+from irbcal.io.schema import Pose
+from irbcal.io.section import Date, Fingerprint, Name, Section, Sentence, Sha256
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
 from irbcal.reading import read_bytes

@@ -15,7 +15,7 @@ from irbcal.cell.adjustment import Adjusted, adjust
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch
 from irbcal.cell.touches import U95_BY_EYE, read_touches
 from irbcal.errors import MeasurementError, OptionError, RobotError
-from irbcal.files.calibration_folder import CalibrationLike, opened
+from irbcal.io.calibration_folder import CalibrationLike, opened
 from irbcal.measurement.columns import TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE, HISTORY, Certainty

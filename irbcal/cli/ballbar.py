@@ -51,7 +51,7 @@ def ballbar(
     import numpy as np
 
     from irbcal.figures.drawn_figure import check_name
-    from irbcal.files import calibration_folder
+    from irbcal.io import calibration_folder
     from irbcal.units import DEG, MM
     from irbcal.validation import ballbar_check
 

@@ -208,7 +208,7 @@ def run(
     """The main job with its output; also what the demo runs. The verdict comes back."""
     from irbcal.atomic import made_folders
     from irbcal.calibration import calibrate as identify
-    from irbcal.files.calibration_folder import NAMES
+    from irbcal.io.calibration_folder import NAMES
     from irbcal.overwriting import refuse_replacing
 
     refuse_replacing(out, force)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
     from irbcal.cell.cell_file import Notation
     from irbcal.correction.maker import Maker
-    from irbcal.files.controller_frames import ControllerFrames
+    from irbcal.io.controller_model import ControllerFrames
 
 LANGUAGES = {
     "kuka": "krl",
@@ -65,8 +65,8 @@ def cell(
     """Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."""
     from irbcal.cell.taught import cell_frames
     from irbcal.correction import languages
-    from irbcal.files.calibration_folder import read
-    from irbcal.files.controller_frames import controller_frames
+    from irbcal.io.calibration_folder import read
+    from irbcal.io.controller_model import controller_frames
     from irbcal.modeling import frames
 
     if as_ is not None and as_ not in LANGUAGES:

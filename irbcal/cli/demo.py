@@ -10,8 +10,8 @@ import typer
 from irbcal.cli import calibrate, show
 from irbcal.cli.shared_options import Json, Verbose
 from irbcal.errors import IrbcalError
-from irbcal.files import robots
 from irbcal.identification.choices import Model
+from irbcal.io import robots
 
 OWN = Path("irbcal-demo")
 """Where the demonstration writes unless told otherwise, and replaces its own work."""
@@ -53,7 +53,7 @@ def demo(
 
 def _from_a_demonstration(folder: Path) -> bool:
     """Whether the calibration in a folder, if there is one, is of the demonstration's measurements."""
-    from irbcal.files.calibration_folder import read
+    from irbcal.io.calibration_folder import read
 
     if not (folder / "calibration.json").exists():
         return True

@@ -38,17 +38,16 @@ def calibrate(
     json: Json = False,
 ) -> None:
     """Calibrate every robot of a list into its own folder; goes on where it was stopped; exit code 3 if one failed."""
-    from irbcal.fleet import calibrated
-    from irbcal.fleet import manifest as lists
+    from irbcal.fleet import batch
 
-    steps = len(lists.read(manifest))
+    steps = len(batch.read_manifest(manifest))
     with show.progress(steps + 1, quiet=json) as step, wrong_calls():
-        found = calibrated.fleet_calibrate(manifest, out, jobs=jobs, engine=engine, progress=step)
+        found = batch.fleet_calibrate(manifest, out, jobs=jobs, engine=engine, progress=step)
     if json:
         show.print_json(found.to_dict())
     else:
         show.tell(found.told())
-        show.say(f"Written to {out}: {calibrated.PAGE}, {calibrated.TABLE} and a folder for each robot")
+        show.say(f"Written to {out}: {batch.PAGE}, {batch.TABLE} and a folder for each robot")
     if found.failures:
         raise typer.Exit(FAILED)
 

@@ -60,7 +60,7 @@ def ik(
     """
     import numpy as np
 
-    from irbcal.files.opening import open_robot
+    from irbcal.io.opening import open_robot
     from irbcal.kinematics import inverse_kinematics
 
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)

@@ -136,7 +136,7 @@ def _plan(
 
     import numpy as np
 
-    from irbcal.files.nominal import read_nominal
+    from irbcal.io.opening import read_nominal
     from irbcal.units import MM
     from irbcal.validation import iso9283_check
     from irbcal.validation.cube import FRACTION

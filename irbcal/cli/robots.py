@@ -10,7 +10,7 @@ def robots(
     json: Json = False,
 ) -> None:
     """List the robots that --robot takes by name."""
-    from irbcal.files.robots import robots as known
+    from irbcal.io.robots import robots as known
 
     found = known()
     if json:

@@ -21,7 +21,7 @@ def sign(
     json: Json = False,
 ) -> None:
     """Sign a calibration folder or a certificate with a laboratory's key; irbcal verify --public-key checks it."""
-    from irbcal.files.signature import sign as write
+    from irbcal.io.signature import sign as write
 
     with wrong_calls():
         out = write(path, key, new_key=new_key)

@@ -33,7 +33,7 @@ def urdf(
     json: Json = False,
 ) -> None:
     """Write a URDF from a Denavit-Hartenberg table, for robots that have none."""
-    from irbcal.files.dh_table import urdf_from_dh
+    from irbcal.io.dh_table import urdf_from_dh
     from irbcal.overwriting import refuse_overwriting
 
     refuse_overwriting({"out": out}, [dh])

@@ -25,11 +25,10 @@ from irbcal.correction.target_frames import TargetFrames
 from irbcal.correction.timed import Timed, follow
 from irbcal.correction.true_frames import ControllerNumbers, TrueFrames, cell_of, point_origin
 from irbcal.errors import OptionError, ProgramError
-from irbcal.files.calibration_folder import CalibrationLike, opened, read
-from irbcal.files.controller_frames import ControllerFrames, controller_frames, unknown
-from irbcal.files.controller_model import controller_kinematics
-from irbcal.files.schema import Record
-from irbcal.files.speed_limits import speed_limits
+from irbcal.io.calibration_folder import CalibrationLike, opened, read
+from irbcal.io.controller_model import ControllerFrames, controller_frames, controller_kinematics, unknown_frames
+from irbcal.io.schema import Record
+from irbcal.io.urdf import speed_limits
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot, loaded
@@ -225,7 +224,7 @@ def _urdf(calibration: CalibrationLike) -> bytes | None:
 def _controller(data: bytes | None, record: Record) -> ControllerFrames:
     """The controller's world and flange, from the calibration's URDF where that is at hand."""
     if data is None:
-        return unknown()
+        return unknown_frames()
     return controller_frames(data, "calibrated.urdf", record.robot.base_link, record.robot.tip_link)
 
 

@@ -11,7 +11,7 @@ from irbcal import reading
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.correction.fake_targets import Corrected
 from irbcal.errors import ProgramError
-from irbcal.files.controller_frames import ControllerFrames
+from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling.arm import Arm
 
 Kind: TypeAlias = Literal["joint", "pose"]

@@ -8,7 +8,7 @@ from irbcal.atomic import write_set
 from irbcal.correction.languages import ros, table
 from irbcal.correction.program import read_bytes
 from irbcal.errors import OptionError, ProgramError
-from irbcal.files.opening import RobotLike, open_robot
+from irbcal.io.opening import RobotLike, open_robot
 from irbcal.modeling.trajectory import Trajectory
 
 

@@ -26,7 +26,7 @@ from irbcal.cell.cell_file import CellFile, read_cell
 from irbcal.correction.program import Goals, Program
 from irbcal.correction.text_program import TextProgram
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.files.controller_frames import ControllerFrames, unknown
+from irbcal.io.controller_model import ControllerFrames, unknown_frames
 from irbcal.modeling import frames
 
 ControllerNumbers: TypeAlias = Literal["same", "from-cell"]
@@ -165,7 +165,7 @@ class TrueFrames:
     measured: bool = False
     numbers: ControllerNumbers = "same"
     points: PointOrigin = PointOrigin()
-    ends: ControllerFrames = field(default_factory=unknown)
+    ends: ControllerFrames = field(default_factory=unknown_frames)
 
     def check(self, cutting: bool) -> None:
         """Refuse options that contradict each other; ``cutting``: points shall be put into moves.

@@ -13,7 +13,7 @@ from irbcal.correction.languages import Language
 from irbcal.correction.moves import Moves
 from irbcal.correction.program import Given
 from irbcal.errors import ProgramError
-from irbcal.files import controller_frames
+from irbcal.io import controller_model
 from irbcal.modeling.home import DECIMALS
 from irbcal.units import DEG
 
@@ -43,7 +43,7 @@ def write(language: Language, moves: Moves) -> dict[str, bytes]:
     elif not moves.arm.six_revolute:
         raise ProgramError(f"{language.NAME} moves are of six revolute joints, {moves.arm.name} has others")
     contents = {name: text.encode("ascii") for name, text in language.write_moves(moves).items()}
-    given = Given({}, {}, controller_frames.unknown(), moves.pulses)
+    given = Given({}, {}, controller_model.unknown_frames(), moves.pulses)
     with tempfile.TemporaryDirectory() as folder:
         for name, data in contents.items():
             (Path(folder) / name).write_bytes(data)

@@ -8,7 +8,7 @@ from typing import Any
 from irbcal.exporting.gathered import beside, gathered, in_words
 from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
-from irbcal.files import urdf_xml
+from irbcal.io import urdf_xml
 
 WHAT = "Drake: a package (package.xml) with the calibrated URDF and its meshes as OBJ"
 NEXT = "parser.package_map().AddPackageXml({package!r})     # positions are effective joints"

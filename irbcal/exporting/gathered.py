@@ -10,9 +10,9 @@ from irbcal.arrays import lock
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.exporting import python
 from irbcal.exporting.source import Source
-from irbcal.files import robots, urdf_xml
-from irbcal.files.mesh_paths import MESH_ENDINGS, MeshFolders, Problem
-from irbcal.files.urdf_xml import XmlElement, XmlTree
+from irbcal.io import robots, urdf_xml
+from irbcal.io.mesh_paths import MESH_ENDINGS, MeshFolders, Problem
+from irbcal.io.urdf_xml import XmlElement, XmlTree
 
 FOLDER = "meshes"
 Convert = Callable[[Path], tuple[str, bytes] | None]

@@ -17,7 +17,7 @@ from irbcal.errors import RobotError
 from irbcal.exporting.gathered import Gathered, beside, gathered
 from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
-from irbcal.files.urdf_xml import XmlElement
+from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames
 
 WHAT = "MuJoCo: MJCF with meshes in a folder, joint ranges and reflectors"

@@ -10,7 +10,7 @@ from irbcal.errors import RobotError
 from irbcal.exporting.gathered import beside, gathered, in_words
 from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
-from irbcal.files import joint_origins, urdf_xml
+from irbcal.io import joint_origins, urdf_xml
 from irbcal.literals import xacro, xml_comment
 
 WHAT = "ROS 2: an ament package with URDF, xacro macro, meshes and joint origins"

@@ -15,11 +15,11 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors, vectors_of
 from irbcal.exporting.plain import Plain
-from irbcal.files import calibration_folder, urdf_xml
-from irbcal.files.calibration_folder import CalibrationLike
-from irbcal.files.mesh_paths import MeshPaths
-from irbcal.files.opening import open_robot
-from irbcal.files.schema import Record
+from irbcal.io import calibration_folder, urdf_xml
+from irbcal.io.calibration_folder import CalibrationLike
+from irbcal.io.mesh_paths import MeshPaths
+from irbcal.io.opening import open_robot
+from irbcal.io.schema import Record
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot, loaded
 

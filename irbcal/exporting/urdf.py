@@ -5,8 +5,8 @@ from __future__ import annotations
 from irbcal.exporting.gathered import beside, urdf_of
 from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
-from irbcal.files import joint_origins, robots
-from irbcal.files.mesh_paths import MeshFolders, with_mesh_paths
+from irbcal.io import joint_origins, robots
+from irbcal.io.mesh_paths import MeshFolders, with_mesh_paths
 
 WHAT = "the calibrated URDF with mesh paths of a kind, its joint origins, and the joint map as a Python module"
 NEXT = "check_urdf {folder}/{word}_calibrated.urdf     # its joints are effective joints"

@@ -19,12 +19,12 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.atomic import write_together
 from irbcal.errors import CalibrationError
-from irbcal.files import prior_file
+from irbcal.fleet.comparison import FEWEST_SISTERS, latest
 from irbcal.fleet.overview import STORE
-from irbcal.fleet.sisters import FEWEST, latest
 from irbcal.fleet.store import Estimate, Stored, opened
 from irbcal.identification.mackay import PRIOR_C2, PRIOR_GAMMA
 from irbcal.identification.type_prior import WIDE, TypePrior
+from irbcal.io import prior_file
 from irbcal.summary import Speaks, Table, Told
 
 MEAN = 4.0
@@ -102,10 +102,10 @@ def fleet_prior(
     if not found:
         raise CalibrationError(f"the store has no calibrations of type {type}", file=str(store))
     sisters = [one for one in latest(found) if one.terms is not None and one.robot["id"] != without]
-    if len(sisters) < FEWEST:
+    if len(sisters) < FEWEST_SISTERS:
         raise CalibrationError(
-            f"expected {FEWEST} or more calibrated robots of type {type} with their points, found {len(sisters)}: a "
-            "prior from so few is worth nothing",
+            f"expected {FEWEST_SISTERS} or more calibrated robots of type {type} with their points, found "
+            f"{len(sisters)}: a prior from so few is worth nothing",
             file=str(store),
         )
     if progress is not None:

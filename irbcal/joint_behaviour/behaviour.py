@@ -46,7 +46,7 @@ from irbcal.units import MM
 if TYPE_CHECKING:
     import pandas as pd
 
-    from irbcal.files.calibration_folder import CalibrationLike
+    from irbcal.io.calibration_folder import CalibrationLike
 
 HIGHEST_ORDER = 12
 """Of a Fourier series that is asked for."""
@@ -286,7 +286,7 @@ class _Model(NamedTuple):
 
 def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None) -> _Model:
     if calibration is not None:
-        from irbcal.files import calibration_folder
+        from irbcal.io import calibration_folder
 
         saved = calibration_folder.opened(calibration)
         nominal, places = saved.arm(calibrated=False), saved.reference_places() or None
@@ -294,7 +294,7 @@ def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None) 
     if robot is None:
         return _Model()
     if not isinstance(robot, Arm):
-        from irbcal.files.nominal import read_nominal
+        from irbcal.io.opening import read_nominal
 
         robot = read_nominal(robot).arm
     return _Model(robot)

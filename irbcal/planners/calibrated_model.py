@@ -25,10 +25,10 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError
-from irbcal.files import calibration_folder
-from irbcal.files.calibration_folder import CalibrationLike
-from irbcal.files.opening import open_robot
-from irbcal.files.urdf_check import LIMIT, ArmInModel
+from irbcal.io import calibration_folder
+from irbcal.io.calibration_folder import CalibrationLike
+from irbcal.io.opening import open_robot
+from irbcal.io.urdf_check import LIMIT, ArmInModel
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm, relative_difference
 from irbcal.modeling.joint_map import JointMap

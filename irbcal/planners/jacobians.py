@@ -17,7 +17,7 @@ from irbcal.modeling.arm import Arm
 if TYPE_CHECKING:
     import pinocchio as pin
 
-    from irbcal.files.urdf_check import ArmInModel
+    from irbcal.io.urdf_check import ArmInModel
 
 WORLD, LOCAL, LOCAL_WORLD_ALIGNED = "WORLD", "LOCAL", "LOCAL_WORLD_ALIGNED"
 """Pinocchio's reference frames by name."""

@@ -19,7 +19,7 @@ from irbcal.modeling.thesis_map import ThesisMap
 if TYPE_CHECKING:
     import pinocchio as pin
 
-    from irbcal.files.urdf_check import ArmInModel
+    from irbcal.io.urdf_check import ArmInModel
 
 
 def with_payload(

@@ -28,7 +28,7 @@ from irbcal.planners import jacobians
 if TYPE_CHECKING:
     import pinocchio as pin
 
-    from irbcal.files.urdf_check import ArmInModel
+    from irbcal.io.urdf_check import ArmInModel
 
 
 class AlongTime:

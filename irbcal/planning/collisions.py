@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import RobotError
-from irbcal.files.urdf_check import ArmInModel
+from irbcal.io.urdf_check import ArmInModel
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
@@ -47,7 +47,7 @@ class CollisionModel:
     arm : Arm
         Names of the joints, base and tip; limits.
     package_dirs : sequence of str or Path
-        Folders in which ``package://`` names are looked up, see `irbcal.files.robots.package_dirs`; relative
+        Folders in which ``package://`` names are looked up, see `irbcal.io.robots.package_dirs`; relative
         names start in one of them, too. No file outside them is read.
 
     Attributes

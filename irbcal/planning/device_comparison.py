@@ -15,9 +15,9 @@ import pandas as pd
 
 from irbcal.arrays import lock
 from irbcal.errors import IdentificationError
-from irbcal.files.opening import RobotLike, open_robot
 from irbcal.identification.devices import DEVICES, placed
 from irbcal.identification.devices import poses as device_poses
+from irbcal.io.opening import RobotLike, open_robot
 from irbcal.options import number
 from irbcal.options import seed as check_seed
 from irbcal.planning.device_information import DeviceModel

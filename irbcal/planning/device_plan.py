@@ -17,8 +17,8 @@ import numpy as np
 from irbcal import atomic
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.files.opening import RobotLike
 from irbcal.identification.devices import DEVICES, Device, Placed, drawn, placed, rows_table
+from irbcal.io.opening import RobotLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
 from irbcal.names import without_formulas

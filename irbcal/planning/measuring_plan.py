@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from irbcal import atomic
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.files.opening import RobotLike
+from irbcal.io.opening import RobotLike
 from irbcal.modeling.home import home_joints
 from irbcal.modeling.parameters import default_level
 from irbcal.options import number, pulses_per_degree

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import MeasurementError, OptionError, RobotError
-from irbcal.files import robots
-from irbcal.files.opening import RobotLike, open_robot
-from irbcal.files.urdf import UrdfArm
+from irbcal.io import robots
+from irbcal.io.opening import RobotLike, open_robot
+from irbcal.io.urdf import UrdfArm
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
@@ -124,7 +124,7 @@ def open_scene(
     base_link, tip_link : str, optional
         Link names, for a URDF.
     coupling : str, optional
-        How the controller of a URDF's robot counts joints, see `irbcal.files.coupling_file.declared`.
+        How the controller of a URDF's robot counts joints, see `irbcal.io.urdf.declared_coupling`.
 
     Returns
     -------

@@ -22,8 +22,8 @@ from irbcal.correction.languages.urscript import UNIVERSAL_ROBOTS
 from irbcal.correction.languages.val3 import STAUBLI
 from irbcal.correction.maker import Maker
 from irbcal.correction.notation import numbers_from_poses
-from irbcal.files import robots, urdf
-from irbcal.files.controller_frames import controller_frames
+from irbcal.io import robots, urdf
+from irbcal.io.controller_model import controller_frames
 from irbcal.modeling import frames
 from irbcal.practice.measured import ROBOT, TARGETS, measurements
 from irbcal.practice.sample import Sample, csv

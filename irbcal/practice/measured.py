@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
 
-from irbcal import shipped
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages import ros
+from irbcal.io import robots
 from irbcal.measurement.columns import POSITION
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -90,7 +90,7 @@ def files() -> Iterator[Sample]:
 
 def _main(cell: Cell, table: pd.DataFrame) -> Iterator[Sample]:
     """What the first steps need."""
-    data = shipped.robot_file(ROBOT).read_bytes()
+    data = robots.robot_file(ROBOT).read_bytes()
     yield Sample("my_robot.urdf", data, "the nominal robot", "irbcal view my_robot.urdf")
     line = "irbcal calibrate measured.csv --robot my_robot.urdf --out my-robot"
     yield Sample("measured.csv", csv(table), f"{POSES} poses, three reflectors, three references", line)

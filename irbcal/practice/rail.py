@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from irbcal import shipped
-from irbcal.files import urdf
+from irbcal.io import robots, urdf
 from irbcal.practice.measured import TARGETS, measurements
 from irbcal.practice.sample import Sample, csv
 from irbcal.simulation import masses
@@ -26,7 +25,7 @@ RAIL = """  <link name="rail_base"/>
 
 def files() -> Iterator[Sample]:
     """A small arm on a rail."""
-    text = shipped.robot_file("irb120").read_text(encoding="utf-8").replace("</robot>", RAIL)
+    text = robots.robot_file("irb120").read_text(encoding="utf-8").replace("</robot>", RAIL)
     yield Sample("cell.urdf", text.encode(), "an arm on a rail")
     found = urdf.from_bytes(text.encode(), "cell.urdf", "rail_base", "tool0")
     cell = shipped_cell(found.arm, masses.bodies(found)).without("visibility").with_targets(TARGETS)

@@ -11,7 +11,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.figures.pose_errors import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
-from irbcal.files.schema import Record, Statistics
+from irbcal.io.schema import Record, Statistics
 from irbcal.joint_behaviour import approach as joint_approach
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.files.schema import Record
+from irbcal.io.schema import Record
 from irbcal.reports.evidence import Evidence, PoseSet
 from irbcal.units import MM
 from irbcal.validation.verdict import verdict_of

@@ -8,9 +8,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.figures.charts import Drawing, Figure, LegendEntry, Panel, Sign, Text, fixed, up_to
-from irbcal.files.choice_section import EvidenceSection, Gear
-from irbcal.files.explained_section import ExplainedStage, GearSpectrum
-from irbcal.files.schema import Record
+from irbcal.io.schema import EvidenceSection, ExplainedStage, Gear, GearSpectrum, Record
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
 from irbcal.reports.evidence import Evidence

@@ -10,7 +10,7 @@ from irbcal.errors import OptionError
 from irbcal.figures import pose_errors
 from irbcal.figures.charts import Figure
 from irbcal.figures.picture import SIMULATED, Picture
-from irbcal.files.schema import Record
+from irbcal.io.schema import Record
 from irbcal.reports import evidence, model_figures, report_figures
 from irbcal.reports.evidence import PoseSet
 

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from io import StringIO
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from irbcal.files.schema import Record
+from irbcal.io.schema import Record
 from irbcal.names import cell
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
-    from irbcal.files.choice_section import EvidenceSection
+    from irbcal.io.schema import EvidenceSection
     from irbcal.joint_behaviour.approach import Approach
     from irbcal.reports.evidence import Evidence
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from irbcal.figures import charts
 from irbcal.figures.charts import Figure
-from irbcal.files.schema import Exclusion, Parameter, Record, RobotSection
+from irbcal.io.schema import Exclusion, Parameter, Record, RobotSection
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import FOURIER
 from irbcal.modeling.terms.gear import in_words

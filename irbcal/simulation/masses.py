@@ -9,8 +9,8 @@ from lxml import etree
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.files import urdf as urdf_module
-from irbcal.files import urdf_xml
+from irbcal.io import urdf as urdf_module
+from irbcal.io import urdf_xml
 from irbcal.modeling import frames
 
 

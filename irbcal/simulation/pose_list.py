@@ -16,7 +16,7 @@ from irbcal.correction.fake_targets import correct_poses
 from irbcal.correction.languages.table import POSE
 from irbcal.correction.program import Given
 from irbcal.errors import MeasurementError
-from irbcal.files.controller_frames import unknown
+from irbcal.io.controller_model import unknown_frames
 from irbcal.measurement import columns, lists
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
@@ -85,10 +85,10 @@ class PoseList:
         names = cell.tool.names
         out = np.zeros((len(self.q), len(names)), dtype=bool)
         for k, (wanted, row) in enumerate(self.targets):
-            unknown = [name for name in wanted if name not in names]
-            if unknown:
+            unknown_frames = [name for name in wanted if name not in names]
+            if unknown_frames:
                 raise MeasurementError(
-                    f"expected targets of the tool ({', '.join(names)}), found {unknown[0]!r}",
+                    f"expected targets of the tool ({', '.join(names)}), found {unknown_frames[0]!r}",
                     file=self.source,
                     row=row,
                     column="targets",
@@ -130,7 +130,7 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: Given | Non
     if hasattr(poses, "to_frame") and not isinstance(poses, pd.DataFrame):
         poses = poses.to_frame()
     if isinstance(poses, (str, Path)) and programs.is_program(poses):
-        q, digest = programs.read(poses, arm, given or Given({}, {}, unknown()))
+        q, digest = programs.read(poses, arm, given or Given({}, {}, unknown_frames()))
         n = len(q)
         return PoseList(q, numbered(n), None, np.full(n, float(wait_s)), {}, str(poses), digest)
     if isinstance(poses, (str, Path, pd.DataFrame)):

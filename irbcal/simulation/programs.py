@@ -16,8 +16,8 @@ from irbcal.correction.commanded import commanded
 from irbcal.correction.filter import given_frames, place_pair
 from irbcal.correction.program import Given, read_bytes
 from irbcal.errors import ProgramError
-from irbcal.files.controller_frames import controller_frames, unknown
-from irbcal.files.opening import open_robot
+from irbcal.io.controller_model import controller_frames, unknown_frames
+from irbcal.io.opening import open_robot
 from irbcal.modeling.arm import Arm
 from irbcal.options import pulses_per_degree
 
@@ -60,7 +60,7 @@ def given_for(
     """
     frames = given_frames(tool, "tool"), given_frames(wobj, "wobj")
     opened = open_robot(robot, base_link=arm.base_link, tip_link=arm.tip_link)
-    at = unknown()
+    at = unknown_frames()
     if opened.urdf_bytes is not None:
         at = controller_frames(opened.urdf_bytes, str(robot), arm.base_link, arm.tip_link)
     pair = None if where is None or program is None else place_pair(where, languages.files_of([program])[0])

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.files.nominal import read_nominal
+from irbcal.io.opening import read_nominal
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
@@ -83,7 +83,7 @@ def open_cell(
     base, tip : str, optional
         Names of the base and the tip link.
     coupling : str, optional
-        How the controller counts joints, see `irbcal.files.coupling_file.declared`.
+        How the controller counts joints, see `irbcal.io.urdf.declared_coupling`.
     seed, robot_seed : int
         As `shipped_cell`.
 

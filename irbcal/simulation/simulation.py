@@ -14,9 +14,9 @@ from irbcal import atomic
 from irbcal.arrays import FloatArray, lock
 from irbcal.correction.program import Given
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.files import calibration_folder
-from irbcal.files.calibration_folder import CalibrationLike
-from irbcal.files.schema import Record
+from irbcal.io import calibration_folder
+from irbcal.io.calibration_folder import CalibrationLike
+from irbcal.io.schema import Record
 from irbcal.measurement import table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics

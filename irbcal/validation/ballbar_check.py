@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import lock
 from irbcal.errors import OptionError
 from irbcal.figures.drawn_figure import DrawnFigure
-from irbcal.files import calibration_folder
-from irbcal.files.calibration_folder import CalibrationLike
+from irbcal.io import calibration_folder
+from irbcal.io.calibration_folder import CalibrationLike
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
 from irbcal.options import length, number, place

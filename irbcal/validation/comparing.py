@@ -13,8 +13,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.files.calibration_folder import CalibrationLike, folder_of, opened
-from irbcal.files.schema import Record
+from irbcal.io.calibration_folder import CalibrationLike, folder_of, opened
+from irbcal.io.schema import Record
 from irbcal.measurement import table
 from irbcal.measurement.places import places
 from irbcal.measurement.points import distances

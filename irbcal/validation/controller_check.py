@@ -18,11 +18,11 @@ import numpy as np
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.atomic import write_together
 from irbcal.errors import MeasurementError
-from irbcal.files import robots
-from irbcal.files import urdf as urdf_module
-from irbcal.files.nominal import read_nominal
-from irbcal.files.urdf import UrdfArm
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
+from irbcal.io import robots
+from irbcal.io import urdf as urdf_module
+from irbcal.io.opening import read_nominal
+from irbcal.io.urdf import UrdfArm
 from irbcal.measurement import columns
 from irbcal.measurement.columns import TableLike
 from irbcal.modeling import frames

@@ -12,8 +12,8 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.pose_errors import ModelErrors, PoseErrors
-from irbcal.files.calibration_folder import CalibrationLike, opened
-from irbcal.files.schema import Record
+from irbcal.io.calibration_folder import CalibrationLike, opened
+from irbcal.io.schema import Record
 from irbcal.measurement import table
 from irbcal.measurement.order import with_last_moves
 from irbcal.measurement.places import places

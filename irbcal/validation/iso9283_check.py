@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import lock
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.drawn_figure import DrawnFigure, check_name
-from irbcal.files import calibration_folder
-from irbcal.files.calibration_folder import CalibrationLike
-from irbcal.files.nominal import read_nominal
+from irbcal.io import calibration_folder
+from irbcal.io.calibration_folder import CalibrationLike
+from irbcal.io.opening import read_nominal
 from irbcal.measurement import table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike

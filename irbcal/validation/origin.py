@@ -14,8 +14,8 @@ import pandas as pd
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
-from irbcal.files.calibration_folder import JSON_NAME, URDF_NAME, folder_of
-from irbcal.files.schema import Record
+from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, folder_of
+from irbcal.io.schema import Record
 from irbcal.measurement.own_tables import shared
 from irbcal.names import check_names, fault_of
 from irbcal.options import shown

@@ -17,7 +17,7 @@ import numpy as np
 from irbcal.arrays import lock
 from irbcal.errors import MeasurementError
 from irbcal.figures.drawn_figure import DrawnFigure
-from irbcal.files.schema import Record
+from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementSet

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
-from irbcal.files.schema import Record
+from irbcal.io.schema import Record
 from irbcal.measurement import cleaning, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.own_tables import shared

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from irbcal.files.choice_section import EvidenceChoice
-from irbcal.files.schema import Errors, Parameter, Record
 from irbcal.identification.averaged import models_table
+from irbcal.io.schema import Errors, EvidenceChoice, Parameter, Record
 from irbcal.measurement.cleaning import left_out
 from irbcal.summary import Cell, Table, Told
 from irbcal.validation.evaluation import statistics_table

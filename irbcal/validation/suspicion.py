@@ -6,8 +6,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError
-from irbcal.files.schema import Record
 from irbcal.identification import lost_rows, outliers, slips
+from irbcal.io.schema import Record
 from irbcal.measurement import swapped
 from irbcal.measurement.moved import moved_notes
 from irbcal.measurement.points import PointSet, distances

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.files.schema import Record
+from irbcal.io.schema import Record
 from irbcal.modeling.robot import Robot
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from irbcal.errors import MeasurementError
-from irbcal.files.schema import Record
+from irbcal.io.schema import Record
 from irbcal.measurement import fitted
 from irbcal.units import DEG
 from irbcal.validation.prepared import Prepared

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.files.features_section import FeaturesSection
-from irbcal.files.schema import Record
+from irbcal.io.schema import FeaturesSection, Record
 from irbcal.measurement.cleaning import LeftOut
 from irbcal.summary import Speaks, Told
 

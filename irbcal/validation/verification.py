@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 from irbcal.correction.filter import fingerprint_of
 from irbcal.errors import OptionError, RobotError
-from irbcal.files import calibration_folder, signature
-from irbcal.files import urdf as urdf_file
-from irbcal.files.calibration_folder import CalibrationLike, opened
-from irbcal.files.schema import Record
+from irbcal.io import calibration_folder, signature
+from irbcal.io import urdf as urdf_file
+from irbcal.io.calibration_folder import CalibrationLike, opened
+from irbcal.io.schema import Record
 from irbcal.modeling.arm import relative_difference
 from irbcal.reading import read_bytes
 from irbcal.summary import Speaks, Told

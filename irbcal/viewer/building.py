@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import CalibrationError, MeasurementError, OptionError, RobotError
-from irbcal.files import robots
-from irbcal.files.opening import Opened, RobotLike, open_robot
-from irbcal.files.urdf import UrdfArm
+from irbcal.io import robots
+from irbcal.io.opening import Opened, RobotLike, open_robot
+from irbcal.io.urdf import UrdfArm
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

@@ -15,12 +15,11 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.errors import IdentificationError, MeasurementError
-from irbcal.files.features_section import FeatureRow, FeaturesSection
-from irbcal.files.schema import Record
 from irbcal.identification import constraint_start
 from irbcal.identification.constraint_kind import with_third
 from irbcal.identification.constraint_problem import TOOL, ConstraintProblem, FeatureState, Key
 from irbcal.identification.constraints import KINDS
+from irbcal.io.schema import FeatureRow, FeaturesSection, Record
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.features import DISTANCE, FeatureSet, Length
 from irbcal.measurement.imaging import FITTED, TARGETS

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.files.urdf import UrdfArm
-from irbcal.files.urdf_xml import XmlElement
+from irbcal.io.urdf import UrdfArm
+from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames
 
 Kind: TypeAlias = Literal["fixed", "revolute", "prismatic"]

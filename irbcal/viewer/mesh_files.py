@@ -1,4 +1,4 @@
-"""Mesh files that a URDF names, read as triangles; where they may lie: `irbcal.files.mesh_paths`."""
+"""Mesh files that a URDF names, read as triangles; where they may lie: `irbcal.io.mesh_paths`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.files.mesh_paths import MeshFolders, Problem
+from irbcal.io.mesh_paths import MeshFolders, Problem
 
 MAX_MESH_BYTES = 100_000_000
 MAX_TRIANGLES = 2_000_000

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import MeasurementError, RobotError
-from irbcal.files.schema import Record
+from irbcal.io.schema import Record
 from irbcal.measurement import columns, fitted, lists
 from irbcal.measurement.points import PointSet, rotation_distances
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike

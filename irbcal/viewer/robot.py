@@ -13,9 +13,9 @@ from typing import TypeAlias
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.files.mesh_paths import Problem
-from irbcal.files.urdf import UrdfArm
-from irbcal.files.urdf_xml import XmlElement
+from irbcal.io.mesh_paths import Problem
+from irbcal.io.urdf import UrdfArm
+from irbcal.io.urdf_xml import XmlElement
 from irbcal.viewer import shapes
 from irbcal.viewer.links import Link, origin, reach, vector
 from irbcal.viewer.mesh_files import GREY, MAX_TRIANGLES, MeshFinder

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike
 
-    from irbcal.files.opening import RobotLike
+    from irbcal.io.opening import RobotLike
     from irbcal.measurement.table import MeasurementsLike
     from irbcal.viewer.points import PlanLike
     from irbcal.viewer.scene import Model, Scene

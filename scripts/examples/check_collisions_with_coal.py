@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 import virtual_robot
 
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.units import DEG, MM
 
 STEPS = 60

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import irbcal
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.planners.calibrated_model import CalibratedModel

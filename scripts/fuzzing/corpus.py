@@ -16,9 +16,9 @@ import pandas as pd
 import irbcal
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages import known
-from irbcal.files import robots
-from irbcal.fleet.records import stored
+from irbcal.fleet.overview import stored
 from irbcal.fleet.store import opened
+from irbcal.io import robots
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import calibrated_arm
 

@@ -229,7 +229,7 @@ def _header(rows: list[list[str]], random: Random) -> None:
 
 def _json(data: bytes, random: Random) -> bytes:
     """A value somewhere in the document is another one; mostly it is sealed again."""
-    from irbcal.files import seal
+    from irbcal.io import integrity
 
     document = json.loads(data)
     places: list[tuple[Any, Any]] = []
@@ -239,7 +239,7 @@ def _json(data: bytes, random: Random) -> bytes:
         holder[key] = _value(holder[key], random)
     mark = document.get("seal") if isinstance(document, dict) else None
     if isinstance(mark, dict) and isinstance(mark.get("changes"), list) and random.random() < 0.7:
-        document = seal.sealed(document)
+        document = integrity.sealed(document)
     return json.dumps(document).encode("utf-8", "replace")
 
 

@@ -81,7 +81,7 @@ def _edited(path: Path) -> None:
 
 
 def _prior(folder: Path) -> object:
-    from irbcal.files import prior_file
+    from irbcal.io import prior_file
 
     return prior_file.read(folder / "out" / "prior.json")
 

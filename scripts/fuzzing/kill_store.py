@@ -20,7 +20,7 @@ import sqlalchemy as sql
 
 from fuzzing.kill import _forked, _run
 from irbcal.errors import IrbcalError
-from irbcal.fleet import overview, records
+from irbcal.fleet import overview
 from irbcal.fleet.store import NOT_THERE, Stored, opened
 
 ADDED = ("cal", "cal2", "cal-auto")
@@ -34,7 +34,7 @@ def all_stores(good: Path, folder: Path, moments: int, seed: int) -> int:
 
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(good, folder)
-    kept = {name: records.stored(folder / name) for name in ADDED}
+    kept = {name: overview.stored(folder / name) for name in ADDED}
     bad = _reported("fleet add, SQLite", _Additions(folder, kept, str(folder / "new.db"), _unlinked), moments, seed)
     try:
         with postgres_server.server() as url:

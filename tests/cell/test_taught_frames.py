@@ -13,7 +13,7 @@ from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
 from irbcal.cell.taught import _by_robot, _certain, _of_motions, cell_frames
 from irbcal.correction.languages import krl
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
-from irbcal.files import calibration_folder
+from irbcal.io import calibration_folder
 from irbcal.modeling import frames
 from irbcal.modeling.dhm import DHMTable
 from irbcal.units import DEG, MM

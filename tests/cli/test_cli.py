@@ -14,7 +14,7 @@ from typer.main import get_command
 
 import irbcal
 from irbcal.cli.main import app
-from irbcal.files import robots
+from irbcal.io import robots
 
 
 def run(*arguments, cwd=None):

@@ -11,7 +11,7 @@ from irbcal.cli import main
 from irbcal.correction import languages, write_moves
 from irbcal.correction.moves import Move, Moves
 from irbcal.errors import IrbcalError
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.simulation import programs
 from irbcal.units import DEG
 

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli.main import app
-from irbcal.files import robots
+from irbcal.io import robots
 
 
 @pytest.fixture

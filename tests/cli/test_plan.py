@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from irbcal.cli.main import app, main
 from irbcal.correction.languages import rapid
 from irbcal.errors import IrbcalError, MeasurementError
-from irbcal.files import urdf_check
-from irbcal.files.robots import robot_file
+from irbcal.io import urdf_check
+from irbcal.io.robots import robot_file
 from irbcal.measurement import table
 from irbcal.planning import sources
 from irbcal.planning.collisions import BEAM_GAP

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from irbcal.cli import main
 from irbcal.errors import CalibrationError, MeasurementError
-from irbcal.files import robots, urdf_check
+from irbcal.io import robots, urdf_check
 from irbcal.planning.collisions import CollisionModel
 
 

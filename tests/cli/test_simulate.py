@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main
 from irbcal.errors import IrbcalError
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.measurement import columns, table
 from irbcal.simulation.effects import ALL, NAMES
 

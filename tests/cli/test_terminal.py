@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import demo
 from irbcal.cli.main import app
-from irbcal.files import robots
+from irbcal.io import robots
 
 PROGRAM = [sys.executable, "-m", "irbcal"]
 COLUMNS = 80

@@ -7,7 +7,7 @@ from maker_cases import given, pose_numbers, robot_of, well_inside
 from irbcal.correction.commanded import commanded
 from irbcal.correction.languages import krl, rapid, table
 from irbcal.errors import ProgramError
-from irbcal.files import urdf
+from irbcal.io import urdf
 
 
 def src(*lines):

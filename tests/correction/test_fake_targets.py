@@ -5,7 +5,7 @@ import pytest
 from support import arm, assert_same_poses, outcome_of, random_robot
 
 from irbcal.correction.fake_targets import correct_joints, correct_poses
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.measurement.points import distances
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.inverse import closed_form

@@ -15,7 +15,7 @@ from irbcal.correction.filter import NotWritten, correct, filter_program, finger
 from irbcal.correction.languages import rapid, table
 from irbcal.correction.program import Given
 from irbcal.errors import CalibrationError, OptionError, ProgramError, RobotError
-from irbcal.files.controller_frames import unknown
+from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
 
@@ -242,7 +242,7 @@ def test_what_is_read_is_not_overwritten(calibration, job, tmp_path):
 
 def test_rapid_is_for_six_revolute_joints(job):
     with pytest.raises(ProgramError, match=r"job\.mod: RAPID targets are of six revolute joints"):
-        rapid.read_for(seven_joints(), [job], Given({}, {}, unknown()))
+        rapid.read_for(seven_joints(), [job], Given({}, {}, unknown_frames()))
 
 
 def seven_joints():

@@ -9,7 +9,7 @@ from irbcal.correction import maker
 from irbcal.correction.languages import krl, urscript
 from irbcal.correction.maker import Posture, joints_of
 from irbcal.errors import ProgramError
-from irbcal.files import urdf
+from irbcal.io import urdf
 
 
 @pytest.fixture(scope="module")

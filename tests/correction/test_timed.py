@@ -9,7 +9,7 @@ from support import arm, example_robot, random_robot
 
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import ros
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.term_map import TermMap

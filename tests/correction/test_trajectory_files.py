@@ -5,7 +5,7 @@ import pytest
 
 import irbcal
 from irbcal.errors import OptionError, ProgramError
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling.trajectory import Trajectory
 
 

@@ -17,7 +17,7 @@ from irbcal.correction.languages import rapid
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.correction.true_frames import PointOrigin, TrueFrames, point_origin
 from irbcal.errors import OptionError
-from irbcal.files import controller_frames, urdf
+from irbcal.io import controller_model, urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
 
@@ -56,7 +56,7 @@ def language_tests(language):
 def universal_robot():
     path = example_robot("ur_description/urdf/ur10_robot.urdf")
     nominal = urdf.read(path).arm
-    at = controller_frames.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
+    at = controller_model.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
     return nominal, random_robot(nominal, "placement", np.random.default_rng(1), size=0.05), at
 
 

@@ -16,7 +16,7 @@ from irbcal.errors import OptionError
 from irbcal.exporting import cpp
 from irbcal.exporting.live import Live
 from irbcal.exporting.source import Source
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling.inverse import closed_form
 
 needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C++ compiler")

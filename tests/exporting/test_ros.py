@@ -13,7 +13,7 @@ from support import assert_same_poses
 
 import irbcal
 from irbcal.exporting import ros as target
-from irbcal.files import urdf_check
+from irbcal.io import urdf_check
 
 
 def write(source, folder):

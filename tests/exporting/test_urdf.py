@@ -7,7 +7,7 @@ from support import assert_same_poses
 
 import irbcal
 from irbcal.exporting.source import Source
-from irbcal.files import urdf_check
+from irbcal.io import urdf_check
 
 
 @pytest.mark.parametrize("paths", ["relative", "absolute", "package"])

@@ -13,11 +13,11 @@ import irbcal
 from irbcal import calibrating
 from irbcal.cli import main
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.files import robots
 from irbcal.fleet.prior import population, type_prior
 from irbcal.fleet.store import opened
 from irbcal.identification import dictionaries
 from irbcal.identification.type_prior import TypePrior
+from irbcal.io import robots
 
 
 def test_mean_and_scatter_of_a_population_are_found():

@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import arm, example_robot
 
-from irbcal.files import urdf
 from irbcal.identification import dictionaries as module
 from irbcal.identification.dictionaries import (
     ALL,
@@ -23,6 +22,7 @@ from irbcal.identification.dictionaries import (
 )
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.mackay import CAP, GEOMETRY_CAP
+from irbcal.io import urdf
 from irbcal.modeling.terms.situation import Motion
 
 

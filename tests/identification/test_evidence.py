@@ -9,10 +9,10 @@ from evidence_cases import MM, Measured, Truth, assert_documented, irb120, moves
 from support import TARGETS, arm, example_robot, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.files import urdf
 from irbcal.identification import evidence, readings
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import identify
+from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.payload import Payload

@@ -7,8 +7,8 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.files import urdf
 from irbcal.identification import fit, least_squares, observability, residuals
+from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 
 

@@ -8,8 +8,8 @@ from support import arm, measured, random_robot
 
 from irbcal.calibrating import split
 from irbcal.errors import IdentificationError, OptionError
-from irbcal.files import urdf
 from irbcal.identification import fit, least_squares, minimax
+from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 
 

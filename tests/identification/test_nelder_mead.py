@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from irbcal.calibrating import split
-from irbcal.files import urdf
 from irbcal.identification import fit, least_squares, minimax, nelder_mead
 from irbcal.identification import history as history_module
 from irbcal.identification.history import History
+from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 
 

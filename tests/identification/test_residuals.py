@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support import TARGETS, arm, central_differences, measured, random_robot
 
-from irbcal.files import urdf
 from irbcal.identification import pose_blocks, residuals
+from irbcal.io import urdf
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import Parameter
 

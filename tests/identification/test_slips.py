@@ -8,8 +8,8 @@ import pytest
 from support import arm, example_robot, measured, random_robot, write_measurements
 
 import irbcal
-from irbcal.files import urdf
 from irbcal.identification import outliers, slips
+from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances
 

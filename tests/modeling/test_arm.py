@@ -8,7 +8,7 @@ import pytest
 from support import arm, example_robot, on_a_rail
 
 from irbcal.errors import RobotError
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling.arm import relative_difference
 from irbcal.modeling.dhm import DHMTable
 

@@ -8,7 +8,7 @@ from support import arm, assert_derivative
 from term_cases import TWO_LINKS
 
 from irbcal.errors import RobotError
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families

@@ -5,7 +5,7 @@ import pytest
 from support import arm, on_a_rail
 
 from irbcal.errors import IdentificationError
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling import parameters
 from irbcal.modeling.thesis_map import ThesisMap
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import example_robot, random_robot, with_thesis
 
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling import frames
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planners.calibrated_model import CalibratedModel

@@ -10,7 +10,7 @@ from support import arm, assert_derivative, assert_same_poses, example_robot, mo
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.files import robots, urdf
+from irbcal.io import robots, urdf
 from irbcal.modeling import frames
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planners.calibrated_model import CalibratedModel

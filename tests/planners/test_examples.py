@@ -11,7 +11,7 @@ import pytest
 from support import random_robot
 
 import irbcal
-from irbcal.files import robots, urdf
+from irbcal.io import robots, urdf
 from irbcal.modeling import frames
 from irbcal.planners.calibrated_model import CalibratedModel
 from irbcal.units import DEG, MM

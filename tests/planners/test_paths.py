@@ -5,7 +5,7 @@ import pytest
 from history_cases import sided_robot
 from support import assert_derivative, assert_same_poses
 
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.planners.calibrated_model import CalibratedModel
 from irbcal.planners.paths import previous_on_path
 from irbcal.units import DEG

@@ -8,7 +8,7 @@ import pytest
 from support import arm
 
 from irbcal.errors import RobotError
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.modeling.terms.payload import Payload

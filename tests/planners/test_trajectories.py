@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from support import arm, central_differences, random_robot
 
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.files import robots, urdf
+from irbcal.io import robots, urdf
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.harmonics import pair

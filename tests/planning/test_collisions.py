@@ -9,7 +9,7 @@ from solids import hulls, link_frames, touches_itself, within
 from support import arm
 
 from irbcal.errors import RobotError
-from irbcal.files import robots, urdf
+from irbcal.io import robots, urdf
 from irbcal.modeling import frames
 from irbcal.planning import collisions
 from irbcal.planning.collisions import BEAM_GAP, BEAM_RADIUS, CollisionModel

@@ -6,8 +6,8 @@ from planning_support import PLACE, TARGETS, Wall, recheck, setting
 from support import arm
 
 from irbcal.errors import MeasurementError
-from irbcal.files import urdf_check
-from irbcal.files.robots import robot_file
+from irbcal.io import urdf_check
+from irbcal.io.robots import robot_file
 from irbcal.modeling import home
 from irbcal.modeling.robot import Robot
 from irbcal.planning import conditions

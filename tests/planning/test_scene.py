@@ -5,7 +5,7 @@ import re
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.files.robots import robot_file
+from irbcal.io.robots import robot_file
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.scene import open_scene
 from irbcal.units import DEG

@@ -24,7 +24,7 @@ def pinocchio_pose(data, q):
 
 @pytest.mark.parametrize("arm", [arm for arm in makers.ARMS if arm.joints], ids=lambda arm: arm.folder)
 def test_poses_are_where_the_joints_are(arm):
-    from irbcal.files import urdf
+    from irbcal.io import urdf
 
     data = makers.urdf_of(arm)
     found = makers.stops(arm, data, urdf.from_bytes(data, arm.folder))

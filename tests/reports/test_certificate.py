@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import OptionError
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.reports import certificate
 from irbcal.units import MM
 

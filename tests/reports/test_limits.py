@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from report_cases import without_heldout
 
-from irbcal.files.certainty_section import CertaintySection, ElsewhereSection
+from irbcal.io.schema import CertaintySection, ElsewhereSection
 from irbcal.reports import report_page
 from irbcal.reports.limits import limits
 

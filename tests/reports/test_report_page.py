@@ -24,12 +24,8 @@ import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
 from irbcal.figures import charts
-from irbcal.files import document
-from irbcal.files.choice_section import Candidate, Choice
-from irbcal.files.schema import (
-    Exclusion,
-    RotationStatistics,
-)
+from irbcal.io import document
+from irbcal.io.schema import Candidate, Choice, Exclusion, RotationStatistics
 from irbcal.reports import report_page
 
 

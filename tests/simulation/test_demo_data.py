@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from support import outcome_of
 
-from irbcal.files import robots, urdf
+from irbcal.io import robots, urdf
 from irbcal.measurement import columns, table
 from irbcal.measurement.points import distances
 from irbcal.measurement.statistics import statistics

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cell_support import OTHERS, robot_file
 
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.simulation import masses
 from irbcal.simulation.gravity import torques_and_origins
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.errors import RobotError
-from irbcal.files import robots, urdf
+from irbcal.io import robots, urdf
 from irbcal.simulation import masses
 
 TWO_LINKS = """<robot name="two"><link name="base_link"/>

@@ -10,7 +10,7 @@ import irbcal
 from irbcal.cli import main
 from irbcal.correction.languages.table import POSE
 from irbcal.errors import MeasurementError, ProgramError
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling import frames
 from irbcal.simulation import pose_list, programs
 from irbcal.units import MM

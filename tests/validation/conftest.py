@@ -3,7 +3,7 @@
 import pytest
 
 import irbcal
-from irbcal.files import robots
+from irbcal.io import robots
 
 
 @pytest.fixture(scope="session")

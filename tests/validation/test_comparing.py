@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.files import robots
+from irbcal.io import robots
 
 FIT = robots.demo_file("demo_identification.csv")
 

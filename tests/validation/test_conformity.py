@@ -5,7 +5,7 @@ import pytest
 
 import irbcal
 from irbcal.errors import OptionError
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.measurement.statistics import statistics
 from irbcal.units import MM
 from irbcal.validation import accuracy

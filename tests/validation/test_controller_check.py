@@ -6,9 +6,9 @@ import pytest
 from support import arm
 
 import irbcal
-import irbcal.files.robots
+import irbcal.io.robots
 from irbcal.errors import MeasurementError
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling import frames
 
 
@@ -64,7 +64,7 @@ def test_columns_and_units(prefix, metres):
 
 
 def test_what_differs_at_base_and_tool_goes_into_the_urdf(tmp_path):
-    text = irbcal.files.robots.robot_file("irb1600").read_text()
+    text = irbcal.io.robots.robot_file("irb1600").read_text()
     assert 'link="tool0"' in text
     nominal = arm()
     q = nominal.random_joints(100, 1)

@@ -7,7 +7,7 @@ import pytest
 from support import measured
 
 import irbcal
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.validation.coverage import coverage, coverage_in_words
 
 

@@ -83,7 +83,7 @@ def test_an_arm_that_warms_up_is_not_a_tracker_that_moves():
     import pandas as pd
 
     import irbcal
-    from irbcal.files import robots
+    from irbcal.io import robots
 
     table = pd.read_csv(robots.demo_file("demo_identification.csv"))
     found = irbcal.calibrate(table, "irb1600", holdout=0)

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.measurement import table
 from irbcal.units import MM
 

@@ -7,12 +7,13 @@ import pytest
 
 import irbcal
 from irbcal.errors import OptionError
+from irbcal.io import robots
 from irbcal.measurement.statistics import statistics
 
 
 @pytest.fixture(scope="module")
 def found(record):
-    proof = irbcal.shipped.demo_file("demo_verification.csv")
+    proof = robots.demo_file("demo_verification.csv")
     return irbcal.evaluate(record, proof, intervals=True, flange=True, relative="virtual")
 
 
@@ -35,7 +36,7 @@ def test_everything_asked_for_is_told(found):
 
 
 def test_what_was_not_asked_for_is_not_told(record):
-    plain = irbcal.evaluate(record, irbcal.shipped.demo_file("demo_verification.csv"))
+    plain = irbcal.evaluate(record, robots.demo_file("demo_verification.csv"))
     assert plain.intervals is None
     assert "Bootstrap" not in plain.summary()
     assert "flange" not in plain.summary()
@@ -56,7 +57,7 @@ def test_errors_of_poses_are_means_of_their_points(found):
 
 
 def test_options_are_checked(record):
-    proof = irbcal.shipped.demo_file("demo_verification.csv")
+    proof = robots.demo_file("demo_verification.csv")
     with pytest.raises(OptionError, match="relative: expected virtual or three-points, found 'real'"):
         irbcal.evaluate(record, proof, relative="real")
     with pytest.raises(OptionError, match="frame_points"):

@@ -7,8 +7,8 @@ import pytest
 from support import arm, measured, random_robot
 
 import irbcal
-from irbcal.files import robots
 from irbcal.identification.fit import identify
+from irbcal.io import robots
 from irbcal.units import MM
 from irbcal.validation import doubts
 from irbcal.validation.length_scale import length_scale

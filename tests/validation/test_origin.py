@@ -8,7 +8,7 @@ import pytest
 
 import irbcal
 from irbcal.errors import OptionError
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.validation.origin import FIELDS, checked_info
 
 

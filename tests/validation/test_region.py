@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import irbcal
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.reports import certificate
 from irbcal.units import DEG, MM
 from irbcal.validation.region import region

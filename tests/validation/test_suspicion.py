@@ -6,7 +6,7 @@ import pytest
 
 import irbcal
 from irbcal.errors import MeasurementError
-from irbcal.files import robots
+from irbcal.io import robots
 
 
 @pytest.fixture(scope="module")

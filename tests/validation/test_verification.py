@@ -9,7 +9,7 @@ from support import outcome_of
 
 import irbcal
 from irbcal.errors import OptionError, ProgramError, RobotError
-from irbcal.files import calibration_folder, urdf
+from irbcal.io import calibration_folder, urdf
 from irbcal.validation.verification import verify, verify_bytes
 
 

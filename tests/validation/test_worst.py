@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import irbcal
-from irbcal.files import robots
+from irbcal.io import robots
 from irbcal.validation.worst import worst_poses
 
 

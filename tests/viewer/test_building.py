@@ -8,7 +8,7 @@ from support import arm, assert_same_poses, write_measurements
 
 import irbcal
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, RobotError
-from irbcal.files.calibration_folder import opened
+from irbcal.io.calibration_folder import opened
 from irbcal.modeling import frames
 from irbcal.modeling.terms.situation import Motion
 from irbcal.units import MM

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from viewer_urdf import document
 
-from irbcal.files import urdf_xml
+from irbcal.io import urdf_xml
 from irbcal.viewer import links
 
 

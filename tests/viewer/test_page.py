@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import irbcal
+from irbcal.io import robots
 from irbcal.viewer import page
 
 HOSTILE = "</script><script>window.hacked=1</script><!--<img src=x onerror=window.hacked=2>"
@@ -62,7 +63,7 @@ def test_names_cannot_leave_their_place(cell, tmp_path):
 
 def test_robot_names_are_escaped_in_the_title(tmp_path):
     path = tmp_path / "arm.urdf"
-    text = irbcal.shipped.robot_file("irb120").read_text()
+    text = robots.robot_file("irb120").read_text()
     path.write_text(re.sub(r'<robot[^>]*name="[^"]*"', '<robot name="&lt;/title&gt;&lt;img src=x&gt;"', text, count=1))
     html = irbcal.view.show(path).html
     assert "<img" not in html

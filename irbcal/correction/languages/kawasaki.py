@@ -27,7 +27,7 @@ from irbcal.correction.program import Given, Note, read_bytes
 from irbcal.correction.text_program import Role
 from irbcal.correction.tokens import Token, Tokens, numbers
 from irbcal.errors import OptionError, ProgramError
-from irbcal.files.controller_frames import ControllerFrames
+from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG, MM

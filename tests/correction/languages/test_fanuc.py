@@ -15,7 +15,7 @@ from irbcal.correction.languages import fanuc
 from irbcal.correction.languages.fanuc import instructions, points, sections
 from irbcal.correction.listing import Listing
 from irbcal.errors import ProgramError
-from irbcal.files.controller_frames import unknown
+from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 
 LINE = "J1=   10.0000 deg,\tJ2=  -60.0000 deg,\tJ3=  155.5000 deg,"
@@ -200,9 +200,9 @@ def test_frames_are_asked_for(robots):
     with pytest.raises(ProgramError, match=r"job.ls: line 9: .* uses the tool 1.*\(also: --frame 2=\)"):
         parsed(robots, data, tools={})
     with pytest.raises(ProgramError, match="has no link base"):
-        fanuc.parse(nominal, data, "job.ls", given(unknown(), **FRAMES))
+        fanuc.parse(nominal, data, "job.ls", given(unknown_frames(), **FRAMES))
     joints_only = listing(["J P[1] 10% FINE"], [point(1, pendant(in_front(nominal, 1))[0])])
-    assert len(fanuc.parse(nominal, joints_only, "job.ls", given(unknown())).targets) == 1
+    assert len(fanuc.parse(nominal, joints_only, "job.ls", given(unknown_frames())).targets) == 1
 
 
 def test_a_controller_report(robots):

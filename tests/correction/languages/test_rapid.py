@@ -21,7 +21,7 @@ from irbcal.correction.languages.rapid import Data, Literal, Node, Scanner, Walk
 from irbcal.correction.program import Given
 from irbcal.correction.text_program import tip_poses
 from irbcal.errors import ProgramError
-from irbcal.files.controller_frames import unknown
+from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import any_arm, closed_form
 from irbcal.modeling.robot import Robot
@@ -495,7 +495,7 @@ def read(folder, given=None, **modules):
         body = "\n".join(lines)
         path.write_text(f"MODULE {name}\n{data}\nPROC r{name}()\n{body}\nENDPROC\nENDMODULE\n")
         paths.append(path)
-    found = rapid.read_for(arm(), paths, Given(given or {}, {}, unknown()))
+    found = rapid.read_for(arm(), paths, Given(given or {}, {}, unknown_frames()))
     return dict(zip(modules, found, strict=True))
 
 
@@ -573,7 +573,7 @@ def test_a_routines_parameter_hides_it_too(tmp_path):
     (tmp_path / "a.mod").write_text(f"MODULE a\nCONST robtarget p:={P};\nENDMODULE\n")
     text = "MODULE b\nPROC go(robtarget p)\nMoveL p,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
     (tmp_path / "b.mod").write_text(text)
-    a, b = rapid.read_for(arm(), [tmp_path / "a.mod", tmp_path / "b.mod"], Given({}, {}, unknown()))
+    a, b = rapid.read_for(arm(), [tmp_path / "a.mod", tmp_path / "b.mod"], Given({}, {}, unknown_frames()))
     assert not a.targets[0].uses
     assert [entry.reason for entry in b.uncorrected] == ["p is a parameter of the routine"]
 

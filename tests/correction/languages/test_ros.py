@@ -12,8 +12,8 @@ from irbcal.correction.languages import ros
 from irbcal.correction.languages.ros import Reader, document, line
 from irbcal.correction.program import Given
 from irbcal.errors import OptionError, ProgramError
-from irbcal.files import urdf
-from irbcal.files.controller_frames import unknown
+from irbcal.io import urdf
+from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.trajectory import Trajectory
@@ -134,7 +134,7 @@ def test_what_is_no_text_and_frames_are_refused(nominal, tmp_path):
     with pytest.raises(ProgramError, match=r"two points share one list of numbers \(an alias\)"):
         ros.parse(nominal, text.encode(), "a.yaml")
     with pytest.raises(OptionError, match="holds joints: there is no frame to give"):
-        ros.read_for(nominal, [tmp_path / "a.yaml"], Given({"t": frames.transform()}, {}, unknown()))
+        ros.read_for(nominal, [tmp_path / "a.yaml"], Given({"t": frames.transform()}, {}, unknown_frames()))
 
 
 def test_it_looks_like_a_trajectory():

@@ -15,8 +15,8 @@ from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.languages import table
 from irbcal.correction.program import Given
 from irbcal.errors import OptionError, ProgramError
-from irbcal.files import urdf
-from irbcal.files.controller_frames import unknown
+from irbcal.io import urdf
+from irbcal.io.controller_model import unknown_frames
 from irbcal.measurement.columns import JOINTS as JOINT_COLUMNS
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
@@ -141,7 +141,7 @@ def test_arms_name_the_columns_of_their_joints(tmp_path):
     names = ["q1_mm", *(f"q{k}_deg" for k in range(2, 8))]
     assert np.abs(table.read(path, names).values[0] - [0.1, *np.radians([10, 20, 30, 40, 50, 60])]).max() < 1e-15
     with pytest.raises(ProgramError, match=r"expected columns q1_deg … q6_deg|missing column"):
-        table.read_for(arm(), [tmp_path / "p.csv"], Given({}, {}, unknown()))[0].goals()
+        table.read_for(arm(), [tmp_path / "p.csv"], Given({}, {}, unknown_frames()))[0].goals()
 
 
 def test_all_rows_are_goals():
@@ -154,7 +154,7 @@ def test_all_rows_are_goals():
 def test_frames_mean_nothing_to_a_table(tmp_path):
     (tmp_path / "p.csv").write_bytes(data(POSES, POSE))
     with pytest.raises(OptionError, match="tool: the poses of a CSV program are those of the tip") as caught:
-        table.read_for(arm(), [tmp_path / "p.csv"], Given({"a": np.eye(4)}, {}, unknown()))
+        table.read_for(arm(), [tmp_path / "p.csv"], Given({"a": np.eye(4)}, {}, unknown_frames()))
     assert caught.value.parameter == "tool"
 
 

@@ -16,7 +16,7 @@ from irbcal.correction.languages.urscript import UNIVERSAL_ROBOTS, arguments, st
 from irbcal.correction.listing import Listing
 from irbcal.correction.tokens import numbers as numbers_of
 from irbcal.errors import ProgramError
-from irbcal.files import controller_frames, urdf
+from irbcal.io import controller_model, urdf
 from irbcal.modeling import frames
 
 LINE = "movej([0.174532925, -1.047197551, 1.666789436, 0.349065850, 0.525780437, -0.698131701], a=1.0, v=0.500)"
@@ -41,7 +41,7 @@ TOOL = frames.from_xyz_angles([0.01, 0.02, 0.15, 0.0, 0.3, 0.1])
 def robots():
     path = example_robot("ur_description/urdf/ur10_robot.urdf")
     nominal = urdf.read(path).arm
-    at = controller_frames.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
+    at = controller_model.controller_frames(path.read_bytes(), str(path), nominal.base_link, nominal.tip_link)
     return nominal, random_robot(nominal, "placement", np.random.default_rng(1), size=0.05), at
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 from support import arm, example_robot, on_a_rail, random_robot
 
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import along_path, any_arm, closed_form, redundancy
 from irbcal.modeling.robot import Robot

@@ -5,7 +5,7 @@ import pytest
 from support import assert_same_poses, example_robot, on_a_rail, random_robot
 
 from irbcal.errors import RobotError
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling.inverse import any_arm, closed_form
 from irbcal.modeling.inverse.result import Reason
 from irbcal.modeling.robot import Robot

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support import arm, assert_derivative, assert_same_poses, on_a_rail, random_robot, random_rotation, with_thesis
 
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import newton
 from irbcal.modeling.inverse.poses import pose_columns

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from support import arm, central_differences, example_robot, on_a_rail, random_robot
 
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling.inverse import redundancy
 
 

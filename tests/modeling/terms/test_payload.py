@@ -6,8 +6,8 @@ import pytest
 from support import arm, example_robot
 from term_cases import TWO_LINKS, assert_derivatives, rail, some_joints, two_links, values_of
 
-from irbcal.files import robots, urdf
-from irbcal.files.urdf_check import ArmInModel
+from irbcal.io import robots, urdf
+from irbcal.io.urdf_check import ArmInModel
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY, Payload, as_levers
 from irbcal.modeling.terms.situation import Motion
 

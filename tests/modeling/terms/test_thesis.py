@@ -5,7 +5,7 @@ import pytest
 from support import arm, example_robot
 from term_cases import assert_derivatives, some_joints
 
-from irbcal.files import urdf
+from irbcal.io import urdf
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.terms.thesis import FAMILY

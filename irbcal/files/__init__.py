@@ -1,1 +1,0 @@
-"""Files: how a robot and a calibration are read and written."""

@@ -1,0 +1,490 @@
+"""Calibrating a fleet: every robot of a list into a folder of its own, and a page of all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from irbcal import parallel
+from irbcal.arrays import lock
+from irbcal.atomic import check_writable, write_together
+from irbcal.calibrating import Options
+from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
+from irbcal.io.schema import Record
+from irbcal.measurement import columns
+from irbcal.names import check_names
+from irbcal.reading import read_bytes
+from irbcal.summary import Speaks, Table, Told
+from irbcal.validation.verdict import verdict_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NEEDED = ("id", "measurements", "robot")
+KNOWN = (*NEEDED, "serial", "date", "options")
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+"""What an id may be: it is a folder's name."""
+RESERVED = {"fleet.html", "fleet.csv", "fleet.json"}
+
+
+def _words(text: str) -> list[str]:
+    return [word for word in text.split(",") if word]
+
+
+def _yes(text: str) -> bool:
+    if text not in ("yes", "no"):
+        raise ValueError
+    return text == "yes"
+
+
+KINDS: dict[str, Callable[[str], Any]] = {
+    **dict.fromkeys(("model", "terms", "split", "base_link", "tip_link", "coupling", "method", "objective"), str),
+    **dict.fromkeys(("loss", "session_by", "parallel", "verify", "targets", "prior"), str),
+    **dict.fromkeys(("power", "holdout"), float),
+    **dict.fromkeys(("as_poses", "same_tool", "torques"), _yes),
+    **dict.fromkeys(("free", "hold", "frame"), _words),
+    "seed": int,
+}
+"""Options of `irbcal.calibrate` that a row may have, and how they are read."""
+FILE_OPTIONS = ("verify", "targets", "prior")
+"""Those that name files."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A robot of the list.
+
+    Attributes
+    ----------
+    id : str
+        Also the name of its folder.
+    serial : str
+        Of the robot; the id where the list has none.
+    measurements, robot : str
+        Paths as a process finds them, or a robot's name.
+    date : str
+        When it was measured, ISO 8601; empty where the list does not say.
+    options : dict
+        Of `irbcal.calibrate`.
+    """
+
+    id: str
+    serial: str
+    measurements: str
+    robot: str
+    date: str
+    options: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """As messages call it."""
+        return f"robot {self.id}"
+
+    def sha256(self) -> str:
+        """Fingerprint of the row and of the content of all files that it names, wherever they are.
+
+        Raises
+        ------
+        MeasurementError
+            If one cannot be read.
+        """
+        options = {name: value for name, value in self.options.items() if name not in FILE_OPTIONS}
+        row = [self.id, self.serial, self.date, Path(self.robot).name, options]
+        digest = hashlib.sha256(json.dumps(row, sort_keys=True).encode())
+        named = [self.robot, *(str(self.options[name]) for name in FILE_OPTIONS if name in self.options)]
+        for path in (self.measurements, *(path for path in named if Path(path).is_file())):
+            digest.update(hashlib.sha256(read_bytes(path, MeasurementError)).digest())
+        return digest.hexdigest()
+
+
+def read_manifest(manifest: str | Path) -> list[Entry]:
+    """Read a list of robots.
+
+    Parameters
+    ----------
+    manifest : str or Path
+        CSV with the columns ``id``, ``measurements`` and ``robot``, and, where wanted, ``serial``, ``date``
+        (2026-03-17) and ``options`` (``model=34 holdout=0.2``). Paths are counted from its folder.
+
+    Returns
+    -------
+    list of Entry
+
+    Raises
+    ------
+    MeasurementError
+        If a row is no robot, or two have one id.
+    """
+    cells, source, _ = columns.read(manifest, NEEDED)
+    strange = [name for name in cells.columns if name not in KNOWN]
+    if strange:
+        raise MeasurementError(
+            f"expected the columns {', '.join(KNOWN)}, found {strange[0]!r}", file=source, column=strange[0]
+        )
+    out, seen = [], dict[str, int]()
+    for row, values in cells.iterrows():
+        given = {name: str(value).strip() for name, value in values.items()}
+        entry = _entry(given, Path(source).parent, source, int(str(row)))
+        folded = entry.id.casefold()  # a folder's name: some systems take A for a
+        if folded in seen:
+            raise MeasurementError(
+                f"the id {entry.id!r} stands in row {seen[folded]}, too", file=source, row=int(str(row)), column="id"
+            )
+        seen[folded] = int(str(row))
+        out.append(entry)
+    return out
+
+
+def _entry(given: Mapping[str, str], folder: Path, source: str, row: int) -> Entry:
+    def wrong(column: str, sentence: str) -> MeasurementError:
+        return MeasurementError(sentence, file=source, row=row, column=column)
+
+    for column in NEEDED:
+        if not given[column]:
+            raise wrong(column, "expected a text, found nothing")
+    name = given["id"]
+    if not NAME.fullmatch(name) or name in RESERVED or len(name) > 100:
+        raise wrong("id", f"expected letters, digits, '.', '_' and '-' (it names a folder), found {name!r}")
+    check_names(given.values(), MeasurementError, file=source)
+    day = given.get("date", "")
+    if day:
+        try:
+            date.fromisoformat(day)
+        except ValueError:
+            raise wrong("date", f"expected a date such as 2026-03-17, found {day!r}") from None
+    options = dict(_option(text, wrong) for text in given.get("options", "").split())
+    for option in FILE_OPTIONS:
+        if option in options:
+            options[option] = str(folder / options[option])
+    try:
+        Options(**options)
+    except IrbcalError as error:
+        raise wrong("options", str(error)) from None
+    robot = given["robot"]
+    beside = folder / robot
+    return Entry(
+        name,
+        given.get("serial") or name,
+        str(folder / given["measurements"]),
+        str(beside) if beside.exists() else robot,
+        day,
+        options,
+    )
+
+
+def _option(text: str, wrong: Callable[[str, str], MeasurementError]) -> tuple[str, Any]:
+    key, equals, value = text.partition("=")
+    key = key.replace("-", "_")
+    if not equals or key not in KINDS:
+        raise wrong("options", f"expected OPTION=VALUE with one of {', '.join(KINDS)}, found {text!r}")
+    try:
+        return key, KINDS[key](value)
+    except ValueError:
+        kind = {float: "a number", int: "a whole number"}.get(KINDS[key], "yes or no")  # type: ignore[call-overload]
+        raise wrong("options", f"{key}: expected {kind}, found {value!r}") from None
+
+
+assert set(KINDS) <= {field.name for field in fields(Options)}
+
+
+MARK = "fleet.json"
+"""In each robot's folder, written last: whose calibration it is, from what, and what it is worth."""
+
+
+@dataclass(frozen=True)
+class RobotOutcome:
+    """A robot of a list, calibrated or refused.
+
+    Attributes
+    ----------
+    id, serial, date : str
+    robot, model : str
+        Name of the nominal robot, and the error model; empty where it failed.
+    simulated : bool
+    poses : int
+        Fitted and held out.
+    nominal_mm, mean_mm, max_mm : float or None
+        Held-out mean error of the nominal robot, mean and largest of the calibrated one.
+    verdict : str
+        In a sentence; where it failed, why.
+    trusted : bool
+    failed : bool
+    sha256 : str
+        Of the row and its files.
+    """
+
+    id: str
+    serial: str
+    date: str
+    robot: str = ""
+    model: str = ""
+    simulated: bool = False
+    poses: int = 0
+    nominal_mm: float | None = None
+    mean_mm: float | None = None
+    max_mm: float | None = None
+    verdict: str = ""
+    trusted: bool = False
+    failed: bool = False
+    sha256: str = ""
+
+    @staticmethod
+    def of(entry: Entry, record: Record, sha256: str) -> RobotOutcome:
+        """Of a calibration just made."""
+        proven = record.heldout is not None and record.heldout_nominal is not None
+        found = verdict_of(record)
+        return RobotOutcome(
+            entry.id,
+            entry.serial,
+            entry.date,
+            record.robot.name,
+            record.model,
+            record.simulated,
+            record.poses_fit + record.poses_heldout,
+            record.heldout_nominal.all.mean_mm if proven and record.heldout_nominal else None,
+            record.heldout.all.mean_mm if proven and record.heldout else None,
+            record.heldout.all.max_mm if proven and record.heldout else None,
+            found.sentence(),
+            found.trusted,
+            False,
+            sha256,
+        )
+
+    @staticmethod
+    def refused(entry: Entry, why: str) -> RobotOutcome:
+        """Of a robot that could not be calibrated."""
+        return RobotOutcome(entry.id, entry.serial, entry.date, verdict=why, failed=True)
+
+    def mark(self) -> bytes:
+        """What `MARK` says."""
+        return (json.dumps({"irbcal": "robot of a fleet", **asdict(self)}, indent=1) + "\n").encode()
+
+
+def read_mark(folder: Path) -> RobotOutcome | None:
+    """What the mark of a folder says; None where there is none that can be read."""
+    try:
+        content = json.loads((folder / MARK).read_bytes())
+        content.pop("irbcal")
+        return RobotOutcome(**content)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return None
+
+
+def finished(entry: Entry, folder: Path) -> RobotOutcome | None:
+    """The outcome of a robot that is calibrated already, from the same row and the same files; else None."""
+    found = read_mark(folder)
+    try:
+        return found if found is not None and not found.failed and found.sha256 == entry.sha256() else None
+    except IrbcalError:
+        return None
+
+
+PAGE, TABLE, SIGN = "fleet.html", "fleet.csv", "fleet.json"
+CALIBRATION_S = 2.0
+"""Seconds that a calibration takes, about."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibratedFleet(Speaks):
+    """What the folder of a fleet holds, and what the call has done.
+
+    Attributes
+    ----------
+    out : Path
+    robots : tuple of Outcome
+        In the order of the list.
+    made, kept : int
+        Robots calibrated by this call, and found calibrated.
+    seconds : float
+    """
+
+    out: Path
+    robots: tuple[RobotOutcome, ...]
+    made: int
+    kept: int
+    seconds: float
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def failures(self) -> tuple[RobotOutcome, ...]:
+        """Robots that could not be calibrated."""
+        return tuple(robot for robot in self.robots if robot.failed)
+
+    def headline(self) -> str:
+        """How many, in one line."""
+        kind = "SIMULATED: " if any(robot.simulated for robot in self.robots) else ""
+        doubtful = sum(not (robot.trusted or robot.failed) for robot in self.robots)
+        return (
+            f"{kind}{len(self.robots)} robots: {len(self.robots) - len(self.failures)} calibrated ({doubtful} of them "
+            f"not to be trusted), {len(self.failures)} failed"
+        )
+
+    def told(self) -> Sequence[Told]:
+        """A row a robot, and the sentences of those that failed."""
+        rows = tuple(
+            (r.id, r.serial, r.robot, r.nominal_mm, r.mean_mm, r.max_mm, "yes" if r.trusted else "NO")
+            for r in self.robots
+            if not r.failed
+        )
+        columns = ("id", "serial", "robot", "nominal mm", "calibrated mm", "largest mm", "trusted")
+        return [
+            self.headline(),
+            *([Table("Held-out errors", columns, rows)] if rows else []),
+            *(f"Doubt: {r.id}: {r.verdict}" for r in self.robots if not (r.trusted or r.failed)),
+            *(f"Failed: {r.id}: {r.verdict}" for r in self.failures),
+            f"{self.made} calibrated now, {self.kept} found calibrated, {self.seconds:.1f} s",
+        ]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a robot, the attributes of `Outcome`."""
+        import pandas as pd
+
+        return pd.DataFrame([asdict(robot) for robot in self.robots]).drop(columns="sha256")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Ready for JSON."""
+        return {
+            "out": str(self.out),
+            "made": self.made,
+            "kept": self.kept,
+            "failed": len(self.failures),
+            "seconds": self.seconds,
+            "robots": [asdict(robot) for robot in self.robots],
+        }
+
+
+@parallel.on_workers
+def fleet_calibrate(
+    manifest: str | Path,
+    out: str | Path,
+    *,
+    jobs: int | None = None,
+    engine: str | None = None,
+    progress: Callable[[str], Any] | None = None,
+) -> CalibratedFleet:
+    """Calibrate every robot of a list, each into its own folder, whole or not at all.
+
+    A second call does what is missing: robots whose row and files are as they were are kept. A robot that cannot be
+    calibrated is listed with its sentence and stops none of the others.
+
+    Parameters
+    ----------
+    manifest : str or Path
+        CSV, see `irbcal.fleet.batch.read_manifest`.
+    out : str or Path
+        Folder: one folder a robot, ``fleet.csv`` and the page ``fleet.html``.
+    jobs : int, optional
+        Processes; as many as there are cores unless given. Calibrations do not depend on it.
+    engine : str, optional
+        ``dask://HOST:PORT``: the workers of a Dask cluster, see `irbcal.parallel.using`; they need the same paths.
+    progress : callable, optional
+        Called with a short text after each robot.
+
+    Returns
+    -------
+    CalibratedFleet
+
+    Raises
+    ------
+    MeasurementError
+        If the list is refused.
+    CalibrationError
+        If the folder holds something else, or cannot be written.
+    Interrupted
+        After the robots under way were finished.
+    """
+    started = time.perf_counter()
+    entries, folder = read_manifest(manifest), Path(out)
+    _open(folder)
+    found: dict[str, RobotOutcome | None] = {entry.id: finished(entry, folder / entry.id) for entry in entries}
+    left = [entry for entry in entries if found[entry.id] is None]
+    kept, say = len(entries) - len(left), progress or (lambda text: None)
+    shared = str(folder.absolute())
+    try:
+        tasks = parallel.each(_calibrate, shared, left, seconds=CALIBRATION_S, lost=_lost)
+        for count, (place, outcome) in enumerate(tasks, start=1):
+            found[left[place].id] = outcome
+            say(f"{count} of {len(left)} robots")
+    except KeyboardInterrupt:
+        raise parallel.Interrupted(sum(one is None for one in found.values()), "robots to calibrate") from None
+    robots = tuple(one for entry in entries if (one := found[entry.id]) is not None)
+    seconds = time.perf_counter() - started
+    made = sum(not robot.failed for robot in robots) - kept
+    result = CalibratedFleet(folder, robots, made, kept, seconds)
+    _write(result)
+    return result
+
+
+def _open(folder: Path) -> None:
+    """Make the folder of a fleet, or see that it is one.
+
+    Raises
+    ------
+    CalibrationError
+        If it holds something else.
+    """
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / SIGN).exists():
+        raise CalibrationError("expected a new or empty folder, or that of a fleet", file=folder)
+    check_writable(folder)
+    if not (folder / SIGN).exists():
+        write_together(folder, {SIGN: b'{"irbcal": "fleet"}\n'})
+
+
+def _calibrate(shared: str, entry: Entry) -> RobotOutcome:
+    """In a worker: one robot, from its files to its folder."""
+    from irbcal.calibration import calibrate
+
+    folder = Path(shared) / entry.id
+    try:
+        sha256 = entry.sha256()
+        calibration = calibrate(entry.measurements, entry.robot, **entry.options)
+        outcome = RobotOutcome.of(entry, calibration.record, sha256)
+        (folder / MARK).unlink(missing_ok=True)  # it speaks of what is replaced now
+        calibration.save(folder)
+        write_together(folder, {MARK: outcome.mark()})
+    except IrbcalError as error:
+        return RobotOutcome.refused(entry, str(error))
+    except Exception as error:  # a robot that irbcal stumbles over must not stop the others
+        return RobotOutcome.refused(entry, f"irbcal failed, which is its own fault: {type(error).__name__}: {error}")
+    return outcome
+
+
+def _lost(entry: Entry) -> RobotOutcome:
+    return RobotOutcome.refused(entry, "its processes ended by themselves, also alone (out of memory?)")
+
+
+def _write(result: CalibratedFleet) -> None:
+    from irbcal.names import without_formulas
+
+    table = without_formulas(result.to_frame()).to_csv(index=False, lineterminator="\n")
+    write_together(result.out, {TABLE: table.encode(), PAGE: page(result).encode()})
+
+
+def page(fleet: CalibratedFleet) -> str:
+    """The page of a list's calibrations."""
+    from irbcal.figures.colours import CALIBRATED, NOMINAL
+    from irbcal.templates import environment
+
+    largest = max([r.nominal_mm or 0.0 for r in fleet.robots] + [r.mean_mm or 0.0 for r in fleet.robots] + [1e-9])
+    return (
+        environment("irbcal.fleet")
+        .get_template("list.html.j2")
+        .render(
+            title="Fleet",
+            simulated=any(r.simulated for r in fleet.robots),
+            headline=fleet.headline(),
+            robots=fleet.robots,
+            share=lambda length: f"{100.0 * (length or 0.0) / largest:.1f}",
+            nominal=NOMINAL,
+            calibrated=CALIBRATED,
+        )
+    )

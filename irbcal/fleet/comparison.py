@@ -1,0 +1,389 @@
+"""What changed between two calibrations of a robot, and which robots of a type stand out of it.
+
+The difference of the parameters that both calibrations have is tested by chi-square on the directions that both have
+seen: what the poses do not show (such as joint 1's zero, which turns with the base) has no say. Which parameters
+explain it is found one after the other, each as the only change beside those found before: a crash or an exchanged
+motor changes few.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.fleet.store import Estimate, Stored
+from irbcal.units import DEG, MM
+
+DHM = {
+    "theta": ("joint {j}'s zero", "a crash, an exchanged motor or a lost zero"),
+    "d": ("the length along joint {j}'s axis", "a crash or an exchanged link"),
+    "a": ("the length of link {j}", "a crash or an exchanged link"),
+    "alpha": ("the tilt between joints {j} and {k}", "a crash or an exchanged bearing"),
+    "beta": ("the tilt of joint {j}'s axis", "a crash or an exchanged bearing"),
+    "b": ("the offset of joint {j}'s axis", "a crash or an exchanged link"),
+}
+FAMILIES = (
+    ("gravity", "how joint {j} gives way under weight", "a worn or exchanged gear, a bearing, a balancer"),
+    ("torque", "how joint {j} gives way under torque", "a worn or exchanged gear"),
+    ("direction", "the backlash of joint {j}", "a worn or exchanged gear"),
+    ("payload", "how joint {j} gives way under a payload", "a worn or exchanged gear"),
+    ("angle", "the gain of joint {j}", "an exchanged gear or resolver"),
+    ("sin", "a wave of joint {j}", "an exchanged gear or resolver"),
+    ("cos", "a wave of joint {j}", "an exchanged gear or resolver"),
+)
+UNITS = {"rad": ("degrees", DEG), "m": ("mm", MM)}
+_CONSTANT = re.compile(r"delta_([a-z]+)(\d+)")
+_TERM = re.compile(r"[a-z]+(\d+)(?:\+\d+)* (\S+)")
+
+
+HIGHEST = 6
+"""Cycles per turn up to which a wave is compared: which higher ones a model has is chance from fit to fit."""
+_WAVE = re.compile(r"[a-z]+[0-9+]+ (?:sin|cos) (\d+)(?: \w+)?")
+
+
+def high_wave(name: str) -> bool:
+    """Whether a term is a wave of more than `HIGHEST` cycles per turn."""
+    found = _WAVE.fullmatch(name)
+    return found is not None and int(found[1]) > HIGHEST
+
+
+def called(name: str) -> tuple[str, str]:
+    """A parameter in words, and what may have changed it."""
+    constant = _CONSTANT.fullmatch(name)
+    if constant and constant[1] in DHM:
+        what, why = DHM[constant[1]]
+        joint = int(constant[2])
+        return what.format(j=joint, k=joint + 1), why
+    term = _TERM.match(name)
+    if term:
+        for basis, what, why in FAMILIES:
+            if term[2].startswith(basis):
+                return f"{what.format(j=term[1])} ({name})", why
+    return name, "wear, a crash or a repair"
+
+
+def amount(value: float, std: float, unit: str) -> str:
+    """``0.021 ± 0.004 degrees`` of a value in SI units."""
+    base, _, per = unit.partition("/")
+    shown, factor = UNITS.get(base, (base, 1.0))
+    value, std = abs(value) / factor, std / factor
+    digits = max(0, 1 - int(f"{std:e}".partition("e")[2])) if std > 0.0 else 6
+    tail = f" per {per}" if per else ""
+    return f"{value:.{digits}f} ± {std:.{digits}f} {'' if shown == '1' else shown}{tail}".rstrip()
+
+
+ONE_SIDED = 1e-4
+"""A direction of which one calibration knows so much less variance than the other is held in one of them."""
+HELD = 1e-10
+"""Share of the largest variance below which a direction is held: what is left there is rounding."""
+CHANCE = 0.001
+"""Probability of a change to be told of where there is none."""
+VAGUE = 10.0
+"""Natural sizes that a parameter's change must be known to: what the poses do not show would explain anything by
+changes without bound."""
+MOST_CAUSES = 6
+"""Parameters that a change is explained by at most."""
+FEWEST_DIRECTIONS = 10
+"""Directions that both must have seen for two calibrations to be called those of one robot."""
+TIE = 9.0
+"""Chi-square by which one explanation must be better than another to be told from it. Where they are equal a zero is
+taken: zeros change more often than lengths."""
+
+
+@dataclass(frozen=True)
+class ParameterChange:
+    """A parameter that changed.
+
+    Attributes
+    ----------
+    name, unit : str
+    value, std : float
+        New minus old, SI units.
+    chi2 : float
+        By how much it explains the difference.
+    others : tuple of str
+        Parameters that would explain it about as well.
+    """
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    chi2: float
+    others: tuple[str, ...] = ()
+
+    def in_words(self, before: date, after: date) -> str:
+        """A sentence."""
+        what, why = called(self.name)
+        return (
+            f"{what[0].upper()}{what[1:]} moved by {amount(self.value, self.std, self.unit)} between {before} and "
+            f"{after}: {why}?{self._others_in_words()}"
+        )
+
+    def _others_in_words(self) -> str:
+        if not self.others:
+            return ""
+        first = " or ".join(called(name)[0] for name in self.others[:2])
+        return f" (Hardly to be told from {first}.)"
+
+
+@dataclass(frozen=True)
+class Change:
+    """Two calibrations of one robot compared.
+
+    Attributes
+    ----------
+    before, after : date
+    chi2 : float
+    directions : int
+        That both have seen: the degrees of freedom.
+    p : float
+        Probability of so large a difference by chance.
+    parameters : tuple of ParameterChange
+        The largest first; empty where it is chance.
+    left_p : float
+        Probability of what they leave unexplained.
+    sisters : tuple of str
+        Other robots whose calibrations agree with the later one: it may be theirs.
+    """
+
+    before: date
+    after: date
+    chi2: float
+    directions: int
+    p: float
+    parameters: tuple[ParameterChange, ...]
+    left_p: float
+    sisters: tuple[str, ...] = ()
+
+    @property
+    def real(self) -> bool:
+        """Whether it is beyond chance."""
+        return self.p < CHANCE
+
+    def in_words(self) -> list[str]:
+        """What changed, or that nothing did."""
+        test = f"chi-square {self.chi2:.1f} on {self.directions} directions that both have seen, p = {self.p:.2g}"
+        if not self.directions:
+            return [f"{self.before} to {self.after}: cannot be compared (no points saved, or nothing seen in common)."]
+        if not self.real:
+            return [f"{self.before} to {self.after}: no change beyond the uncertainty ({test})."]
+        out = [f"{self.before} to {self.after}: CHANGED ({test})."]
+        if self.sisters:
+            names = " and ".join(self.sisters)
+            return [*out, f"The later one agrees with {names}: were the files of two robots exchanged?"]
+        out += [item.in_words(self.before, self.after) for item in self.parameters]
+        if self.left_p < CHANCE:
+            out.append(f"That does not explain all of it (p = {self.left_p:.2g} of what is left): more has changed.")
+        return out
+
+
+def change(before: Stored, after: Stored, others: Sequence[Stored] = ()) -> Change:
+    """Compare two calibrations of a robot, by the level that both have; where it changed, also with other robots.
+
+    Averages of many error models cannot be compared parameter by parameter: what one of them explains by a wave
+    another explains by weight. The arm's own level, fitted to the points of both, has the same parameters in both.
+
+    Parameters
+    ----------
+    before, after : Stored
+    others : sequence of Stored
+        Calibrations among which those of other robots of the type are looked for.
+
+    Returns
+    -------
+    Change
+    """
+    dates = before.measured, after.measured
+    if before.level is None or after.level is None:
+        return Change(*dates, 0.0, 0, 1.0, (), 1.0)
+    names = [name for name in before.level.names if name in after.level.place]
+    d, W, chi2, seen, p = _difference(before.level, after.level, names)
+    found: list[ParameterChange] = []
+    left, left_p = chi2, p
+    if p < CHANCE:
+        found, left = _explained(d, W, names, before.level)
+        left_p = _beyond(left, max(seen - len(found), 1))
+    return Change(*dates, chi2, seen, p, tuple(found), left_p, _like_sisters(after, others) if p < CHANCE else ())
+
+
+def _like_sisters(after: Stored, others: Sequence[Stored]) -> tuple[str, ...]:
+    """Other robots of the type with a calibration that agrees with a later one."""
+    robot, names = after.robot, dict[str, None]()
+    for other in others:
+        if other.robot["id"] == robot["id"] or other.robot["type"] != robot["type"] or other.level is None:
+            continue
+        assert after.level is not None
+        common = [name for name in other.level.names if name in after.level.place]
+        *_, seen, p = _difference(other.level, after.level, common)
+        if seen >= FEWEST_DIRECTIONS and p >= CHANCE:
+            names[str(other.robot["id"])] = None
+    return tuple(names)
+
+
+def _beyond(chi2: float, directions: int) -> float:
+    """Probability of a larger chi-square by chance."""
+    from scipy.special import chdtrc
+
+    return float(chdtrc(directions, chi2)) if directions else 1.0
+
+
+def _difference(
+    before: Estimate, after: Estimate, names: list[str]
+) -> tuple[FloatArray, FloatArray, float, int, float]:
+    """Differences in natural sizes, their weight, chi-square, its degrees of freedom, and its probability by chance.
+
+    What counts are the directions that both have seen.
+    """
+    rows = [[one.place[name] for name in names] for one in (before, after)]
+    size = before.natural[rows[0]]
+    d = (after.values[rows[1]] - before.values[rows[0]]) / size
+    C = [one.covariance[np.ix_(r, r)] / np.outer(size, size) for one, r in zip((before, after), rows, strict=True)]
+    values, vectors = np.linalg.eigh(C[0] + C[1])
+    own = np.array([np.einsum("ik,ij,jk->k", vectors, part, vectors) for part in C])
+    keep = (own.min(axis=0) > ONE_SIDED * own.max(axis=0)) & (values > HELD * values.max(initial=0.0))
+    U = vectors[:, keep]
+    W, seen = (U / values[keep]) @ U.T, int(keep.sum())
+    chi2 = float(d @ W @ d)
+    return d, W, chi2, seen, _beyond(chi2, seen)
+
+
+def _explained(d: FloatArray, W: FloatArray, names: list[str], before: Estimate) -> tuple[list[ParameterChange], float]:
+    """Parameters whose change explains a difference, one after the other, and the chi-square that is left."""
+    from scipy.special import chdtri
+
+    limit = float(chdtri(1, CHANCE / max(len(names), 1)))
+    taken: list[int] = []
+    left = float(d @ W @ d)
+    values, stds, gains, others = np.zeros(0), np.zeros(0), list[float](), list[tuple[str, ...]]()
+    while len(taken) < MOST_CAUSES:
+        rests = {}
+        for k in range(len(names)):
+            if k not in taken and W[k, k] > 0.0 and (rest := _left(d, W, [*taken, k])) is not None:
+                rests[k] = rest[0]
+        best = min(rests, key=lambda k: rests[k], default=-1)
+        if best < 0 or left - rests[best] < limit:
+            break
+        equal = [k for k, rest in rests.items() if rest < rests[best] + TIE]
+        zeros = [k for k in equal if names[k].startswith("delta_theta")]
+        best = min(zeros or [best], key=lambda k: rests[k])
+        taken.append(best)
+        others.append(tuple(names[k] for k in sorted(equal, key=lambda k: rests[k]) if k != best))
+        gains.append(left - rests[best])
+        found = _left(d, W, taken)
+        assert found is not None
+        left, values, stds = found
+    out = []
+    for k, value, std, gain, other in zip(taken, values, stds, gains, others, strict=True):
+        row = before.place[names[k]]
+        size = before.natural[row]
+        out.append(ParameterChange(names[k], before.units[row], float(value * size), float(std * size), gain, other))
+    return out, left
+
+
+def _left(d: FloatArray, W: FloatArray, taken: list[int]) -> tuple[float, FloatArray, FloatArray] | None:
+    """Chi-square that is left where some parameters changed, by how much they did, and its standard deviations.
+
+    None where these are not known, or cannot be told apart.
+    """
+    N = W[np.ix_(taken, taken)]
+    scale = np.sqrt(np.diagonal(N))
+    scaled = N / np.outer(scale, scale)
+    if np.linalg.cond(scaled) > 1e6:  # cannot be told apart
+        return None
+    inverse = np.linalg.inv(scaled) / np.outer(scale, scale)
+    values, stds = inverse @ (W[taken] @ d), np.sqrt(np.diagonal(inverse))
+    return None if stds.max() > VAGUE else (float(d @ W @ d - (W[taken] @ d) @ values), values, stds)
+
+
+FEWEST_SISTERS = 5
+"""Sisters that are needed to say what is usual."""
+STANDS_OUT = 5.0
+"""Standard deviations (of sisters and of the identification) from the middle of the sisters."""
+MOST_REASONS = 3
+"""Parameters of a robot that are told of."""
+
+
+@dataclass(frozen=True)
+class StandsOut:
+    """A robot unlike its sisters.
+
+    Attributes
+    ----------
+    robot : str
+    deviations : float
+        The largest.
+    words : str
+    """
+
+    robot: str
+    deviations: float
+    words: str
+
+
+def latest(calibrations: Sequence[Stored]) -> list[Stored]:
+    """The last calibration of each robot, robots by their ids."""
+    return list({one.robot["id"]: one for one in calibrations}.values())
+
+
+def standing_out(sisters: Sequence[Stored]) -> list[StandsOut]:
+    """Robots of one type that stand out of it, the farthest first; none of fewer than `FEWEST_SISTERS` sisters.
+
+    Parameters
+    ----------
+    sisters : sequence of Stored
+        One calibration of each robot.
+    """
+    if len(sisters) < FEWEST_SISTERS:
+        return []
+    found: dict[str, list[tuple[float, str]]] = {}
+    levels = [(one, one.level) for one in sisters if one.level is not None]
+    for name in sorted({name for _, level in levels for name in level.names}):
+        having = [(one, level, level.place[name]) for one, level in levels if name in level.place]
+        if len(having) < FEWEST_SISTERS:
+            continue
+        values = np.array([level.values[k] for _, level, k in having])
+        stds = np.sqrt([max(level.covariance[k, k], 0.0) for _, level, k in having])
+        middle, spread = _middle(values)
+        away = values - middle
+        total = np.sqrt(spread**2 + stds**2)
+        far = np.divide(np.abs(away), total, out=np.zeros_like(total), where=total > 0.0)
+        for (one, level, k), value, std, z in zip(having, away, total, far, strict=True):
+            if z > STANDS_OUT:
+                words = f"{called(name)[0]} is {amount(value, std, level.units[k])} from the middle of its sisters"
+                found.setdefault(one.robot["id"], []).append((float(z), words))
+    for one, z, words in _errors(sisters):
+        found.setdefault(one.robot["id"], []).append((z, words))
+    out = []
+    for robot, reasons in found.items():
+        reasons.sort(reverse=True)
+        more = f"; and {len(reasons) - MOST_REASONS} more" if len(reasons) > MOST_REASONS else ""
+        out.append(StandsOut(robot, reasons[0][0], "; ".join(words for _, words in reasons[:MOST_REASONS]) + more))
+    return sorted(out, key=lambda item: -item.deviations)
+
+
+def _errors(sisters: Sequence[Stored]) -> list[tuple[Stored, float, str]]:
+    """Robots whose calibrated error is far larger than their sisters'."""
+    known = [one for one in sisters if one.calibration["heldout_mean_mm"]]
+    if len(known) < FEWEST_SISTERS:
+        return []
+    errors = np.array([one.calibration["heldout_mean_mm"] for one in known])
+    middle, spread = _middle(np.log(errors))
+    far = (np.log(errors) - middle) / max(spread, 0.05)
+    usual = float(np.exp(middle))
+    return [
+        (one, float(z), f"its held-out mean error is {error:.3f} mm, that of its sisters {usual:.3f} mm")
+        for one, error, z in zip(known, errors, far, strict=True)
+        if z > STANDS_OUT
+    ]
+
+
+def _middle(values: FloatArray) -> tuple[float, float]:
+    """Median, and standard deviation from the median of distances from it."""
+    middle = float(np.median(values))
+    return middle, 1.4826 * float(np.median(np.abs(values - middle)))

@@ -1,0 +1,494 @@
+"""The calibration folder: ``calibrated.urdf``, ``joint_origins.yaml``, ``calibration.json`` and ``report.html``.
+
+Points and poses of a large calibration are Parquet files beside ``calibration.json``, which has their hashes: many
+points as JSON are large and slow. What is read is the same: one schema, sections `points` and `poses`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from pydantic import ValidationError
+
+from irbcal.atomic import recover, write_together
+from irbcal.errors import CalibrationError
+from irbcal.io import integrity, joint_origins, urdf
+from irbcal.io.integrity import contradictions, refuse_absurd
+from irbcal.io.schema import Record
+from irbcal.io.section import Section
+from irbcal.names import comment
+from irbcal.options import shown
+from irbcal.reading import read_bytes
+
+MOST_POINTS = 30_000
+"""Points that stand in ``calibration.json`` at most."""
+SCHEMA, WITH_TABLES = "irbcal-calibration-1", "irbcal-calibration-2"
+"""What a file is called that holds all of it, and one with tables beside it: earlier versions refuse that name."""
+TABLE_FILES = {"points": "calibration.points.parquet", "poses": "calibration.poses.parquet"}
+SIGN_COLUMN = "came_from"
+"""A column of characters."""
+
+
+def without_tables(record: Record) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """What stands in ``calibration.json``, and the files beside it.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    document : dict
+        For JSON, without its seal.
+    files : dict of str to bytes
+        Empty where there are few points, or pyarrow is not installed.
+    """
+    tables: dict[str, Section | None] = {name: getattr(record, name) for name in TABLE_FILES}
+    if len(record.points.pose) <= MOST_POINTS or not _pyarrow():
+        return record.model_dump(mode="json"), {}
+    files = {TABLE_FILES[name]: _parquet(table) for name, table in tables.items() if table is not None}
+    document = record.model_dump(mode="json", exclude=set(TABLE_FILES)) | {"schema_name": WITH_TABLES}
+    for name, table in tables.items():
+        document[name] = None if table is None else _reference(TABLE_FILES[name], files[TABLE_FILES[name]])
+    return document, files
+
+
+def with_tables(document: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """The content of a ``calibration.json`` with the tables that stand beside it.
+
+    Parameters
+    ----------
+    document : dict
+        As JSON has it.
+    folder : Path
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    CalibrationError
+        If a table is missing, is not the one that the file names, or cannot be read.
+    """
+    if document.get("schema_name") != WITH_TABLES:
+        return document
+    tables = {
+        name: None if document.get(name) is None else _read_table(document[name], folder, file)
+        for name, file in TABLE_FILES.items()
+    }
+    return {**document, **tables, "schema_name": SCHEMA}
+
+
+def _reference(name: str, content: bytes) -> dict[str, str]:
+    return {"file": name, "sha256": hashlib.sha256(content).hexdigest()}
+
+
+def _pyarrow() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("pyarrow") is not None
+
+
+def _parquet(table: Section) -> bytes:
+    """A section of columns as Parquet; columns for each joint are numbered."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    columns: dict[str, Any] = {}
+    for name, values in table:
+        if name == SIGN_COLUMN or (values and isinstance(values[0], list)):
+            columns |= {f"{name}.{k}": pa.array(list(column)) for k, column in enumerate(values)}
+        elif values:
+            columns[name] = pa.array(values)
+    buffer = BytesIO()
+    names = [name for name, column in columns.items() if not pa.types.is_floating(column.type)]
+    parquet.write_table(pa.table(columns), buffer, compression="zstd", use_dictionary=names)
+    return buffer.getvalue()
+
+
+def _read_table(reference: Any, folder: Path, name: str) -> dict[str, list[Any]]:
+    """The columns of a table, as JSON would have them."""
+    content = read_bytes(folder / name, CalibrationError)
+    if reference != _reference(name, content):
+        raise CalibrationError("this is not the table that calibration.json was written with", file=folder / name)
+    try:
+        from pyarrow import parquet
+    except ImportError:
+        raise CalibrationError(
+            "reading Parquet needs the package pyarrow, which is absent", file=folder / name
+        ) from None
+    try:
+        table = parquet.read_table(BytesIO(content))
+    except Exception as error:  # whatever pyarrow raises on a damaged file
+        raise CalibrationError(f"this is no Parquet file: {error}", file=folder / name) from None
+    del content
+    columns: dict[str, list[Any]] = {}
+    for label in table.column_names:
+        part, dot, _ = label.partition(".")
+        values = _values(table.column(label))
+        if not dot:
+            columns[part] = values
+        else:
+            columns.setdefault(part, []).append("".join(values) if part == SIGN_COLUMN else values)
+    return columns
+
+
+def _values(column: Any) -> list[Any]:
+    """The values of a column; those of text share their words, of which a long table has few."""
+    import pyarrow as pa
+
+    if not pa.types.is_string(column.type):
+        return column.to_pylist()
+    coded = column.combine_chunks().dictionary_encode()
+    words = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
+    return words[coded.indices.fill_null(len(words) - 1).to_numpy()].tolist()
+
+
+URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "report.html"
+ORIGINS_NAME = "joint_origins.yaml"
+NOT_ONE = "not a calibration folder: "
+SIGNATURE_NAME = "signature.json"
+NAMES = (URDF_NAME, ORIGINS_NAME, JSON_NAME, REPORT_NAME)
+MOVING_FILES = (URDF_NAME, ORIGINS_NAME)
+"""By which robots move: looked at whenever a folder is opened."""
+NO_SEAL = "calibration.json has no seal"
+
+
+class HoldsRecord(Protocol):
+    """A result that holds the content of a ``calibration.json``."""
+
+    @property
+    def record(self) -> Record:
+        """The content."""
+        ...
+
+
+CalibrationLike: TypeAlias = str | Path | Record | HoldsRecord
+"""Whatever names a calibration: its folder, its record, or a result that holds one."""
+
+
+@dataclass(frozen=True, repr=False)
+class Saved:
+    """A calibration folder as read, once.
+
+    Attributes
+    ----------
+    folder : Path
+    record : Record
+        Content of ``calibration.json``.
+    urdf : bytes
+        Content of ``calibrated.urdf``.
+    """
+
+    folder: Path
+    record: Record
+    urdf: bytes
+
+    def __repr__(self) -> str:
+        return f"<Saved {self.folder}: {self.record!r}>"
+
+    def nominal_urdf(self) -> bytes:
+        """The URDF with the joint origins from before the calibration."""
+        return urdf.with_joint_origins(
+            self.urdf, {item.joint: item.nominal.transform() for item in self.record.joint_origins}
+        )
+
+
+def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) -> None:
+    """Write a calibration folder: all its files, or none; what `read` would refuse is not written.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if absent; other files in it are left alone.
+    record : Record
+    urdf_bytes : bytes
+        The corrected URDF.
+    report : str
+        The page for people.
+
+    Raises
+    ------
+    CalibrationError
+        If the folder cannot be written, or could not be read again.
+    """
+    document, tables = without_tables(record)
+    files = {
+        URDF_NAME: urdf_bytes,
+        ORIGINS_NAME: joint_origins.to_yaml(record).encode("utf-8"),
+        REPORT_NAME: report.encode("utf-8"),
+        **tables,
+    }
+    files[JSON_NAME] = _text(integrity.sealed(document, integrity.hashes(files)))
+    _refuse_unreadable(files, Path(folder))
+    write_together(folder, files)
+    for name in {*TABLE_FILES.values(), SIGNATURE_NAME} - set(files):  # of a calibration that was here before
+        (Path(folder) / name).unlink(missing_ok=True)
+
+
+def with_page(folder: str | Path, page: bytes) -> dict[str, bytes]:
+    """The files to write for a new ``report.html``: the page, and ``calibration.json`` whose seal lists it.
+
+    Parameters
+    ----------
+    folder : str or Path
+    page : bytes
+
+    Raises
+    ------
+    CalibrationError
+        As `read`: what was changed is not sealed again.
+    """
+    read(folder)
+    content = _read(folder_of(folder))[1]
+    listed = content[integrity.KEY]["files"] | integrity.hashes({REPORT_NAME: page})
+    return {REPORT_NAME: page, JSON_NAME: _text(integrity.sealed(content, listed))}
+
+
+def _refuse_unreadable(files: Mapping[str, bytes], folder: Path) -> None:
+    """Read files as they would stand in a folder; an earlier calibration there is still whole."""
+    with TemporaryDirectory(prefix="irbcal-") as draft:
+        for name, content in files.items():
+            (Path(draft) / name).write_bytes(content)
+        try:
+            read(draft)
+        except CalibrationError as error:
+            why = str(error).removeprefix(f"{error.file}: ")
+            raise CalibrationError(
+                f"not written, because no command could open it: {why}", file=folder, parameter=error.parameter
+            ) from None
+
+
+def _text(document: dict[str, Any]) -> bytes:
+    return (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode("utf-8")
+
+
+def folder_of(path: str | os.PathLike[str]) -> Path:
+    """The folder that is meant by a path: of its ``calibration.json``, too."""
+    path = Path(path)
+    return path.parent if path.name == JSON_NAME and not path.is_dir() else path
+
+
+def read(folder: str | Path) -> Saved:
+    """Read a calibration folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder, or the ``calibration.json`` in it.
+
+    Returns
+    -------
+    Saved
+
+    Raises
+    ------
+    CalibrationError
+        If a file is missing or damaged, a number is absurd, or what robots move by is not as irbcal sealed it.
+    """
+    folder = folder_of(folder)
+    recover(folder)
+    saved, content = _read(folder)
+    moving = [name for name in MOVING_FILES if os.path.lexists(folder / name)]
+    if _changed_files(folder, saved.record, moving):
+        recover(folder)  # somebody is writing it just now: the lock waits until all files are new
+        saved, content = _read(folder)
+    if saved.record.seal is None:
+        raise CalibrationError(
+            f"{NO_SEAL}: a file of unknown origin must not move a robot (irbcal verify FOLDER --reseal WHY seals it)",
+            file=folder / JSON_NAME,
+        )
+    changed = [*integrity.broken(content), *_changed_files(folder, saved.record, moving)]
+    if changed:
+        raise CalibrationError(
+            f"{', '.join(changed)} {'was' if len(changed) == 1 else 'were'} changed after irbcal wrote it: a damaged "
+            "file must not move a robot (irbcal verify FOLDER tells more, --reseal accepts a deliberate change)",
+            file=folder / JSON_NAME,
+        )
+    against = _contradictions(saved)  # a seal can be renewed by whoever can write the file
+    if against:
+        raise CalibrationError("; ".join(against), file=folder / JSON_NAME)
+    return saved
+
+
+@dataclass(frozen=True)
+class FolderCheck:
+    """What `checked` finds in a calibration folder.
+
+    Attributes
+    ----------
+    record : Record
+    differences : tuple of str
+        What is not as it was written, or contradicts itself: a part of a sentence each.
+    files : tuple of str
+        Those that are as they were written.
+    unlisted : tuple of str
+        Files in the folder that the seal does not list: nothing is known of them.
+    """
+
+    record: Record
+    differences: tuple[str, ...]
+    files: tuple[str, ...]
+    unlisted: tuple[str, ...]
+
+
+def checked(folder: str | Path) -> FolderCheck:
+    """Look at every part and every file of a calibration folder.
+
+    Parameters
+    ----------
+    folder : str or Path
+
+    Returns
+    -------
+    FolderCheck
+
+    Raises
+    ------
+    CalibrationError
+        If it is no calibration folder.
+    """
+    folder = folder_of(folder)
+    saved, content = _read(folder)
+    section = saved.record.seal
+    if section is None:
+        found, listed, changed = [NO_SEAL], {}, {}
+    else:
+        listed = section.files
+        changed = _changed_files(folder, saved.record, listed)
+        found = [f"{name} was changed after it was written" for name in integrity.broken(content)]
+        found += [f"{name} {how}" for name, how in changed.items()]
+        found += [f"{name} is not listed in the seal" for name in (URDF_NAME, ORIGINS_NAME) if name not in listed]
+    names = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
+    return FolderCheck(
+        saved.record,
+        (*found, *_contradictions(saved)),
+        tuple(name for name in (JSON_NAME, *listed) if name not in changed),
+        tuple(name for name in names if name not in {JSON_NAME, SIGNATURE_NAME, *listed}),
+    )
+
+
+def _contradictions(saved: Saved) -> list[str]:
+    try:
+        origins = read_bytes(saved.folder / ORIGINS_NAME, CalibrationError)
+    except CalibrationError:
+        origins = None
+    return contradictions(saved.record, saved.urdf, origins)
+
+
+def _changed_files(folder: Path, record: Record, names: Iterable[str]) -> dict[str, str]:
+    """Files of the seal's list that are not as they are listed, with what is wrong; all are well without a seal."""
+    listed = {} if record.seal is None else record.seal.files
+    found = {}
+    for name in names:
+        if name not in listed:
+            continue
+        try:
+            content = read_bytes(folder / name, CalibrationError)
+        except CalibrationError:
+            found[name] = "cannot be read" if os.path.lexists(folder / name) else "is missing"
+            continue
+        if hashlib.sha256(content).hexdigest() != listed[name]:
+            found[name] = "was changed after it was written"
+    return found
+
+
+def reseal(folder: str | Path, why: str) -> str:
+    """Accept deliberate changes of a ``calibration.json``.
+
+    Parameters
+    ----------
+    folder : str or Path
+    why : str
+        One line for its history.
+
+    Returns
+    -------
+    str
+        The line as it was added.
+
+    Raises
+    ------
+    CalibrationError
+        If there is nothing to accept, or what it says now contradicts itself.
+    """
+    folder = folder_of(folder)
+    saved, content = _read(folder)
+    against = _contradictions(saved)
+    if against:
+        raise CalibrationError(f"this cannot be accepted: {'; '.join(against)}", file=folder / JSON_NAME)
+    names = {*NAMES, *TABLE_FILES.values()} - {JSON_NAME}
+    files = {name: read_bytes(folder / name, CalibrationError) for name in names if (folder / name).is_file()}
+    document = integrity.resealed(content, integrity.hashes(files), comment(why))
+    write_together(folder, {JSON_NAME: _text(document)})
+    return str(document[integrity.KEY]["changes"][-1])
+
+
+def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:
+    """A folder as it is, and the content of its ``calibration.json`` as JSON has it."""
+    json_path, urdf_path = folder / JSON_NAME, folder / URDF_NAME
+    try:
+        data = read_bytes(json_path, CalibrationError, what=NOT_ONE)
+        content, large = _content(data)
+        record = Record.model_validate(with_tables(content, folder)) if large else Record.model_validate_json(data)
+        urdf_bytes = read_bytes(urdf_path, CalibrationError, what=NOT_ONE)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the file"
+        raise CalibrationError(f"{where}: {first['msg']}", file=json_path, parameter=where) from None
+    tables = {name: dict(table) for name in TABLE_FILES if (table := getattr(record, name)) is not None}
+    refuse_absurd(record.model_dump(exclude={integrity.KEY, *TABLE_FILES}) | tables, json_path)
+    return Saved(folder, record, urdf_bytes), content
+
+
+def _content(data: bytes) -> tuple[dict[str, Any], bool]:
+    """A ``calibration.json`` as JSON has it, and whether it has tables beside it."""
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError):
+        return {}, False
+    return content, isinstance(content, dict) and content.get("schema_name") == WITH_TABLES
+
+
+def load(folder: str | Path) -> Record:
+    """The content of a calibration folder's ``calibration.json``; errors as `read`."""
+    return read(folder).record
+
+
+def opened(calibration: CalibrationLike) -> Record:
+    """A calibration by whatever names it: folder, record, or a result that holds one.
+
+    Parameters
+    ----------
+    calibration : str, Path, Record or a result with an attribute ``record``
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    CalibrationError
+        As `read`, or if it is nothing of that kind.
+    """
+    if isinstance(calibration, Record):
+        return calibration
+    if isinstance(calibration, (str, os.PathLike)):
+        return load(calibration)
+    record = getattr(calibration, "record", None)
+    if not isinstance(record, Record):
+        raise CalibrationError(
+            f"expected a calibration folder or a loaded calibration, found {shown(calibration)}",
+            parameter="calibration",
+        )
+    return record

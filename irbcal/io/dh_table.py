@@ -1,0 +1,223 @@
+"""From a Denavit-Hartenberg table, as data sheets and papers print it, to a URDF that everything else takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from irbcal import atomic
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import MeasurementError, RobotError
+from irbcal.io import urdf
+from irbcal.io.urdf import UrdfArm
+from irbcal.measurement import columns
+from irbcal.measurement.columns import TableLike
+from irbcal.modeling import frames
+from irbcal.names import check_names
+from irbcal.options import checked
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import DEG, MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Convention: TypeAlias = Literal["modified", "standard"]
+"""Craig's table (a and alpha lead to the joint's axis) or the classic one (they lead on from it)."""
+
+CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
+UNITS = {"_deg": DEG, "_rad": 1.0, "_mm": MM, "_m": 1.0}
+ANGLE, LENGTH = ("_deg", "_rad"), ("_mm", "_m")
+TYPES = ("revolute", "prismatic", "fixed")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DhRobot(Speaks):
+    """A robot made from a Denavit-Hartenberg table.
+
+    Attributes
+    ----------
+    urdf : UrdfArm
+        As any URDF is read.
+    data : bytes
+        The document.
+    convention : str
+    """
+
+    urdf: UrdfArm
+    data: bytes
+    convention: str
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def headline(self) -> str:
+        """What it is."""
+        arm = self.urdf.arm
+        return f"{arm.name}: {arm.joints_in_words} from a {self.convention} Denavit-Hartenberg table"
+
+    def told(self) -> list[Told]:
+        """Joints with their limits, and where the tip is at zero joints: to be compared with the controller."""
+        frame = self.to_frame()
+        rows = tuple(tuple(row) for row in frame.itertuples(index=False, name=None))
+        arm = self.urdf.arm
+        T = arm.forward(np.zeros((1, len(arm.joint_names))))[0]
+        x, y, z = T[:3, 3] / MM
+        roll, pitch, yaw = frames.rpy_from_matrix(T[:3, :3]) / DEG
+        return [
+            self.headline(),
+            Table("Joints", tuple(frame.columns), rows),
+            f"At zero joints the tip is at {x:.3f}, {y:.3f}, {z:.3f} mm, turned by {roll:.3f}, {pitch:.3f}, {yaw:.3f} "
+            "degrees (roll, pitch, yaw): compare this with your controller",
+        ]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a joint: ``joint``, ``type``, ``lower`` and ``upper`` in degrees or mm."""
+        import pandas as pd
+
+        arm = self.urdf.arm
+        kinds = np.where(arm.table.prismatic, "prismatic", "revolute")
+        lower, upper = (np.round(limit / arm.joint_units, 6) for limit in (arm.lower, arm.upper))
+        return pd.DataFrame({"joint": arm.joint_names, "type": kinds, "lower": lower, "upper": upper})
+
+    def save(self, path: str | Path) -> Path:
+        """Write the URDF."""
+        atomic.write_set({Path(path): self.data})
+        return Path(path)
+
+
+def urdf_from_dh(dh: TableLike, convention: Convention, *, name: str = "robot") -> DhRobot:
+    """Make a URDF from a Denavit-Hartenberg table.
+
+    Parameters
+    ----------
+    dh : str, Path or DataFrame
+        A row for each joint in order, with the columns ``alpha``, ``a``, ``theta`` and ``d``, each with its unit:
+        ``alpha_deg`` or ``alpha_rad``, ``a_mm`` or ``a_m`` and so on. ``theta`` (``d`` of a prismatic joint) is what is
+        added to the joint. Optional: ``joint`` (its name), ``type`` (revolute, prismatic; fixed for a step without a
+        joint, such as a flange), ``sign`` (-1 where the controller counts against the axis), ``lower`` and ``upper``
+        with their unit (both empty: no limits).
+    convention : {"modified", "standard"}
+        ``modified`` (Craig; Nubiola 2011, eq. 5.2): ``Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d)``;
+        ``standard``: ``Rot(z, theta) Trans(z, d) Trans(x, a) Rot(x, alpha)``. It cannot be told from the numbers.
+    name : str
+        Of the robot.
+
+    Returns
+    -------
+    DhRobot
+
+    Raises
+    ------
+    OptionError
+        If the convention is another one.
+    MeasurementError
+        If the table does not keep the format.
+    RobotError
+        If there are not 2 to 20 joints, or names cannot be used.
+    """
+    checked("convention", convention, CONVENTIONS)
+    cells, source, _ = columns.read(dh, ())
+    if cells.empty:
+        raise MeasurementError("the table has a header but no rows", file=source)
+    alpha, theta = (_values(cells, kind, ANGLE, source) for kind in ("alpha", "theta"))
+    a, d = (_values(cells, kind, LENGTH, source) for kind in ("a", "d"))
+    kinds = _choice(cells, "type", TYPES, "revolute", source)
+    signs = np.array(_choice(cells, "sign", ("1", "+1", "-1"), "1", source)).astype(float)
+    moving = [k for k, kind in enumerate(kinds) if kind != "fixed"]
+    names = columns.names(cells, "joint", source) if "joint" in cells.columns else None
+    labels = {k: f"joint_{i}" if names is None else str(names[k]) for i, k in enumerate(moving, start=1)}
+    check_names([name, *labels.values()], RobotError, file=source)
+    limits = _limits(cells, kinds, source)
+    T: FloatArray = np.eye(4)
+    parts: list[tuple[str, FloatArray, str, float, FloatArray]] = []
+    for k, kind in enumerate(kinds):
+        turn, shift = frames.transform(frames.rot_x(alpha[k])), frames.transform(None, [a[k], 0.0, 0.0])
+        spin, lift = frames.transform(frames.rot_z(theta[k])), frames.transform(None, [0.0, 0.0, d[k]])
+        before, after = (turn @ shift @ spin @ lift, np.eye(4)), (np.eye(4), spin @ lift @ shift @ turn)
+        first, last = before if convention == "modified" else after
+        T = T @ first
+        if kind != "fixed":
+            parts.append((labels[k], T, kind, signs[k], limits[k]))
+            T = np.eye(4)
+        T = T @ last
+    data = _document(name, parts, T)
+    return DhRobot(urdf.from_bytes(data, source, "base_link", "tool0"), data, convention)
+
+
+def _values(cells: pd.DataFrame, kind: str, endings: tuple[str, ...], source: str) -> FloatArray:
+    """A column in SI units, whichever of its units the table has."""
+    found = [kind + ending for ending in endings if kind + ending in cells.columns]
+    if len(found) != 1:
+        expected = " or ".join(kind + ending for ending in endings)
+        has = f"both {' and '.join(found)}" if found else columns.listed(list(cells.columns))
+        raise MeasurementError(f"expected a column {expected}, found {has}", file=source, row=1)
+    unit = UNITS[found[0].removeprefix(kind)]
+    return columns.numbers(cells, found[0], source, "a number") * unit
+
+
+def _choice(cells: pd.DataFrame, column: str, choices: tuple[str, ...], usual: str, source: str) -> list[str]:
+    """Words of a column; the usual one where there is no column."""
+    if column not in cells.columns:
+        return [usual] * len(cells)
+    words = [str(word).strip().lower() for word in cells[column]]
+    for row, word in zip(cells.index, words, strict=True):
+        if word not in choices:
+            raise MeasurementError(
+                f"expected {', '.join(choices)}, found {word!r}", file=source, row=int(row), column=column
+            )
+    return words
+
+
+def _limits(cells: pd.DataFrame, kinds: list[str], source: str) -> FloatArray:
+    """Lower and upper limits (rows, 2), SI units; NaN where there are none."""
+    out = np.full((len(kinds), 2), np.nan)
+    for side, name in enumerate(("lower", "upper")):
+        for ending, unit in UNITS.items():
+            if name + ending not in cells.columns:
+                continue
+            given = columns.numbers(cells, name + ending, source, "a number or nothing", lost=True)
+            fits = np.array([(kind == "prismatic") == (ending in LENGTH) for kind in kinds]) & np.isfinite(given)
+            out[fits, side] = given[fits] * unit
+    for row, kind, (low, high) in zip(cells.index, kinds, out, strict=True):
+        if kind == "fixed":
+            continue
+        free = np.isnan([low, high]).all()
+        if (free and kind == "prismatic") or not (free or low < high):
+            raise MeasurementError(
+                f"expected a lower and an upper limit of this {kind} joint in its unit, found {low:g} and {high:g}",
+                file=source,
+                row=int(row),
+            )
+    return out
+
+
+def _document(name: str, parts: list[tuple[str, FloatArray, str, float, FloatArray]], T_last_tip: FloatArray) -> bytes:
+    from lxml import etree
+
+    from irbcal.io import urdf_xml
+
+    root = etree.Element("robot", name=name)
+    etree.SubElement(root, "link", name="base_link")
+    parent = "base_link"
+    for number, (label, T, kind, sign, (low, high)) in enumerate(parts, start=1):
+        child = f"link_{number}"
+        etree.SubElement(root, "link", name=child)
+        endless = bool(np.isnan(low))
+        joint = etree.SubElement(root, "joint", name=label, type="continuous" if endless else kind)
+        etree.SubElement(joint, "parent", link=parent)
+        etree.SubElement(joint, "child", link=child)
+        urdf_xml.set_origin(joint, T)
+        etree.SubElement(joint, "axis", xyz="0 0 1" if sign > 0 else "0 0 -1")
+        if not endless:
+            etree.SubElement(joint, "limit", lower=repr(float(low)), upper=repr(float(high)), effort="0", velocity="0")
+        parent = child
+    etree.SubElement(root, "link", name="tool0")
+    last = etree.SubElement(root, "joint", name=f"{parent}-tool0", type="fixed")
+    etree.SubElement(last, "parent", link=parent)
+    etree.SubElement(last, "child", link="tool0")
+    urdf_xml.set_origin(last, T_last_tip)
+    etree.indent(root, "  ")
+    return bytes(urdf_xml.serialised(etree.ElementTree(root)))

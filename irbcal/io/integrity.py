@@ -1,0 +1,366 @@
+"""Whether a calibration is whole: its seal, its parts against each other, and numbers that no robot has.
+
+A robot moves by these numbers. A folder without a seal, or of which something was edited or damaged after it was
+written, is refused with the names of what differs; a deliberate change is accepted by `resealed`, which adds a line to
+the history. The seal has the hashes of the parts of ``calibration.json`` and of all files beside it; the hash of a
+part is SHA-256 of its canonical JSON: keys sorted, no spaces, numbers as Python writes them. The *fingerprint* is that
+of the parts by which a robot moves (`MOVING`); it stands in programs, exports and certificates.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic_core import to_jsonable_python
+
+from irbcal.arrays import FloatArray
+from irbcal.errors import CalibrationError, IrbcalError
+from irbcal.io import joint_origins, urdf
+from irbcal.io.schema import Pose, Record
+from irbcal.modeling.arm import relative_difference
+from irbcal.modeling.terms.situation import Motion
+
+KEY = "seal"
+MOVING = ("simulated", "robot", "joint_origins", "joint_map", "frame_terms", "placement", "data")
+"""Parts of which the fingerprint is one."""
+
+
+def digest(part: Any) -> str:
+    """SHA-256 of a part's canonical JSON."""
+    text = json.dumps(part, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def fingerprint(parts: Mapping[str, Any]) -> str:
+    """The fingerprint of a calibration.
+
+    Parameters
+    ----------
+    parts : dict
+        Those of `MOVING`, as sections or as JSON has them; others are left out.
+
+    Returns
+    -------
+    str
+        32 digits, hexadecimal.
+    """
+    return digest(to_jsonable_python({name: parts[name] for name in MOVING}))[:32]
+
+
+def hashes(files: Mapping[str, bytes]) -> dict[str, str]:
+    """SHA-256 of files, by their names."""
+    return {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
+
+
+def sealed(document: Mapping[str, Any], files: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """A document with a seal that fits it; lines of its history stay.
+
+    Parameters
+    ----------
+    document : dict
+        As JSON has it.
+    files : dict of str to str, optional
+        SHA-256 of the files beside it; those of its seal unless given.
+
+    Returns
+    -------
+    dict
+        The seal is its last part.
+    """
+    rest = {name: part for name, part in document.items() if name != KEY}
+    before = document.get(KEY) or {}
+    return rest | {
+        KEY: {
+            "parts": {name: digest(part) for name, part in rest.items()},
+            "files": dict(before.get("files", {}) if files is None else files),
+            "changes": list(before.get("changes", [])),
+        }
+    }
+
+
+def resealed(document: Mapping[str, Any], files: Mapping[str, str], why: str) -> dict[str, Any]:
+    """A document whose changes are accepted, with a line in its history that says when, what and why.
+
+    Parameters
+    ----------
+    document : dict
+    files : dict of str to str
+        SHA-256 of the files beside it, as they are now.
+    why : str
+        One line.
+
+    Raises
+    ------
+    CalibrationError
+        If nothing has changed since it was sealed.
+    """
+    before = dict(document.get(KEY) or {})
+    listed: Mapping[str, str] = before.get("files", {})
+    differ = broken(document) + [name for name in sorted({*listed, *files}) if listed.get(name) != files.get(name)]
+    if not differ:
+        raise CalibrationError("nothing was changed since it was sealed: there is nothing to accept")
+    what = ", ".join(differ) if before else "not sealed before"
+    line = f"{datetime.now(timezone.utc).isoformat(timespec='seconds')}: {what}: {why}"
+    return sealed({**document, KEY: before | {"changes": [*before.get("changes", []), line]}}, files)
+
+
+def broken(document: Mapping[str, Any]) -> list[str]:
+    """Names of the parts that are not as they were sealed: of all parts, and the seal itself, where there is none.
+
+    Parameters
+    ----------
+    document : dict
+        As JSON has it.
+    """
+    seal = document.get(KEY)
+    if seal is None:
+        return [KEY, *(name for name in document if name != KEY)]
+    parts: Mapping[str, str] = seal["parts"]
+    names = [name for name in (*document, *parts) if name != KEY]
+    return [
+        name
+        for name in dict.fromkeys(names)
+        if name not in document or name not in parts or digest(document[name]) != parts[name]
+    ]
+
+
+LARGEST_ARM = 50.0
+"""Metres: longer links, tools and joint travels are none."""
+LARGEST_SITE = 1000.0
+"""Metres: points are not measured farther away."""
+TURN_DEG, TURN_RAD = 1e4, 175.0
+"""Angles beyond are no joints or tilts."""
+LARGEST_NUMBER = 1e18
+"""Any other number beyond cannot be computed with."""
+
+OF_THE_ARM = ("robot", "joint_origins", "targets", "tool_shape_mm")
+"""Parts of the file that hold lengths of arm and tool."""
+LARGEST_GAIN = 10.0
+"""Joint errors in proportion to the joint are far below it."""
+MATRICES = ("base_to_frame0", "last_frame_to_tip")
+UNBOUNDED = ("indices",)
+"""Parts that may be as large as they like."""
+
+
+def refuse_absurd(document: dict[str, Any], file: Path) -> None:
+    """Refuse a calibration with a number that no robot has.
+
+    Parameters
+    ----------
+    document : dict
+        Content of ``calibration.json``.
+    file : Path
+        For the message.
+
+    Raises
+    ------
+    CalibrationError
+        For the first such number; the sentence says where it stands.
+    """
+    _refuse_beyond(document, (), LARGEST_NUMBER, file)
+
+
+def _refuse_beyond(value: Any, place: tuple[str, ...], most: float, file: Path) -> None:
+    if isinstance(value, float):
+        if abs(value) > most:
+            where = ".".join(place)
+            raise CalibrationError(
+                f"{where}: expected a number within ±{most:g}, found {value:g}", file=file, parameter=where
+            )
+    elif isinstance(value, dict):
+        for name, item in value.items():
+            if name not in UNBOUNDED:
+                _refuse_beyond(item, (*place, str(name)), _bound(str(name), place, most), file)
+    elif isinstance(value, (list, tuple)):
+        kinds = set(map(type, value))
+        if kinds <= {float, type(None)}:  # long columns
+            numbers = np.array([item for item in value if item is not None], dtype=float)
+            if (np.abs(numbers) <= most).all():
+                return
+        elif not kinds & {float, list, tuple, dict}:
+            return
+        for k, item in enumerate(value):
+            _refuse_beyond(item, (*place, str(k)), most, file)
+
+
+def _bound(name: str, place: tuple[str, ...], inherited: float) -> float:
+    """Largest number under a name: by the unit in it."""
+    metres = LARGEST_ARM if set(OF_THE_ARM) & {name, *place} else LARGEST_SITE
+    if name in MATRICES:
+        return LARGEST_ARM
+    for ending, most in (("_mm", metres * 1000), ("_m", metres), ("_deg", TURN_DEG), ("_rad", TURN_RAD)):
+        if name.endswith(ending):
+            return most
+    return {"targets": metres * 1000, "gain": LARGEST_GAIN}.get(name, inherited)
+
+
+RIGID = 1e-6
+"""How far a frame may be from a rotation: numbers are written with all their digits."""
+SAME_GEOMETRY = 1e-6
+"""Metres and radians that the geometry of URDF and record may differ by at random joints."""
+SAME_VECTORS = 1e-9
+"""Radians (metres) that test vectors may be missed by."""
+TEST_POSES = 20
+
+
+def contradictions(record: Record, urdf_bytes: bytes | None = None, origins: bytes | None = None) -> list[str]:
+    """What contradicts itself in a calibration.
+
+    Parameters
+    ----------
+    record : Record
+    urdf_bytes : bytes, optional
+        Its ``calibrated.urdf``.
+    origins : bytes, optional
+        Its ``joint_origins.yaml``.
+
+    Returns
+    -------
+    list of str
+        A part of a sentence each; empty where nothing does.
+    """
+    found = list(_wrong_lengths(record))
+    if found:  # nothing can be computed with it
+        return found
+    found += _wrong_frames(record)
+    found += _wrong_joint_map(record)
+    found += _unusable_parts(record) if not found else []
+    found += _wrong_frame_terms(record) if not found else []
+    if not found and urdf_bytes is not None:
+        found += _other_geometry(record, urdf_bytes)
+    if not found and origins is not None:
+        found += _other_origins(record, origins)
+    if fingerprint(dict(record)) != record.fingerprint:
+        found.append("the fingerprint is not that of what it stands for: calibrate again, or write the file as it was")
+    return found
+
+
+def _wrong_lengths(record: Record) -> Iterator[str]:
+    robot, joints = record.robot, len(record.robot.joint_names)
+    lists: dict[str, Sequence[object]] = {
+        "robot.joint_types": robot.joint_types,
+        "robot.lower": robot.lower,
+        "robot.upper": robot.upper,
+        "robot.dhm_nominal": robot.dhm_nominal,
+        "robot.dhm_calibrated": robot.dhm_calibrated,
+        "joint_origins": record.joint_origins,
+    }
+    for name, values in lists.items():
+        if len(values) != joints:
+            yield f"{name} has {len(values)} entries for {joints} joints"
+    for name, low, high in zip(robot.joint_names, robot.lower, robot.upper, strict=False):
+        if low is not None and high is not None and not low <= high:
+            yield f"robot.lower of {name} is above robot.upper"
+
+
+def _matrices(record: Record) -> list[tuple[str, list[list[float]]]]:
+    return [
+        ("robot.base_to_frame0", record.robot.base_to_frame0),
+        ("robot.last_frame_to_tip", record.robot.last_frame_to_tip),
+    ]
+
+
+def _wrong_frames(record: Record) -> Iterator[str]:
+    for name, rows in _matrices(record):
+        T: FloatArray = np.array(rows, dtype=float)
+        off = max(np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max(), np.abs(T[3] - [0, 0, 0, 1]).max())
+        if off > RIGID or np.linalg.det(T[:3, :3]) < 0:
+            yield f"{name} is no rigid frame"
+    for name, pose in (("placement", record.placement.base), ("placement_nominal", record.placement_nominal.base)):
+        if abs(_norm(pose) - 1.0) > RIGID:
+            yield f"{name}.base has no unit quaternion"
+    for name, quaternion in record.placement.target_quaternions.items():
+        if abs(float(np.linalg.norm(quaternion)) - 1.0) > RIGID:
+            yield f"placement.target_quaternions.{name} is no unit quaternion"
+
+
+def _norm(pose: Pose) -> float:
+    return float(np.linalg.norm([pose.qw, pose.qx, pose.qy, pose.qz]))
+
+
+def _wrong_joint_map(record: Record) -> Iterator[str]:
+    section, nominal = record.joint_map, record.arm(calibrated=False)
+    try:
+        q, before = (np.array([getattr(v, k) for v in section.test_vectors]) for k in ("q", "previous_q"))
+        loads = np.array([vector.payload_kg for vector in section.test_vectors])
+        felt = [vector.torques_nm for vector in section.test_vectors if vector.torques_nm is not None]
+        motion = Motion(q, q - before, payload_kg=loads, torques=np.array(felt) if felt else None) if len(q) else None
+        found = q if motion is None else section.joint_map(nominal).terms.effective(motion)
+        effective = np.array([vector.effective for vector in section.test_vectors], dtype=float)
+        miss = float(np.abs(found - effective).max()) if len(q) else 0.0
+    except (IrbcalError, ValueError, IndexError, KeyError, TypeError, ArithmeticError) as error:
+        yield f"joint_map cannot be used: {error}"
+        return
+    if not miss <= SAME_VECTORS:
+        yield f"joint_map misses its own test vectors by {miss:.3g} rad"
+
+
+def _unusable_parts(record: Record) -> Iterator[str]:
+    """Whether all that is computed from a calibration can be."""
+    joints = np.zeros((1, len(record.robot.joint_names)))
+    try:
+        with np.errstate(all="raise", under="ignore"):
+            for robot in (record.robot_calibrated(), record.robot_nominal()):
+                for target in robot.targets:
+                    robot.points(joints, target)
+            for heldout in (False, True):
+                record.used_points(heldout)
+            record.covariance_matrix()
+    except (IrbcalError, ValueError, IndexError, KeyError, TypeError, ArithmeticError) as error:
+        yield f"its parts do not fit together: {' '.join(str(error).split())}"
+
+
+def _wrong_frame_terms(record: Record) -> Iterator[str]:
+    if record.frame_terms is None:
+        return
+    robot = record.robot_calibrated()
+    for vector in record.frame_terms.test_vectors:
+        try:
+            q, before, told = (np.array(value, float) for value in (vector.q, vector.previous_q, vector.T_base_tip))
+            miss = float(np.abs(robot.forward(q[None], before[None])[0] - told).max())
+        except (IrbcalError, ValueError, IndexError) as error:
+            yield f"frame_terms cannot be used: {error}"
+            return
+        if not miss <= SAME_VECTORS:
+            yield f"frame_terms miss their own test vectors by {miss:.3g}"
+            return
+
+
+def _other_geometry(record: Record, data: bytes) -> Iterator[str]:
+    robot = record.robot
+    try:
+        found = urdf.from_bytes(data, "calibrated.urdf", robot.base_link, robot.tip_link).arm
+    except IrbcalError as error:
+        yield str(error)
+        return
+    if hashlib.sha256(data).hexdigest() != record.calibrated_urdf_sha256:
+        yield "calibrated.urdf is not the file that calibration.json was written with"
+    arm = record.arm()
+    if list(found.joint_names) != robot.joint_names:
+        yield f"calibrated.urdf has the joints {', '.join(found.joint_names)}"
+        return
+    q = arm.random_joints(TEST_POSES, 0)
+    position, rotation = relative_difference(found.forward(q), arm.forward(q))
+    if max(position, rotation) > SAME_GEOMETRY:
+        yield (
+            f"robot.dhm_calibrated is not the geometry of calibrated.urdf: tips differ by up to "
+            f"{1e3 * position:.4g} mm and {rotation:.3g} rad"
+        )
+
+
+def _other_origins(record: Record, data: bytes) -> Iterator[str]:
+    links = {item.link: item.joint for item in record.joint_origins}
+    try:
+        found = joint_origins.by_joint(joint_origins.read(data, "joint_origins.yaml"), links, "joint_origins.yaml")
+    except IrbcalError as error:
+        yield str(error)
+        return
+    for item in record.joint_origins:
+        if np.abs(found[item.joint] - item.calibrated.transform()).max() > SAME_VECTORS:
+            yield f"joint_origins.yaml has another origin of {item.joint}"

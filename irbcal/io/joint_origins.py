@@ -1,0 +1,130 @@
+"""Joint origins of a calibration for others, as YAML, and those that others write."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from irbcal import literals
+from irbcal.arrays import FloatArray
+from irbcal.errors import RobotError
+from irbcal.io.schema import Record
+from irbcal.modeling import frames
+from irbcal.options import shown
+
+NUMBERS = ("x", "y", "z", "roll", "pitch", "yaw")
+LARGEST = 50.0
+"""Metres or radians; no joint is farther from the one before."""
+
+
+def to_yaml(calibration: Record) -> str:
+    """Calibrated joint origins in the layout of ``ur_description``'s kinematics files.
+
+    Keys are the joints' child links without their ending ``_link`` (their whole names after ``link`` where that would
+    not be unique); x, y, z in metres, roll, pitch, yaw in radians.
+
+    Parameters
+    ----------
+    calibration : Record
+
+    Returns
+    -------
+    str
+    """
+    import yaml
+
+    short = [item.link.removesuffix("_link") for item in calibration.joint_origins]
+    unique = len({*short, "", "hash"}) == len(short) + 2
+    kinematics: dict[str, Any] = {}
+    for item, key in zip(calibration.joint_origins, short, strict=True):
+        values = (*item.calibrated.xyz_m, *item.calibrated.rpy_rad)
+        entry = dict(zip(NUMBERS, values, strict=True))
+        kinematics[key if unique else f"link {item.link}"] = entry | {"joint": item.joint}
+    kinematics["hash"] = f"irbcal_{calibration.fingerprint}"
+    head = [
+        f"# Joint origins of {literals.line(calibration.robot.name)}, calibrated by irbcal: metres and radians.",
+        "# From SIMULATED measurements." if calibration.simulated else None,
+        "# The joint map (stiffness, Fourier series, gains) is not in here: see calibration.json.",
+        None if calibration.frame_terms is None else f"# {calibration.frame_terms.in_words}",
+    ]
+    body = yaml.safe_dump({"kinematics": kinematics}, sort_keys=False, allow_unicode=True)
+    return "\n".join([line for line in head if line] + [body])
+
+
+def read(data: bytes, source: str) -> dict[str, FloatArray]:
+    """Read joint origins in that layout: of ``ur_description``, ``ur_calibration`` or irbcal.
+
+    Parameters
+    ----------
+    data : bytes
+    source : str
+        File name for messages.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (4, 4)
+        By the keys of the file; by the joint's name, with ``joint `` before it, where the file says it.
+
+    Raises
+    ------
+    RobotError
+        If this is no such file.
+    """
+    import yaml
+
+    expected = "expected joint origins such as 'kinematics: shoulder: {x: 0, y: 0, z: 0.16, roll: 0, pitch: 0, yaw: 0}'"
+    try:
+        content = yaml.safe_load(data.decode("utf-8"))
+    except (ValueError, RecursionError, yaml.YAMLError):
+        raise RobotError(f"{expected}, or a URDF, found neither", file=source) from None
+    entries = content.get("kinematics") if isinstance(content, dict) else None
+    if not isinstance(entries, dict):
+        raise RobotError(f"{expected}, or a URDF, found {shown(content)}", file=source)
+    origins = {}
+    for key, entry in entries.items():
+        if key == "hash":
+            continue
+        values = [entry.get(name) for name in NUMBERS] if isinstance(entry, dict) else []
+        if not values or not all(
+            isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < LARGEST for value in values
+        ):
+            raise RobotError(f"{expected}, found {shown(entry)} for {shown(key)}", file=source)
+        T = frames.transform(
+            frames.matrix_from_rpy(np.array(values[3:], dtype=float)), np.array(values[:3], dtype=float)
+        )
+        origins[f"joint {entry['joint']}" if "joint" in entry else str(key)] = T
+    return origins
+
+
+def by_joint(origins: Mapping[str, FloatArray], links: Mapping[str, str], source: str) -> dict[str, FloatArray]:
+    """Joint origins by the names of the joints.
+
+    Parameters
+    ----------
+    origins : dict of str to ndarray, shape (4, 4)
+        As read.
+    links : dict of str to str
+        Joint by its child link, of all joints of the arm.
+    source : str
+        File name for messages.
+
+    Raises
+    ------
+    RobotError
+        If a joint is missing, or one entry could be of several.
+    """
+    out = {}
+    for link, joint in links.items():
+        short = link.removesuffix("_link")
+        keys = [key for key in origins if key in (f"joint {joint}", short, f"link {link}")]
+        keys = keys or [key for key in origins if short.endswith(f"_{key}")]  # a prefix before all links
+        if len(keys) != 1:
+            found = "several" if keys else "none"
+            listed = ", ".join(key.removeprefix("joint ") for key in origins)
+            raise RobotError(
+                f"expected one origin of joint {joint} (link {link}), found {found} in {listed}", file=source
+            )
+        out[joint] = origins[keys[0]]
+    return out

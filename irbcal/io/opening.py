@@ -1,0 +1,246 @@
+"""One door for robots: calibration folders, loaded calibrations, URDF files and robots by name are opened here."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from pathlib import Path
+from typing import TypeAlias, Union
+
+import numpy as np
+
+from irbcal.arrays import lock
+from irbcal.errors import CalibrationError, RobotError
+from irbcal.io import calibration_folder, robots, urdf, urdf_xml
+from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, HoldsRecord, Saved
+from irbcal.io.schema import Record
+from irbcal.io.urdf import UrdfArm
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.coupling import in_words
+from irbcal.modeling.robot import Robot
+from irbcal.options import shown
+
+SAME_ROBOT = 1e-9
+"""Metres and radians within which a nominal robot put together again is the one that the calibration began from."""
+
+
+def calibration_at(robot: object) -> Saved | None:
+    """The calibration that a robot's name stands for: its folder, or its URDF with ``calibration.json`` beside it.
+
+    Raises
+    ------
+    CalibrationError
+        If there is one that cannot be read.
+    """
+    if not isinstance(robot, (str, os.PathLike)):
+        return None
+    path = Path(robot)
+    if path.name in (JSON_NAME, URDF_NAME) and path.is_file():
+        path = path.parent
+    return calibration_folder.read(path) if path.is_dir() and (path / JSON_NAME).is_file() else None
+
+
+def nominal_of(saved: Saved) -> UrdfArm:
+    """The robot that a calibration began from: its URDF with the joint origins from before.
+
+    Raises
+    ------
+    CalibrationError
+        If that is not the robot of ``calibration.json``.
+    """
+    section, arm = saved.record.robot, saved.record.arm(calibrated=False)
+    data = _unmarked(saved.nominal_urdf())
+    found = urdf.from_bytes(data, str(saved.folder / URDF_NAME), section.base_link, section.tip_link)
+    q = arm.random_joints(20, 0)
+    if np.abs(found.arm.forward(q) - arm.forward(q)).max() > SAME_ROBOT:
+        raise CalibrationError(
+            "the joint origins from before the calibration do not give its nominal robot", file=saved.folder / JSON_NAME
+        )
+    return replace(found, arm=replace(found.arm, name=arm.name, coupling=arm.coupling))
+
+
+def _unmarked(data: bytes) -> bytes:
+    """A URDF without the fingerprint of a calibration."""
+    tree = urdf_xml.parse(data, URDF_NAME)
+    root = tree.getroot()
+    for element in root.findall(urdf.FINGERPRINT_TAG):
+        root.remove(element)
+    return urdf_xml.serialised(tree)
+
+
+def read_nominal(
+    robot: str | Path, base: str | None = None, tip: str | None = None, coupling: str | None = None
+) -> UrdfArm:
+    """As `irbcal.io.urdf.read`, and the nominal robot of a calibration.
+
+    Raises
+    ------
+    RobotError
+        If the robot is refused, or links or a coupling are chosen for a calibration, which has its own.
+    CalibrationError
+        If a calibration cannot be read.
+    """
+    saved = calibration_at(robot)
+    if saved is None:
+        return urdf.read(robot, base, tip, coupling)
+    section = saved.record.robot
+    for parameter, given, own in (
+        ("base_link", base, section.base_link),
+        ("tip_link", tip, section.tip_link),
+        ("coupling", coupling, "none" if section.coupling is None else in_words(np.array(section.coupling))),
+    ):
+        if given not in (None, own):
+            raise RobotError(f"{robot}: a calibration has its own {parameter}", parameter=parameter)
+    return nominal_of(saved)
+
+
+RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
+"""Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot, `Opened`."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Opened:
+    """A robot, and what it was opened from.
+
+    Attributes
+    ----------
+    name : str
+        The path or the shipped robot's file; of a loaded calibration its robot's name.
+    robot : Robot
+        The calibrated behaviour of a calibration (the nominal one if that was asked for); the nominal robot of a URDF.
+    nominal : Arm
+        The nominal arm that belongs to it.
+    record : Record or None
+        The calibration; None for a URDF.
+    folder : Path or None
+        The calibration's folder, or the one in which the URDF lies.
+    urdf : UrdfArm or None
+        The URDF with the geometry of `robot`.
+    urdf_bytes : bytes or None
+        The same as a document.
+
+    A loaded calibration knows neither its folder nor its URDF: they are None unless the robot is a shipped one, of
+    which the URDF can be made again.
+    """
+
+    name: str
+    robot: Robot
+    nominal: Arm
+    record: Record | None
+    folder: Path | None
+    urdf: UrdfArm | None
+    urdf_bytes: bytes | None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def __repr__(self) -> str:
+        return f"<Opened {self.name}: {'URDF' if self.record is None else 'calibration'}, {self.robot!r}>"
+
+    @cached_property
+    def nominal_urdf(self) -> UrdfArm | None:
+        """The URDF with the geometry of `nominal`, None where there is no URDF."""
+        if self.record is None or self.urdf_bytes is None:
+            return self.urdf
+        return _arm_of(_with_nominal_origins(self.urdf_bytes, self.record), self.record)
+
+
+def open_robot(
+    robot: RobotLike,
+    *,
+    nominal: bool = False,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    coupling: str | None = None,
+) -> Opened:
+    """The robot of a calibration, of a URDF or shipped with the package.
+
+    Parameters
+    ----------
+    robot : str, Path, Record, a result that holds one, or Opened
+        Calibration folder, loaded calibration, path of a URDF, or name of a shipped robot (``irb1600``, ``irb120``);
+        one that is opened already is returned as it is.
+    nominal : bool
+        The nominal behaviour of a calibration (its base and tool identified with the nominal model).
+    base_link, tip_link : str, optional
+        Links of a URDF; by default as `irbcal.io.urdf.read` chooses them.
+    coupling : str, optional
+        Of a URDF, see `irbcal.io.urdf.declared_coupling`.
+
+    Returns
+    -------
+    Opened
+
+    Raises
+    ------
+    CalibrationError
+        If a calibration folder is not a whole calibration.
+    RobotError
+        If there is no such file or robot, the URDF cannot be used, or links are chosen for a calibration.
+    """
+    if isinstance(robot, Opened):
+        if nominal or base_link or tip_link or coupling is not None:
+            raise RobotError(f"{robot.name}: this robot is open: choose its behaviour and links when it is opened")
+        return robot
+    path = calibration_folder.folder_of(robot) if isinstance(robot, (str, PathLike)) else None
+    if path is not None and not path.is_dir():
+        read = urdf.read(path, base_link, tip_link, coupling)
+        file = robots.robot_file(path)
+        return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, file.read_bytes())
+    folder: Path | None
+    text: bytes | None
+    if path is not None:
+        saved = calibration_folder.read(path)
+        name, record, folder, text = str(path), saved.record, saved.folder, saved.urdf
+    else:
+        if not isinstance(getattr(robot, "record", robot), Record):
+            raise RobotError(
+                f"expected a robot (URDF, name, calibration folder or loaded calibration), found {shown(robot)}",
+                parameter="robot",
+            )
+        record = calibration_folder.opened(robot)
+        name, folder = record.robot.name, getattr(robot, "folder", None)
+        text = getattr(robot, "urdf", None)
+        if text is None:
+            folder, text = _shipped(record)
+    if coupling is not None:
+        raise RobotError(f"{name}: a calibration has its own coupling: give one for a URDF only", parameter="coupling")
+    if base_link or tip_link:
+        raise RobotError(
+            f"{name}: a calibration has its own base and tip link: choose links for a URDF only",
+            parameter="base_link" if base_link else "tip_link",
+        )
+    if nominal and text is not None:
+        text = _with_nominal_origins(text, record)
+    return Opened(
+        name=name,
+        robot=record.robot_nominal() if nominal else record.robot_calibrated(),
+        nominal=record.arm(calibrated=False),
+        record=record,
+        folder=folder,
+        urdf=None if text is None else _arm_of(text, record),
+        urdf_bytes=text,
+    )
+
+
+def _with_nominal_origins(data: bytes, record: Record) -> bytes:
+    return urdf.with_joint_origins(data, {item.joint: item.nominal.transform() for item in record.joint_origins})
+
+
+def _arm_of(data: bytes, record: Record) -> UrdfArm:
+    """The arm of a calibration's URDF."""
+    section = record.robot
+    return urdf.from_bytes(data, f"URDF of {section.name}", section.base_link, section.tip_link)
+
+
+def _shipped(record: Record) -> tuple[Path | None, bytes | None]:
+    """Folder and calibrated URDF of a loaded calibration, of a shipped robot."""
+    for name in robots.ROBOTS:
+        path = robots.robot_file(name)
+        data = path.read_bytes()
+        if hashlib.sha256(data).hexdigest() == record.robot.urdf_sha256:
+            return path.parent, urdf.to_bytes(_arm_of(data, record), record.arm())
+    return None, None

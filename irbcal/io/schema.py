@@ -1,0 +1,1174 @@
+"""What stands in ``calibration.json``: a checked schema, and the robots that it describes."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import Annotated, Any, Literal, TypeAlias
+
+import numpy as np
+from pydantic import Field, PrivateAttr, StringConstraints, field_validator, model_validator
+
+from irbcal.arrays import FloatArray
+from irbcal.errors import CalibrationError, RobotError
+from irbcal.identification.averaged import AveragedFit
+from irbcal.identification.evidence_fit import EvidenceFit, GroupResult
+from irbcal.identification.explained import Stage
+from irbcal.identification.gear_scan import Spectrum
+from irbcal.identification.level_certainty import term_of
+from irbcal.identification.shown import FamilyShown
+from irbcal.io.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
+from irbcal.measurement.points import PointSet
+from irbcal.modeling import coupling, frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.dhm import DHMTable
+from irbcal.modeling.elsewhere import Elsewhere
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.parameters import all_names, parameter
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import bases
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import SCHEMA, TermMap
+from irbcal.units import DEG, MM, UNIT_OUTSIDE
+
+
+class CovarianceSection(Section):
+    """A covariance matrix ``C = L L'`` by its factor, packed.
+
+    ``factor`` is base64 of the lower triangle of L, row by row (L11, L21, L22, L31, …), as little-endian floats of four
+    bytes. The factor keeps what is known well beside what is not: a rounding of C itself to four bytes would not.
+    """
+
+    layout: Literal["cholesky-rows-float32-base64"]
+    size: int = Field(ge=0)
+    factor: Base64
+
+    @model_validator(mode="after")
+    def _whole(self) -> CovarianceSection:
+        try:
+            data = base64.b64decode(self.factor, validate=True)
+        except binascii.Error:
+            raise ValueError("the factor of the covariance is not base64") from None
+        if len(data) != 2 * self.size * (self.size + 1):
+            raise ValueError(f"the factor of a covariance of size {self.size} has {len(data)} bytes")
+        if not np.isfinite(np.frombuffer(data, "<f4")).all():
+            raise ValueError("the factor of the covariance has numbers that are not finite")
+        return self
+
+    @staticmethod
+    def of(matrix: FloatArray) -> CovarianceSection:
+        """The section of a covariance, shape (k, k), which may be singular."""
+        scale = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))
+        scale[scale == 0.0] = 1.0
+        values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+        # R'R = V diag(values) V' with R upper triangular: a factor although directions may be held
+        R: FloatArray = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]
+        L = R.T * scale[:, None]
+        data = L[np.tril_indices(len(L))].astype("<f4").tobytes()
+        return CovarianceSection(
+            layout="cholesky-rows-float32-base64", size=len(L), factor=base64.b64encode(data).decode("ascii")
+        )
+
+    def matrix(self) -> FloatArray:
+        """The covariance, shape (size, size), read-only."""
+        return _unpacked(self.factor, self.size)
+
+
+@lru_cache(maxsize=4)
+def _unpacked(factor: str, size: int) -> FloatArray:
+    L = np.zeros((size, size))
+    L[np.tril_indices(size)] = np.frombuffer(base64.b64decode(factor), "<f4")
+    C: FloatArray = L @ L.T
+    C.setflags(write=False)
+    return C
+
+
+class ElsewhereSection(Section):
+    """Expected errors (rms, mm) at the poses of the fit and anywhere within the joint limits.
+
+    ``shares`` of its limits that each joint went through; ``difference_mm`` between the predictions of the calibrated
+    and the nominal robot anywhere; see `irbcal.modeling.elsewhere`.
+    """
+
+    shares: list[float]
+    here_mm: float
+    there_mm: float
+    difference_mm: float
+
+    @staticmethod
+    def of(found: Elsewhere | None) -> ElsewhereSection | None:
+        """The section of what was found."""
+        if found is None:
+            return None
+        return ElsewhereSection(
+            shares=found.shares.tolist(),
+            here_mm=found.here / MM,
+            there_mm=found.there / MM,
+            difference_mm=found.difference / MM,
+        )
+
+    def found(self) -> Elsewhere:
+        """What the section tells."""
+        return Elsewhere(np.array(self.shares), self.here_mm * MM, self.there_mm * MM, self.difference_mm * MM)
+
+
+class CertaintySection(Section):
+    """What intervals of predictions need beside the covariance, and where they are valid.
+
+    Leave-one-out errors (mm) are root mean square lengths by target, under the empty name for all: of single poses, and
+    of contiguous fifths of the poses; null where what is left does not determine them. ``ranges`` are the smallest and
+    the largest joints of the fit, rad (m).
+    """
+
+    leave_one_out_mm: dict[Name, float | None]
+    leave_fifths_out_mm: dict[Name, float | None]
+    ranges: list[list[float]] = Field(min_length=2, max_length=2)
+    elsewhere: ElsewhereSection | None = None
+
+    @staticmethod
+    def of(known: Certainty, found: Elsewhere | None) -> CertaintySection:
+        """The section of what an identification knows."""
+        assert known.ranges is not None
+        return CertaintySection(
+            leave_one_out_mm=in_mm(known.loo),
+            leave_fifths_out_mm=in_mm(known.loo_blocks),
+            ranges=known.ranges.tolist(),
+            elsewhere=ElsewhereSection.of(found),
+        )
+
+    def warning(self) -> str:
+        """The warning of a calibration that is that of a corner of the workspace; else an empty text."""
+        return "" if self.elsewhere is None else self.elsewhere.found().in_words()
+
+
+def in_mm(lengths: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Lengths by name, metres, in millimetres."""
+    return {name: None if value is None else value / MM for name, value in lengths.items()}
+
+
+def in_metres(lengths: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Lengths by name, millimetres, in metres."""
+    return {name: None if value is None else value * MM for name, value in lengths.items()}
+
+
+THINNED = 3
+"""Cycles per turn of which the file has the strongest one."""
+
+
+class ExplainedStage(Section):
+    """A fit with all families so far, which the calibration has or (``carried`` false) which were only tried.
+
+    Of ``terms`` coefficients ``seen`` are determined by the data. Errors of poses that are left out of the fit one at a
+    time (rms) and of held-out poses, mm: of the warm robot as it is used, and with the warmth of each pose (``timed``).
+    """
+
+    added: Name
+    terms: int
+    seen: float
+    carried: bool
+    leave_one_out_mm: float
+    mean_mm: float | None
+    max_mm: float | None
+    timed_mean_mm: float | None
+
+    @staticmethod
+    def of(stage: Stage) -> ExplainedStage:
+        """The section of a stage."""
+        return ExplainedStage(
+            added=stage.added,
+            terms=stage.terms,
+            seen=stage.seen,
+            carried=stage.carried,
+            leave_one_out_mm=stage.loo / MM,
+            mean_mm=_mm(stage.mean),
+            max_mm=_mm(stage.largest),
+            timed_mean_mm=_mm(stage.timed),
+        )
+
+
+class GearSpectrum(Section):
+    """What the gear scan saw before it took a wave, thinned: the strongest of every ``step`` cycles per turn.
+
+    ``chi2`` has a row for each of ``joints`` (from 1); beyond ``limit`` a wave is not chance.
+    """
+
+    joints: list[int]
+    first: int
+    step: int = Field(ge=1)
+    limit: float
+    chi2: list[list[float]]
+
+    @model_validator(mode="after")
+    def _of_one_shape(self) -> GearSpectrum:
+        if len(self.chi2) != len(self.joints) or len({len(row) for row in self.chi2}) > 1:
+            raise ValueError("the gear spectrum needs a row of one length for each joint")
+        return self
+
+    @staticmethod
+    def of(seen: Spectrum | None) -> GearSpectrum | None:
+        """The section of a spectrum."""
+        if seen is None:
+            return None
+        starts = np.arange(0, len(seen.cycles), THINNED)
+        strongest = np.maximum.reduceat(seen.chi2, starts, axis=1)
+        return GearSpectrum(
+            joints=[joint + 1 for joint in seen.joints],
+            first=int(seen.cycles[0]),
+            step=THINNED,
+            limit=round(seen.limit, 3),
+            chi2=np.round(strongest, 1).tolist(),
+        )
+
+
+class FamilyRow(Section):
+    """A family in the best choice of terms: what is lost without it.
+
+    ``evidence`` in nats; ``moves_mm``: how far the fitted points move (rms); ``shown``: beyond doubt and not small.
+    """
+
+    family: Word
+    seen: float
+    evidence: float
+    moves_mm: float
+    shown: bool
+
+    @staticmethod
+    def of(families: Sequence[FamilyShown]) -> list[FamilyRow]:
+        """The rows of a fit."""
+        return [
+            FamilyRow(family=f.family, seen=f.seen, evidence=f.evidence, moves_mm=f.moves / MM, shown=f.shown)
+            for f in families
+        ]
+
+
+def _mm(length: float | None) -> float | None:
+    return None if length is None else length / MM
+
+
+class Candidate(Section):
+    """A level in the comparison by cross-validation."""
+
+    level: Word
+    mean_mm: float | None
+    gain_mm: float | None
+    gain_std_mm: float | None
+    chosen: bool
+    refused: Sentence
+
+
+class Choice(Section):
+    """How the level was chosen."""
+
+    level: Word
+    table: list[Candidate]
+    explanation: Sentence
+
+
+class Dictionary(Section):
+    """An error model in the comparison by evidence: ``terms`` counts base and targets, too.
+
+    ``log_evidence`` is in nats; residual and leave-one-pose-out error (mm) are null for models without weight.
+    """
+
+    name: Name
+    terms: int
+    log_evidence: float
+    weight: float
+    sigma_mm: float | None
+    leave_one_out_mm: float | None
+
+
+class EvidenceChoice(Section):
+    """Which error models were averaged."""
+
+    level: Literal["auto"]
+    table: list[Dictionary]
+    explanation: Sentence
+
+    @staticmethod
+    def of(fit: AveragedFit) -> EvidenceChoice:
+        """The comparison of a fit."""
+        rows = [
+            Dictionary(
+                name=row.name,
+                terms=row.terms,
+                log_evidence=row.log_evidence,
+                weight=row.weight,
+                sigma_mm=None if row.sigma is None else row.sigma / MM,
+                leave_one_out_mm=None if row.loo is None else row.loo / MM,
+            )
+            for row in fit.evidence.dictionaries
+        ]
+        return EvidenceChoice(level="auto", table=rows, explanation=fit.explanation())
+
+
+class Group(Section):
+    """A group of terms with one variance: ``seen`` of its coefficients are determined by the data.
+
+    ``size`` is the standard deviation that its coefficients have before the data, in natural sizes; ``found`` and
+    ``std`` are the root mean squares of what was found and of its standard deviations, likewise. ``natural`` has the
+    natural sizes by unit (deg, mm, 1, …). Files of earlier versions have the first four only.
+    """
+
+    name: Name
+    terms: int
+    seen: float
+    size: float
+    family: Word = ""
+    natural: dict[Word, float] = Field(default_factory=dict)
+    found: float | None = None
+    std: float | None = None
+
+    @staticmethod
+    def of(group: GroupResult) -> Group:
+        """The section of a group."""
+        natural = {}
+        for unit, size in group.natural.items():
+            base, _, per = unit.partition("/")
+            outside, factor = UNIT_OUTSIDE.get(base, (base, 1.0))
+            natural[f"{outside}/{per}" if per else outside] = size / factor
+        return Group(
+            name=group.name,
+            terms=group.terms,
+            seen=group.seen,
+            size=group.size,
+            family=group.family,
+            natural=natural,
+            found=group.found,
+            std=group.std,
+        )
+
+
+class Gear(Section):
+    """A single high harmonic that was found; joints count from 1."""
+
+    joint: int
+    cycles_per_turn: int
+    amplitude_deg: float
+    chi2: float
+    evidence_gain: float
+
+
+class EvidenceSection(Section):
+    """What is known of an average of error models beside its parameters.
+
+    Leave-one-out errors are root mean squares by target, under the empty name for all: of single poses, and of
+    contiguous fifths of the poses; null where what is left does not determine them. ``warm_up_tau`` is in poses.
+    ``explained`` are fits with one family after the other;
+    ``spectrum`` is null where no gear scan was made, because long series of harmonics take its place.
+    """
+
+    terms: Word
+    poses: int
+    sigma_mm: float
+    leave_one_out_mm: dict[Name, float | None]
+    leave_fifths_out_mm: dict[Name, float | None]
+    groups: list[Group]
+    families: list[FamilyRow] = Field(default_factory=list)
+    gears: list[Gear]
+    spectrum: GearSpectrum | None = None
+    explained: list[ExplainedStage] = Field(default_factory=list)
+    warm_up_tau: float | None
+    readings_gain: float | None
+    readings_lag: bool
+
+    @staticmethod
+    def of(fit: EvidenceFit, stages: Sequence[Stage] = ()) -> EvidenceSection:
+        """The section of a fit, with its stages (`irbcal.identification.explained`)."""
+        return EvidenceSection(
+            terms=fit.kind,
+            poses=fit.poses,
+            sigma_mm=fit.sigma / MM,
+            leave_one_out_mm=in_mm(fit.loo),
+            leave_fifths_out_mm=in_mm(fit.loo_blocks),
+            groups=[Group.of(group) for group in fit.groups],
+            gears=[
+                Gear(
+                    joint=gear.joint + 1,
+                    cycles_per_turn=gear.cycles_per_turn,
+                    amplitude_deg=fit.amplitude(gear) / DEG,
+                    chi2=gear.chi2,
+                    evidence_gain=gear.evidence_gain,
+                )
+                for gear in fit.gears
+            ],
+            families=FamilyRow.of(fit.families),
+            spectrum=GearSpectrum.of(fit.spectrum),
+            explained=[ExplainedStage.of(stage) for stage in stages],
+            warm_up_tau=fit.tau,
+            readings_gain=fit.readings_gain,
+            readings_lag=fit.readings_projected,
+        )
+
+
+class FeatureRow(Section):
+    """A feature: what was known and what was found of it.
+
+    ``found`` has its unknowns in the base link (mm, degrees), ``known`` what was given of it, likewise; ``rms_mm`` is
+    what its rows miss in the fit. At its rows the tool was about ``middle_mm``, within ``spread_mm`` (root mean
+    square). ``imaging`` has what was given of camera and board, as in the features' file. Files of earlier versions do
+    not know the last four.
+    """
+
+    name: Name
+    kind: Word
+    target: Name
+    rows: int
+    place: Name
+    rms_mm: float
+    nominal_rms_mm: float
+    found: dict[Name, list[float]]
+    std: dict[Name, list[float]]
+    known: dict[Name, list[float]] = Field(default_factory=dict)
+    middle_mm: list[float] = Field(default_factory=list)
+    spread_mm: float = 0.0
+    imaging: dict[Name, Name] = Field(default_factory=dict)
+
+
+class PlaceRow(Section):
+    """A place that was left out of the fit: what its rows miss about features placed anew, mm."""
+
+    name: Name
+    rows: int
+    nominal_mean_mm: float
+    nominal_max_mm: float
+    mean_mm: float
+    rms_mm: float
+    max_mm: float
+
+
+class LengthRow(Section):
+    """A known length: found minus known, mm; left out where its place was, null where it never was."""
+
+    name: Name
+    first: Name
+    second: Name
+    length_mm: float
+    fitted_mm: float
+    nominal_mm: float | None
+    heldout_mm: float | None
+
+
+class FeaturesSection(Section):
+    """Features, places and lengths.
+
+    ``left_out`` is what was left out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
+    square lengths of what was not known of the tool's place, before the rows and after them. ``named`` is how columns
+    name the feature of a row, empty where a column does, and in files of earlier versions; ``scale_from`` is what gives
+    the robot its scale where that is a part of the features, as the squares of a board.
+    """
+
+    kinds: dict[Name, int]
+    framed: bool
+    scale_measured: bool
+    left_out: Name | None
+    before_mm: float
+    open_mm: float
+    features: list[FeatureRow]
+    places: list[PlaceRow]
+    lengths: list[LengthRow]
+    named: Name = ""
+    scale_from: Sentence = ""
+
+    @property
+    def scale(self) -> str:
+        """Where the scale of the robot comes from, in a sentence; empty where lengths were measured."""
+        if self.scale_from:
+            return f"the scale rests on {self.scale_from}: were these 0.1 % longer, the robot would be, too"
+        return "" if self.scale_measured else "no length was measured: the scale rests on nominal link lengths"
+
+    def length_error(self) -> tuple[float, float] | None:
+        """Mean size of the errors of known lengths at left-out places, nominal and calibrated, mm."""
+        pairs = [
+            (abs(r.nominal_mm), abs(r.heldout_mm))
+            for r in self.lengths
+            if r.nominal_mm is not None and r.heldout_mm is not None
+        ]
+        if not pairs:
+            return None
+        return sum(a for a, _ in pairs) / len(pairs), sum(b for _, b in pairs) / len(pairs)
+
+
+TEST_VECTORS = 5
+TermEntry: TypeAlias = dict[Word, Word | int | float | list[int | float]]
+"""A term as `irbcal.modeling.terms.term.Term.to_json` writes it."""
+
+
+def check_terms(terms: list[TermEntry]) -> list[TermEntry]:
+    """Terms of a file, refused with a `ValueError` if one is not understood."""
+    for entry in terms:
+        try:
+            term, coefficient, _ = Term.from_json(entry)
+        except RobotError as error:
+            raise ValueError(str(error)) from None
+        if term.basis not in bases() or not np.isfinite(coefficient):
+            raise ValueError(f"a term is not understood: {term.name}")
+    return terms
+
+
+class TermVector(Section):
+    """Joints with the stop before, both as commanded, and the effective joints that they give, rad (m)."""
+
+    q: list[float]
+    previous_q: list[float]
+    payload_kg: float
+    effective: list[float]
+    torques_nm: list[float] | None = None
+
+
+class JointMapSection(Section):
+    """A joint map of terms, complete enough to be implemented elsewhere: docs/calibration-auto.md.
+
+    ``terms`` are those of `irbcal.modeling.terms.term.Term.to_json`; ``gravity`` is a direction in the base link;
+    ``ranges`` are the smallest and the largest joints of the fit, rad (m), null for levels of the thesis, whose terms
+    hold beyond them. ``payload_kg`` is the mass that is carried
+    where nothing else is said: the one that most poses were measured with; null where it was not told. Links'
+    attitudes are those of the nominal robot (``robot.dhm_nominal``) at commanded joints.
+    """
+
+    schema_name: Literal["irbcal-joint-map-2"] = Field(alias="schema")
+    inputs: list[Word]
+    gravity: list[float] = Field(min_length=3, max_length=3)
+    terms: list[TermEntry]
+    ranges: list[list[float]] | None = Field(default=None, min_length=2, max_length=2)
+    payload_kg: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    test_vectors: list[TermVector]
+
+    @field_validator("terms")
+    @classmethod
+    def _understood(cls, terms: list[TermEntry]) -> list[TermEntry]:
+        return check_terms(terms)
+
+    @staticmethod
+    def of(joint_map: JointMap, arm: Arm) -> JointMapSection:
+        """The section of a joint map, with test vectors at random joints of the arm."""
+        q, before = (arm.random_joints(TEST_VECTORS, seed=seed) for seed in (1, 2))
+        usual = joint_map.payload_kg or 0.0
+        load = np.full(TEST_VECTORS, usual)
+        if joint_map.knows_loads:
+            load = usual + np.arange(TEST_VECTORS)  # the usual one, and others
+        torques = None
+        if any(term.basis == "torque" for term in joint_map.terms.terms):
+            torques = np.random.default_rng(3).normal(0.0, 50.0, q.shape)
+        motion = Motion(q, q - before, payload_kg=load, torques=torques)
+        return JointMapSection(**joint_map.terms.to_json(joint_map.ranges, motion), payload_kg=joint_map.payload_kg)
+
+    def joint_map(self, nominal: Arm) -> JointMap:
+        """The joint map that the section describes, of a nominal arm."""
+        content: dict[str, Any] = {"schema": SCHEMA, "gravity": self.gravity, "terms": self.terms}
+        ranges = None if self.ranges is None else np.array(self.ranges)
+        if ranges is not None and ranges.shape != (2, len(nominal.joint_names)):
+            raise RobotError(f"the joint map's ranges need two rows of {len(nominal.joint_names)} joints")
+        return JointMap(TermMap.from_json(nominal, content), ranges, self.payload_kg)
+
+
+SAMPLES = 1000
+"""Poses within the joint ranges of the fit at which their size is told."""
+
+
+class FrameVector(Section):
+    """Commanded joints, the stop before, and the tip in the base link with joint map and frame terms, rad and m."""
+
+    q: list[float]
+    previous_q: list[float]
+    T_base_tip: list[list[float]]
+
+
+class FrameTermsSection(Section):
+    """Small motions of the joints' frames before each joint turns: docs/calibration-auto.md.
+
+    ``terms`` are written as those of the joint map, with axes ``rx``, ``ry``, ``rz``, ``tx``, ``ty``, ``tz`` of the
+    joint's frame in the calibrated DHM table. ``median_mm`` and ``largest_mm``: by how much they move ``of`` (a target
+    or the tip) within the joint ranges of the fit, which is what a robot described by URDF and joint map alone misses.
+    """
+
+    schema_name: Literal["irbcal-frame-terms-1"] = Field(alias="schema")
+    of: Name
+    median_mm: float
+    largest_mm: float
+    gravity: list[float] = Field(min_length=3, max_length=3)
+    terms: list[TermEntry]
+    test_vectors: list[FrameVector]
+
+    @field_validator("terms")
+    @classmethod
+    def _understood(cls, terms: list[TermEntry]) -> list[TermEntry]:
+        return check_terms(terms)
+
+    @staticmethod
+    def of_robot(robot: Robot) -> FrameTermsSection | None:
+        """The section of a robot; None for one without frame terms."""
+        if robot.frame_terms is None:
+            return None
+        q, before = (robot.arm.random_joints(TEST_VECTORS, seed=seed) for seed in (1, 2))
+        ranges = getattr(robot.joint_map, "ranges", None)
+        low, high = (robot.arm.lower, robot.arm.upper) if ranges is None else ranges
+        inside = np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
+        moved = robot.moved_by_frame_terms(inside) / MM
+        vectors = [
+            FrameVector(q=a.tolist(), previous_q=b.tolist(), T_base_tip=T.tolist())
+            for a, b, T in zip(q, before, robot.forward(q, before), strict=True)
+        ]
+        written = robot.frame_terms.to_json()
+        return FrameTermsSection(
+            schema="irbcal-frame-terms-1",
+            of=next(iter(robot.targets), robot.arm.tip_link),
+            median_mm=float(np.median(moved)),
+            largest_mm=float(moved.max()),
+            gravity=written["gravity"],
+            terms=written["terms"],
+            test_vectors=vectors,
+        )
+
+    def term_map(self, nominal: Arm) -> TermMap:
+        """The frame terms that the section describes, of a nominal arm."""
+        return TermMap.from_json(nominal, {"schema": SCHEMA, "gravity": self.gravity, "terms": self.terms})
+
+    @property
+    def in_words(self) -> str:
+        """What is not in URDF and joint map, and how much that is."""
+        return (
+            "URDF and joint map are NOT the whole truth of this calibration: its frame terms (terms all), which only "
+            f"irbcal's own kinematics knows, move {self.of} by {self.median_mm:.3f} mm in the median and by up to "
+            f"{self.largest_mm:.3f} mm within the joint ranges of the fit. For planners and other programs calibrate "
+            "with terms joint-map."
+        )
+
+    def refuse(self) -> None:
+        """Refuse to go on with URDF and joint map alone.
+
+        Raises
+        ------
+        CalibrationError
+            Always: it says what they miss.
+        """
+        raise CalibrationError(
+            f"{self.in_words} To plan without them give without_frame_terms=True", parameter="without_frame_terms"
+        )
+
+
+class PointTable(Section):
+    """Every used point, column by column: what the report's figures are drawn from.
+
+    ``row`` counts the poses of `PoseTable`; places are in the measuring frame; uncertainties and orientations (unit
+    quaternion, scalar first) are null where a point has none, and the columns are empty where no point has.
+    """
+
+    pose: Names
+    group: Names
+    target: Names
+    heldout: list[bool]
+    nominal_mm: list[float]
+    calibrated_mm: list[float]
+    row: list[int] = Field(default_factory=list)
+    x_mm: list[float] = Field(default_factory=list)
+    y_mm: list[float] = Field(default_factory=list)
+    z_mm: list[float] = Field(default_factory=list)
+    u95_mm: list[float | None] = Field(default_factory=list)
+    qw: list[float | None] = Field(default_factory=list)
+    qx: list[float | None] = Field(default_factory=list)
+    qy: list[float | None] = Field(default_factory=list)
+    qz: list[float | None] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _of_one_length(self) -> PointTable:
+        n = len(self.pose)
+        for name in type(self).model_fields:
+            column: list[Any] = getattr(self, name)
+            added_later = not type(self).model_fields[name].is_required()
+            if len(column) != n and not (added_later and not column):
+                raise ValueError(f"column {name} has {len(column)} values for {n} points")
+        return self
+
+
+class PoseTable(Section):
+    """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
+
+    ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
+    where that is not known. ``previous`` holds the joints of the stop before, as ``joints``, null where that is not
+    known; ``number`` counts the poses of a session in the order in which the robot visited them. Older files have
+    neither. The payload's mass, the three columns of its place in the tip link and the torques of the joints are empty
+    where no pose has any.
+    """
+
+    pose: Names
+    group: Names
+    heldout: list[bool]
+    joints: list[list[float]]
+    number: list[float] = Field(default_factory=list)
+    came_from: list[Annotated[str, StringConstraints(pattern=r"^[+0-]*$")]]
+    previous: list[list[float | None]] = Field(default_factory=list)
+    payload_kg: list[float | None] = Field(default_factory=list)
+    payload_place_mm: list[list[float | None]] = Field(default_factory=list)
+    torques_nm: list[list[float]] = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _of_one_length(self) -> PoseTable:
+        n = len(self.pose)
+        columns: list[Sequence[Any]] = [self.group, self.heldout, *self.joints, *self.came_from, *self.previous]
+        columns += [self.number] if self.number else []
+        columns += [*([self.payload_kg] if self.payload_kg else []), *self.payload_place_mm, *self.torques_nm]
+        counts = {len(self.joints), len(self.came_from), len(self.previous or self.joints)}
+        if any(len(column) != n for column in columns) or len(counts) > 1:
+            raise ValueError(f"every column must have {n} values, one for each pose")
+        return self
+
+
+FileName: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z][0-9A-Za-z._-]{0,99}$")]
+"""Of a file in the folder itself."""
+
+
+class Seal(Section):
+    """Hashes of all other parts and of all other files, by name, and a line for every deliberate change since."""
+
+    parts: dict[Word, Sha256]
+    files: dict[FileName, Sha256]
+    changes: list[Sentence]
+
+
+Three: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
+"""A place, or three angles."""
+Quaternion: TypeAlias = Annotated[list[float], Field(min_length=4, max_length=4)]
+"""Scalar first."""
+Matrix: TypeAlias = Annotated[list[Quaternion], Field(min_length=4, max_length=4)]
+"""A rigid frame, row by row."""
+
+
+class Statistics(Section):
+    """Statistics of distances between measured and predicted points, mm."""
+
+    n: int
+    mean_mm: float
+    sigma_mm: float
+    max_mm: float
+    mean_plus_3sigma_mm: float
+    rms_mm: float
+
+
+class Row(Section):
+    """One row of a DHM table; ``beta`` is Hayati's tilt about y, ``b`` a shift along y."""
+
+    alpha_deg: float
+    a_mm: float
+    theta_deg: float
+    d_mm: float
+    beta_deg: float
+    b_mm: float
+
+
+class Pose(Section):
+    """A frame: position and unit quaternion, scalar first."""
+
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    qw: float
+    qx: float
+    qy: float
+    qz: float
+
+
+class RobotSection(Section):
+    """The arm: names, limits (null where there is none) and the constant frames around the DHM chain.
+
+    Joint types are ``revolute`` and ``prismatic``; limits are in degrees and mm.
+    """
+
+    name: Name
+    urdf: Name
+    urdf_sha256: Sha256
+    base_link: Name
+    tip_link: Name
+    joint_names: Names
+    joint_types: list[Literal["revolute", "prismatic"]]
+    lower: list[float | None]
+    upper: list[float | None]
+    base_to_frame0: Matrix
+    last_frame_to_tip: Matrix
+    dhm_nominal: list[Row]
+    dhm_calibrated: list[Row]
+    coupling: list[list[float]] | None = None
+
+
+class Origin(Section):
+    """A joint frame in its parent link, as URDF has it: metres, and radians about fixed axes."""
+
+    xyz_m: Three
+    rpy_rad: Three
+
+    @staticmethod
+    def of(T: FloatArray) -> Origin:
+        """From a transform, shape (4, 4)."""
+        return Origin(xyz_m=(T[:3, 3] + 0.0).tolist(), rpy_rad=(frames.rpy_from_matrix(T[:3, :3]) + 0.0).tolist())
+
+    def transform(self) -> FloatArray:
+        """As a transform, shape (4, 4)."""
+        return frames.transform(frames.matrix_from_rpy(np.array(self.rpy_rad)), self.xyz_m)
+
+
+class JointOrigin(Section):
+    """Nominal and calibrated origin of one joint of the chain; ``link`` is its child link."""
+
+    joint: Name
+    link: Name
+    nominal: Origin
+    calibrated: Origin
+
+
+class Parameter(Section):
+    """One identified, tied or held parameter; ``low`` to ``high`` is its 95 % interval."""
+
+    name: Name
+    value: float
+    unit: Word
+    std: float | None
+    low: float | None
+    high: float | None
+    state: Literal["identified", "tied", "held"]
+    reason: Sentence
+
+
+class Placement(Section):
+    """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
+
+    base: Pose
+    targets: dict[Name, Three]
+    target_quaternions: dict[Name, Quaternion]
+
+
+class RotationStatistics(Section):
+    """Statistics of the angles between measured and predicted target frames, degrees."""
+
+    n: int
+    mean_deg: float
+    sigma_deg: float
+    max_deg: float
+
+
+class Errors(Section):
+    """Statistics of one set of poses, all points, by target and by group; of orientations where measured."""
+
+    all: Statistics
+    orientation: RotationStatistics | None
+    per_target: dict[Name, Statistics]
+    per_group: dict[Name, Statistics]
+
+
+class SessionSection(Section):
+    """A session: its base in its own measuring frame. Its targets are the placement's with its name behind ``@``.
+
+    The last session's frame is that of the calibration: its base is the placement's, and its targets have plain names.
+    """
+
+    name: Name
+    base: Pose
+
+
+class Exclusion(Section):
+    """A point that was left out, with the reason."""
+
+    pose: Name
+    target: Name
+    reason: Sentence
+
+
+class Objective(Section):
+    """What was minimised and what was reached."""
+
+    name: Literal["rms", "max", "pnorm"]
+    value_mm: float
+    lower_bound_mm: float | None
+
+
+class Correlation(Section):
+    """Two parameters that the data can hardly tell apart."""
+
+    first: Name
+    second: Name
+    coefficient: float
+
+
+class Observability(Section):
+    """What the poses can show of the error parameters, base and targets eliminated.
+
+    Singular values (mm) are those of the Jacobian scaled by plausible sizes; ``indices`` are O1 to O5 and the condition
+    number over the seen directions.
+    """
+
+    singular_values_mm: list[float]
+    seen: int
+    indices: dict[Word, float]
+    correlations: list[Correlation]
+
+
+class DataFile(Section):
+    """A data file and its fingerprint; ``programmed``: it has programmed joints, which the model takes."""
+
+    file: Name
+    sha256: Sha256
+    programmed: bool = False
+
+
+class Check(Section):
+    """Largest disagreement with Pinocchio and yourdfpy on the written URDF."""
+
+    position_m: float
+    rotation_rad: float
+    poses: int
+    yourdfpy_poses: int = 0
+
+
+class Kept(dict[bool, tuple[PointTable, PoseTable, PointSet, FloatArray]]):
+    """Points of a record that were computed already; no part of what it says, so records are equal without it."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Kept)
+
+    __hash__ = None
+
+    def __reduce__(self) -> tuple[type, tuple[()]]:
+        return Kept, ()
+
+
+class Record(Section):
+    """Content of ``calibration.json``.
+
+    ``fingerprint`` (`irbcal.io.integrity.fingerprint`) stands in the URDF, too. ``frame_terms`` are null where URDF and
+    joint map are the whole truth. ``covariance`` is that of base (rotation vector and translation in the base link),
+    unknown targets, target frames (rotation vectors in the tip link), bases of sessions before the last and error
+    parameters, in the order of ``parameters``, in metres and radians: see `covariance_matrix`. ``sessions`` are empty
+    where there is one only; ``earlier`` is the fingerprint of the calibration that was added to. ``features`` are there
+    where rows at features were measured: errors are then distances from these, and poses count among the fitted and,
+    each with its place left out in turn, among the held-out ones. ``seal`` (`irbcal.io.integrity`) has the hashes
+    of all other parts and of all files beside it; null until it is written.
+    """
+
+    schema_name: Literal["irbcal-calibration-1"]
+    created: Date
+    simulated: bool
+    fingerprint: Fingerprint
+    calibrated_urdf_sha256: Sha256
+    robot: RobotSection
+    joint_origins: list[JointOrigin]
+    model: Word
+    method: Word
+    objective: Objective
+    choice: Choice | EvidenceChoice | None
+    evidence: EvidenceSection | None = None
+    rank: int
+    parameter_count: int
+    parameters: list[Parameter]
+    covariance: CovarianceSection
+    certainty: CertaintySection
+    held: list[Sentence]
+    observability: Observability
+    history: dict[Name, list[float]]
+    joint_map: JointMapSection
+    frame_terms: FrameTermsSection | None = None
+    placement: Placement
+    placement_nominal: Placement
+    sessions: list[SessionSection] = Field(default_factory=list)
+    earlier: Fingerprint | None = None
+    references_mm: dict[Name, Three]
+    tool_shape_mm: dict[Name, Three]
+    fit: Errors
+    fit_nominal: Errors
+    heldout: Errors | None
+    heldout_nominal: Errors | None
+    heldout_least_squares: Errors | None
+    poses_fit: int
+    poses_heldout: int
+    poses_excluded: int
+    features: FeaturesSection | None = None
+    points: PointTable
+    poses: PoseTable | None = None
+    excluded: list[Exclusion]
+    notes: list[Sentence]
+    doubts: list[Sentence] = Field(default_factory=list)
+    data: list[DataFile]
+    pinocchio_check: Check
+    largest_link_shift_mm: float
+    software: dict[Word, Version]
+    seconds: float
+    seal: Seal | None = None
+
+    _used: Kept = PrivateAttr(default_factory=Kept)
+
+    def __repr__(self) -> str:
+        kind = "SIMULATED, " if self.simulated else ""
+        proof = "nothing held out" if self.heldout is None else f"held-out mean {self.heldout.all.mean_mm:.3f} mm"
+        return f"<Record of {self.robot.name}: {kind}model {self.model}, {proof}>"
+
+    __str__ = __repr__
+
+    @property
+    def programmed(self) -> bool:
+        """Whether it was made from programmed joints, not from joint readings."""
+        return bool(self.data) and self.data[0].programmed
+
+    @property
+    def usual_load(self) -> float | None:
+        """The payload that it is for where none is told, kg; None if it is not known."""
+        return self.joint_map.payload_kg
+
+    @model_validator(mode="after")
+    def _points_of_known_poses(self) -> Record:
+        p, rows = self.poses, self.points.row
+        if p is not None and rows:
+            row, aside = np.array(rows), np.array(self.points.heldout, dtype=bool)
+            there = ((row >= 0) & (row < len(p.pose))).all()
+            if not there or (np.array(p.heldout, dtype=bool)[row] != aside).any():
+                raise ValueError("a point belongs to a pose that is not among the poses")
+        if p is not None and len(p.joints) != len(self.robot.joint_names):
+            raise ValueError(f"poses have {len(p.joints)} joints, the robot has {len(self.robot.joint_names)}")
+        return self
+
+    def arm(self, calibrated: bool = True) -> Arm:
+        """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
+        section = self.robot
+        slides = [kind == "prismatic" for kind in section.joint_types]
+
+        def limits(sign: int, values: Sequence[float | None]) -> FloatArray:
+            units = [MM if sliding else DEG for sliding in slides]
+            pairs = zip(values, units, strict=True)
+            return np.array([sign * np.inf if value is None else value * unit for value, unit in pairs])
+
+        return Arm(
+            section.name,
+            _table(section.dhm_calibrated if calibrated else section.dhm_nominal, slides),
+            np.array(section.base_to_frame0),
+            np.array(section.last_frame_to_tip),
+            tuple(section.joint_names),
+            limits(-1, section.lower),
+            limits(1, section.upper),
+            section.base_link,
+            section.tip_link,
+            coupling.matrix(section.coupling, len(slides)),
+        )
+
+    def robot_calibrated(self) -> Robot:
+        """The calibrated robot: predicts points and poses from commanded joints, and says how well it knows them."""
+        nominal = self.arm(calibrated=False)
+        frame_terms = None if self.frame_terms is None else self.frame_terms.term_map(nominal)
+        joint_map = self.joint_map.joint_map(nominal)
+        robot = Robot(self.arm(), joint_map, *_placed(self.placement), frame_terms=frame_terms)
+        return robot.replace(certainty=self._certainty(robot))
+
+    def covariance_matrix(self) -> FloatArray:
+        """``covariance`` as an array, shape (k, k), metres and radians."""
+        return self.covariance.matrix()
+
+    def _certainty(self, robot: Robot) -> Certainty:
+        nominal = self.arm(calibrated=False)
+        listed = {row.name for row in self.parameters}
+        terms: dict[str, Term] = {term.name: term for term in robot.joint_map.terms.terms}
+        if robot.frame_terms is not None:
+            terms |= {term.name: term for term in robot.frame_terms.terms}
+        known = {name: term_of(parameter(name), nominal) for name in listed if name in all_names(nominal)} | terms
+        # row by row, as the columns of the covariance are: terms of two families may be the same function
+        rows = [row for row in self.parameters if row.name in known]
+        factor = dict(UNIT_OUTSIDE.values())
+        return Certainty(
+            nominal=nominal,
+            terms=tuple(known[row.name] for row in rows),
+            covariance=self.covariance_matrix(),
+            free_targets=tuple(name for name in robot.targets if f"target_{name}_x" in listed),
+            coefficients=np.array([row.value * factor.get(row.unit, 1.0) for row in rows]),
+            loo=in_metres(self.certainty.leave_one_out_mm),
+            loo_blocks=in_metres(self.certainty.leave_fifths_out_mm),
+            ranges=np.array(self.certainty.ranges),
+        )
+
+    def robot_nominal(self) -> Robot:
+        """The nominal robot with base and tool identified from the same poses."""
+        nominal = self.arm(calibrated=False)
+        return Robot(nominal, JointMap.identity(nominal), *_placed(self.placement_nominal))
+
+    def used_points(self, heldout: bool) -> tuple[PointSet, FloatArray] | None:
+        """The used points, fitted or held out, and the directions from which their joints were reached.
+
+        Parameters
+        ----------
+        heldout : bool
+
+        Returns
+        -------
+        points : PointSet
+        came_from : ndarray, shape (n, joints)
+            1: from below, -1: from above, 0: not known.
+
+        ``None`` in place of both for calibrations that were saved without measured places.
+        """
+        t, p = self.points, self.poses
+        if p is None or not t.x_mm:
+            return None
+        kept = self._used.get(heldout)
+        if kept is None or kept[0] is not t or kept[1] is not p:
+            kept = self._used[heldout] = (t, p, *self._points_of(t, p, heldout))
+        return kept[2:]
+
+    def _points_of(self, t: PointTable, p: PoseTable, heldout: bool) -> tuple[PointSet, FloatArray]:
+        poses = np.array(p.heldout, dtype=bool) == heldout
+        mine = np.array(t.heldout, dtype=bool) == heldout
+        slides = [kind == "prismatic" for kind in self.robot.joint_types]
+        units = np.where(slides, MM, DEG)
+        labels = np.array(t.target, dtype=object)[mine]
+        names = sorted(set(labels))
+        target = np.zeros(len(labels), dtype=int)
+        for k, name in enumerate(names):
+            target[labels == name] = k
+        u95 = np.array(t.u95_mm, dtype=float)[mine] * MM if t.u95_mm else None
+        points = PointSet(
+            np.array(p.joints, dtype=float).T[poses] * units,
+            (np.cumsum(poses) - 1)[np.array(t.row, dtype=int)[mine]],
+            target,
+            np.column_stack([t.x_mm, t.y_mm, t.z_mm])[mine] * MM,
+            tuple(names),
+            np.array(p.pose, dtype=object)[poses],
+            np.array(p.group, dtype=object)[poses],
+            frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mine]) if t.qw else None,
+            u95,
+            np.array(p.previous, dtype=float).T[poses] * units if p.previous else None,
+            payload_kg=np.array(p.payload_kg, dtype=float)[poses] if p.payload_kg else None,
+            payload_place=np.array(p.payload_place_mm, dtype=float).T[poses] * MM if p.payload_place_mm else None,
+            torques=np.array(p.torques_nm, dtype=float).T[poses] if p.torques_nm else None,
+        )
+        codes = np.array([np.frombuffer(column.encode("ascii"), dtype=np.uint8) for column in p.came_from])
+        came_from = np.where(codes == ord("+"), 1.0, np.where(codes == ord("-"), -1.0, 0.0)).T[poses]
+        came_from.flags.writeable = False
+        return points, came_from
+
+    def tool_shape(self) -> dict[str, FloatArray]:
+        """Places of the reflectors that make up the tool's pose, dict of arrays (3,), metres; empty if none do."""
+        return {name: np.array(place) * MM for name, place in self.tool_shape_mm.items()}
+
+    def reference_places(self) -> dict[str, FloatArray]:
+        """Places of the reference points in the measuring frame, dict of arrays (3,), metres."""
+        return {name: np.array(place) * MM for name, place in self.references_mm.items()}
+
+
+def _table(rows: Sequence[Row], prismatic: Sequence[bool]) -> DHMTable:
+    def column(name: str, unit: float) -> FloatArray:
+        return np.array([getattr(row, name) * unit for row in rows])
+
+    return DHMTable(
+        column("alpha_deg", DEG),
+        column("a_mm", MM),
+        column("theta_deg", DEG),
+        column("d_mm", MM),
+        column("beta_deg", DEG),
+        column("b_mm", MM),
+        np.array(prismatic, dtype=bool),
+    )
+
+
+def _placed(placement: Placement) -> tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]:
+    b = placement.base
+    R = frames.matrix_from_quaternion([b.qw, b.qx, b.qy, b.qz])
+    T = frames.transform(R, np.array([b.x_mm, b.y_mm, b.z_mm]) * MM)
+    rotations = {name: frames.matrix_from_quaternion(q) for name, q in placement.target_quaternions.items()}
+    return T, {name: np.array(xyz) * MM for name, xyz in placement.targets.items()}, rotations
