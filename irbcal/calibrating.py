@@ -14,8 +14,8 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.gathering import gathered, of_earlier, refuse_orientations, without_gross_errors
-from irbcal.identification.averaged import AveragedFit, check_averaging, identify_averaged
 from irbcal.identification.axes import GROUPS
+from irbcal.identification.axis_calibration import PARALLELS
 from irbcal.identification.choices import (
     ALIASES,
     LEVELS,
@@ -26,12 +26,10 @@ from irbcal.identification.choices import (
     TERMS,
     method_of,
 )
-from irbcal.identification.fit import identify
-from irbcal.identification.level_certainty import certainty_of
-from irbcal.identification.link_geometry import PARALLELS
-from irbcal.identification.methods import identify_by
-from irbcal.identification.residuals import session_names
-from irbcal.identification.result import Fit
+from irbcal.identification.evidence import check_averaging, identify_averaged
+from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.fit import Fit, certainty_of, identify, identify_by
+from irbcal.identification.problem import session_names
 from irbcal.identification.selection import choose_level
 from irbcal.identification.type_prior import TypePrior
 from irbcal.io import prior_file, robots

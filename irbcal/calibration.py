@@ -12,7 +12,7 @@ from irbcal import calibrating
 from irbcal.arrays import FloatArray
 from irbcal.calibrating import Options, Progress
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.identification.averaged import groups_table
+from irbcal.identification.evidence_fit import groups_table
 from irbcal.identification.type_prior import TypePrior
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import JSON_NAME, NAMES, CalibrationLike, Saved
@@ -300,7 +300,7 @@ def calibrate(
     coupling : str, optional
         How the controller counts joints, such as ``3+2``; see `irbcal.io.urdf.declared_coupling`.
     method, objective, power, loss, parallel
-        See `irbcal.identification.methods.identify_by`. With method ``circles`` the fit sees the one-joint moves
+        See `irbcal.identification.fit.identify_by`. With method ``circles`` the fit sees the one-joint moves
         (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then ``26``.
     free, hold : sequence of str
         Error parameters added to the level and taken from it, by name or pattern.

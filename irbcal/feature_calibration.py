@@ -14,10 +14,16 @@ import pandas as pd
 
 from irbcal.arrays import IntArray
 from irbcal.errors import IdentificationError, OptionError
-from irbcal.identification.constraint_fit import FeatureFit, identify_features
-from irbcal.identification.constraint_kind import SHOWN
-from irbcal.identification.constraint_problem import ConstraintProblem, Key
-from irbcal.identification.constraint_result import FeaturedFit, as_points, frames_of, shape_only
+from irbcal.identification.feature_fit import (
+    FeaturedFit,
+    FeatureFit,
+    as_points,
+    frames_of,
+    identify_features,
+    shape_only,
+)
+from irbcal.identification.feature_problem import ConstraintProblem, Key
+from irbcal.identification.observation_kind import SHOWN
 from irbcal.io import robots
 from irbcal.io.earlier import calibrated_before
 from irbcal.io.opening import calibration_at, read_nominal

@@ -11,10 +11,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IrbcalError, MeasurementError, OptionError
-from irbcal.identification import lost_rows, outliers
+from irbcal.identification import data_entry_errors, outliers
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import method_of
-from irbcal.identification.result import Fit
+from irbcal.identification.fit import Fit
 from irbcal.io.earlier import Earlier
 from irbcal.measurement import cleaning, swapped
 from irbcal.measurement.cleaning import Cleaned, Exclusion
@@ -257,8 +257,8 @@ def without_gross_errors(
             reason = f"swapped: this is {other}, from where the robot expects both"
         excluded.append(cleaning.Exclusion(str(points.pose_ids[points.pose[k]]), target, reason))
     words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
-    if np.count_nonzero(wrong) >= lost_rows.FEWEST and not words:
-        lost = lost_rows.find(arm, points)
+    if np.count_nonzero(wrong) >= data_entry_errors.FEWEST_ROWS and not words:
+        lost = data_entry_errors.find_lost_row(arm, points)
         if lost is not None and wrong.mean() > 1.0 - outliers.CORE:
             raise MeasurementError(lost.in_words(measurements), file=measurements.source)
         words = [] if lost is None else [lost.sentence(measurements)]

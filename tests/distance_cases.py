@@ -3,9 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from irbcal.identification.constraint_fit import identify_features
-from irbcal.identification.constraint_result import FeaturedFit
-from irbcal.identification.constraint_start import rigid
+from irbcal.identification.feature_fit import FeaturedFit, identify_features
+from irbcal.identification.feature_problem import rigid
 from irbcal.measurement import features
 
 STANDS = np.array([[0.0, 0.0, 0.0], [2.2, -2.5, 0.5], [2.4, 0.3, 2.5]])

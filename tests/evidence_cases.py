@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from support import TARGETS, arm, measured, random_robot
 
-from irbcal.identification import linearisation
-from irbcal.identification.dictionaries import superset
+from irbcal.identification import linear_model
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import identify
+from irbcal.identification.term_sets import superset
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import PointSet, distances
@@ -105,8 +105,8 @@ def linear_case(poses=30, orientations=False, sessions=False):
             points = replace(points, rotation=T[:, :3, :3] @ points.rotation)
     motion = Motion.in_order(points.q)
     geometry = GEOMETRY.terms(model)
-    problem = linearisation.geometry_problem(model, points, geometry, None)
-    state = linearisation.geometry_solution(problem, motion, geometry)
+    problem = linear_model.geometry_problem(model, points, geometry, None)
+    state = linear_model.geometry_solution(problem, motion, geometry)
     terms = superset(model, "all", True, None, [10.0])
     return problem, state, motion, terms
 

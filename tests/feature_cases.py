@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from irbcal.identification.constraint_fit import identify_features
-from irbcal.identification.constraint_kind import LEVER, with_third
-from irbcal.identification.constraint_problem import ConstraintProblem
-from irbcal.identification.constraints import KINDS, Seen
+from irbcal.identification.feature_fit import identify_features
+from irbcal.identification.feature_problem import ConstraintProblem
+from irbcal.identification.observation_kind import LEVER, with_third
+from irbcal.identification.observations import KINDS, Seen
 from irbcal.io.opening import read_nominal
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature

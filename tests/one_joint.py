@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from support import random_robot
 
-from irbcal.identification import circles
+from irbcal.identification import axes
 
 
 def one_joint_moves(home=0.0, seed=0, degrees=(-30, 0, 30)):
@@ -39,5 +39,5 @@ def own_circles(points):
         group = points.select(points.groups == f"axis{k + 1}")
         for t in range(3):
             mine = group.target == t
-            fits[k, t] = circles.fit_axis(group.xyz[mine], group.target[mine], group.joints()[mine, k])
+            fits[k, t] = axes.fit_axis(group.xyz[mine], group.target[mine], group.joints()[mine, k])
     return fits

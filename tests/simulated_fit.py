@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from support import arm, measured, random_robot
 
-from irbcal.identification import fit, least_squares
+from irbcal.identification import fit, initial_guess, least_squares
 
 
 def simulated(level="16", poses=25, noise=5e-5, seed=0, outliers=0):
@@ -18,4 +18,4 @@ def simulated(level="16", poses=25, noise=5e-5, seed=0, outliers=0):
         xyz[rng.choice(len(xyz), outliers, replace=False)] += 5e-3 * rng.standard_normal((outliers, 3))
         points = replace(points, xyz=xyz)
     problem, _ = fit.make_problem(nominal, points, level)
-    return problem, least_squares.solve(problem, fit.first_state(problem)), robot
+    return problem, least_squares.solve(problem, initial_guess.first_state(problem)), robot

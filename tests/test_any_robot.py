@@ -24,7 +24,7 @@ import irbcal
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import IdentificationError, IrbcalError, MeasurementError, RobotError
 from irbcal.identification.fit import identify
-from irbcal.identification.residuals import Problem, State
+from irbcal.identification.problem import Problem, State
 from irbcal.io import urdf, urdf_check
 from irbcal.measurement.points import distances
 from irbcal.modeling import frames, parameters

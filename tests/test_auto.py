@@ -9,7 +9,7 @@ from support import arm, assert_derivative, assert_same_poses, measured, on_a_ra
 
 import irbcal
 from irbcal.errors import OptionError, RobotError
-from irbcal.identification.averaged import AveragedFit
+from irbcal.identification.evidence_fit import AveragedFit
 from irbcal.io import integrity
 from irbcal.io.schema import JointMapSection
 from irbcal.measurement.points import distances

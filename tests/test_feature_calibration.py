@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import IdentificationError, OptionError
-from irbcal.identification.constraint_fit import identify_features
+from irbcal.identification.feature_fit import identify_features
 from irbcal.measurement import features
 from irbcal.modeling import frames
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support import TARGETS, arm, example_robot
 
-from irbcal.identification.averaged import identify_averaged
+from irbcal.identification.evidence import identify_averaged
 from irbcal.io import urdf
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames

@@ -18,10 +18,9 @@ from irbcal.errors import CalibrationError, IdentificationError, IrbcalError, Op
 from irbcal.fleet import batch
 from irbcal.fleet.comparison import Change, StandsOut, change, high_wave, latest, standing_out
 from irbcal.fleet.store import Estimate, Stored, opened
-from irbcal.identification.averaged import check_averaging
-from irbcal.identification.fit import identify
-from irbcal.identification.level_certainty import certainty_of
-from irbcal.identification.type_prior import WIDE, name_of, seen
+from irbcal.identification.evidence import check_averaging, type_terms
+from irbcal.identification.fit import certainty_of, identify
+from irbcal.identification.type_prior import WIDE, name_of
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import JSON_NAME
 from irbcal.io.earlier import earlier_of
@@ -117,7 +116,7 @@ def _terms(record: Record) -> Estimate | None:
     try:
         _, points, motion = earlier_of(record).sessions[-1]
         check_averaging(arm, points.poses)
-        found = seen(arm, points, motion)
+        found = type_terms(arm, points, motion)
     except IrbcalError:
         return None
     natural = np.array([term.size for term in found.terms])

@@ -2,8 +2,8 @@
 
 Each sister's terms are drawn from ``N(mean, diag(variance))``; what its measurements show of them is a normal
 likelihood. Mean and variances are those that make all sisters' measurements most probable (empirical Bayes, with
-MacKay's fixed point for the variances as in `irbcal.identification.mackay`). Correlations are not looked for: with some
-tens of sisters there is nothing to tell them from.
+MacKay's fixed point for the variances as in `irbcal.identification.evidence_maximisation`). Correlations are not
+looked for: with some tens of sisters there is nothing to tell them from.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from irbcal.errors import CalibrationError
 from irbcal.fleet.comparison import FEWEST_SISTERS, latest
 from irbcal.fleet.overview import STORE
 from irbcal.fleet.store import Estimate, Stored, opened
-from irbcal.identification.mackay import PRIOR_C2, PRIOR_GAMMA
+from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
 from irbcal.identification.type_prior import WIDE, TypePrior
 from irbcal.io import prior_file
 from irbcal.summary import Speaks, Table, Told

@@ -1,7 +1,11 @@
-"""Six measured joint axes, from moves of one joint at a time (Nubiola 2011, section 3.1.1).
+"""One joint axis from the circles that reflectors draw while that joint alone moves (Nubiola 2011, section 3.1.1).
 
-Each joint is moved by itself; the circles that the reflectors draw give its axis (`irbcal.identification.circles`).
-Brought to zero joints, the six axes are what the robot's geometry is made of (`irbcal.identification.link_geometry`).
+All reflectors turn about one line. It has four parameters; each reflector adds its own radius and its own height
+along the line. The squared distance of a point from its circle is the sum of a radial and an axial part, and the
+sum over all points is minimised by Gauss-Newton steps with analytic derivatives (Gander, Golub and Strebel 1994).
+
+Six such axes, brought to zero joints, are what the robot's geometry is made of
+(`irbcal.identification.axis_calibration`).
 """
 
 from __future__ import annotations
@@ -11,13 +15,348 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import circles
 from irbcal.measurement.last_moves import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
-from irbcal.units import DEG
+from irbcal.units import DEG, MM
+
+MIN_ARC = 20.0 * DEG
+"""Shortest arc from which an axis is taken. On three points over an arc of 20 degrees the error of the centre is some
+80 times that of a point; it grows with the inverse square of the arc."""
+
+MAX_POSITION_STD = 5.0 * MM
+"""Standard deviation of an axis' position above which the axis is refused."""
+
+MOVED = 0.2 * MM
+"""A target that stays within this distance of its mean place lies on the axis and says nothing about it."""
+
+MAX_DISAGREEMENT = 5.0 * DEG
+"""Root mean square difference between the turn of the points and that of the joint that is still believed."""
+
+SAME_ANGLE = 0.1 * DEG
+"""Joint angles closer than this, whole turns aside, are one angle."""
+
+MAX_ITERATIONS = 100
+TRIPLE_POINTS = 300
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFit:
+    """A joint axis fitted to circles, in the measuring frame.
+
+    Attributes
+    ----------
+    name : str
+        Of the group, for messages.
+    direction : ndarray, shape (3,)
+        Unit vector; the joint's positive sense by the right-hand rule.
+    point : ndarray, shape (3,)
+        The axis' point nearest to the centroid of the points used, metres.
+    targets : ndarray of int, shape (T,)
+        Targets used; those on the axis are left out.
+    radii, heights : ndarray, shape (T,)
+        Radius of each target's circle and height of its plane above ``point``, metres.
+    used : ndarray of bool, shape (m,)
+        Which of the given points were used.
+    radial, axial : ndarray, shape (used,)
+        Residuals of the points used, metres: outwards and along the axis.
+    basis : ndarray, shape (2, 3)
+        Unit vectors normal to the axis in which the covariance is given.
+    covariance : ndarray, shape (4, 4)
+        Of the tilt towards each vector of ``basis`` (rad) and the shift of ``point`` along each (m); from the residuals
+        with ``2 m - 4 - 2 T`` degrees of freedom. NaN where there are none left.
+    arc : float
+        Arc covered, radians: a full turn less the largest gap, of the target that covers most.
+    """
+
+    name: str
+    direction: FloatArray
+    point: FloatArray
+    targets: IntArray
+    radii: FloatArray
+    heights: FloatArray
+    used: BoolArray
+    radial: FloatArray
+    axial: FloatArray
+    basis: FloatArray
+    covariance: FloatArray
+    arc: float
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the points used from their circles, metres."""
+        return float(np.sqrt(np.mean(self.radial**2 + self.axial**2)))
+
+    @property
+    def direction_std(self) -> float:
+        """Standard deviation of the direction where it is largest, radians; NaN if unknown."""
+        return _largest_std(self.covariance[:2, :2])
+
+    @property
+    def position_std(self) -> float:
+        """Standard deviation of the position at ``point`` where it is largest, metres; NaN if unknown."""
+        return _largest_std(self.covariance[2:, 2:])
+
+
+def _largest_std(covariance: FloatArray) -> float:
+    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))) if np.isfinite(covariance).all() else np.nan
+
+
+def circle_through(points: ArrayLike) -> tuple[FloatArray, FloatArray, float]:
+    """Circle through three points (Nubiola 2011, eqs. 3.1, 3.2, 3.3 and 3.4).
+
+    Parameters
+    ----------
+    points : array_like, shape (3, 3)
+        One point a row, metres.
+
+    Returns
+    -------
+    normal, center : ndarray, shape (3,)
+        Unit normal of the plane by eq. 3.1 and centre, metres.
+    radius : float
+        Metres.
+
+    Raises
+    ------
+    IdentificationError
+        If the points lie on one line.
+    """
+    p_1, p_2, p_3 = np.asarray(points, dtype=float)
+    first, second = p_1 - p_2, p_3 - p_2
+    normal = np.cross(first, second)
+    length = np.linalg.norm(normal)
+    if length <= 1e-12 * np.linalg.norm(first) * np.linalg.norm(second) or length == 0.0:
+        raise IdentificationError("three points on one line do not give a circle")
+    normal = normal / length
+    # the three planes of eqs. 3.2 to 3.4, seen from p_2; unit normals keep short arcs well scaled
+    sides = np.linalg.norm([first, second], axis=1)
+    planes = np.array([normal, first / sides[0], second / sides[1]])
+    arm = np.linalg.solve(planes, [0.0, sides[0] / 2, sides[1] / 2])
+    return normal, p_2 + arm, float(np.linalg.norm(arm))
+
+
+def best_triple(points: FloatArray) -> tuple[FloatArray, float]:
+    """The two points farthest apart and the one that spans the largest triangle with them.
+
+    Of more than `TRIPLE_POINTS` points an even selection is looked at.
+
+    Parameters
+    ----------
+    points : ndarray, shape (m, 3)
+
+    Returns
+    -------
+    triple : ndarray, shape (3, 3)
+    area : float
+        Of the triangle, m^2.
+    """
+    points = points[np.unique(np.linspace(0, len(points) - 1, TRIPLE_POINTS).astype(int))]
+    gaps = np.linalg.norm(points[:, None] - points[None, :], axis=2)
+    i, j = divmod(int(np.argmax(gaps)), len(points))
+    areas = 0.5 * np.linalg.norm(np.cross(points[i] - points, points[j] - points), axis=1)
+    k = int(np.argmax(areas))
+    return points[[i, k, j]], float(areas[k])
+
+
+def fit_axis(xyz: ArrayLike, target: ArrayLike, angle: ArrayLike, name: str = "axis") -> AxisFit:
+    """The common axis of the circles that targets draw while one joint moves (Nubiola 2011, section 3.1.1, Figure 3.1).
+
+    Parameters
+    ----------
+    xyz : ndarray, shape (m, 3)
+        Measured points, metres, any frame.
+    target : ndarray of int, shape (m,)
+        Which target each point belongs to.
+    angle : ndarray, shape (m,)
+        The joint's angle at each point, radians; whole turns do not matter. Used for the sense of the axis and for
+        the arc only, not for the fit.
+    name : str
+        For messages: the group.
+
+    Returns
+    -------
+    AxisFit
+
+    Raises
+    ------
+    IdentificationError
+        If no target was seen at three different angles or moves at all, if the arc is shorter than `MIN_ARC` or leaves
+        the axis' position uncertain by more than `MAX_POSITION_STD`, if the points do not lie on circles or do not
+        turn as the joint does.
+    """
+    places, angles = np.asarray(xyz, dtype=float), np.asarray(angle, dtype=float)
+    names, index = np.unique(np.asarray(target), return_inverse=True)
+    turns = [distinct_angles(angles[index == k]) for k in range(len(names))]
+    most = max(map(len, turns), default=0)
+    if most < 3:
+        raise IdentificationError(
+            f"group {name}: found {most} different joint angle{'s' if most != 1 else ''}, at least 3 are needed "
+            "to find the axis"
+        )
+    arc = max(map(arc_of, turns))
+    if arc < MIN_ARC:
+        raise IdentificationError(
+            f"group {name}: an arc of {arc / DEG:.1f} degrees is too short to find the axis: "
+            f"at least {MIN_ARC / DEG:.0f} degrees are needed"
+        )
+    off_center = np.linalg.norm(places - _means(places, index)[index], axis=1)
+    moves = np.array([off_center[index == k].max() > MOVED and len(turns[k]) > 1 for k in range(len(names))])
+    used = moves[index]
+    if not any(len(turn) > 2 and moved for turn, moved in zip(turns, moves, strict=True)):
+        raise IdentificationError(
+            f"group {name}: no target moves by more than {MOVED / MM:g} mm: all of them lie on the axis"
+        )
+    places, angles = places[used], angles[used]
+    targets, index = np.unique(index[used], return_inverse=True)
+    direction, point = _fit(places, index, name)
+    direction, disagreement = _sense(direction, point, places, index, angles)
+    if disagreement > MAX_DISAGREEMENT:
+        raise IdentificationError(
+            f"group {name}: the points turn otherwise than the joint does, by {disagreement / DEG:.0f} degrees: "
+            "check the joint's unit and column"
+        )
+    basis, radii, heights, r, J = _equations(direction, point, places, index)
+    m = len(places)
+    freedom = 2 * m - 4 - 2 * len(targets)
+    # three points on one circle leave no residual to judge by
+    covariance = np.linalg.inv(J.T @ J) * (r @ r / freedom) if freedom > 0 else np.full((4, 4), np.nan)
+    found = AxisFit(
+        name, direction, point, names[targets], radii, heights, used, r[:m], r[m:], basis, covariance, float(arc)
+    )
+    _check(found)
+    return found
+
+
+def distinct_angles(angle: FloatArray) -> FloatArray:
+    """Joint angles without repetitions, whole turns aside, sorted in [0, 2 pi); radians."""
+    angle = np.sort(np.mod(angle, 2 * np.pi))
+    if len(angle) == 0:
+        return angle
+    gaps = np.diff(angle, prepend=angle[-1] - 2 * np.pi)
+    kept = angle[gaps > SAME_ANGLE]
+    return kept if len(kept) else angle[:1]
+
+
+def arc_of(angles: FloatArray) -> float:
+    """Smallest arc that holds sorted angles in [0, 2 pi), radians."""
+    return 2 * np.pi - np.diff(angles, append=angles[0] + 2 * np.pi).max()
+
+
+def _check(found: AxisFit) -> None:
+    std = found.position_std
+    if not std > MAX_POSITION_STD:
+        return
+    needed = found.arc * np.sqrt(std / MAX_POSITION_STD)
+    said = f"group {found.name}: on an arc of {found.arc / DEG:.1f} degrees the axis is known to {std / MM:.1f} mm only"
+    if needed < np.radians(300.0):
+        raise IdentificationError(f"{said}: about {needed / DEG:.0f} degrees are needed")
+    raise IdentificationError(f"{said}: the points lie {found.rms / MM:.1f} mm off their circles")
+
+
+def _means(values: FloatArray, index: IntArray) -> FloatArray:
+    """Mean of ``values`` (m, ...) for each index."""
+    count = np.bincount(index)
+    sums = np.zeros((len(count), *values.shape[1:]))
+    np.add.at(sums, index, values)
+    return sums / count.reshape(-1, *([1] * (values.ndim - 1)))
+
+
+def _across(direction: FloatArray) -> FloatArray:
+    """Two unit vectors (2, 3) that make a right-handed frame with a direction."""
+    helper = np.eye(3)[np.argmin(np.abs(direction))]
+    first = np.cross(helper, direction)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(direction, first)])
+
+
+def _moved(
+    direction: FloatArray, point: FloatArray, basis: FloatArray, step: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The axis after tilts (rad) and shifts (m) along the basis."""
+    turned = direction + step[:2] @ basis
+    return turned / np.linalg.norm(turned), point + step[2:] @ basis
+
+
+def _equations(
+    direction: FloatArray, point: FloatArray, xyz: FloatArray, index: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Basis, radii, heights, residuals (2 m,) and their derivatives (2 m, 4); radii and heights are eliminated."""
+    basis = _across(direction)
+    arms = xyz - point
+    height = arms @ direction
+    outward = arms - height[:, None] * direction
+    radius = np.linalg.norm(outward, axis=1)
+    plane = outward @ basis.T
+    normal = plane / np.maximum(radius, 1e-300)[:, None]
+    # tilting the axis by e moves a point at height h inwards by h n.e and up by e.outward; shifting it, inwards by n.e
+    J_radial = np.column_stack([-height[:, None] * normal, -normal])
+    J_axial = np.column_stack([plane, np.zeros_like(plane)])
+    radii, heights = _means(radius, index), _means(height, index)
+    r = np.concatenate([radius - radii[index], height - heights[index]])
+    J = np.concatenate([J - _means(J, index)[index] for J in (J_radial, J_axial)])
+    return basis, radii, heights, r, J
+
+
+def _fit(xyz: FloatArray, index: IntArray, name: str) -> tuple[FloatArray, FloatArray]:
+    """Direction and point of the axis: from one target's best triple, then that target, then all of them."""
+    triples = [best_triple(xyz[index == k]) for k in range(index.max() + 1)]
+    best = int(np.argmax([area for _, area in triples]))
+    direction, point, _ = circle_through(triples[best][0])
+    mine = index == best
+    direction, point = _gauss_newton(direction, point, xyz[mine], np.zeros(mine.sum(), dtype=int), name)
+    return _gauss_newton(direction, point, xyz, index, name)
+
+
+def _gauss_newton(
+    direction: FloatArray, point: FloatArray, xyz: FloatArray, index: IntArray, name: str
+) -> tuple[FloatArray, FloatArray]:
+    """The axis that fits circles best, from a first guess (Gander, Golub and Strebel 1994)."""
+    center = xyz.mean(axis=0)
+    for _ in range(MAX_ITERATIONS):
+        point = point + direction * (direction @ (center - point))
+        basis, _, _, r, J = _equations(direction, point, xyz, index)
+        step = np.asarray(np.linalg.lstsq(J, -r, rcond=1e-13)[0], dtype=float)
+        size, shrink = np.abs(step).max(), 1.0
+        if size < 1e-11:
+            return direction, point
+        while True:
+            trial = _moved(direction, point, basis, shrink * step)
+            rest = _equations(*trial, xyz, index)[3]
+            # what a short step gains is lost in rounding
+            if rest @ rest <= r @ r or size < 1e-7:
+                break
+            shrink *= 0.5
+            if shrink < 1e-6:
+                return direction, point
+        direction, point = trial
+    raise IdentificationError(f"group {name}: no circles fit the points: check the targets' names and the joints")
+
+
+def _sense(
+    direction: FloatArray, point: FloatArray, xyz: FloatArray, index: IntArray, angle: FloatArray
+) -> tuple[FloatArray, float]:
+    """The direction with the joint's positive sense, and the rms difference of both turns, radians.
+
+    Points count by their radius: near the axis their direction is lost in noise.
+    """
+    basis = _across(direction)
+    plane = (xyz - point) @ basis.T
+    turn, weight = np.arctan2(plane[:, 1], plane[:, 0]), np.linalg.norm(plane, axis=1)
+    spread = []
+    for sign in (1.0, -1.0):
+        phasor = np.exp(1j * (sign * turn - angle))
+        sums = np.zeros(index.max() + 1, dtype=complex)
+        np.add.at(sums, index, weight * phasor)
+        off = np.angle(phasor * np.conj(sums)[index])
+        spread.append(np.sqrt(np.sum(weight * off**2) / np.sum(weight)))
+    return (direction, spread[0]) if spread[0] <= spread[1] else (-direction, spread[1])
+
 
 GROUPS = tuple(f"axis{k}" for k in range(1, 7))
 """Groups of poses in which one joint moves, each in its own."""
@@ -36,7 +375,7 @@ class OneAxis:
         The poses of its group and their points.
     """
 
-    fit: circles.AxisFit
+    fit: AxisFit
     home: FloatArray
     moves: PointSet
 
@@ -60,7 +399,7 @@ class MeasuredAxes:
         The poses of the six groups and their points.
     """
 
-    fits: tuple[circles.AxisFit, ...]
+    fits: tuple[AxisFit, ...]
     homes: FloatArray
     points: FloatArray
     directions: FloatArray
@@ -135,7 +474,7 @@ def one_axis(points: PointSet, k: int) -> OneAxis:
         raise IdentificationError(f"there are no moves of joint {k + 1} in a group {name}; found {others}")
     moves = points.select(mine)
     home = _home(moves.q, k)
-    return OneAxis(circles.fit_axis(moves.xyz, moves.target, moves.joints()[:, k], name), home, moves)
+    return OneAxis(fit_axis(moves.xyz, moves.target, moves.joints()[:, k], name), home, moves)
 
 
 def _groups(points: PointSet) -> tuple[BoolArray, NameArray]:

@@ -1,43 +1,217 @@
-"""Direct geometric calibration from the six joint axes (Nubiola 2011, sections 3.1, 3.2 and 3.4).
+"""Direct geometric calibration from the six joint axes, without iteration (Nubiola 2011, sections 3.1, 3.2 and 3.4).
 
-The axes, brought to zero joints, give the DHM table of links 2 to 6 without iteration
-(`irbcal.identification.link_geometry`); the base follows from axes 1 and 2, the tool from axes 5 and 6 or from its
-known dimensions. No guess of base or tool is needed.
+Frames are placed on the axes by their common normals, as `irbcal.modeling.extraction` places them; nearly parallel
+axes, which have none worth the name, keep their tilt as Hayati's ``beta`` or are forced into one direction.
+
+Standard deviations come from the circles' residuals, which count as independent. What the poses of a group have in
+common (a bent arm, a joint that is not where it says) is not in them.
+
+The axes, brought to zero joints, give the DHM table of links 2 to 6; the base follows from axes 1 and 2, the tool
+from axes 5 and 6 or from its known dimensions. No guess of base or tool is needed.
+
+The two ends of the arm need no moves of the joints between: axes 1 and 2 give the base, the last two the frame on which
+the tool is mounted. Nothing is iterated; of the nominal arm only its first row, its last row and senses are taken.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification.axes import MeasuredAxes, measure_axes
+from irbcal.identification.axes import MeasuredAxes, OneAxis, at_zero_joints, measure_axes, one_axis
 from irbcal.identification.choices import Parallel
-from irbcal.identification.link_geometry import (
-    COLUMNS,
-    PARALLEL,
-    AxisChain,
-    nearest,
-    standard_deviations,
-    unknown,
-    with_ends,
-    wrapped,
-)
+from irbcal.measurement.last_moves import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import NEARLY_PARALLEL, dhm_from_axes
 from irbcal.modeling.robot import Robot
+from irbcal.options import checked
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pandas as pd
+
+PARALLEL = 1.0 * DEG
+"""Angle below which ``parallel="forced"`` gives consecutive axes one direction."""
+
+PARALLELS: tuple[Parallel, ...] = get_args(Parallel)
+
+COLUMNS = ("alpha", "a", "theta", "d", "beta")
+"""Columns of a table that axes tell about."""
+
+STEP = 1e-6
+"""Of the central differences behind standard deviations, radians and metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkGeometry:
+    """Lengths and angles between consecutive axes, found without a nominal arm.
+
+    Attributes
+    ----------
+    table : DHMTable
+        ``a[i]`` and ``alpha[i]``: distance and angle from axis i to axis i+1 counted from 1 (``a[1]`` lies between axes
+        1 and 2); ``d[i]`` and ``theta[i]``: shift along and turn about axis i+1 between the common normals on both of
+        its sides. NaN where six axes do not say: row 0, ``theta[5]`` and ``d[5]``. ``a`` is not negative; nearly
+        parallel axes are in Hayati's form, with the tilt in ``alpha`` and ``beta``.
+    std : DHMTable
+        Standard deviations, radians and metres.
+    """
+
+    table: dhm.DHMTable
+    std: dhm.DHMTable
+
+
+def link_geometry(axes: MeasuredAxes, parallel: Parallel = "hayati", tolerance: float = PARALLEL) -> LinkGeometry:
+    """Lengths and angles between consecutive axes, without a nominal arm (Nubiola 2011, section 3.1.2, Figure 3.2).
+
+    Parameters
+    ----------
+    axes : MeasuredAxes
+    parallel, tolerance
+        As `irbcal.identification.axis_calibration.calibrate_by_axes`.
+
+    Returns
+    -------
+    LinkGeometry
+    """
+    chain = AxisChain(axes, parallel, tolerance)
+    table = chain.table(*axes.as_measured())[1]
+    std = standard_deviations(axes, lambda p, z: chain.table(p, z, table)[1])
+    return LinkGeometry(unknown(table), unknown(std))
+
+
+class AxisChain:
+    """From axes as measured to frame 1 and a DHM table.
+
+    Parameters
+    ----------
+    axes : MeasuredAxes
+    parallel : str
+        ``hayati`` or ``forced`` (Nubiola 2011, section 3.1.3).
+    tolerance : float
+        Radians; for ``forced``.
+
+    Raises
+    ------
+    OptionError
+        If there is no such way with parallel axes.
+    """
+
+    def __init__(self, axes: MeasuredAxes, parallel: Parallel, tolerance: float) -> None:
+        checked("parallel", parallel, PARALLELS)
+        self.axes = axes
+        self.tolerance = tolerance if parallel == "forced" else 0.0
+        spread = np.array([fit.direction_std for fit in axes.fits])
+        # without standard deviations, or with no noise at all, every axis counts the same
+        self.weights = spread**-2.0 if np.all(spread > 1e-12) else np.ones(6)
+
+    def table(
+        self, p: FloatArray, z: FloatArray, reference: dhm.DHMTable | None = None
+    ) -> tuple[FloatArray, dhm.DHMTable]:
+        """``T_world_1`` and the table nearest to a reference, from points and directions as measured."""
+        p, z = at_zero_joints(p, z, self.axes.homes)
+        table, T_world_0, _ = dhm_from_axes(p, self._same_directions(z), np.eye(4))
+        if reference is not None:
+            table = nearest(table, reference)
+        return T_world_0 @ table.step(0), table
+
+    def _same_directions(self, z: FloatArray) -> FloatArray:
+        """Nearly parallel consecutive axes get their weighted mean direction (section 3.1.3)."""
+        z = z.copy()
+        start = 0
+        for k in range(1, 7):
+            if k < 6 and np.linalg.norm(np.cross(z[k - 1], z[k])) < np.sin(self.tolerance):
+                continue
+            run = np.arange(start, k)
+            signs = np.sign(z[run] @ z[start])
+            mean = (signs * self.weights[run]) @ z[run]
+            if len(run) > 1:
+                z[run] = signs[:, None] * mean / np.linalg.norm(mean)
+            start = k
+        return z
+
+
+def nearest(table: dhm.DHMTable, reference: dhm.DHMTable) -> dhm.DHMTable:
+    """The same geometry with the senses of the x axes that lie nearest to a reference table.
+
+    Turning frame i by half a turn about its z axis changes ``theta_i`` and ``theta_{i+1}`` by pi and the signs of
+    ``alpha_{i+1}``, ``a_{i+1}`` and ``beta_{i+1}``.
+    """
+    alpha, a, theta, d, beta = (getattr(table, name).copy() for name in ("alpha", "a", "theta", "d", "beta"))
+    for i in range(5):
+        if i == 0:  # theta_1 depends on where frame 0 lies: the next row tells
+            far = np.cos(alpha[1] - reference.alpha[1]) - np.cos(alpha[1] + reference.alpha[1])
+            turn = far < -1e-3 or (abs(far) <= 1e-3 and a[1] * reference.a[1] < 0)
+        else:
+            turn = np.cos(theta[i] - reference.theta[i]) < 0
+        if turn:
+            theta[i : i + 2] += np.pi
+            alpha[i + 1], a[i + 1], beta[i + 1] = -alpha[i + 1], -a[i + 1], -beta[i + 1]
+    # the same angles without leaps of a whole turn against the reference
+    theta, alpha = (r + wrapped(v - r) for v, r in ((theta, reference.theta), (alpha, reference.alpha)))
+    return dhm.DHMTable(alpha, a, theta, d, beta)
+
+
+def with_ends(
+    table: dhm.DHMTable, first: dhm.DHMTable, theta6: float | None = None, d6: float | None = None
+) -> dhm.DHMTable:
+    """The table with row 1 of another one and, unless given, also its ``theta6`` and ``d6``."""
+    columns = {name: getattr(table, name).copy() for name in COLUMNS}
+    for name, column in columns.items():
+        column[0] = getattr(first, name)[0]
+    columns["theta"][5] = first.theta[5] if theta6 is None else theta6
+    columns["d"][5] = first.d[5] if d6 is None else d6
+    return dhm.DHMTable(**columns)
+
+
+def unknown(table: dhm.DHMTable, theta6: float = np.nan, d6: float = np.nan) -> dhm.DHMTable:
+    """The table without row 1, which axes alone do not tell, and with these entries in row 6."""
+    return with_ends(table, dhm.DHMTable(*np.full((5, 6), np.nan)), theta6, d6)
+
+
+def wrapped(angle: FloatArray) -> FloatArray:
+    """Angle in (-pi, pi]."""
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+def standard_deviations(axes: MeasuredAxes, values: Callable[[FloatArray, FloatArray], dhm.DHMTable]) -> dhm.DHMTable:
+    """Standard deviations of a table's entries: covariances of the axes through central differences.
+
+    Parameters
+    ----------
+    axes : MeasuredAxes
+    values : callable
+        Table of points and directions (6, 3) as measured.
+
+    Returns
+    -------
+    DHMTable
+    """
+    p, z = axes.as_measured()
+    variance = np.zeros((len(COLUMNS), 6))
+    for k, fit in enumerate(axes.fits):
+        J = np.empty((4, len(COLUMNS), 6))
+        for m in range(4):
+            ends = []
+            for sign in (1.0, -1.0):
+                array = (z if m < 2 else p).copy()
+                array[k] += sign * STEP * fit.basis[m % 2]
+                array[k] /= np.linalg.norm(array[k]) if m < 2 else 1.0
+                table = values(p, array) if m < 2 else values(array, z)
+                ends.append(np.array([getattr(table, name) for name in COLUMNS]))
+            J[m] = (ends[0] - ends[1]) / (2 * STEP)
+        variance += np.einsum("mij,mn,nij->ij", J, fit.covariance, J)
+    return dhm.DHMTable(*np.sqrt(np.maximum(variance, 0.0)))
+
 
 LARGEST_ANGLE, LARGEST_LENGTH = 20.0 * DEG, 100.0 * MM
 """Corrections above these are not those of the robot in the file."""
@@ -271,3 +445,257 @@ def _targets(robot: Robot, moves: PointSet) -> dict[str, FloatArray]:
     places = np.einsum("nij,nj->ni", T_tip_world[:, :3, :3], moves.xyz) + T_tip_world[:, :3, 3]
     seen = np.unique(moves.target)
     return {moves.target_names[t]: places[moves.target == t].mean(axis=0) for t in seen}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseOfAxes(Speaks):
+    """The base frame from axes 1 and 2.
+
+    Attributes
+    ----------
+    T_world_base : ndarray, shape (4, 4)
+        From the base link to the measuring frame, metres.
+    std : ndarray, shape (6,)
+        Of the place (m) and of the turn about the axes of the measuring frame (rad); NaN where the circles leave none.
+    angle, distance : float
+        Of axis 2 from axis 1, beyond the nominal one, radians and metres: what the base cannot take.
+    """
+
+    T_world_base: FloatArray
+    std: FloatArray
+    angle: float
+    distance: float
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> Sequence[Told]:
+        """Place and turn of the base link in the measuring frame."""
+        values = frames.to_xyz_angles(self.T_world_base) / ([MM] * 3 + [DEG] * 3)
+        std = self.std / ([MM] * 3 + [DEG] * 3)
+        names = ("x mm", "y mm", "z mm", "alpha deg", "beta deg", "gamma deg")
+        rows = tuple((n, float(v), known(float(s))) for n, v, s in zip(names, values, std, strict=True))
+        return [
+            f"axis 2 from axis 1, beyond the nominal arm: angle {self.angle / DEG:+.4f} degrees, distance "
+            f"{self.distance / MM:+.3f} mm",
+            Table("Base link in the measuring frame, from axes 1 and 2", ("", "value", "±"), rows, 4),
+        ]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ToolOfAxes(Speaks):
+    """Places of the targets on the tool from the last two axes.
+
+    Attributes
+    ----------
+    targets, std : dict of str to ndarray, shape (3,)
+        In the tip link, metres; the standard deviations hold those of the axes and the scatter of the points.
+    angle, distance : float
+        Of the last axis from the one before, beyond the nominal one, radians and metres.
+    """
+
+    targets: Mapping[str, FloatArray]
+    std: Mapping[str, FloatArray]
+    angle: float
+    distance: float
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> Sequence[Told]:
+        """Places of the targets."""
+        rows = tuple(
+            (name, *(float(v / MM) for v in place), *(known(float(s / MM)) for s in self.std[name]))
+            for name, place in self.targets.items()
+        )
+        columns = ("target", "x mm", "y mm", "z mm", "± x", "± y", "± z")
+        return [
+            f"the last axis from the one before, beyond the nominal arm: angle {self.angle / DEG:+.4f} degrees, "
+            f"distance {self.distance / MM:+.3f} mm; the nominal length and turn of the last row are taken",
+            Table("Targets in the tip link, from the last two axes", columns, rows),
+        ]
+
+
+def known(value: float) -> float | None:
+    """A number, or None for what is not known."""
+    return value if np.isfinite(value) else None
+
+
+def base_of_axes(arm: Arm, points: PointSet) -> BaseOfAxes:
+    """The base from axes 1 and 2 alone (Nubiola 2011, section 3.2, Figure 3.3).
+
+    Frame 1 lies on axis 1 where the common normal to axis 2 meets it, its x axis along that normal; the base lies the
+    nominal first row before it (eq. 3.10).
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    points : PointSet
+        With the groups ``axis1`` and ``axis2``.
+
+    Returns
+    -------
+    BaseOfAxes
+
+    Raises
+    ------
+    IdentificationError
+        If a group is missing or gives no axis, if the axes are nearly parallel or those of another arm.
+    """
+    _check_turning(arm, (0, 1))
+    first, second = one_axis(points, 0), one_axis(points, 1)
+    before = arm.T_base_0 @ arm.table.step(0)
+
+    def place(p: FloatArray, z: FloatArray) -> FloatArray:
+        R = frames.rotation_from_vector(-second.home[0] * z[0])  # axis 2 back to joint 1 at zero
+        p_2, z_2 = p[0] + R @ (p[1] - p[0]), R @ z[1]
+        return _on_normal(p[0], z[0], p_2, z_2, arm.table.alpha[1], first=True) @ frames.inverse(before)
+
+    def values(p: FloatArray, z: FloatArray) -> FloatArray:
+        T = place(p, z)
+        turn = T[:3, :3] @ found[:3, :3].T
+        return np.concatenate([T[:3, 3], [turn[2, 1], turn[0, 2], turn[1, 0]]])  # tiny angles only
+
+    p, z = _both(first, second)
+    found = place(p, z)
+    angle, distance = _beyond(arm, 1, p, z, frames.rotation_from_vector(-second.home[0] * z[0]))
+    return BaseOfAxes(found, _std((first, second), values), angle, distance)
+
+
+def tool_of_axes(arm: Arm, points: PointSet) -> ToolOfAxes:
+    """The targets in the tip link from the last two axes alone (Nubiola 2011, section 3.4.2, Figures 3.6 and 3.7).
+
+    The x axis lies along the common normal (eqs. 3.20 and 3.21), turn and length of the last row are the nominal ones;
+    targets are the mean of their places in that frame over all poses of both groups (eqs. 3.22, 3.23 and 3.24).
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    points : PointSet
+        With groups for the last two joints, ``axis5`` and ``axis6`` of six, moved with all joints before at one place.
+
+    Returns
+    -------
+    ToolOfAxes
+
+    Raises
+    ------
+    IdentificationError
+        As `base_of_axes`; also if other joints stand elsewhere in the two groups.
+    """
+    n = len(arm.joint_names)
+    _check_turning(arm, (n - 2, n - 1))
+    before, last = one_axis(points, n - 2), one_axis(points, n - 1)
+    off = before.home[: n - 2] - last.home[: n - 2]
+    off = np.abs(off - 2 * np.pi * np.round(off / (2 * np.pi)))
+    if off.max(initial=0.0) > STILL:
+        k = int(np.argmax(off))
+        raise IdentificationError(
+            f"groups axis{n - 1} and axis{n}: joint {k + 1} stands {off[k] / DEG:.3g} degrees apart: for the tool both "
+            "axes are moved from one pose"
+        )
+    names, both = points.target_names, (before.moves, last.moves)
+    theta, d = arm.table.theta[n - 1], arm.table.d[n - 1]
+    after = frames.transform(None, [0.0, 0.0, d]) @ arm.T_last_tip
+
+    def places(p: FloatArray, z: FloatArray) -> list[FloatArray]:
+        """In the tip link, all points of both groups."""
+        N = _on_normal(p[0], z[0], p[1], z[1], arm.table.alpha[n - 1], first=False)
+        out = []
+        for moves in both:
+            seen = np.empty((len(moves), 3))
+            for pose in range(moves.poses):
+                mine = moves.pose == pose
+                turn = moves.q[pose, n - 2] - last.home[n - 2]
+                R = frames.rotation_from_vector(-turn * z[0])
+                back = p[0] + (moves.xyz[mine] - p[0]) @ R.T
+                tip = N @ frames.transform(frames.rot_z(theta + moves.q[pose, n - 1])) @ after
+                seen[mine] = frames.apply(frames.inverse(tip), back)
+            out.append(seen)
+        return out
+
+    target = np.concatenate([moves.target for moves in both])
+    used = np.unique(target)
+
+    def means(p: FloatArray, z: FloatArray) -> FloatArray:
+        all_places = np.concatenate(places(p, z))
+        return np.concatenate([all_places[target == t].mean(axis=0) for t in used])
+
+    p, z = _both(before, last)
+    seen = np.concatenate(places(p, z))
+    of_axes = _std((before, last), means).reshape(-1, 3)
+    targets, std = {}, {}
+    for k, t in enumerate(used):
+        mine = seen[target == t]
+        scatter = mine.std(axis=0, ddof=1) / np.sqrt(len(mine)) if len(mine) > 1 else np.full(3, np.nan)
+        targets[names[t]], std[names[t]] = mine.mean(axis=0), np.hypot(of_axes[k], scatter)
+    angle, distance = _beyond(arm, n - 1, p, z, np.eye(3))
+    return ToolOfAxes(targets, std, angle, distance)
+
+
+def _check_turning(arm: Arm, joints: Sequence[int]) -> None:
+    for k in joints:
+        if len(arm.joint_names) < 2 or arm.table.prismatic[k]:
+            raise IdentificationError(f"joint {k + 1} of {arm.name} does not turn: it draws no circles")
+
+
+def _both(first: OneAxis, second: OneAxis) -> tuple[FloatArray, FloatArray]:
+    """Points (2, 3) on both axes and their directions (2, 3), as measured."""
+    return np.array([first.fit.point, second.fit.point]), np.array([first.fit.direction, second.fit.direction])
+
+
+def _on_normal(
+    p_1: FloatArray, z_1: FloatArray, p_2: FloatArray, z_2: FloatArray, alpha: float, first: bool
+) -> FloatArray:
+    """Frame on the first axis or on the second, its x axis along their common normal, in the sense of a row's alpha."""
+    cross = np.cross(z_1, z_2)
+    sine = float(np.linalg.norm(cross))
+    if sine < NEARLY_PARALLEL:
+        raise IdentificationError(
+            f"the axes are {np.arcsin(sine) / DEG:.2g} degrees from parallel: they do not give a frame"
+        )
+    x = cross / sine * (1.0 if np.sin(alpha) > 0 else -1.0)
+    w = p_2 - p_1
+    # feet of the common normal: p_1 + s z_1 and p_2 + t z_2
+    s, t = (np.dot(np.cross(w, other), cross) / sine**2 for other in (z_2, z_1))
+    z, origin = (z_1, p_1 + s * z_1) if first else (z_2, p_2 + t * z_2)
+    return frames.transform(np.column_stack([x, np.cross(z, x), z]), origin)
+
+
+def _beyond(arm: Arm, row: int, p: FloatArray, z: FloatArray, R: FloatArray) -> tuple[float, float]:
+    """Angle and distance of the second axis, turned back by R, from the first, minus the nominal ones; checked."""
+    table = arm.table
+    p_2, z_2 = p[0] + R @ (p[1] - p[0]), R @ z[1]
+    x = _on_normal(p[0], z[0], p_2, z_2, table.alpha[row], first=True)[:3, 0]
+    angle = np.arctan2(np.cross(z[0], z_2) @ x, z[0] @ z_2) - table.alpha[row]
+    angle = float(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))
+    distance = float((p_2 - p[0]) @ x - table.a[row])
+    if abs(angle) > LARGEST_ANGLE or abs(distance) > LARGEST_LENGTH:
+        raise IdentificationError(
+            f"the measured axes {row} and {row + 1} are not those of {arm.name}: their angle differs by "
+            f"{angle / DEG:.0f} degrees, their distance by {distance / MM:.0f} mm; check the robot file, the order and "
+            "the sense of the joints"
+        )
+    return angle, distance
+
+
+def _std(axes: tuple[OneAxis, OneAxis], values: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
+    """Standard deviations of values of both axes: covariances of the circles through central differences."""
+    p, z = _both(*axes)
+    variance = np.zeros(len(values(p, z)))
+    for k, axis in enumerate(axes):
+        J = []
+        for m in range(4):
+            ends = []
+            for sign in (1.0, -1.0):
+                moved = [p.copy(), z.copy()]
+                array = moved[1] if m < 2 else moved[0]
+                array[k] += sign * STEP * axis.fit.basis[m % 2]
+                if m < 2:
+                    array[k] /= np.linalg.norm(array[k])
+                ends.append(values(*moved))
+            J.append((ends[0] - ends[1]) / (2 * STEP))
+        variance += np.einsum("mi,mn,ni->i", np.array(J), axis.fit.covariance, np.array(J))
+    return np.sqrt(np.where(np.isfinite(variance), np.maximum(variance, 0.0), np.nan))

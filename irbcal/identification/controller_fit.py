@@ -14,7 +14,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import slips
+from irbcal.identification import data_entry_errors
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
@@ -235,7 +235,7 @@ def _with_frames(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> _Model:
             corners = np.array([robot.targets[name] for name in ("origin", "x", "y", "z")])
             R = frames.nearest_rotation((corners[1:] - corners[0]).T / LEVER)
             return _Model(arm, robot.T_world_base, frames.transform(R, corners[0]))
-    slip = slips.find(arm, virtual_points(q, T))
+    slip = data_entry_errors.find_entry_error(arm, virtual_points(q, T))
     if slip is not None:
         raise IdentificationError(slip.in_words(), file=source)
     return _Model(arm, np.eye(4), np.eye(4))

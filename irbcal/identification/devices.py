@@ -1,4 +1,8 @@
-"""Devices that stand in for a tracker: what features they are, where to put them about an arm, poses that touch them.
+"""A camera on the arm with boards in the hall, as a device in place of a tracker: what it is, and what it sees.
+
+Sizes and distances are shares of the arm's reach. The camera's centre is where other devices have their ball.
+
+Devices that stand in for a tracker: what features they are, where to put them about an arm, poses that touch them.
 
 Places are in the base link, scaled to the arm's reach. Poses are found by moving random joints of an arm until they
 meet what the device's kind asks for; a camera's are those that see the board, those of strings any above the floor.
@@ -16,15 +20,81 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import camera_device
-from irbcal.identification.constraint_kind import Seen, with_third
-from irbcal.identification.constraints import KINDS
+from irbcal.identification import images
+from irbcal.identification.observation_kind import Seen, with_third
+from irbcal.identification.observations import KINDS
 from irbcal.measurement import imaging
 from irbcal.measurement.features import TARGET, Feature
 from irbcal.measurement.imaging import Imaging
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
 from irbcal.units import DEG, MM
+
+LENS = (1400.0, 1400.0, 960.0, 600.0, -0.1, 0.06, 0.0, 0.0, 0.0)
+SIZE, SQUARES = (1920.0, 1200.0), (8, 6)
+"""Pixels of an image, squares of a board."""
+
+SQUARE, NEAR, FAR, ASIDE = 0.02, 0.22, 0.45, 0.15
+"""Side of a square, and distances of camera and board, in shares of the reach; where the board is in the image, beside
+its middle, in shares of the distance."""
+
+AXES: FloatArray = frames.rotation_from_vector(np.array([0.03, -0.02, 0.4]))
+"""Axes of the camera in the tip link: it looks along the tool."""
+
+MARGIN = 25.0
+"""Pixels that corners keep from the image's edge: the robot ends somewhere else."""
+
+
+def camera_imaging(reach: float, noise: float) -> Imaging:
+    """Camera and board for an arm; ``noise`` (metres) is that of an image as a whole."""
+    known = Imaging(np.array(LENS), (), SQUARES, max(round(SQUARE * reach / MM), 2.0) * MM, SIZE)
+    return Imaging(
+        known.lens, (), SQUARES, known.square, SIZE, round(1.96 * pixel_noise(known, reach, noise), 4) or 1e-3
+    )
+
+
+def pixel_noise(known: Imaging, reach: float, noise: float) -> float:
+    """Standard deviation of a corner in pixels where that of an image as a whole is ``noise``, metres."""
+    pixel = 0.5 * (NEAR + FAR) * reach / known.lens[0]
+    return float(noise * np.sqrt(len(known.corners)) / pixel)
+
+
+def board(known: Imaging, middle: FloatArray, normal: FloatArray) -> dict[str, FloatArray]:
+    """Unknowns of a board with its middle at a place; as OpenCV has it, z goes into the board."""
+    Q = with_third(-np.asarray(normal))
+    assert known.squares is not None
+    assert known.square is not None
+    edges = known.square * np.array([*known.squares, 0.0])
+    return {"centre": middle - Q @ (0.5 * edges), "attitude": Q}
+
+
+def pointers(count: int, reach: float, rng: np.random.Generator, place: FloatArray) -> FloatArray:
+    """Places before a camera at ``place`` of the tip link that a board's middle is brought to, (count, 3), tip link."""
+    far = reach * rng.uniform(NEAR, FAR, count)
+    aside = far[:, None] * rng.uniform(-ASIDE, ASIDE, (count, 2))
+    return place + np.column_stack([aside, far]) @ AXES.T
+
+
+def pixels(
+    known: Imaging, own: dict[str, FloatArray], T: FloatArray, place: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Where corners are in the image, (n, k, 2), and in camera axes, (n, k, 3), with the tip at T (n, 4, 4)."""
+    x = np.column_stack([known.corners, np.zeros(len(known.corners))])
+    p = T[:, :3, 3] + T[:, :3, :3] @ place
+    y = (own["centre"] + x @ own["attitude"].T - p[:, None]) @ (T[:, :3, :3] @ AXES)
+    return images.project(known.lens, y)[0], y
+
+
+def visible(known: Imaging, own: dict[str, FloatArray], T: FloatArray, place: FloatArray, cone: float) -> BoolArray:
+    """Whether the whole board is in the image and seen from its front within an angle of its normal, (n,)."""
+    uv, y = pixels(known, own, T, place)
+    inside = ((uv > MARGIN) & (uv < np.array(SIZE) - MARGIN)).all(axis=(1, 2)) & (y[..., 2] > 0.0).all(axis=1)
+    into = T[:, :3, :3] @ AXES
+    middle = y.mean(axis=1)
+    along = np.einsum("nij,nj->ni", into, middle / np.linalg.norm(middle, axis=1)[:, None])
+    return np.asarray(inside & (along @ own["attitude"][:, 2] > np.cos(cone)))
+
 
 BALL = (12.0 * MM, -7.0 * MM, 110.0 * MM)
 """Where the ball or probe is on the tool, in the tip link."""
@@ -65,7 +135,7 @@ class Device:
     ----------
     name, words : str
     kind : str
-        Of its rows, see `irbcal.identification.constraints`.
+        Of its rows, see `irbcal.identification.observations`.
     spots : tuple of Spot
     lengths : bool
         Whether the distances between its features are known.
@@ -217,16 +287,16 @@ class Placed:
         return pd.DataFrame(rows).astype(object).where(lambda t: t.notna(), "")
 
     def unknowns(self) -> dict[tuple[str, str], FloatArray]:
-        """What is true of features and tool, by the keys of `irbcal.identification.constraint_problem`."""
+        """What is true of features and tool, by the keys of `irbcal.identification.feature_problem`."""
         out = {(name, feature): value for feature, own in self.own.items() for name, value in own.items()}
         out["tool", self.device.target] = np.array(BALL)
-        return out | ({("axes", self.device.target): camera_device.AXES} if self.device.sees else {})
+        return out | ({("axes", self.device.target): AXES} if self.device.sees else {})
 
     def with_noise(self, noise: float) -> Placed:
         """The same, what is known of it told with another noise (metres)."""
         if self.imaging is None:
             return self
-        return replace(self, imaging=camera_device.imaging(self.reach, noise))
+        return replace(self, imaging=camera_imaging(self.reach, noise))
 
 
 def reach_of(arm: Arm) -> float:
@@ -239,13 +309,13 @@ def placed(arm: Arm, device: Device) -> Placed:
     """A device in front of an arm."""
     reach = reach_of(arm)
     own: dict[str, dict[str, FloatArray]] = {}
-    view = camera_device.imaging(reach, device.noise) if device.sees else None
+    view = camera_imaging(reach, device.noise) if device.sees else None
     middle = {spot.name: reach * np.array(spot.at) + np.array(spot.shift) for spot in device.spots}
     for spot in device.spots:
         centre = middle[spot.name]
         n = np.array(spot.normal)
         if view is not None:
-            own[spot.name] = camera_device.board(view, centre, n)
+            own[spot.name] = board(view, centre, n)
         elif device.kind == "plane":
             own[spot.name] = {"normal": with_third(n), "height": np.array([n @ centre])}
         else:
@@ -346,11 +416,11 @@ def drawn(arm: Arm, found: Placed, feature: str, count: int, seed: int, patch: f
 def _seeing(arm: Arm, found: Placed, feature: str, q: FloatArray, seed: int) -> tuple[FloatArray, BoolArray]:
     """Joints moved until a board is before the camera, and whether all of it is in the image."""
     assert found.imaging is not None
-    tool = camera_device.pointers(len(q), found.reach, np.random.default_rng(seed), np.array(BALL))
+    tool = pointers(len(q), found.reach, np.random.default_rng(seed), np.array(BALL))
     at = replace(found, device=replace(found.device, kind="point"), own={feature: {"centre": found.middle[feature]}})
     q, good = met(arm, at, feature, q, tool=tool)
     own = dict(found.own[feature])
-    good &= camera_device.visible(found.imaging, own, arm.forward(q), np.array(BALL), found.device.cone)
+    good &= visible(found.imaging, own, arm.forward(q), np.array(BALL), found.device.cone)
     return q, good
 
 
@@ -440,7 +510,7 @@ def shown(T: FloatArray, found: Placed, which: IntArray) -> FloatArray | None:
         out = np.zeros((len(T), len(found.imaging.corners), 2))
         for k, name in enumerate(names):
             mine = which == k
-            out[mine] = camera_device.pixels(found.imaging, dict(found.own[name]), T[mine], np.array(BALL))[0]
+            out[mine] = pixels(found.imaging, dict(found.own[name]), T[mine], np.array(BALL))[0]
         return out
     if found.device.kind != "radius":
         return None
@@ -452,4 +522,4 @@ def shown(T: FloatArray, found: Placed, which: IntArray) -> FloatArray | None:
 
 def spread(found: Placed, noise: float) -> float:
     """Standard deviation of what is `shown`, in its unit, where that of the device is ``noise``, metres."""
-    return noise if found.imaging is None else camera_device.pixel_noise(found.imaging, found.reach, noise)
+    return noise if found.imaging is None else pixel_noise(found.imaging, found.reach, noise)

@@ -1,38 +1,41 @@
-"""Identification by evidence: many choices of terms, each with its prior variances from the data, averaged.
+"""Identification by evidence: many term sets, each with its prior variances from the data, averaged.
 
-The largest model that data support is not chosen but weighed: every dictionary is fitted in one linearisation about the
+The largest model that data support is not chosen but weighed: every term set is fitted in one linearisation about the
 geometry solution, and coefficients, base and targets are averaged with weights from the log evidence. What the data do
-not show shrinks to nothing and keeps its prior's standard deviation.
+not show shrinks to nothing and keeps its prior's standard deviation. Repeats of one stop are averaged first: they tell
+of the tracker's noise, not of the robot's errors elsewhere.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import (
-    dictionaries,
-    gear_scan,
-    leave_one_out,
-    like_sisters,
-    linearisation,
-    mackay,
-    repeats,
-    shown,
+from irbcal.identification import gear_scan, leave_one_out, linear_model, term_sets
+from irbcal.identification.evidence_fit import (
+    COMPARED,
+    AveragedFit,
+    EvidenceFit,
+    FamilyShown,
+    GearFound,
+    GroupResult,
+    Sisters,
+    TermSetResult,
+    families_shown,
 )
-from irbcal.identification.dictionaries import Dictionary
-from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit, GearFound, GroupResult, Sisters
-from irbcal.identification.like_sisters import Prior
-from irbcal.identification.linearisation import Linearisation
-from irbcal.identification.mackay import Posterior
-from irbcal.identification.shown import FamilyShown
-from irbcal.identification.sums import Sums
+from irbcal.identification.evidence_maximisation import Posterior, Sums, evidence_temper, fit_temper, maximise_evidence
+from irbcal.identification.linear_model import Linearisation
+from irbcal.identification.term_sets import TermSet
+from irbcal.identification.type_prior import WIDE, TypePrior, chi_square_of_type, like_type, taken
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
+from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
@@ -41,8 +44,8 @@ from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES
 from irbcal.units import MM
 
-COMPARED = 3000
-"""Poses on which dictionaries are compared at most; those with weight are fitted to all."""
+FEWEST = 10
+"""Poses below which there is nothing to compare."""
 GIVE_UP = 80.0
 """Nats below the best dictionary at which another one can have no weight, with room for what iterations still gain."""
 READINGS_GATE = 1.5
@@ -61,13 +64,13 @@ def identify_evidence(
     points: PointSet,
     motion: Motion | None = None,
     *,
-    terms: str = dictionaries.JOINT_MAP,
+    terms: str = term_sets.JOINT_MAP,
     gear_scan: bool = True,
     seed: int = 0,
     known_targets: dict[str, FloatArray] | None = None,
     payload_place: Sequence[float] | None = None,
     usual_kg: float | None = None,
-    prior: Prior | None = None,
+    prior: TypePrior | None = None,
     progress: Progress | None = None,
 ) -> EvidenceFit:
     """Identify base, targets and the averaged terms.
@@ -82,7 +85,7 @@ def identify_evidence(
         Programmed joints, last moves, time and payload of the points' poses; the points' own joints without history
         unless given.
     terms : str
-        ``joint-map`` or ``all``, see `irbcal.identification.dictionaries`.
+        ``joint-map`` or ``all``, see `irbcal.identification.term_sets`.
     gear_scan : bool
         Look for single high harmonics, unless the best dictionary has long series of them.
     seed : int
@@ -113,13 +116,13 @@ def identify_evidence(
     >>> seen = cleaning.clean(irbcal.read_measurements("m.csv")).points  # doctest: +SKIP
     >>> identify_evidence(irbcal.read_urdf("irb120").arm, seen, Motion.in_order(seen.q))  # doctest: +SKIP
     """
-    if terms not in (dictionaries.JOINT_MAP, dictionaries.ALL):
-        raise IdentificationError(f"terms are {dictionaries.JOINT_MAP} or {dictionaries.ALL}, not {terms!r}")
+    if terms not in (term_sets.JOINT_MAP, term_sets.ALL):
+        raise IdentificationError(f"terms are joint-map or all, not {terms!r}")
     say = progress or (lambda text: None)
     motion = Motion(points.q) if motion is None else motion
     if motion.q.shape != points.q.shape:
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
-    points, motion = repeats.averaged(replace(points, q=np.array(motion.q)), motion)
+    points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
     work = _Work(arm, points, motion, terms, known_targets, payload_place, usual_kg, seed, prior)
     say("fitting the geometry")
     work.prepare()
@@ -132,8 +135,8 @@ def identify_evidence(
 
 def prepared(arm: Arm, points: PointSet, motion: Motion) -> _Work:
     """Geometry solution, superset of terms and its sums, ready for comparisons."""
-    points, motion = repeats.averaged(replace(points, q=np.array(motion.q)), motion)
-    work = _Work(arm, points, motion, dictionaries.JOINT_MAP, None, None, None, 0)
+    points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
+    work = _Work(arm, points, motion, term_sets.JOINT_MAP, None, None, None, 0)
     work.prepare()
     return work
 
@@ -142,7 +145,7 @@ def prepared(arm: Arm, points: PointSet, motion: Motion) -> _Work:
 class Compared:
     """A dictionary with its fits."""
 
-    dictionary: Dictionary
+    dictionary: TermSet
     by_evidence: Posterior
     weight: float = 0.0
     by_fit: Posterior | None = None
@@ -162,7 +165,7 @@ class _Work:
         payload_place: Sequence[float] | None,
         usual_kg: float | None,
         seed: int,
-        prior: Prior | None = None,
+        prior: TypePrior | None = None,
     ) -> None:
         self.arm, self.points, self.motion, self.kind = arm, points, motion, kind
         self.known, self.seed, self.prior = known, seed, prior
@@ -180,13 +183,13 @@ class _Work:
     def prepare(self) -> None:
         """Geometry solution, superset of terms and, where there are readings only, whether they lag behind."""
         geometry = GEOMETRY.terms(self.arm)
-        self.problem = linearisation.geometry_problem(self.arm, self.points, geometry, self.known)
+        self.problem = linear_model.geometry_problem(self.arm, self.points, geometry, self.known)
         loads = self.motion.payload_kg
         payload = self.payload_place if loads is not None and len(np.unique(loads)) > 1 else None
         elapsed = self.motion.elapsed
         span = 0.0 if elapsed is None else float(np.ptp(elapsed))
         self.taus = [share * span for share in SHARES] if span > 0.0 else []
-        self.superset: list[Term] = dictionaries.superset(
+        self.superset: list[Term] = term_sets.superset(
             self.arm,
             self.kind,
             bool(self.motion.moves.any()),
@@ -198,15 +201,15 @@ class _Work:
         self.readings_gain: float | None = None
         if self.motion.readings and self.motion.moves.any():
             self.readings_gain = self._try_projection(geometry)
-        self.state = linearisation.geometry_solution(self.problem, self.motion, geometry, self.project)
+        self.state = linear_model.geometry_solution(self.problem, self.motion, geometry, self.project)
         chosen = self._compared_rows()
         problem, motion = self.problem, self.motion
         if chosen is not None:
-            problem = linearisation.at_poses(problem, self.points.select(chosen))
+            problem = linear_model.at_poses(problem, self.points.select(chosen))
             motion = self.motion.select(chosen)
         self.linear = Linearisation(problem, self.state, motion, self.superset, self.project)
         self.sums: Sums = self.linear.sums()
-        self.dictionaries = dictionaries.dictionaries(self.superset, self.kind, self.taus[-1] if self.taus else None)
+        self.dictionaries = term_sets.term_sets(self.superset, self.kind, self.taus[-1] if self.taus else None)
 
     def _compared_rows(self) -> np.ndarray | None:
         if self.points.poses <= COMPARED:
@@ -219,12 +222,12 @@ class _Work:
         """By how much residuals fall if a share of the last move is taken from each pose; sets ``project``."""
         sizes, spare = [], []
         for project in (False, True):
-            state = linearisation.geometry_solution(self.problem, self.motion, geometry, project)
+            state = linear_model.geometry_solution(self.problem, self.motion, geometry, project)
             linear = Linearisation(self.problem, state, self.motion, self.superset, project)
-            middle = dictionaries.make(self.superset, ["gravity", "gain", "harmonics"], 2, None)
+            middle = term_sets.make(self.superset, ["gravity", "gain", "harmonics"], 2, None)
             sums = linear.sums(middle.columns(linear.flat))
-            t = mackay.fit_temper(linear.per_pose)
-            found = mackay.fit(sums, linear.flat, middle.group, middle.caps, t)
+            t = fit_temper(linear.per_pose)
+            found = maximise_evidence(sums, linear.flat, middle.group, middle.caps, t)
             sizes.append(np.sqrt(found.s2))
             spare.append(max(t * sums.equations - linear.flat - float(found.gammas.sum()), 1.0))
         from scipy.special import fdtri
@@ -234,12 +237,14 @@ class _Work:
         return float(sizes[0] / sizes[1])
 
     def _fit(
-        self, dictionary: Dictionary, sums: Sums, t: float, start: Posterior | None = None, give_up: float = -np.inf
+        self, dictionary: TermSet, sums: Sums, t: float, start: Posterior | None = None, give_up: float = -np.inf
     ) -> Posterior:
         part = sums.part(dictionary.columns(self.linear.flat))
         v, s2 = (None, None) if start is None else (start.variances, start.s2)
         d = dictionary
-        return mackay.fit(part, self.linear.flat, d.group, d.caps, t, v, s2, give_up=give_up, expected=d.expected)
+        return maximise_evidence(
+            part, self.linear.flat, d.group, d.caps, t, v, s2, give_up=give_up, expected=d.expected
+        )
 
     def compare(self) -> None:
         """Log evidence and weight of every dictionary; fits of those with weight."""
@@ -247,26 +252,26 @@ class _Work:
         if self.prior is not None:
             tau = self.taus[-1] if self.taus else None
             others, their_shares, theirs = self._weighed(
-                dictionaries.with_sisters(self.superset, tau, self.prior.expected)
+                term_sets.with_sisters(self.superset, tau, self.prior.expected)
             )
             top = max(others, key=lambda item: item.by_evidence.log_evidence)
             part = self.sums.part(top.dictionary.columns(self.linear.flat))
             alone = max(self.compared, key=lambda item: item.by_evidence.log_evidence).by_evidence
-            test = like_sisters.against(part, self.linear.flat, top.dictionary, top.by_evidence, alone.s2)
-            weight = dictionaries.share(theirs - best) if like_sisters.alike(*test) else 0.0
+            test = chi_square_of_type(part, self.linear.flat, top.dictionary, top.by_evidence, alone.s2)
+            weight = term_sets.share(theirs - best) if like_type(*test) else 0.0
             p = self.prior
             self.sisters = Sisters(p.type, len(p.sisters), p.simulated, theirs - best, weight, *test)
             shares = np.concatenate([(1.0 - weight) * shares, weight * their_shares])
-            shares[shares < dictionaries.LEAST_WEIGHT] = 0.0
+            shares[shares < term_sets.LEAST_WEIGHT] = 0.0
             shares, self.compared = shares / shares.sum(), [*self.compared, *others]
         for item, share in zip(self.compared, shares, strict=True):
             item.weight = float(share)
             if share > 0.0:
                 item.by_fit = self._fit(item.dictionary, self.sums, self._temper, item.by_evidence)
 
-    def _weighed(self, choices: Sequence[Dictionary]) -> tuple[list[Compared], FloatArray, float]:
+    def _weighed(self, choices: Sequence[TermSet]) -> tuple[list[Compared], FloatArray, float]:
         """Choices with their log evidence, their weights among each other, and the largest log evidence."""
-        t = mackay.evidence_temper(self.linear.per_pose)
+        t = evidence_temper(self.linear.per_pose)
         best, out = -np.inf, list[Compared]()
         for dictionary in choices:
             item = Compared(dictionary, self._fit(dictionary, self.sums, t, give_up=best - GIVE_UP))
@@ -275,14 +280,14 @@ class _Work:
             out.append(item)
             best = max(best, item.by_evidence.log_evidence)
         evidences = np.array([item.by_evidence.log_evidence for item in out])
-        return out, dictionaries.weights(evidences, [d.bands for d in choices]), float(best)
+        return out, term_sets.weights(evidences, [d.bands for d in choices]), float(best)
 
     def _choose_tau(self, item: Compared, t: float) -> None:
         """The time constant of a dictionary's warm-up with the largest log evidence, from the longest downwards."""
-        if dictionaries.tau_of(item.dictionary, self.superset) is None:
+        if term_sets.tau_of(item.dictionary, self.superset) is None:
             return
         for tau in reversed(self.taus[:-1]):
-            other = dictionaries.with_tau(item.dictionary, self.superset, tau)
+            other = term_sets.with_tau(item.dictionary, self.superset, tau)
             found = self._fit(other, self.sums, t, item.by_evidence)
             if found.log_evidence <= item.by_evidence.log_evidence:
                 break
@@ -290,7 +295,7 @@ class _Work:
 
     @property
     def _temper(self) -> float:
-        return mackay.fit_temper(self.linear.per_pose)
+        return fit_temper(self.linear.per_pose)
 
     def scan(self, say: Progress) -> list[gear_scan.Found]:
         """Frequencies beyond the best dictionary; their terms join the superset and all dictionaries with weight."""
@@ -353,8 +358,8 @@ class _Work:
         if item.by_fit is None:
             return ()
         families = [self.superset[k].family for k in item.dictionary.terms]
-        t = mackay.evidence_temper(self.linear.per_pose)
-        return shown.families_shown(sums, self.linear.flat, families, item.dictionary, t, item.by_fit)
+        t = evidence_temper(self.linear.per_pose)
+        return families_shown(sums, self.linear.flat, families, item.dictionary, t, item.by_fit)
 
     def _result(
         self,
@@ -396,7 +401,7 @@ class _Work:
             gears=tuple(GearFound(f.joint, f.cycles, f.chi2, f.evidence_gain) for f in found),
             joint_ranges=np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)]),
             kind=self.kind,
-            tau=dictionaries.tau_of(max(kept, key=lambda item: item.weight).dictionary, self.superset),
+            tau=term_sets.tau_of(max(kept, key=lambda item: item.weight).dictionary, self.superset),
             poses=len(self.motion),
             loads=() if self.motion.payload_kg is None else tuple(float(m) for m in np.unique(self.motion.payload_kg)),
             usual_kg=self.usual_kg,
@@ -407,12 +412,12 @@ class _Work:
             sisters=self.sisters,
         )
 
-    def _table(self) -> list[DictionaryResult]:
+    def _table(self) -> list[TermSetResult]:
         rows = []
         for item in self.compared:
             sigma = None if item.by_fit is None else float(np.sqrt(item.by_fit.s2)) * MM
             rows.append(
-                DictionaryResult(
+                TermSetResult(
                     item.dictionary.name,
                     self.linear.flat + len(item.dictionary.terms),
                     item.by_evidence.log_evidence,
@@ -431,7 +436,7 @@ def _refit(sums: Sums, flat: int, item: Compared, t: float) -> Posterior:
     variances = np.ones(len(item.dictionary.groups))
     variances[: len(old.variances)] = old.variances
     d = item.dictionary
-    return mackay.fit(sums, flat, d.group, d.caps, t, variances, old.s2, expected=d.expected)
+    return maximise_evidence(sums, flat, d.group, d.caps, t, variances, old.s2, expected=d.expected)
 
 
 def groups_of(kept: list[Compared], superset: Sequence[Term]) -> list[GroupResult]:
@@ -485,3 +490,206 @@ def _of_points(u: FloatArray, points: PointSet, projected: bool) -> dict[str, fl
         square = square + 0.5 * common[pose]
     figures = {"": square.mean()} | {name: square[kind == k].mean() for k, name in enumerate(points.target_names)}
     return {name: leave_one_out.closed(float(np.sqrt(mean)) * MM) for name, mean in figures.items()}
+
+
+def check_averaging(arm: Arm, poses: int) -> None:
+    """Refuse what cannot be averaged by evidence.
+
+    Raises
+    ------
+    IdentificationError
+        If the poses are too few to weigh error models, or all axes of the arm are parallel.
+    """
+    if poses < FEWEST:
+        raise IdentificationError(
+            f"{poses} poses are too few to weigh error models against each other, which needs at least {FEWEST}: "
+            "measure more, or choose model placement"
+        )
+    if arm.planar:
+        raise IdentificationError(
+            "all axes of this arm are parallel, so that base and tool cannot be told apart, and the evidence of error "
+            "models has no meaning: choose model placement"
+        )
+
+
+def identify_averaged(
+    arm: Arm,
+    points: PointSet,
+    motion: Motion,
+    known_targets: Mapping[str, ArrayLike] | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    terms: str = term_sets.JOINT_MAP,
+    payload_place: Sequence[float] | None = None,
+    usual_kg: float | None = None,
+    prior: TypePrior | None = None,
+) -> AveragedFit:
+    """Identify base, targets and the average of error models.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    points : PointSet
+    motion : Motion
+        Of the points' poses.
+    known_targets : dict of str to array_like, shape (3,), optional
+        Targets whose places in the tip link are known, metres.
+    seed : int
+        Of the poses on which models are compared where there are very many.
+    progress : callable, optional
+        Called with a short text at each step.
+    terms : str
+        ``joint-map``: what URDF and a joint map can carry; ``all``: frame terms, too.
+    payload_place, usual_kg, prior : optional
+        See `irbcal.identification.evidence.identify_evidence`.
+
+    Returns
+    -------
+    AveragedFit
+
+    Raises
+    ------
+    IdentificationError
+        As `check_averaging`, or if the poses do not determine base and targets.
+    """
+    check_averaging(arm, points.poses)
+    known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
+    found = identify_evidence(
+        arm,
+        points,
+        motion,
+        terms=terms,
+        seed=seed,
+        known_targets=known,
+        payload_place=payload_place,
+        usual_kg=usual_kg,
+        prior=prior,
+        progress=progress,
+    )
+    return AveragedFit(found, into_one_frame(points, found.T_world_base, found.other_bases), motion)
+
+
+@dataclass(frozen=True, eq=False)
+class TypeTerms:
+    """What one robot's measurements show of the terms.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+    values, covariance : ndarray, shape (k,), (k, k)
+        The estimate under a prior of `WIDE` natural sizes about zero, SI units.
+    """
+
+    terms: tuple[Term, ...]
+    values: FloatArray
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
+    """What measurements show of a type's terms; base, tool and warm-up are left free, a pose counts as one vector.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    points : PointSet
+    motion : Motion
+        Of its poses.
+
+    Returns
+    -------
+    TypeTerms
+
+    Raises
+    ------
+    IdentificationError
+        If the poses do not determine base and targets.
+    """
+    work = prepared(arm, points, motion)
+    superset, flat = work.superset, work.linear.flat
+    names = [*term_sets.TYPE_FAMILIES, "warm_up"]
+    choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, work.taus[-1] if work.taus else None)
+    sums = work.sums.part(choice.columns(flat))
+    t = evidence_temper(work.linear.per_pose)
+    found = maximise_evidence(sums, flat, choice.group, choice.caps, t)
+    terms = [superset[k] for k in choice.terms]
+    mine = np.array([taken(term) for term in terms], dtype=bool)
+    prior = np.where(mine, WIDE**-2.0, 1.0 / found.variances[choice.group])
+    A = (t / found.s2) * sums.H + np.diag(np.concatenate([np.zeros(flat), prior]))
+    own = np.concatenate([np.zeros(flat, dtype=bool), mine])
+    covariance = np.linalg.inv(A)
+    values = covariance @ ((t / found.s2) * sums.g)
+    size = np.array([term.size for term in terms])[mine]
+    return TypeTerms(
+        tuple(term for term, own_term in zip(terms, mine, strict=True) if own_term),
+        size * values[own],
+        np.outer(size, size) * covariance[np.ix_(own, own)],
+    )
+
+
+SAME_STOP = 1e-6
+"""Joints and last moves that agree within this are the same stop, radians or metres."""
+
+
+def average_repeats(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]:
+    """Points and motion with repeats of one joint vector, reached by the same move, averaged into one pose.
+
+    Poses with measured orientations are left as they are, and so are stops reached from another side: their difference
+    shows the direction terms.
+
+    Parameters
+    ----------
+    points : PointSet
+    motion : Motion
+        Of the points' poses.
+
+    Returns
+    -------
+    points : PointSet
+    motion : Motion
+    """
+    keys = np.round(np.column_stack([motion.q, motion.moves]) / SAME_STOP)
+    if motion.payload_kg is not None:
+        keys = np.column_stack([keys, motion.payload_kg])
+    if motion.payload_place is not None:
+        keys = np.column_stack([keys, motion.payload_place])
+    if points.session is not None:
+        keys = np.column_stack([keys, np.unique(points.session.astype(str), return_inverse=True)[1]])
+    _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(keys) or points.oriented().any():
+        return points, motion
+    rank = np.empty(len(first), dtype=int)
+    rank[np.argsort(first)] = np.arange(len(first))  # in the order of the first of each
+    pose = rank[which.ravel()]
+    first = np.sort(first)
+    count = np.bincount(pose)
+    cell = pose[points.pose] * len(points.target_names) + points.target
+    cells, where = np.unique(cell, return_inverse=True)
+    where = where.ravel()
+    seen = np.bincount(where)
+    xyz = np.column_stack([np.bincount(where, points.xyz[:, k]) for k in range(3)]) / seen[:, None]
+    u95 = None if points.u95 is None else np.bincount(where, points.u95) / seen
+    load: dict[str, Any] = {k: v if v is None else v[first] for k, v in points.load().items()}
+    merged = replace(
+        points,
+        q=motion.q[first],
+        pose=cells // len(points.target_names),
+        target=cells % len(points.target_names),
+        xyz=xyz,
+        pose_ids=points.pose_ids[first],
+        groups=points.groups[first],
+        previous=None if points.previous is None else points.previous[first],
+        session=None if points.session is None else points.session[first],
+        rotation=None,
+        u95=u95,
+        **load,
+    )
+    elapsed = None if motion.elapsed is None else np.bincount(pose, motion.elapsed) / count
+    torques = motion.torques
+    if torques is not None:
+        torques = np.column_stack([np.bincount(pose, felt) / count for felt in torques.T])
+    return merged, replace(motion.select(first), move=motion.moves[first], elapsed=elapsed, torques=torques)

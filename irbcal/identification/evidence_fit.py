@@ -1,21 +1,26 @@
-"""What an identification by evidence found: averaged terms, what is known of them, and predictions with intervals."""
+"""What an identification by evidence gives: averaged terms, what is known of them, and predictions with intervals."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import shown
+from irbcal.identification.evidence_maximisation import Posterior, Sums, maximise_evidence
+from irbcal.identification.fit import ParameterReport
 from irbcal.identification.gear_scan import Spectrum
-from irbcal.identification.shown import FamilyShown
+from irbcal.identification.term_sets import TermSet
+from irbcal.measurement.points import PointSet, distances
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.gear import gear_terms, in_words
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
@@ -28,12 +33,117 @@ from irbcal.units import DEG, MM, UNIT_OUTSIDE
 if TYPE_CHECKING:
     import pandas as pd
 
+COMPARED = 3000
+"""Poses on which dictionaries are compared at most; those with weight are fitted to all."""
+NATS = 5.0
+"""Log evidence that a family must be worth to count as shown: odds of 150 to 1; false alarms are counted on SIMULATED
+robots by ``scripts/false_alarms``. Of families that can stand in for one another (gravity at joint 2 is a first
+harmonic) each is shown only by what the others cannot explain."""
+LEAST = 0.003 * MM
+"""Root mean square distance by which the fitted points must move without it, metres: a third of a tracker's noise."""
+
+
+@dataclass(frozen=True)
+class FamilyShown:
+    """A family of terms in the best choice of terms.
+
+    Attributes
+    ----------
+    family : str
+    seen : float
+        Number of its coefficients that the data determine.
+    evidence : float
+        Log evidence that is lost without it, nats.
+    moves : float
+        Root mean square distance by which the fitted points move without it, metres.
+    """
+
+    family: str
+    seen: float
+    evidence: float
+    moves: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether it counts as there."""
+        return self.evidence >= NATS and self.moves >= LEAST
+
+    def in_words(self) -> str:
+        """Name and size: ``gravity (0.213 mm)``."""
+        return f"{_word(self.family)} ({self.moves / MM:.3f} mm)"
+
+
+def families_shown(
+    sums: Sums, flat: int, families: Sequence[str], dictionary: TermSet, t: float, start: Posterior
+) -> tuple[FamilyShown, ...]:
+    """Fit a dictionary, and again without each of its families; geometry is always there.
+
+    Parameters
+    ----------
+    sums : Sums
+        Of the dictionary's columns.
+    flat : int
+        Columns of base and targets.
+    families : sequence of str
+        Family of each of the dictionary's terms.
+    dictionary : Dictionary
+    t : float
+        Tempering.
+    start : Posterior
+        A fit with its groups, whose variances are the start.
+
+    Returns
+    -------
+    tuple of FamilyShown
+        In the order of the terms.
+    """
+    known = dictionary.expected
+    found = maximise_evidence(
+        sums, flat, dictionary.group, dictionary.caps, t, start.variances, start.s2, expected=known
+    )
+    names, out = np.array(families, dtype=object), []
+    for family in dict.fromkeys(families):
+        if family == "geometry":
+            continue
+        stays = names != family
+        groups = np.unique(dictionary.group[stays])
+        group = np.searchsorted(groups, dictionary.group[stays])
+        columns = np.concatenate([np.arange(flat), flat + np.flatnonzero(stays)])
+        caps, variances = dictionary.caps[groups], found.variances[groups]
+        rest = None if known is None else known.part(stays)
+        without = maximise_evidence(sums.part(columns), flat, group, caps, t, variances, found.s2, expected=rest)
+        change = found.c.copy()
+        change[columns] -= without.c
+        moved = 3.0 * float(change @ sums.H @ change) / sums.equations
+        seen = float(found.gammas[np.unique(dictionary.group[~stays])].sum())
+        lost = found.log_evidence - without.log_evidence
+        out.append(FamilyShown(str(family), seen, float(lost), float(np.sqrt(max(moved, 0.0))) * MM))
+    return tuple(out)
+
+
+def sentence(families: Sequence[FamilyShown]) -> str:
+    """What the data show and what not, in words."""
+    there = sorted((row for row in families if row.shown), key=lambda row: -row.moves)
+    rest = [_word(row.family) for row in families if not row.shown]
+    said = "Beside errors of the geometry the data show nothing."
+    if there:
+        said = (
+            "What the data show beside errors of the geometry (in brackets, how far points move if a model does "
+            f"without): {', '.join(row.in_words() for row in there)}."
+        )
+    return said + (f" Not shown: {', '.join(rest)}." if rest else "")
+
+
+def _word(family: str) -> str:
+    return "the thesis's joint map" if family == "thesis" else family.replace("_", "-")
+
+
 SHOWN = 0.1
 """Groups of which less than so much of a coefficient is seen are summed up in a sentence."""
 
 
 @dataclass(frozen=True)
-class DictionaryResult:
+class TermSetResult:
     """A choice of terms in the comparison.
 
     Attributes
@@ -130,7 +240,7 @@ class Sisters:
     weight : float
         Of the choices with it.
     chi2, directions : float, int
-        Whether the robot is like them, see `irbcal.identification.like_sisters`.
+        Whether the robot is like them, see `irbcal.identification.type_prior`.
     """
 
     type: str
@@ -226,7 +336,7 @@ class EvidenceFit(Speaks):
     sigma: float
     loo: Mapping[str, float | None]
     loo_blocks: Mapping[str, float | None]
-    dictionaries: tuple[DictionaryResult, ...]
+    dictionaries: tuple[TermSetResult, ...]
     groups: tuple[GroupResult, ...]
     families: tuple[FamilyShown, ...]
     gears: tuple[GearFound, ...]
@@ -261,7 +371,7 @@ class EvidenceFit(Speaks):
             self._dictionary_table(),
             self._group_table(),
             *self._unseen_in_words(),
-            shown.sentence(self.families),
+            sentence(self.families),
             *self.gear_sentences(),
             "Intervals of predictions are made to hold 95 % of a coordinate's errors. On held-out poses of two real "
             "robots they hold 93 to 98 %, 91 to 94 % after fits to readings, and 84 % on a warm arm of which "
@@ -445,3 +555,404 @@ class EvidenceFit(Speaks):
             loo_blocks=self.loo_blocks,
             ranges=self.joint_ranges,
         )
+
+
+RIDGE = 1e-3
+"""Ridge of the regression, relative to features of unit root mean square."""
+SHORTEST = 0.1 * DEG
+"""Largest joint's move below which nothing lags, radians."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Lag(Speaks):
+    """Share of the last move by which readings lag behind the programmed joints.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (features,)
+        Of `features`, whose root mean squares are ``scale``.
+    scale : ndarray, shape (features,)
+    shares : ndarray, shape (n,)
+        Found in the poses of the fit.
+    sigma : float
+        Standard deviation of what the regression leaves of them.
+    """
+
+    weights: FloatArray
+    scale: FloatArray
+    shares: FloatArray
+    sigma: float
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> Sequence[Told]:
+        """How much readings lag, and how well that is known."""
+        return (
+            f"readings lag behind the programmed joints by {np.median(self.shares):.2e} of the last move in the median "
+            f"of {len(self.shares)} poses; known within {self.sigma:.1e} of a move",
+        )
+
+    def share(self, fit: EvidenceFit, motion: Motion) -> FloatArray:
+        """Expected share for other readings with their last moves, shape (n,)."""
+        return (features(fit, motion) / self.scale) @ self.weights
+
+    def programmed(self, fit: EvidenceFit, motion: Motion) -> FloatArray:
+        """Programmed joints that belong to readings, shape (n, joints)."""
+        return motion.q + self.share(fit, motion)[:, None] * motion.moves
+
+
+def features(fit: EvidenceFit, motion: Motion) -> FloatArray:
+    """What a share may depend on: 1, 1/m, 1/L, L/m^2, |D_j|/m^2 and D_j^2/m^3.
+
+    m is the largest joint's move and L the tool's path: times m, the angle by which the leading joint lags, they
+    say how far it went, how the other joints went beside it, and how far the tool went with it.
+
+    Returns
+    -------
+    ndarray, shape (n, 4 + 2 joints)
+        Zero rows for stops without a move.
+    """
+    size = np.abs(motion.moves)
+    m = size.max(axis=1)
+    there = chain.poses(chain.walk(fit.arm, motion.q))
+    before = chain.poses(chain.walk(fit.arm, motion.q - motion.moves))
+    place = np.append(next(iter(fit.targets.values())), 1.0)
+    L = np.linalg.norm((there - before)[:, :3] @ place, axis=1)
+    moved = m > SHORTEST
+    m, L = np.where(moved, m, 1.0), np.where(moved, np.maximum(L, 1e-3), 1.0)
+    beside = size / m[:, None]
+    out = np.column_stack([m, np.ones(len(m)), m / L, L / m, beside, beside * beside]) / m[:, None]
+    return np.where(moved[:, None], out, 0.0)
+
+
+def shares(fit: EvidenceFit, points: PointSet, motion: Motion) -> FloatArray:
+    """Share of the last move that explains each pose's points best, shape (n,).
+
+    Parameters
+    ----------
+    fit : EvidenceFit
+        Identified from readings with the last move projected out.
+    points : PointSet
+    motion : Motion
+        Readings and last moves of the points' poses.
+    """
+    term_map = fit.term_map(warm=False)
+    path = chain.walk(fit.arm, *term_map.split(motion))
+    pose = points.pose
+    local = np.array([fit.targets[name] for name in points.target_names])[points.target].T
+    tip = path.tip[..., pose]
+    p = tip[3] + np.einsum("acm,am->cm", tip[:3], local)
+    R, t = fit.T_world_base[:3, :3], fit.T_world_base[:3, 3]
+    e = ((points.xyz - t) @ R).T - p
+    columns = chain.point_columns(path, p, pose)
+    own = np.where(fit.arm.table.prismatic, 5, 2)
+    d = np.einsum("jcm,jm->cm", columns[np.arange(len(own)), own], motion.moves[pose].T)
+    above = np.bincount(pose, (d * e).sum(axis=0), points.poses)
+    below = np.bincount(pose, (d * d).sum(axis=0), points.poses)
+    return np.where(below > 0.0, above / np.where(below > 0.0, below, 1.0), 0.0)
+
+
+def lag(fit: EvidenceFit, points: PointSet, motion: Motion) -> Lag:
+    """Regress the shares of the poses of a fit, by ridge; parameters as `shares`."""
+    found = shares(fit, points, motion)
+    X = features(fit, motion)
+    scale = np.sqrt(np.mean(X * X, axis=0))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    # each share is known as well as the move is long: weigh by the largest joint's move
+    w = np.abs(motion.moves).max(axis=1)
+    A = X / scale * w[:, None]
+    weights = np.linalg.solve(A.T @ A + RIDGE * np.trace(A.T @ A) / len(scale) * np.eye(len(scale)), A.T @ (w * found))
+    left = found - (X / scale) @ weights
+    return Lag(weights, scale, found, float(np.sqrt(np.average(left**2, weights=w**2))))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AveragedFit(Speaks):
+    """An identified robot as the average of error models, with what the identification knows about itself.
+
+    It has the names of `irbcal.identification.fit.Fit` that a saved calibration needs.
+
+    Attributes
+    ----------
+    evidence : EvidenceFit
+    points : PointSet
+        Those of the fit, in the measuring frame of the last session.
+    motion : Motion
+        Of their poses.
+    level, method, objective : str
+    value, lower_bound, least_squares, history : None
+        What other ways to identify have.
+    """
+
+    evidence: EvidenceFit
+    points: PointSet
+    motion: Motion
+    level: Literal["auto"] = "auto"
+    method: Literal["evidence"] = "evidence"
+    objective: Literal["rms"] = "rms"
+    value: None = None
+    lower_bound: None = None
+    least_squares: None = None
+    history: None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
+        found, terms = self.evidence, self.evidence.term_map()
+        joint_map = JointMap(terms.part(False), found.joint_ranges, found.usual_kg)
+        frame_terms = terms.part(True)
+        return Robot(
+            found.arm,
+            joint_map,
+            found.T_world_base,
+            found.targets,
+            found.target_rotations,
+            found.certainty,
+            frame_terms if frame_terms.terms else None,
+        )
+
+    def warmth(self, points: PointSet, elapsed: FloatArray) -> FloatArray | None:
+        """By how much points lie elsewhere while the arm warms up.
+
+        Parameters
+        ----------
+        points : PointSet
+        elapsed : ndarray, shape (n,)
+            When its poses were measured, as the fit's motion counts.
+
+        Returns
+        -------
+        ndarray, shape (m, 3), or None
+            Metres, in the measuring frame; None where there are no terms of warm-up.
+        """
+        found = self.evidence
+        if all(term.family != "warm_up" for term in found.terms):
+            return None
+        at_use = found.motion(points.q, points.previous, **points.load())
+        T = found.term_map(warm=False).forward(found.arm, replace(at_use, elapsed=elapsed))
+        away = found.T_world_base @ (T - found.term_map().forward(found.arm, at_use))
+        targets = np.array([found.targets[name] for name in points.target_names])[points.target]
+        away = away[points.pose]
+        return np.asarray(np.einsum("mij,mj->mi", away[:, :3, :3], targets) + away[:, :3, 3])
+
+    @property
+    def _flat(self) -> int:
+        return len(self.evidence.covariance) - len(self.evidence.terms)
+
+    @property
+    def _used(self) -> list[int]:
+        """Terms that are left at use: all but the warm-up."""
+        return [k for k, term in enumerate(self.evidence.terms) if term.family != "warm_up"]
+
+    @property
+    def rank(self) -> int:
+        """Number of coefficients that the data determine, base and targets included, rounded."""
+        return self._flat + round(sum(group.seen for group in self.evidence.groups if group.name != "warm_up"))
+
+    @property
+    def parameter_count(self) -> int:
+        """Number of parameters, base and targets included, warm-up excluded."""
+        return self._flat + len(self._used)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the fitted points from the warm robot, metres."""
+        return float(np.sqrt(np.mean(distances(self.robot, self.points) ** 2)))
+
+    def covariance(self) -> FloatArray:
+        """Of base (turn, shift in the base link), free targets, target frames and the parameters, SI units."""
+        return self.evidence.certainty.covariance
+
+    def held(self) -> list[str]:
+        """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""
+        return []
+
+    def parameters(self) -> list[ParameterReport]:
+        """Base, targets, constants of the geometry and terms of the joint map with standard deviations."""
+        found = self.evidence
+        rows = self._outer()
+        units = [term.unit for term in found.terms if term.family == "geometry"]
+        for (name, (value, deviation)), unit in zip(found.constants().items(), units, strict=True):
+            rows.append(_row(name, value, deviation, unit))
+        std = found.std
+        rows += [
+            _row(found.terms[k].name, found.coefficients[k], std[k], found.terms[k].unit)
+            for k in self._used
+            if found.terms[k].family != "geometry"
+        ]
+        return rows
+
+    def _outer(self) -> list[ParameterReport]:
+        """Base and targets, which have no nominal values."""
+        found = self.evidence
+        std = np.sqrt(np.maximum(np.diagonal(found.covariance), 0.0))
+
+        def angles(R: FloatArray, outside: bool, at: int) -> FloatArray:
+            D = frames.angles_derivative(R, outside)
+            return np.sqrt(np.maximum(np.diag(D @ found.covariance[at : at + 3, at : at + 3] @ D.T), 0.0))
+
+        def base(label: str, T: FloatArray, at: int) -> list[ParameterReport]:
+            C = found.covariance[at + 3 : at + 6, at + 3 : at + 6]
+            shift = np.sqrt(np.maximum(np.diagonal(T[:3, :3] @ C @ T[:3, :3].T), 0.0))
+            place = frames.to_xyz_angles(T)
+            turned = angles(T[:3, :3], False, at)
+            return [
+                *(_row(f"{label}_{name}", place[k], shift[k], "m") for k, name in enumerate("xyz")),
+                *(_row(f"{label}_r{name}", place[3 + k], turned[k], "rad") for k, name in enumerate("xyz")),
+            ]
+
+        rows, at = base("base", found.T_world_base, 0), 6
+        for name in found.free_targets:
+            place = found.targets[name]
+            rows += [_row(f"target_{name}_{'xyz'[k]}", place[k], std[at + k], "m") for k in range(3)]
+            at += 3
+        for name in found.framed_targets:
+            R = found.target_rotations[name]
+            found_angles, turned = frames.to_xyz_angles(frames.transform(R))[3:], angles(R, True, at)
+            rows += [_row(f"target_{name}_r{'xyz'[k]}", found_angles[k], turned[k], "rad") for k in range(3)]
+            at += 3
+        for session, T in found.other_bases.items():
+            rows += base(f"base@{session}", T, at)
+            at += 6
+        return rows
+
+    @property
+    def other_bases(self) -> Mapping[str, FloatArray]:
+        """Base (4, 4) in the measuring frame of each session but the last one."""
+        return self.evidence.other_bases
+
+    def lag(self) -> Lag | None:
+        """How readings lag behind programmed joints, where they were found to; else None."""
+        return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
+
+    def explanation(self) -> str:
+        """Why these error models, in two sentences."""
+        rows = self.evidence.dictionaries
+        kept = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
+        first = kept[0]
+        told = (
+            f"Of {len(rows)} error models the evidence of these poses supports {first.name} ({first.weight:.0%}) most"
+        )
+        told += f", and with it {len(kept) - 1} more" if len(kept) > 1 else ""
+        plain = rows[0]
+        gain = first.log_evidence - plain.log_evidence
+        warm = len(self._used) < len(self.evidence.terms)
+        left = " The parameters leave out the warm-up's terms." if warm else ""
+        better = "" if plain is first else f", here by {gain:.0f} nats better than {plain.name} alone"
+        return (
+            f"{told}. Their evidence says how well each foretells these measurements without knowing them{better}; all "
+            f"with weight are averaged, because the best one alone is often best by accident.{left}"
+        )
+
+    def sentences(self) -> list[str]:
+        """What a user should know of it: gears that were found, and where it is valid."""
+        found = self.evidence
+        units, slides = found.nominal.joint_units, found.nominal.table.prismatic
+        low, high = found.joint_ranges / units
+        ranges = ", ".join(
+            f"joint {j + 1} {low[j]:.1f} to {high[j]:.1f} {'mm' if slides[j] else 'deg'}" for j in range(len(units))
+        )
+        warm = []
+        if found.tau is not None:
+            warm.append(
+                f"The arm drifted as it warmed up, with a time constant of {found.tau:.0f} poses: the calibration is "
+                "that of the warm arm, so that the first poses miss it by more."
+            )
+        some = []
+        if found.poses > COMPARED:
+            some.append(
+                f"Error models were compared on {COMPARED} of the {found.poses} poses, drawn at random; those that are "
+                "averaged were fitted to all."
+            )
+        return [
+            *([] if found.sisters is None else [found.sisters.in_words()]),
+            sentence(found.families),
+            *some,
+            *found.gear_sentences(),
+            *warm,
+            *self._loads(),
+            f"Valid within the joint ranges of the fitted poses: {ranges}. Beyond them the joint map is extrapolated "
+            "and must not be trusted.",
+        ]
+
+    def _loads(self) -> list[str]:
+        """What loads it is valid for."""
+        found = self.evidence
+        torques = [
+            "It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
+            "predictions without them miss what the joints give way."
+        ]
+        torques = torques if any(term.basis == "torque" for term in found.terms) else []
+        if not found.loads:
+            return torques
+        if len(found.loads) == 1:
+            return [
+                *torques,
+                f"All poses were measured with a payload of {found.loads[0]:g} kg: the calibration is that of the "
+                "robot with this load, and does not tell what another one does.",
+            ]
+        some = ", ".join(f"{load:g}" for load in found.loads)
+        return [
+            *torques,
+            f"Measured with payloads of {some} kg: where no payload is given, predictions and corrections are for "
+            f"{found.usual_kg:g} kg, which most poses were measured with (of all loads, if as many); other loads: "
+            "--payload.",
+        ]
+
+    def told(self) -> Sequence[Told]:
+        """The models that were averaged, what the data show of each group of terms, and gears in words."""
+        found = self.evidence
+        headline = (
+            f"{found.nominal.name}, model auto: {self.rank} of {self.parameter_count} parameters determined by "
+            f"{found.poses} poses (fitted rms {self.rms / MM:.3f} mm)"
+        )
+        return (headline, self.explanation(), self._models(), self._groups(), *self.sentences())
+
+    def _models(self) -> Table:
+        rows = self.evidence.dictionaries
+        return models_table([(r.name, r.terms, r.log_evidence, r.weight, _mm(r.sigma), _mm(r.loo)) for r in rows])
+
+    def _groups(self) -> Table:
+        return groups_table([(g.name, g.terms, g.seen, g.size) for g in self.evidence.groups])
+
+    def to_frame(self) -> pd.DataFrame:
+        """The parameters, a row each: name, value, unit, std, state and reason."""
+        import pandas as pd
+
+        return pd.DataFrame([asdict(row) for row in self.parameters()])
+
+
+def models_table(rows: Sequence[tuple[str, int, float, float, float | None, float | None]]) -> Table:
+    """The error models compared, as a table for people.
+
+    Parameters
+    ----------
+    rows : sequence of (name, terms, log evidence, weight, sigma, leave-one-out error)
+        The errors in millimetres, None for models without weight.
+    """
+    cells = tuple(
+        (name, terms, f"{evidence:.1f}", f"{weight:.3f}", sigma, loo)
+        for name, terms, evidence, weight, sigma, loo in rows
+    )
+    columns = ("error model", "terms", "log evidence", "weight", "sigma (mm)", "leave one out (mm)")
+    bold = frozenset(k for k, row in enumerate(rows) if row[3] > 0.0)
+    return Table("Error models compared by their evidence", columns, cells, digits=4, bold=bold)
+
+
+def groups_table(rows: Sequence[tuple[str, int, float, float]]) -> Table:
+    """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
+    cells = tuple((name.replace("_", " "), terms, f"{seen:.1f}", size) for name, terms, seen, size in rows)
+    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), cells)
+
+
+def _mm(length: float | None) -> float | None:
+    return None if length is None else length / MM
+
+
+def _row(name: str, value: float, std: float, unit: str) -> ParameterReport:
+    outside, factor = UNIT_OUTSIDE.get(unit, (unit, 1.0))
+    return ParameterReport(name, float(value) / factor, outside, float(std) / factor, "identified", "")

@@ -1,33 +1,402 @@
-"""One identification from start to finish: points and a level in, a robot with its certainty out."""
+"""Identification of a level of the error model, from points to a robot with what is known of its certainty.
+
+The covariance is that of least squares, leave-one-out residuals are those of its linear model: in closed form, as
+`irbcal.identification.leave_one_out` has them. Other objectives take them from the same linear model at their state.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.errors import IdentificationError
-from irbcal.identification import least_squares, start
-from irbcal.identification.choices import LEVELS, Level
-from irbcal.identification.residuals import Problem, State
-from irbcal.identification.result import Fit
+from irbcal.arrays import FloatArray, lock
+from irbcal.errors import IdentificationError, OptionError, RobotError
+from irbcal.identification import history, least_squares, leave_one_out, minimax, observability, robust
+from irbcal.identification.axis_calibration import calibrate_by_axes
+from irbcal.identification.choices import (
+    LEVELS,
+    LOSSES,
+    OBJECTIVES,
+    Level,
+    Loss,
+    Method,
+    MethodOrAlias,
+    Objective,
+    Parallel,
+    method_of,
+)
+from irbcal.identification.history import History
+from irbcal.identification.initial_guess import MIN_POSES, first_state
+from irbcal.identification.leave_one_out import closed, rms_length
+from irbcal.identification.observability import HELD, TIED
+from irbcal.identification.problem import Problem, State
+from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.parameters import Parameter, level_parameters
+from irbcal.modeling.certainty import Certainty
+from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, parameter, thesis_count
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
+from irbcal.modeling.terms.gain import FAMILY as GAIN
+from irbcal.modeling.terms.geometry import DHM_COLUMNS, SIZES
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.thesis import FAMILY as THESIS
 from irbcal.options import checked
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import MM, UNIT_OUTSIDE
 
-MIN_POSES = 3
-"""Poses without which not even base and tool are looked for."""
+if TYPE_CHECKING:
+    import pandas as pd
 
-SPREAD, CLEAR = 1e-5, 1e-3
-"""Ratios of singular values below which the closed form leaves the start open, and above which it is believed."""
-NEAR = 0.02
-"""In between it is believed where the nominal robot then fits to so much of how far the points lie apart."""
+ParameterState: TypeAlias = Literal["identified", "tied", "held"]
+
+REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
+"""Objective -> what its value is called."""
+
+DIFFERENCE = 1e-7
+"""Of the derivatives of the physical stiffness by A and B, radians."""
+
+
+THROUGH = "acts only through stiffness_A and stiffness_B: held at the physical guess"
+"""Why two of the four physical parameters of the stiffness are held (Nubiola 2011, section 5.4)."""
+
+
+@dataclass(frozen=True)
+class ParameterReport:
+    """One parameter as it is reported.
+
+    Attributes
+    ----------
+    name : str
+    value, std : float
+        At the surface's unit; ``std`` is None where the parameter was not identified by itself.
+    unit : str
+    state : str
+        ``identified``, ``tied`` (only a combination with others was seen) or ``held``.
+    reason : str
+        Why it is not simply identified, in words; empty otherwise.
+    """
+
+    name: str
+    value: float
+    unit: str
+    std: float | None
+    state: ParameterState
+    reason: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Speaks):
+    """An identified robot and what the identification knows about itself.
+
+    Attributes
+    ----------
+    robot : Robot
+    level : str
+    problem : Problem
+    solution : Solution
+    stiffness_guess : Stiffness or None
+        Physical guess that names the stiffness parameters; None for levels without stiffness.
+    method, objective : str
+        How it was identified and what was minimised.
+    value : float or None
+        The objective reached, metres; None for the root mean square, see `rms`.
+    lower_bound : float or None
+        Certified: no parameters give less, metres (objective ``max``).
+    least_squares : Fit or None
+        The least-squares fit that another objective started from, for comparison.
+    history : History or None
+        Course of an iterative method, where it was recorded.
+    """
+
+    robot: Robot
+    level: Level
+    problem: Problem
+    solution: least_squares.Solution
+    stiffness_guess: Stiffness | None
+    method: Method = "least-squares"
+    objective: Objective = "rms"
+    value: float | None = None
+    lower_bound: float | None = None
+    least_squares: Fit | None = None
+    history: History | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def rank(self) -> int:
+        """Number of identified combinations, base and targets included."""
+        return self.solution.information.rank
+
+    @property
+    def other_bases(self) -> dict[str, FloatArray]:
+        """Base (4, 4) in the measuring frame of each session but the last one."""
+        return dict(zip(self.problem.sessions[:-1], self.solution.state.others, strict=True))
+
+    @property
+    def parameter_count(self) -> int:
+        """Number of parameters as the thesis counts them (Nubiola 2011, section 5.4), targets included."""
+        return thesis_count(self.problem.parameters) + self.problem.outer - 6
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the fitted points, metres."""
+        residuals = self.problem.residuals(self.solution.state)[: len(self.problem.points)]
+        return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
+
+    def predicted_covariance(self, q: FloatArray, target: str) -> FloatArray:
+        """Covariance of a predicted reflector position from the identified parameters' uncertainty.
+
+        Held combinations add nothing, and what the model cannot describe is not in it.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n, 6)
+            Commanded joints, radians.
+        target : str
+            One of the fit's targets.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, 3)
+            In the measuring frame, m^2.
+
+        Raises
+        ------
+        RobotError
+            If the target is not one of the fit's.
+        """
+        names = self.problem.points.target_names
+        if target not in names:
+            raise RobotError(f"unknown target {target!r}: this fit has {', '.join(names)}")
+        n = len(q)
+        there = PointSet(
+            q, np.arange(n), np.full(n, names.index(target)), np.zeros((n, 3)), names, np.arange(n), np.full(n, "")
+        )
+        state = self.solution.state
+        problem = Problem(
+            self.problem.arm, there, self.problem.parameters, self.problem.joint_map.phases, self.problem.known
+        )
+        J = problem.jacobian(state).reshape(n, 3, -1)
+        C = self.solution.information.covariance()
+        # target frames and bases of other sessions do not move its position: the new problem has no columns for them
+        turns = np.arange(problem.outer, self.problem.outer)
+        C = np.delete(np.delete(C, turns, axis=0), turns, axis=1)
+        J = state.T_world_base[:3, :3] @ J
+        return J @ C @ J.transpose(0, 2, 1)
+
+    def parameters(self) -> list[ParameterReport]:
+        """Every parameter with value, unit, standard deviation, state and reason.
+
+        Standard deviations of the base's angles are those of small turns about the base's own axes, those of a
+        target frame's angles of small turns about the tip link's.
+
+        Returns
+        -------
+        list of ParameterReport
+        """
+        return _report(self)
+
+    def held(self) -> list[str]:
+        """What is held, in sentences: directions that the data do not show, and what acts through others only.
+
+        As many as `parameter_count` exceeds `rank`.
+        """
+        stiff = any(p.kind == "stiffness" for p in self.problem.parameters)
+        through = [f"stiffness_{name} {THROUGH}" for name in ("L_G1", "m") if stiff]
+        return [*(sentence for _, sentence in _held_sentences(self)), *through]
+
+    def told(self) -> Sequence[Told]:
+        """Model, poses and what was reached; every parameter with its standard deviation; what is held and why."""
+        headline = (
+            f"{self.problem.arm.name}, model {self.level}: {self.rank} independent combinations of "
+            f"{self.parameter_count} parameters identified from {self.problem.points.poses} poses ({self._reached()})"
+        )
+        reports = self.parameters()
+        rows = tuple((row.name, row.value, row.std, row.unit, row.state) for row in reports)
+        table = Table("Parameters with standard deviations", ("parameter", "value", "±", "unit", "state"), rows, 5)
+        held = [f"  held: {sentence}" for sentence in self.held()]
+        other = [row for row in reports if row.name.startswith("stiffness_") and row.reason and row.reason != THROUGH]
+        held += [f"  {row.name}: {row.reason}" for row in other]
+        return (headline, table, *held)
+
+    def _reached(self) -> str:
+        """What the method reached, in words."""
+        value = self.rms if self.value is None else self.value
+        text = f"{REACHED[self.objective]} {value / MM:.3f} mm"
+        if self.lower_bound is not None:
+            text += f", certified: not below {self.lower_bound / MM:.3f} mm with this model"
+        return text if self.method == "least-squares" else f"method {self.method}, {text}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """The parameters, a row each: name, value, unit, std (NaN where not identified), state and reason."""
+        import pandas as pd
+
+        columns = ["name", "value", "unit", "std", "state", "reason"]
+        frame = pd.DataFrame([asdict(row) for row in self.parameters()], columns=columns)
+        return frame.astype({"value": float, "std": float})
+
+
+def _outside(value: float, unit: str) -> tuple[float, str]:
+    """Value in the surface's unit."""
+    name, factor = UNIT_OUTSIDE[unit]
+    return float(value) / factor, name
+
+
+def _held_sentences(fit: Fit) -> list[tuple[list[int], str]]:
+    """(indices of the error parameters involved, sentence) for each held direction."""
+    information, problem = fit.solution.information, fit.problem
+    names = [p.name for p in problem.parameters]
+    out = []
+    for leading, errors, others in information.held_directions():
+        partners = [int(j) for j in np.flatnonzero(np.abs(errors) > 0.05) if j != leading]
+        tied = [names[j] for j in partners]
+        # base and targets move too: translations and targets against 1 % of a plausible size
+        tools = others[6 : problem.others]
+        base_moves = np.abs(np.r_[others[:6], others[problem.others :]]).max() > 0.01 * information.scale[leading]
+        if base_moves:
+            tied.append("the base")
+        if np.abs(tools).max(initial=0.0) > 1e-5:
+            tied.append("the targets' coordinates")
+        if tied:
+            sentence = (
+                f"{names[leading]} cannot be told from {_and(tied)} with these poses: held at the smallest change"
+            )
+        else:
+            sentence = f"{names[leading]} has no effect on these poses: held at nominal"
+        out.append(([leading, *partners], sentence))
+    return out
+
+
+def _and(words: Sequence[str]) -> str:
+    """Words in a list with "and" before the last."""
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+
+
+class _Rows:
+    """The report as it grows; values and standard deviations come in SI units."""
+
+    def __init__(self) -> None:
+        self.reports: list[ParameterReport] = []
+
+    def add(
+        self,
+        name: str,
+        value: float,
+        unit: str,
+        std: float | None,
+        state: ParameterState = "identified",
+        reason: str = "",
+    ) -> None:
+        value, outside = _outside(value, unit)
+        std = None if std is None else _outside(std, unit)[0]
+        self.reports.append(ParameterReport(name, value, outside, std, state, reason))
+
+
+def _report(fit: Fit) -> list[ParameterReport]:
+    information = fit.solution.information
+    covariance = information.covariance()
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    rows = _Rows()
+    _add_outer(fit, covariance, std, rows)
+    b = fit.problem.outer
+    held = information.held_fraction()
+    sentences = _held_sentences(fit)
+    for j, item in enumerate(fit.problem.parameters):
+        value = fit.solution.state.errors[j]
+        reason = "; ".join(text for members, text in sentences if j in members)
+        if held[j] > HELD:
+            rows.add(item.name, value, item.unit, None, "held", reason)
+        elif held[j] > TIED:
+            rows.add(item.name, value, item.unit, None, "tied", reason)
+        else:
+            rows.add(item.name, value, item.unit, std[b + j])
+    if fit.stiffness_guess is not None:
+        _add_physical_stiffness(fit, fit.stiffness_guess, covariance[b:, b:], rows)
+    return rows.reports
+
+
+def _add_outer(fit: Fit, covariance: FloatArray, std: FloatArray, rows: _Rows) -> None:
+    """Base and targets, which have no nominal values."""
+    information, state = fit.solution.information, fit.solution.state
+    hidden = np.linalg.norm(information.outer_null, axis=1) if information.outer_null.shape[1] else np.zeros(len(std))
+    reason = "base and tool cannot be told apart in all ways: all axes of this arm are parallel"
+
+    def add(name: str, value: float, unit: str, deviation: float, share: float) -> None:
+        if share <= TIED:
+            rows.add(name, value, unit, deviation)
+        else:
+            rows.add(name, value, unit, None, "tied", reason)
+
+    def _of_angles(R: FloatArray, outside: bool, at: int) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations and hidden shares of the angles of a frame, from those of a rotation vector."""
+        D, part = frames.angles_derivative(R, outside), slice(at, at + 3)
+        hidden_part = np.linalg.norm(D @ information.outer_null[part], axis=1) / np.linalg.norm(D, axis=1)
+        return np.sqrt(np.maximum(np.diag(D @ covariance[part, part] @ D.T), 0.0)), hidden_part
+
+    def add_base(label: str, T: FloatArray, at: int) -> None:
+        part = slice(at + 3, at + 6)
+        moved = T[:3, :3] @ covariance[part, part] @ T[:3, :3].T
+        moved_hidden = np.linalg.norm(T[:3, :3] @ information.outer_null[part], axis=1)
+        base = frames.to_xyz_angles(T)
+        turned, turned_hidden = _of_angles(T[:3, :3], False, at)
+        for k, name in enumerate("xyz"):
+            add(f"{label}_{name}", base[k], "m", np.sqrt(moved[k, k]), moved_hidden[k])
+        for k, name in enumerate(("rx", "ry", "rz")):
+            add(f"{label}_{name}", base[3 + k], "rad", turned[k], turned_hidden[k])
+
+    add_base("base", state.T_world_base, 0)
+    names, b = fit.problem.points.target_names, 6
+    for j in fit.problem.free:
+        for k in range(3):
+            add(f"target_{names[j]}_{'xyz'[k]}", state.targets[j, k], "m", std[b + k], hidden[b + k])
+        b += 3
+    for j in fit.problem.framed:
+        angles = frames.to_xyz_angles(frames.transform(state.rotations[j]))[3:]
+        turned, turned_hidden = _of_angles(state.rotations[j], True, b)
+        for k in range(3):
+            add(f"target_{names[j]}_r{'xyz'[k]}", angles[k], "rad", turned[k], turned_hidden[k])
+        b += 3
+    for session, T in fit.other_bases.items():
+        add_base(f"base@{session}", T, b)
+        b += 6
+
+
+def _add_physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray, rows: _Rows) -> None:
+    """The four named parameters of Nubiola 2011, section 5.3: two follow from A and B, two stay at their guess."""
+    kinds = [p.kind for p in fit.problem.parameters]
+    pair = [j for j, kind in enumerate(kinds) if kind == "stiffness"]
+    A, B = fit.solution.state.errors[pair]
+    found = guess.with_coefficients(A, B)
+    if found is None:
+        reason = "no physical stiffness gives these A and B: the joint map uses A and B themselves"
+        for name, unit in (("delta_L", "m"), ("L_G2", "m"), ("L_G1", "m"), ("m", "1")):
+            rows.add(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason)
+        return
+    C = covariance[np.ix_(pair, pair)]
+    steps = ((DIFFERENCE, 0.0), (-DIFFERENCE, 0.0), (0.0, DIFFERENCE), (0.0, -DIFFERENCE))
+    around = [guess.with_coefficients(A + a, B + b) for a, b in steps]
+    for name in ("delta_L", "L_G2"):
+        value = getattr(found, name)
+        if None in around:
+            rows.add(f"stiffness_{name}", value, "m", None, "held", "at the edge of what stiffness can be")
+            continue
+        values = [getattr(item, name) for item in around]
+        gradient = np.array([values[0] - values[1], values[2] - values[3]]) / (2 * DIFFERENCE)
+        reason = "from stiffness_A and stiffness_B with L_G1 and m at their guess"
+        if name == "L_G2":  # as wrong as these guesses, whatever the data say
+            rows.add(f"stiffness_{name}", value, "m", None, "tied", reason)
+            continue
+        rows.add(f"stiffness_{name}", value, "m", float(np.sqrt(gradient @ C @ gradient)), "identified", reason)
+    for name, unit in (("L_G1", "m"), ("m", "1")):
+        rows.add(f"stiffness_{name}", getattr(found, name), unit, None, "held", THROUGH)
 
 
 def identify(
@@ -129,54 +498,265 @@ def fit_of(problem: Problem, solution: least_squares.Solution, level: Level, gue
     return Fit(robot, level, problem, solution, guess)
 
 
-def first_state(problem: Problem) -> State:
-    """Closed form, each session by itself; where the data leave it open, the best of a turn of nominal fits."""
-    if len(problem.sessions) > 1:
-        return _first_of_sessions(problem)
-    state, spread = start.closed_form(problem)
-    turned = start.hand_eye(problem)
-    if spread > CLEAR:
-        if turned is None:
-            return state
-        return min((state, turned), key=lambda one: float(np.sum(problem.residuals(one) ** 2)))
-    nominal = Problem(problem.arm, problem.points, (), known_targets=problem.known)
-    first, _ = start.closed_form(nominal)
-    best: least_squares.Solution | None = None
-    failure = IdentificationError("no start was found")
-    shown = start.hand_eye(nominal)
-    apart = float(((problem.points.xyz - problem.points.xyz.mean(axis=0)) ** 2).sum())
-    own = [first] if shown is None else [first, shown]
-    turns = start.turned_starts(nominal, first, fitted=spread > SPREAD)
-    for number, candidate in enumerate(itertools.chain(own, turns)):
-        if number == len(own) and spread > SPREAD and best is not None and best.rss < NEAR**2 * apart:
-            break
-        try:
-            solution = least_squares.solve(nominal, candidate)
-        except IdentificationError as error:
-            failure = error
-            continue
-        if best is None or solution.rss < best.rss:
-            best = solution
-    if best is None:
-        raise failure
-    return replace(best.state, errors=np.zeros(len(problem.parameters)))
+def identify_by(
+    arm: Arm,
+    points: PointSet,
+    level: Level = "34",
+    method: MethodOrAlias = "least-squares",
+    objective: Objective = "rms",
+    power: float = 8.0,
+    loss: Loss = "linear",
+    known_targets: Mapping[str, ArrayLike] | None = None,
+    parameters: Sequence[Parameter] | None = None,
+    watched: Mapping[str, PointSet] | None = None,
+    parallel: Parallel = "hayati",
+) -> Fit:
+    """Identify a robot by a chosen method (Nubiola 2011, section 7.3).
 
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    points : PointSet
+    level : str
+        Error model; with method ``circles`` all geometric errors are taken from the axes whatever the level.
+    method : str
+        ``least-squares`` (Gauss-Newton, which the other objectives start from), ``circles`` (directly from one-joint
+        moves, section 3.1; also known as ``axes``) or ``nelder-mead`` (as the thesis ran it: objective ``max``,
+        2,000 iterations, from the axes' model where the data have one-joint moves, else from the nominal robot).
+    objective : str
+        ``rms``, ``max`` (eqs. 3.35 and 3.36, with a certificate) or ``pnorm``.
+    power : float
+        Of ``pnorm``, at least 2.
+    loss : str
+        ``linear``, or ``soft_l1`` and ``huber``, which gross errors move less; with objective ``rms``.
+    known_targets : dict of str to array_like, shape (3,), optional
+        Targets whose places in the tip link are known, metres.
+    parameters : sequence of Parameter, optional
+        Error parameters in place of the level's own.
+    watched : dict of str to PointSet, optional
+        Points that take no part in the fit; their errors go into the history.
+    parallel : str
+        With method ``circles``: ``hayati`` keeps the tilt of nearly parallel axes, ``forced`` gives them one direction
+        (section 3.1.3).
 
-def _first_of_sessions(problem: Problem) -> State:
-    """Base and targets of each session from its own points; a target of several sessions from the last of them."""
-    points = problem.points
-    assert points.session is not None
-    targets, bases = np.zeros((len(points.target_names), 3)), []
-    rotations = np.tile(np.eye(3), (len(targets), 1, 1))
-    for name in problem.sessions:
-        own = replace(points.select(points.session == name), session=None).with_seen_targets()
-        if own.poses < MIN_POSES:
-            raise IdentificationError(
-                f"{own.poses} poses of session {name} cannot determine its base and tool: at least {MIN_POSES} are "
-                "needed"
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    IdentificationError
+        If the data do not allow it.
+    OptionError
+        If an option has no such value or options contradict one another.
+    """
+    method = method_of(method)
+    _check(level, method, objective, loss)
+    if method == "circles":
+        if parameters is not None and [p.name for p in parameters] != [p.name for p in level_parameters(level, arm)]:
+            raise OptionError(
+                "method circles takes all link geometry from the axes: nothing can be freed or held",
+                parameter="parameters",
             )
-        found = first_state(Problem(problem.arm, own, (), known_targets=problem.known))
-        places = [points.target_names.index(target) for target in own.target_names]
-        targets[places], rotations[places] = found.targets, found.rotations
-        bases.append(found.T_world_base)
-    return State(bases[-1], targets, np.zeros(len(problem.parameters)), rotations, np.array(bases[:-1]))
+        return _by_circles(arm, points, known_targets, parallel)
+    problem, guess = make_problem(arm, points, level, known_targets, parameters)
+    followed = {
+        name: Problem(arm, seen, problem.parameters, problem.joint_map.phases, problem.known, sessions=problem.sessions)
+        for name, seen in (watched or {}).items()
+        if seen.target_names == points.target_names
+    }
+    course = history.History(problem, followed, _measure(method, objective, power))
+    first = first_state(problem)
+    solution = least_squares.solve(problem, first, record=course.record if objective == "rms" else None)
+    base = fit_of(problem, solution, level, guess)
+    if method == "nelder-mead":
+        return _by_nelder_mead(base, first, known_targets, followed)
+    if objective == "max":
+        least = minimax.solve(problem, solution, record=course.record)
+        return _moved(base, least.state, course, objective=objective, value=least.value, lower_bound=least.lower_bound)
+    if objective == "pnorm":
+        between = robust.solve_p_norm(problem, solution, power, record=course.record)
+        return _moved(base, between.state, course, objective=objective, value=between.value)
+    if loss == "linear":
+        return replace(base, history=course)
+    found = robust.solve_loss(problem, solution, loss, record=course.record)
+    base = replace(base, solution=replace(base.solution, information=found.information))
+    return _moved(base, found.state, course)
+
+
+def _check(level: Level, method: Method, objective: Objective, loss: Loss) -> None:
+    """Refuse options that do not exist or contradict one another."""
+    checked("level", level, LEVELS)
+    checked("objective", objective, OBJECTIVES)
+    checked("loss", loss, LOSSES)
+    if objective != "rms" and loss != "linear":
+        raise OptionError(f"loss {loss} goes with objective rms, not with {objective}", parameter="loss")
+    if method != "least-squares" and (objective, loss) not in (("rms", "linear"), ("max", "linear")):
+        raise OptionError(
+            f"method {method} has its own objective: leave objective and loss at their defaults", parameter="method"
+        )
+
+
+def _measure(method: Method, objective: Objective, power: float) -> Callable[[FloatArray], float]:
+    """What the history calls the objective."""
+    if method == "nelder-mead" or objective == "max":
+        return history.largest
+    return history.rms if objective == "rms" else partial(robust.norm, p=power)
+
+
+def _moved(base: Fit, state: State, course: history.History, **changes: Any) -> Fit:
+    """A least-squares fit moved to another state; what the data show stays as least squares saw it."""
+    solution = replace(base.solution, state=state, rss=base.problem.rss(state))
+    found = fit_of(base.problem, solution, base.level, base.stiffness_guess)
+    return replace(found, history=course, least_squares=base, **changes)
+
+
+def _by_nelder_mead(
+    base: Fit, first: State, known_targets: Mapping[str, ArrayLike] | None, watched: Mapping[str, Problem]
+) -> Fit:
+    """The search of Nubiola 2011, section 7.3.
+
+    It starts from the axes' model where there are one-joint moves, else from the nominal robot.
+    """
+    problem = base.problem
+    start = first
+    try:
+        direct = calibrate_by_axes(problem.arm, problem.points, known_targets=known_targets)
+    except IdentificationError:
+        pass
+    else:
+        errors = np.zeros(len(problem.parameters))
+        for k, item in enumerate(problem.parameters):
+            if item.kind in GEOMETRIC:
+                errors[k] = getattr(direct.corrections, item.kind)[item.index]
+        targets = np.array([direct.robot.targets[name] for name in problem.points.target_names])
+        start = replace(first, T_world_base=direct.robot.T_world_base, targets=targets, errors=errors)
+    course = history.History(problem, watched, every=minimax.EVERY)
+    found = minimax.nelder_mead(problem, start, record=course.record)
+    return _moved(base, found.state, course, method="nelder-mead", objective="max", value=found.value)
+
+
+def _by_circles(
+    arm: Arm, points: PointSet, known_targets: Mapping[str, ArrayLike] | None, parallel: Parallel = "hayati"
+) -> Fit:
+    """The calibration from the axes (Nubiola 2011, sections 3.1 and 5.4.4) as a fit.
+
+    Its errors are the parameters; its certainty is that of the same poses.
+    """
+    found = calibrate_by_axes(arm, points, parallel, known_targets=known_targets)
+    table, nominal = found.robot.table, arm.table
+    chosen, errors = [], []
+    for i in range(1, 6):
+        for kind in GEOMETRIC:
+            error = getattr(table, kind)[i] - getattr(nominal, kind)[i]
+            if kind not in ("beta", "b") or error != 0.0:
+                chosen.append(parameter(f"delta_{kind}{i + 1}"))
+                errors.append(error)
+    problem, _ = make_problem(arm, found.axes.moves, "26", known_targets, chosen)
+    targets = np.array([found.robot.targets[name] for name in problem.points.target_names])
+    state = State(found.robot.T_world_base, targets, np.array(errors))
+    H, _, rss = problem.normal_equations(state)
+    solution = least_squares.Solution(state, observability.information(problem, H, rss), rss, 0, ())
+    return replace(fit_of(problem, solution, "26", None), method="circles")
+
+
+MOST_PLACES = 5000
+"""Places whose poses are left out to see how well the others foretell them."""
+
+AXIS_OF = {column: axis for axis, column in DHM_COLUMNS.items()}
+
+
+def term_of(parameter: Parameter, arm: Arm) -> Term:
+    """The term of the error model that an error parameter is the coefficient of.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        A constant of the geometry, a gain, or a parameter of stiffness or of joint 6's Fourier series.
+    arm : Arm
+        Nominal arm, one that the thesis's joint map fits where the parameter is of that.
+    """
+    if parameter.kind == "gain":
+        return GAIN.terms(arm)[parameter.index]
+    if parameter.kind in AXIS_OF:
+        axis = AXIS_OF[parameter.kind]
+        return Term(parameter.index, axis, "constant", SIZES[axis[0]], "geometry", "geometry", parameter.unit)
+    return THESIS.terms(arm)[parameter.index + (2 if parameter.kind == "fourier" else 0)]
+
+
+def terms_of(parameters: Sequence[Parameter], arm: Arm) -> tuple[Term, ...]:
+    """The terms of error parameters, in their order."""
+    return tuple(term_of(item, arm) for item in parameters)
+
+
+def certainty_of(fit: Fit) -> Certainty:
+    """Covariance, leave-one-out errors and joint ranges of a fit.
+
+    Parameters
+    ----------
+    fit : Fit
+
+    Returns
+    -------
+    Certainty
+    """
+    problem, points = fit.problem, fit.problem.points
+    covariance = fit.solution.information.covariance()
+    u = left_out(fit, covariance)
+    names = points.target_names
+    return Certainty(
+        nominal=problem.arm,
+        terms=terms_of(problem.parameters, problem.arm),
+        covariance=covariance,
+        free_targets=tuple(names[k] for k in problem.free),
+        coefficients=fit.solution.state.errors,
+        loo=of_targets(u[0], u[2]),
+        loo_blocks=of_targets(u[1], u[2]),
+        ranges=np.array([points.q.min(axis=0), points.q.max(axis=0)]),
+    )
+
+
+def left_out(fit: Fit, covariance: FloatArray) -> tuple[FloatArray, FloatArray, PointSet]:
+    """Leave-one-pose-out and leave-a-fifth-out residuals, both of shape (points, 3), metres, and whose they are.
+
+    Repeats of one place (`irbcal.measurement.places.places`) are left out together. Infinite where what is left does
+    not determine a direction that a residual depends on. Of more than `MOST_PLACES` places
+    those drawn at random tell; a fifth of them stands for a fifth of all.
+    """
+    problem, state = fit.problem, fit.solution.state
+    points, place = problem.points, places(problem.points)
+    count = int(place.max(initial=-1)) + 1
+    drawn = np.ones(count, dtype=bool)
+    if count > MOST_PLACES:
+        drawn = np.isin(np.arange(count), np.random.default_rng(0).permutation(count)[:MOST_PLACES])
+        problem = problem.of_poses(drawn[place])
+        points, place = problem.points, place[drawn[place]]
+    weights = np.repeat(problem.weights, 3)
+    J = problem.jacobian(state) * weights[:, None]
+    e = problem.residuals(state).ravel() * weights
+    pose = np.concatenate([points.pose, points.pose[points.oriented()]])
+    number, place = leave_one_out.block_numbers(place, points.session)[pose], place[pose]
+    order = np.argsort(place, kind="stable")
+    rows = (3 * order[:, None] + np.arange(3)).ravel()
+    back = np.argsort(order)[: len(points)]
+    J, e, a = np.ascontiguousarray(J[rows].T), e[rows], fit.solution.information.sigma**-2.0
+    single = leave_one_out.single(J, e, np.repeat(place[order], 3), covariance, a)
+    blocks = np.repeat(number[order], 3)
+    several, share = e.copy(), a * count / int(drawn.sum())
+    masks = [blocks == part for part in np.unique(blocks)]
+    information = [share * (J[:, mine] @ J[:, mine].T) for mine in masks]
+    right = [share * (J[:, mine] @ e[mine]) for mine in masks]
+    for mine, without in zip(masks, leave_one_out.Without.of(covariance, information, right), strict=True):
+        several[mine] = without.residuals(J[:, mine], e[mine], share)
+    each = problem.weights[: len(points), None]
+    return single.reshape(-1, 3)[back] / each, several.reshape(-1, 3)[back] / each, points
+
+
+def of_targets(u: FloatArray, points: PointSet) -> dict[str, float | None]:
+    """Root mean square length of residuals (points, 3) of each target and of all (``""``); None where one is open."""
+    out = {"": closed(rms_length(u))}
+    for k, name in enumerate(points.target_names):
+        if (points.target == k).any():
+            out[name] = closed(rms_length(u[points.target == k]))
+    return out

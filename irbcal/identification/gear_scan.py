@@ -9,11 +9,9 @@ import numpy as np
 
 from irbcal import parallel
 from irbcal.arrays import FloatArray, IntArray, lock
-from irbcal.identification import mackay
-from irbcal.identification.dictionaries import Dictionary
-from irbcal.identification.linearisation import Linearisation
-from irbcal.identification.mackay import Posterior
-from irbcal.identification.sums import Sums
+from irbcal.identification.evidence_maximisation import VARIANCE_CAP, Posterior, Sums, maximise_evidence
+from irbcal.identification.linear_model import Linearisation
+from irbcal.identification.term_sets import TermSet
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.gear import HIGHEST, LOWEST, gear_terms
 from irbcal.modeling.terms.term import revolute
@@ -137,7 +135,7 @@ class _Reduced:
 
 def scan(
     linear: Linearisation,
-    dictionary: Dictionary,
+    dictionary: TermSet,
     sums: Sums,
     start: tuple[Posterior, Posterior],
     progress: Callable[[str], None] | None = None,
@@ -183,10 +181,10 @@ def scan(
             break
         trial = [*pairs, (place, int(cycles[column]))]
         wide = reduced.extended(sums, trial)
-        group, caps = np.concatenate([group, [len(caps)] * 2]), np.append(caps, mackay.CAP)
+        group, caps = np.concatenate([group, [len(caps)] * 2]), np.append(caps, VARIANCE_CAP)
         expected = None if expected is None else expected.extended(2)
         fits = [
-            mackay.fit(
+            maximise_evidence(
                 wide, linear.flat, group, caps, old.temper, np.append(old.variances, 1.0), old.s2, expected=expected
             )
             for old in (by_evidence, by_fit)

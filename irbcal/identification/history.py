@@ -16,7 +16,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.figures.colours import TEXT
 from irbcal.figures.style import house_style
-from irbcal.identification.residuals import Problem, State
+from irbcal.identification.problem import Problem, State
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 

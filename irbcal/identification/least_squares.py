@@ -18,7 +18,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import observability
-from irbcal.identification.residuals import Problem, State
+from irbcal.identification.problem import Problem, State
 
 STEP_TOLERANCE = 1e-7
 """Largest step (metres, radians) after which the iteration has converged: convergence is at least a factor of

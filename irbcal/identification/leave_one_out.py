@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, NameArray
-from irbcal.identification.linearisation import Linearisation
-from irbcal.identification.mackay import Posterior
+from irbcal.identification.evidence_maximisation import Posterior
+from irbcal.identification.linear_model import Linearisation
 from irbcal.measurement.places import places
 
 BLOCKS = 5

@@ -17,7 +17,7 @@ from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import IdentificationError
 
 if TYPE_CHECKING:
-    from irbcal.identification.residuals import Problem
+    from irbcal.identification.problem import Problem
 
 ROUNDING = 1e-13
 """Information below this fraction of the largest is rounding, whatever the residuals."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import IdentificationError, MeasurementError
-from irbcal.identification import lost_rows, slips
+from irbcal.identification import data_entry_errors
 from irbcal.identification.choices import Level
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import PointSet, distances
@@ -102,8 +102,8 @@ def find_gross_errors(
     Raises
     ------
     MeasurementError
-        If the file looks like one slip of the pen or two, see `irbcal.identification.slips`, or a row is lost, see
-        `irbcal.identification.lost_rows`.
+        If the file looks like one data-entry error or two, or a row is lost, see
+        `irbcal.identification.data_entry_errors`.
     IdentificationError
         If the robot does not fit the points at all.
     """
@@ -202,9 +202,9 @@ def trimmed(arm: Arm, points: PointSet, level: Level = "nominal", distance: Floa
 
 def _refuse_slip(arm: Arm, points: PointSet, median: float, source: str, measurements: MeasurementSet | None) -> None:
     """Name the lost row or the slip of the pen that explains why a file does not fit."""
-    lost = lost_rows.find(arm, points)
+    lost = data_entry_errors.find_lost_row(arm, points)
     if lost is not None:
         raise MeasurementError(lost.in_words(measurements), file=source)
-    slip = slips.find(arm, points, median)
+    slip = data_entry_errors.find_entry_error(arm, points, median)
     if slip is not None:
         raise MeasurementError(slip.in_words(source), file=source)

@@ -1,4 +1,10 @@
-r"""Fits that gross outliers hardly move: robust losses of the distances.
+r"""Fits between least squares and the largest distance: the p-norm of the distances.
+
+With ``d_j`` the distance of row ``j`` (Nubiola 2011, eq. 3.36) the objective is ``(mean_j d_j^p)^(1/p)``: the root mean
+square at p = 2, the largest distance (eq. 3.35) for p to infinity. All derivatives are analytic. Steps are taken along
+the directions the data show; held directions stay where least squares left them.
+
+Fits that gross outliers hardly move: robust losses of the distances.
 
 With ``d_j`` the weighted distance of row ``j``:
 
@@ -16,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -24,24 +31,164 @@ from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification import least_squares, observability
 from irbcal.identification.choices import RobustLoss
 from irbcal.identification.history import distances
-from irbcal.identification.pnorm import line_search, solved
-from irbcal.identification.residuals import Problem, State
+from irbcal.identification.problem import Problem, State
 from irbcal.options import checked
 
 MAX_ITERATIONS = 200
 STEP_TOLERANCE = 1e-9
 """Largest step (metres, radians) after which a fit has converged."""
 
-SCALE = 2 * 1.4826
+DECREASE_TOLERANCE = 1e-16
+"""Expected relative decrease of the p-th powers below which a p-norm fit has converged, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class PNormSolution:
+    """Outcome of a fit.
+
+    Attributes
+    ----------
+    state : State
+    information : Information
+        The directions along which the state was moved.
+    value : float
+        The p-norm at ``state``, metres.
+    iterations : int
+    history : tuple of float
+        Objective at the start and after each iteration, metres. The first stages have a smaller p; all values are of
+        the p asked for.
+    weights : ndarray, shape (rows,)
+        What each row's squared distance counts in the last step, at most 1.
+    """
+
+    state: State
+    information: observability.Information
+    value: float
+    iterations: int
+    history: tuple[float, ...]
+    weights: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+def norm(distance: FloatArray, p: float) -> float:
+    """Power mean of distances, ``(mean d^p)^(1/p)``, metres."""
+    top = distance.max()
+    return float(top * np.mean((distance / top) ** p) ** (1.0 / p)) if top else 0.0
+
+
+def solve_p_norm(
+    problem: Problem,
+    solution: least_squares.Solution,
+    p: float = 8.0,
+    start: State | None = None,
+    record: least_squares.Record | None = None,
+) -> PNormSolution:
+    """Minimise the p-norm of the distances by Newton steps of its convex model.
+
+    Large p are reached through smaller ones, each twice the last.
+
+    Parameters
+    ----------
+    problem : Problem
+        All its rows count alike: the uncertainties of the points are not used.
+    solution : least_squares.Solution
+        Gives the seen directions and, unless ``start`` is given, the start.
+    p : float
+        At least 2.
+    start : State, optional
+    record : callable, optional
+        Called with (iteration, state) for the start and after each step, see `irbcal.identification.history`.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    OptionError
+        If p is below 2.
+    IdentificationError
+        If the iteration does not converge.
+    """
+    if not 2 <= p < np.inf:
+        raise OptionError(f"the p of a p-norm must be a number from 2 upwards, not {p:g}", parameter="power")
+    state = solution.state if start is None else start
+    basis = solution.information.basis()
+    stages = [p]
+    while stages[0] > 4.0:
+        stages.insert(0, max(0.5 * stages[0], 2.0))
+    history = [norm(distances(problem, state), p)]
+    if record:
+        record(0, state)
+    for stage in stages:
+        while True:
+            if len(history) > MAX_ITERATIONS:
+                raise IdentificationError(f"the fit with p = {stage:g} did not converge in {MAX_ITERATIONS} iterations")
+            step, weights, decrease = _newton(problem, state, basis, stage)
+            last = decrease < (DECREASE_TOLERANCE if stage == p else 1e-4) or np.abs(step).max() < STEP_TOLERANCE
+            value = norm(distances(problem, state), stage)
+            state, moved = line_search(problem, state, step, partial(norm, p=stage), value)
+            history.append(norm(distances(problem, state), p))
+            if record:
+                record(len(history) - 1, state)
+            if last or not moved:
+                break
+    return PNormSolution(state, solution.information, history[-1], len(history) - 1, tuple(history), weights)
+
+
+def _newton(problem: Problem, state: State, basis: FloatArray, p: float) -> tuple[FloatArray, FloatArray, float]:
+    """Newton step of ``sum (d / max d)^p`` without the curvature of the residuals, weights, relative decrease."""
+    r = problem.residuals(state)
+    d = np.sqrt(np.einsum("jk,jk->j", r, r))
+    top = d.max()
+    if not top:
+        return np.zeros(len(basis)), np.ones(len(r)), 0.0
+    weights = (d / top) ** (p - 2.0)
+    unit = r / np.where(d > 0, d, 1.0)[:, None]
+    H, g = np.zeros((basis.shape[1], basis.shape[1])), np.zeros(basis.shape[1])
+    for rows, J in problem.jacobian_blocks(state):
+        A = (J.reshape(-1, len(basis)) @ basis).reshape(len(rows), 3, -1)
+        along = np.einsum("jk,jkn->jn", unit[rows], A)
+        stack = np.concatenate([A.transpose(1, 0, 2), np.sqrt(p - 2.0) * along[None]])
+        stack = (np.sqrt(weights[rows])[:, None] * stack).reshape(-1, basis.shape[1])
+        H += stack.T @ stack
+        g += along.T @ (weights[rows] * d[rows])
+    y = solved(H, g)
+    return basis @ y, weights, float(g @ y / (weights @ d**2))
+
+
+def solved(H: FloatArray, g: FloatArray) -> FloatArray:
+    """Solution of the scaled normal equations with a trace of damping, which shortens no step that matters."""
+    size = np.sqrt(np.maximum(np.diag(H), 1e-300))
+    scaled = H / np.outer(size, size)
+    return np.linalg.solve(scaled + 1e-12 * np.eye(len(H)), g / size) / size
+
+
+def line_search(
+    problem: Problem, state: State, step: FloatArray, objective: Callable[[FloatArray], float], value: float
+) -> tuple[State, bool]:
+    """State after as much of the step as does not raise the objective, and whether there was any."""
+    size = 1.0
+    while size > 1e-8:
+        moved = problem.moved(state, size * step)
+        if objective(distances(problem, moved)) <= value * (1 + 1e-13):
+            return moved, True
+        size *= 0.5
+    return state, False
+
+
+LOSS_SCALE = 2 * 1.4826
 """Default ``c`` of the robust losses in medians of the distances; 1.4826 medians of the size of a normal variable are
 its standard deviation."""
 
-FLOOR = 1e-9
+LOSS_FLOOR = 1e-9
 """Smallest default ``c``, metres."""
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class RobustSolution:
     """Outcome of a fit.
 
     Attributes
@@ -87,14 +234,14 @@ def _huber(u: FloatArray) -> tuple[FloatArray, FloatArray]:
 LOSSES: dict[RobustLoss, Callable[[FloatArray], tuple[FloatArray, FloatArray]]] = {"soft_l1": _soft_l1, "huber": _huber}
 
 
-def solve(
+def solve_loss(
     problem: Problem,
     solution: least_squares.Solution,
     loss: RobustLoss = "soft_l1",
     scale: float | None = None,
     start: State | None = None,
     record: least_squares.Record | None = None,
-) -> Solution:
+) -> RobustSolution:
     """Minimise a robust loss of the distances by iteratively reweighted Gauss-Newton.
 
     The distances are multiplied by the rows' weights (`Problem.weights`) as in least squares. Outliers spoil what
@@ -110,7 +257,7 @@ def solve(
     loss : str
         ``soft_l1`` or ``huber``.
     scale : float, optional
-        ``c``, metres; unless given, `SCALE` medians of the distances, first those of least squares.
+        ``c``, metres; unless given, `LOSS_SCALE` medians of the distances, first those of least squares.
     start : State, optional
     record : callable, optional
         Called with (iteration, state) for the start and after each step.
@@ -154,7 +301,7 @@ def solve(
             again = observability.information(problem, H, rss)
             smaller = _default_scale(problem, state) if scale is None else c
             if again.rank <= information.rank and smaller > 0.9 * c:
-                return Solution(state, information, history[-1], len(history) - 1, tuple(history), weights, c)
+                return RobustSolution(state, information, history[-1], len(history) - 1, tuple(history), weights, c)
             if again.rank > information.rank:
                 information = again
             if smaller < 0.9 * c:
@@ -165,4 +312,4 @@ def solve(
 
 def _default_scale(problem: Problem, state: State) -> float:
     """Scale of a robust loss from the median of a state's weighted distances, metres."""
-    return max(SCALE * float(np.median(problem.weights * distances(problem, state))), FLOOR)
+    return max(LOSS_SCALE * float(np.median(problem.weights * distances(problem, state))), LOSS_FLOOR)

@@ -1,7 +1,8 @@
-"""What is known of a robot before it is measured: the terms of its type, as its calibrated sisters show them.
+"""What is known of a robot before it is measured: the terms of its type, as calibrated robots of that type show them.
 
 What one robot shows of them is a normal likelihood, saved as the estimate under a wide prior that can be taken out of
-it again (`seen`). Sisters together give the mean and the scatter of each term (`irbcal.fleet.prior`).
+it again (`irbcal.identification.evidence.type_terms`). Together they give the mean and the scatter of each term
+(`irbcal.fleet.prior`). Whether a robot is like its type is asked by chi-square.
 """
 
 from __future__ import annotations
@@ -12,14 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
-from irbcal.identification import dictionaries, mackay
-from irbcal.identification.evidence import prepared
-from irbcal.identification.mackay import Expected
-from irbcal.measurement.points import PointSet
-from irbcal.modeling.arm import Arm
+from irbcal.errors import IdentificationError
+from irbcal.identification import term_sets
+from irbcal.identification.evidence_maximisation import Expected, Posterior, Sums
+from irbcal.identification.term_sets import TermSet
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.harmonics import order
-from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 
 WIDE = 20.0
@@ -36,8 +35,8 @@ def name_of(term: Term) -> str:
 def taken(term: Term) -> bool:
     """Whether a term is one of those that sisters are compared by."""
     if term.family == "harmonics":
-        return order(term) <= dictionaries.TYPE_ORDERS
-    return term.family in dictionaries.TYPE_FAMILIES
+        return order(term) <= term_sets.TYPE_ORDERS
+    return term.family in term_sets.TYPE_FAMILIES
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,62 +85,59 @@ class TypePrior:
         return Expected(mean, std, known)
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """What one robot's measurements show of the terms.
-
-    Attributes
-    ----------
-    terms : tuple of Term
-    values, covariance : ndarray, shape (k,), (k, k)
-        The estimate under a prior of `WIDE` natural sizes about zero, SI units.
-    """
-
-    terms: tuple[Term, ...]
-    values: FloatArray
-    covariance: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
+INFORMED = 1.0
+"""Information of a direction, in that of the prior, from which it has a say: the measurements then tell more of it."""
 
 
-def seen(arm: Arm, points: PointSet, motion: Motion) -> Seen:
-    """What measurements show of a type's terms; base, tool and warm-up are left free, a pose counts as one vector.
+CHANCE = 0.001
+"""Share of the robots of a type of which it would be said by chance that they stand out of it."""
+
+
+def like_type(chi2: float, directions: int) -> bool:
+    """Whether a robot is like its sisters, as far as `chi_square_of_type` can tell."""
+    from scipy.special import chdtrc
+
+    return directions == 0 or float(chdtrc(directions, chi2)) >= CHANCE
+
+
+def chi_square_of_type(
+    sums: Sums, flat: int, dictionary: TermSet, found: Posterior, largest: float = np.inf
+) -> tuple[float, int]:
+    """Chi-square of a robot against its sisters, and its degrees of freedom.
+
+    With information L and vector b of the measurements (base, targets and unknown terms left free, within what the fit
+    gives them) ``b - L m`` has the covariance ``L + L T L`` for a robot drawn from ``N(m, T)``.
 
     Parameters
     ----------
-    arm : Arm
-        Nominal arm.
-    points : PointSet
-    motion : Motion
-        Of its poses.
+    sums : Sums
+        Of the dictionary's columns.
+    flat : int
+    dictionary : Dictionary
+        One that knows of sisters.
+    found : Posterior
+        Its fit: residual variance, tempering and the variances of groups of which nothing is known.
+    largest : float
+        Residual variance without sisters, mm^2: of a stranger what contradicts them is taken for noise by the fit.
 
     Returns
     -------
-    Seen
-
-    Raises
-    ------
-    IdentificationError
-        If the poses do not determine base and targets.
+    chi2 : float
+    directions : int
+        Of which the measurements tell more than the prior.
     """
-    work = prepared(arm, points, motion)
-    superset, flat = work.superset, work.linear.flat
-    names = [*dictionaries.TYPE_FAMILIES, "warm_up"]
-    choice = dictionaries.make(superset, names, dictionaries.TYPE_ORDERS, work.taus[-1] if work.taus else None)
-    sums = work.sums.part(choice.columns(flat))
-    t = mackay.evidence_temper(work.linear.per_pose)
-    found = mackay.fit(sums, flat, choice.group, choice.caps, t)
-    terms = [superset[k] for k in choice.terms]
-    mine = np.array([taken(term) for term in terms], dtype=bool)
-    prior = np.where(mine, WIDE**-2.0, 1.0 / found.variances[choice.group])
-    A = (t / found.s2) * sums.H + np.diag(np.concatenate([np.zeros(flat), prior]))
-    own = np.concatenate([np.zeros(flat, dtype=bool), mine])
-    covariance = np.linalg.inv(A)
-    values = covariance @ ((t / found.s2) * sums.g)
-    size = np.array([term.size for term in terms])[mine]
-    return Seen(
-        tuple(term for term, own_term in zip(terms, mine, strict=True) if own_term),
-        size * values[own],
-        np.outer(size, size) * covariance[np.ix_(own, own)],
-    )
+    expected = dictionary.expected
+    if expected is None:
+        raise IdentificationError("this choice of terms knows of no sisters")
+    a = found.temper / min(found.s2, largest)
+    free = np.concatenate([np.zeros(flat), np.where(expected.known, 0.0, 1.0 / found.variances[dictionary.group])])
+    A, b = a * sums.H + np.diag(free), a * sums.g
+    known = np.concatenate([np.zeros(flat, dtype=bool), expected.known])
+    crossed = np.linalg.solve(A[np.ix_(~known, ~known)], np.column_stack([A[np.ix_(~known, known)], b[~known]]))
+    L = A[np.ix_(known, known)] - A[np.ix_(known, ~known)] @ crossed[:, :-1]
+    left = b[known] - A[np.ix_(known, ~known)] @ crossed[:, -1] - L @ expected.mean[expected.known]
+    std = expected.std[expected.known]
+    values, vectors = np.linalg.eigh(std[:, None] * (0.5 * (L + L.T)) * std)
+    shown = values > INFORMED
+    z = vectors[:, shown].T @ (std * left)
+    return float(np.sum(z * z / (values[shown] * (1.0 + values[shown])))), int(shown.sum())

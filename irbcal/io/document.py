@@ -14,11 +14,10 @@ import numpy as np
 
 from irbcal import __version__
 from irbcal.arrays import FloatArray, NameArray
-from irbcal.identification.averaged import AveragedFit
-from irbcal.identification.explained import explain
+from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.explanation import explain
+from irbcal.identification.fit import Fit, certainty_of
 from irbcal.identification.history import History
-from irbcal.identification.level_certainty import certainty_of
-from irbcal.identification.result import Fit
 from irbcal.identification.selection import Choice as LevelChoice
 from irbcal.io import integrity, urdf, urdf_check
 from irbcal.io.calibration_folder import SCHEMA

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.identification.averaged import AveragedFit
-from irbcal.identification.result import Fit
+from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.fit import Fit
 from irbcal.identification.selection import Choice
 from irbcal.io.earlier import Earlier
 from irbcal.io.schema import FeaturesSection

@@ -13,12 +13,10 @@ from pydantic import Field, PrivateAttr, StringConstraints, field_validator, mod
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.identification.averaged import AveragedFit
-from irbcal.identification.evidence_fit import EvidenceFit, GroupResult
-from irbcal.identification.explained import Stage
+from irbcal.identification.evidence_fit import AveragedFit, EvidenceFit, FamilyShown, GroupResult
+from irbcal.identification.explanation import Stage
+from irbcal.identification.fit import term_of
 from irbcal.identification.gear_scan import Spectrum
-from irbcal.identification.level_certainty import term_of
-from irbcal.identification.shown import FamilyShown
 from irbcal.io.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import coupling, frames
@@ -378,7 +376,7 @@ class EvidenceSection(Section):
 
     @staticmethod
     def of(fit: EvidenceFit, stages: Sequence[Stage] = ()) -> EvidenceSection:
-        """The section of a fit, with its stages (`irbcal.identification.explained`)."""
+        """The section of a fit, with its stages (`irbcal.identification.explanation`)."""
         return EvidenceSection(
             terms=fit.kind,
             poses=fit.poses,

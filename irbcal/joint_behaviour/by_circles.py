@@ -16,10 +16,18 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification.axis_calibration import AxisCalibration, calibrate_by_axes
+from irbcal.identification.axis_calibration import (
+    PARALLEL,
+    PARALLELS,
+    AxisCalibration,
+    BaseOfAxes,
+    ToolOfAxes,
+    base_of_axes,
+    calibrate_by_axes,
+    known,
+    tool_of_axes,
+)
 from irbcal.identification.choices import Parallel
-from irbcal.identification.ends import BaseOfAxes, ToolOfAxes, base_of_axes, known, tool_of_axes
-from irbcal.identification.link_geometry import PARALLEL, PARALLELS
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, lists, table
 from irbcal.measurement.cleaning import Exclusion, left_out

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.chance import f_beyond
-from irbcal.identification.residuals import Problem, State
+from irbcal.identification.problem import Problem, State
 from irbcal.joint_behaviour.terms import Kind, Term, quantile
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import parameters
@@ -32,7 +32,7 @@ ROUNDING = 1e-8
 class Linearised:
     """A robot's residuals and their derivatives by geometry, joint map and joint angles, all at one place.
 
-    Rows are those of `irbcal.identification.residuals.Problem`, three numbers each; columns are flat, (3 rows, ...).
+    Rows are those of `irbcal.identification.problem.Problem`, three numbers each; columns are flat, (3 rows, ...).
 
     Attributes
     ----------

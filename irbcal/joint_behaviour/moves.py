@@ -12,7 +12,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.chance import f_beyond
 from irbcal.errors import IdentificationError
-from irbcal.identification import circles
+from irbcal.identification import axes
 from irbcal.joint_behaviour.free_frequency import interval
 from irbcal.joint_behaviour.series import Series, home_poses, one_series
 from irbcal.joint_behaviour.terms import (
@@ -175,7 +175,7 @@ def sure_backlash(term: Term) -> float:
 def _levels(series: Series) -> IntArray:
     """Number of the joint angle at which each pose stands; whole turns count."""
     order = np.argsort(series.turn, kind="stable")
-    number = np.cumsum(np.r_[0, np.diff(series.turn[order]) > circles.SAME_ANGLE])
+    number = np.cumsum(np.r_[0, np.diff(series.turn[order]) > axes.SAME_ANGLE])
     out = np.empty(len(order), dtype=int)
     out[order] = number
     return out
@@ -363,7 +363,7 @@ def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequ
     names, free = fourier_names(order), frequency is None
     needed = data.beside.shape[1] + 2 * order + free + SPARE
     # of places a turn apart, a series with one period a turn sees one
-    places = len(data.x) if free or frequency != 1.0 else len(circles.distinct_angles(data.x))
+    places = len(data.x) if free or frequency != 1.0 else len(axes.distinct_angles(data.x))
     if len(data.x) < needed or places < 2 * order + 2:
         short = f"{len(data.x)} joint angles" if len(data.x) < needed else f"{places} places in the turn"
         least = needed if len(data.x) < needed else 2 * order + 2

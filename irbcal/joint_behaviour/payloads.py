@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.identification import circles
+from irbcal.identification import axes
 from irbcal.joint_behaviour.series import Series
 from irbcal.measurement.last_moves import STILL
 from irbcal.summary import Cell, Table
@@ -109,7 +109,7 @@ def _shift(light: Series, heavy: Series, target: str) -> float:
     here, there = (np.flatnonzero(s.points.names() == target) for s in (light, heavy))
     poses, others = light.points.pose[here], heavy.points.pose[there]
     for row, pose in zip(here, poses, strict=True):
-        same = np.abs(heavy.turn[others] - light.turn[pose]) < circles.SAME_ANGLE
+        same = np.abs(heavy.turn[others] - light.turn[pose]) < axes.SAME_ANGLE
         same &= (heavy.direction[others] == light.direction[pose]) & (light.direction[pose] != 0)
         if same.any():
             found.append(float(np.linalg.norm(heavy.points.xyz[there[same]].mean(axis=0) - light.points.xyz[row])))

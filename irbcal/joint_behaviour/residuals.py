@@ -15,7 +15,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.chance import f_beyond
 from irbcal.errors import IdentificationError
-from irbcal.identification import circles
+from irbcal.identification import axes
 from irbcal.joint_behaviour import columns, needed
 from irbcal.joint_behaviour.linearised import Linearised, extended, term_of
 from irbcal.joint_behaviour.needed import Step
@@ -282,7 +282,7 @@ def _fourier(model: Linearised, j: int, order: int, frequency: float | None) -> 
     count = 1
     if frequency is None:
         q = model.q[:, j]
-        extent, highest = float(np.ptp(q)), min(HIGHEST_FREQUENCY, len(circles.distinct_angles(q)) / 2 / order)
+        extent, highest = float(np.ptp(q)), min(HIGHEST_FREQUENCY, len(axes.distinct_angles(q)) / 2 / order)
         if extent < 10 * DEG:
             return Term("fourier", j + 1, fourier_names(order), note="the joint hardly moves")
         tried = frequencies(extent, highest)

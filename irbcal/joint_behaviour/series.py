@@ -9,7 +9,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import circles
+from irbcal.identification import axes
 from irbcal.measurement.last_moves import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.summary import Speaks, Told
@@ -57,7 +57,7 @@ class Series(Speaks):
     joint: int
     q: FloatArray
     direction: FloatArray
-    fit: circles.AxisFit
+    fit: axes.AxisFit
     points: PointSet
     radial: FloatArray
     tangential: FloatArray
@@ -122,7 +122,7 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
     Raises
     ------
     IdentificationError
-        As `irbcal.identification.circles.fit_axis`.
+        As `irbcal.identification.axes.fit_axis`.
     """
     points, fit, excluded = _fit_without_outliers(points, joint, name)
     used = np.zeros(points.poses, dtype=bool)
@@ -141,7 +141,7 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
         error[mine] = _wrapped(error[mine] - start)
     angle, error = _common_angle(error, pose, slot, radius**2)
     zero = turn[np.argmin(np.abs(turn))]
-    at_zero = angle[np.abs(turn - zero) < circles.SAME_ANGLE].mean()
+    at_zero = angle[np.abs(turn - zero) < axes.SAME_ANGLE].mean()
     tangent = np.column_stack([-np.sin(phi), np.cos(phi)])
     follow = -np.column_stack([height[:, None] * tangent, tangent]) / radius[:, None]
     follow = np.column_stack([_pose_mean(column, pose, radius**2) for column in follow.T])
@@ -166,11 +166,11 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
 
 def _fit_without_outliers(
     points: PointSet, joint: int, name: str
-) -> tuple[PointSet, circles.AxisFit, tuple[tuple[str, str, float], ...]]:
+) -> tuple[PointSet, axes.AxisFit, tuple[tuple[str, str, float], ...]]:
     """Points on circles and their axis; the farthest point goes first, as long as it is far."""
     excluded: list[tuple[str, str, float]] = []
     while True:
-        fit = circles.fit_axis(points.xyz, points.target, points.joints()[:, joint - 1], name)
+        fit = axes.fit_axis(points.xyz, points.target, points.joints()[:, joint - 1], name)
         points = points.take(fit.used)
         off = np.hypot(fit.radial, fit.axial)
         limit = max(OFF_CIRCLE, OFF_CIRCLE_FACTOR * 1.4826 * np.median(off))

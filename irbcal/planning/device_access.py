@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
-from irbcal.identification import camera_device
-from irbcal.identification.constraint_kind import vectors, with_third
+from irbcal.identification import devices
 from irbcal.identification.devices import BALL, Placed, reach_of
+from irbcal.identification.observation_kind import vectors, with_third
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
@@ -129,7 +129,7 @@ class Access:
         middle = self.found.middle[feature]
         if self.found.imaging is not None:
             own, T = dict(self.found.own[feature]), self.setting.arm.forward(q)
-            return camera_device.visible(self.found.imaging, own, T, np.array(BALL), self.cone)
+            return devices.visible(self.found.imaging, own, T, np.array(BALL), self.cone)
         if self.touched:
             wanted = np.broadcast_to(-_open(self.found, feature), p.shape)
         else:

@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import FloatArray, IntArray, lock
-from irbcal.identification import dictionaries
-from irbcal.identification.constraint_kind import cross
-from irbcal.identification.constraint_problem import TOOL, ConstraintProblem, FeatureState, Key
+from irbcal.identification import term_sets
 from irbcal.identification.devices import BALL, Placed, rows_table, values
+from irbcal.identification.feature_problem import TOOL, ConstraintProblem, FeatureState, Key
+from irbcal.identification.observation_kind import cross
 from irbcal.measurement import features
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
@@ -156,6 +156,6 @@ class DeviceModel:
 
 def _wide(arm: Arm) -> list[Term]:
     """Geometry and what model ``auto`` fits beside it, harmonics as high as they are imagined for tracker plans."""
-    terms = dictionaries.superset(arm, dictionaries.JOINT_MAP, False, None, [])
+    terms = term_sets.superset(arm, term_sets.JOINT_MAP, False, None, [])
     terms = [term for term in terms if term.family == "geometry" or term.family in BESIDE]
     return [term for term in terms if term.family != "harmonics" or order(term) <= WAVES]

@@ -24,7 +24,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.identification.residuals import Problem, State
+from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import METRES_PER_DEGREE

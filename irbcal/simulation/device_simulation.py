@@ -14,9 +14,20 @@ import numpy as np
 from irbcal import atomic
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import OptionError
-from irbcal.identification.camera_device import AXES
-from irbcal.identification.constraints import KINDS
-from irbcal.identification.devices import BALL, DEVICES, Placed, Tips, met, placed, poses, rows_table, shown, spread
+from irbcal.identification.devices import (
+    AXES,
+    BALL,
+    DEVICES,
+    Placed,
+    Tips,
+    met,
+    placed,
+    poses,
+    rows_table,
+    shown,
+    spread,
+)
+from irbcal.identification.observations import KINDS
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.features import read as read_features
 from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, PLACE

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
-from irbcal.identification import slips
-from irbcal.identification.averaged import AveragedFit
+from irbcal.identification import data_entry_errors
+from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.fit import Fit
 from irbcal.identification.outliers import spread
-from irbcal.identification.result import Fit
 from irbcal.measurement.moved import SHORTEST, moved_notes
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
@@ -100,9 +100,9 @@ def doubts(
 
 def _slip(nominal: Fit, fitted: PointSet) -> list[str]:
     """A slip of the pen that explains why the nominal robot is far off."""
-    if nominal.rms <= slips.SUSPECT:
+    if nominal.rms <= data_entry_errors.SUSPECT:
         return []
-    slip = slips.find(nominal.problem.arm, fitted, pairs=nominal.rms > LARGE_NOMINAL)
+    slip = data_entry_errors.find_entry_error(nominal.problem.arm, fitted, pairs=nominal.rms > LARGE_NOMINAL)
     return [] if slip is None else [f"{slip.headline()}."]
 
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, NameArray, lock
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification.constraint_fit import held_out, identify_features
-from irbcal.identification.constraints import KINDS
+from irbcal.identification.feature_fit import held_out, identify_features
+from irbcal.identification.observations import KINDS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
 
@@ -161,7 +161,7 @@ def prove(
         Column that names places; ``place`` where there is one, else features that lengths or poses tie together.
         ``none`` for no proof.
     terms, seed
-        As `irbcal.identification.constraint_fit.identify_features`; which poses of a tracker go together.
+        As `irbcal.identification.feature_fit.identify_features`; which poses of a tracker go together.
     progress : callable, optional
 
     Returns

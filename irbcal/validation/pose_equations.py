@@ -10,8 +10,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
-from irbcal.identification.fit import identify
-from irbcal.identification.result import Fit
+from irbcal.identification.fit import Fit, identify
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from irbcal.identification.averaged import models_table
+from irbcal.identification.evidence_fit import models_table
 from irbcal.io.schema import Errors, EvidenceChoice, Parameter, Record
 from irbcal.measurement.cleaning import left_out
 from irbcal.summary import Cell, Table, Told

@@ -178,7 +178,7 @@ def _tips(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray]:
 
 
 def _start(R: FloatArray, p: FloatArray, points: PointSet, source: str) -> FloatArray:
-    """Base in closed form with the tool unknown: ``W y + s - R c = p`` is linear, see `irbcal.identification.start`."""
+    """Base in closed form with the tool unknown: ``W y + s - R c = p`` is linear, see `closed_form`."""
     m, names = len(points), points.target_names
     centre = points.xyz.mean(axis=0)
     y = points.xyz - centre

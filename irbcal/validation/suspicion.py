@@ -6,7 +6,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError
-from irbcal.identification import lost_rows, outliers, slips
+from irbcal.identification import data_entry_errors, outliers
 from irbcal.io.schema import Record
 from irbcal.measurement import swapped
 from irbcal.measurement.moved import moved_notes
@@ -40,9 +40,9 @@ def doubts_of(points: PointSet, robot: Robot, record: Record) -> list[str]:
 
 def lost_row(robot: Robot, points: PointSet, error: FloatArray, seen: MeasurementSet) -> list[str]:
     """The row from which on positions stand beside their neighbour's joints, in a sentence, or nothing."""
-    if np.count_nonzero(error > FAR) < lost_rows.FEWEST:
+    if np.count_nonzero(error > FAR) < data_entry_errors.FEWEST_ROWS:
         return []
-    found = lost_rows.with_robot(robot, points)
+    found = data_entry_errors.lost_row_of_robot(robot, points)
     return [] if found is None else [found.sentence(seen)]
 
 
@@ -56,10 +56,10 @@ def refuse_far_points(robot: Robot, points: PointSet, error: FloatArray, seen: M
     if 2 * len(swaps) > points.poses:
         words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
         raise MeasurementError(" ".join(words), file=source)
-    lost = lost_rows.with_robot(robot, points) or lost_rows.find(robot.arm, points)
+    lost = data_entry_errors.lost_row_of_robot(robot, points) or data_entry_errors.find_lost_row(robot.arm, points)
     if lost is not None:
         raise MeasurementError(lost.in_words(seen), file=source)
-    slip = slips.find(robot.arm, points, float(median))
+    slip = data_entry_errors.find_entry_error(robot.arm, points, float(median))
     if slip is not None:
         raise MeasurementError(slip.in_words(source), file=source)
     hint = (

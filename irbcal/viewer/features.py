@@ -15,10 +15,10 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.errors import IdentificationError, MeasurementError
-from irbcal.identification import constraint_start
-from irbcal.identification.constraint_kind import with_third
-from irbcal.identification.constraint_problem import TOOL, ConstraintProblem, FeatureState, Key
-from irbcal.identification.constraints import KINDS
+from irbcal.identification import feature_problem
+from irbcal.identification.feature_problem import TOOL, ConstraintProblem, FeatureState, Key
+from irbcal.identification.observation_kind import with_third
+from irbcal.identification.observations import KINDS
 from irbcal.io.schema import FeatureRow, FeaturesSection, Record
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.features import DISTANCE, FeatureSet, Length
@@ -259,7 +259,7 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
     anew = _problem(nominal, seen)
     try:
         begin = FeatureState(_tools(nominal), np.zeros(0), nominal.T_world_base)
-        placed = constraint_start.start_of_features(anew, begin)
+        placed = feature_problem.start_of_features(anew, begin)
         before = _missed(nominal, anew, placed)[0]
     except IdentificationError as error:
         raise MeasurementError(

@@ -15,7 +15,7 @@ from irbcal.cli import main
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet.prior import population, type_prior
 from irbcal.fleet.store import opened
-from irbcal.identification import dictionaries
+from irbcal.identification import term_sets
 from irbcal.identification.type_prior import TypePrior
 from irbcal.io import robots
 
@@ -74,7 +74,7 @@ def store(stored, tmp_path_factory):
 
 
 def test_from_the_store_to_a_calibration(store, tmp_path, monkeypatch):
-    monkeypatch.setattr(dictionaries, "CHOICES", dictionaries.CHOICES[:6])  # quick
+    monkeypatch.setattr(term_sets, "CHOICES", term_sets.CHOICES[:6])  # quick
     out = tmp_path / "prior.json"
     words = ["fleet", "prior", "--type", "irb1600_6_145", "--store", str(store), "--out", str(out)]
     done = CliRunner(env={"COLUMNS": "200"}).invoke(main.app, words, catch_exceptions=False)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from irbcal.identification.anderson import Anderson
+from irbcal.identification.evidence_maximisation import Anderson
 
 
 def test_a_linear_map_is_solved_in_as_many_steps_as_it_has_directions():

@@ -7,7 +7,7 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.identification.averaged import identify_averaged
+from irbcal.identification.evidence import identify_averaged
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.situation import Motion

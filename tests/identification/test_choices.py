@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.identification import choices, cone_program, robust
+from irbcal.identification import choices, minimax, robust
 from irbcal.modeling import parameters
 
 
@@ -14,7 +14,7 @@ def test_names_are_those_of_the_code():
     assert set(choices.LEVELS) == {*parameters.THESIS_LEVELS, *parameters.GENERAL_LEVELS}
     assert (*choices.LEVELS, "auto", "best-level") == choices.MODELS
     assert ("linear", *robust.LOSSES) == choices.LOSSES
-    assert tuple(cone_program.SOLVERS) == ("numpy", "clarabel")
+    assert tuple(minimax.SOLVERS) == ("numpy", "clarabel")
     assert choices.METHODS == ("least-squares", "circles", "nelder-mead")
 
 

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 from support import random_rotation
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import circles
+from irbcal.identification import axes
 
 RADII, HEIGHTS, PHASES = np.array([0.6, 0.75, 0.05]), np.array([-0.1, 0.2, 0.05]), np.array([0.3, 1.1, -2.0])
 SPREAD_30 = np.radians(np.linspace(-30, 30, 7))
@@ -31,7 +31,7 @@ def from_axis(point, axis_point, direction):
 
 
 def test_circle_through_three_points_of_a_known_circle():
-    normal, center, radius = circles.circle_through([[1, 3, 5], [4, 0, 5], [1, -3, 5]])
+    normal, center, radius = axes.circle_through([[1, 3, 5], [4, 0, 5], [1, -3, 5]])
     assert np.abs(np.cross(normal, [0, 0, 1])).max() < 1e-15
     assert np.abs(center - [1, 0, 5]).max() < 1e-14
     assert abs(radius - 3) < 1e-14
@@ -39,7 +39,7 @@ def test_circle_through_three_points_of_a_known_circle():
 
 def test_circle_through_three_points_solves_the_equations_of_the_thesis():
     p_1, p_2, p_3 = p = np.random.default_rng(4).uniform(-2, 2, (3, 3))
-    normal, center, radius = circles.circle_through(p)
+    normal, center, radius = axes.circle_through(p)
     across = np.cross(p_1 - p_2, p_3 - p_2)
     assert np.abs(normal - across / np.linalg.norm(across)).max() < 1e-15  # 3.1
     columns = np.column_stack([center, p_1, p_2, p_3])
@@ -52,20 +52,20 @@ def test_circle_through_three_points_solves_the_equations_of_the_thesis():
 @pytest.mark.parametrize("third", [[2, 2, 2], [0, 0, 0], [1, 1, 1]])
 def test_three_points_on_a_line_are_refused(third):
     with pytest.raises(IdentificationError, match="one line"):
-        circles.circle_through([[0, 0, 0], [1, 1, 1], third])
+        axes.circle_through([[0, 0, 0], [1, 1, 1], third])
 
 
 def test_best_triple_of_a_full_turn_spans_the_circle():
     angles = np.radians(np.arange(0, 361, 10))
     points = np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
-    triple, area = circles.best_triple(points)
+    triple, area = axes.best_triple(points)
     assert abs(area - 1.0) < 1e-12  # the diameter and a point a quarter turn off
     assert abs(np.linalg.norm(triple[0] - triple[2]) - 2.0) < 1e-12
 
 
 def test_best_triple_looks_at_a_selection_of_many_points():
     angles = np.linspace(0.0, 1.0, 20_000)
-    triple, _ = circles.best_triple(np.column_stack([np.cos(angles), np.sin(angles), 0 * angles]))
+    triple, _ = axes.best_triple(np.column_stack([np.cos(angles), np.sin(angles), 0 * angles]))
     assert abs(np.linalg.norm(triple[0] - triple[2]) - 2 * np.sin(0.5)) < 1e-12
 
 
@@ -74,7 +74,7 @@ def test_best_triple_looks_at_a_selection_of_many_points():
 def test_an_axis_without_noise_comes_back(seed, half_arc, count):
     angles = np.radians(np.linspace(-half_arc, half_arc, count + (half_arc == 180)))
     xyz, target, angle, direction, origin = drawn(angles, seed)
-    found = circles.fit_axis(xyz, target, angle)
+    found = axes.fit_axis(xyz, target, angle)
     assert np.linalg.norm(found.direction - direction) < 1e-12
     assert from_axis(found.point, origin, direction) < 1e-12
     assert np.abs(found.radii - RADII).max() < 1e-12
@@ -85,21 +85,21 @@ def test_an_axis_without_noise_comes_back(seed, half_arc, count):
 
 def test_the_direction_is_that_of_the_joint():
     xyz, target, angle, direction, _ = drawn(SPREAD_30)
-    assert circles.fit_axis(xyz, target, angle).direction @ direction > 0.99
-    assert circles.fit_axis(xyz, target, -angle).direction @ direction < -0.99
+    assert axes.fit_axis(xyz, target, angle).direction @ direction > 0.99
+    assert axes.fit_axis(xyz, target, -angle).direction @ direction < -0.99
 
 
 def test_whole_turns_are_the_same_place():
     angles = np.radians([-360, -216, -72, 72, 216, 360])
     xyz, target, angle, direction, _ = drawn(angles)
-    found = circles.fit_axis(xyz, target, angle)
+    found = axes.fit_axis(xyz, target, angle)
     assert found.direction @ direction > 0.99
     assert abs(np.degrees(found.arc) - 288) < 1e-9
 
 
 def test_the_fit_is_the_orthogonal_least_squares_of_scipy():
     xyz, target, angle, _, _ = drawn(SPREAD_30, 5, noise=2e-4)
-    found = circles.fit_axis(xyz, target, angle)
+    found = axes.fit_axis(xyz, target, angle)
 
     def distances(v):  # direction, point, radii, heights; the last two rows fix length and place along the axis
         u = v[:3] / np.linalg.norm(v[:3])
@@ -124,8 +124,8 @@ def test_standard_deviations_are_those_of_many_trials():
     for seed in range(250):
         rng = np.random.default_rng(1000 + seed)
         xyz, target, angle, *_ = drawn(SPREAD_30, 3, radii=radii)
-        truth = circles.fit_axis(xyz, target, angle)
-        found.append(circles.fit_axis(xyz + noise * rng.standard_normal(xyz.shape), target, angle))
+        truth = axes.fit_axis(xyz, target, angle)
+        found.append(axes.fit_axis(xyz + noise * rng.standard_normal(xyz.shape), target, angle))
     tilt = np.array([(f.direction - truth.direction) @ truth.basis.T for f in found])
     shift = []
     for f in found:  # where the axis pierces the plane in which the true one's point lies
@@ -141,21 +141,21 @@ def test_standard_deviations_are_those_of_many_trials():
 
 def test_three_points_of_one_target_leave_no_standard_deviation():
     xyz, target, angle, direction, _ = drawn(np.radians([-30, 0, 30]), radii=[0.5], heights=[0.0], phases=[0.0])
-    found = circles.fit_axis(xyz, target, angle)
+    found = axes.fit_axis(xyz, target, angle)
     assert found.direction @ direction > 1 - 1e-12
     assert np.isnan([found.direction_std, found.position_std]).all()
 
 
 def test_one_target_in_the_middle_of_a_turn_carries_little_but_does_no_harm():
     xyz, target, angle, direction, origin = drawn(SPREAD_30, 1, noise=2e-5, radii=np.array([0.6, 0.75, 1.6e-3]))
-    found = circles.fit_axis(xyz, target, angle)
+    found = axes.fit_axis(xyz, target, angle)
     assert from_axis(found.point, origin, direction) < 1e-4
     assert found.targets.tolist() == [0, 1, 2]
 
 
 def test_a_target_on_the_axis_is_left_out():
     xyz, target, angle, direction, _ = drawn(SPREAD_30, 2, noise=1e-5, radii=np.array([0.6, 0.0, 0.3]))
-    found = circles.fit_axis(xyz, target + 4, angle)
+    found = axes.fit_axis(xyz, target + 4, angle)
     assert found.targets.tolist() == [4, 6]
     assert np.array_equal(found.used, target != 1)
     assert len(found.radial) == len(found.axial) == found.used.sum()
@@ -166,7 +166,7 @@ def test_points_that_are_missing_do_not_matter():
     xyz, target, angle, direction, origin = drawn(SPREAD_30, 6)
     keep = np.ones(len(xyz), dtype=bool)
     keep[[0, 4, 7, 11, 20]] = False
-    found = circles.fit_axis(xyz[keep], target[keep], angle[keep])
+    found = axes.fit_axis(xyz[keep], target[keep], angle[keep])
     assert from_axis(found.point, origin, direction) < 1e-12
 
 
@@ -183,23 +183,23 @@ def test_points_that_are_missing_do_not_matter():
 def test_what_does_not_give_an_axis_is_refused(angles, radii, words):
     xyz, target, angle, *_ = drawn(np.radians(angles), radii=radii)
     with pytest.raises(IdentificationError, match=words):
-        circles.fit_axis(xyz, target, angle, "axis3")
+        axes.fit_axis(xyz, target, angle, "axis3")
 
 
 def test_an_axis_that_noise_leaves_open_is_refused():
     xyz, target, angle, *_ = drawn(np.radians(np.linspace(0, 25, 6)), 3, 3e-4, [0.6], [0.0], [0.0])
     with pytest.raises(IdentificationError, match=r"axis2: on an arc of 25\.0 degrees .* mm only: about \d+ degrees"):
-        circles.fit_axis(xyz, target, angle, "axis2")
+        axes.fit_axis(xyz, target, angle, "axis2")
 
 
 def test_points_that_are_no_circles_are_refused():
     _, target, angle, *_ = drawn(np.radians(np.arange(0, 360, 40)))
     xyz = np.random.default_rng(1).uniform(-1, 1, (len(target), 3))
     with pytest.raises(IdentificationError, match="group axis4: "):
-        circles.fit_axis(xyz, target, angle, "axis4")
+        axes.fit_axis(xyz, target, angle, "axis4")
 
 
 def test_points_that_turn_otherwise_than_the_joint_are_refused():
     xyz, target, angle, *_ = drawn(SPREAD_30)
     with pytest.raises(IdentificationError, match="turn otherwise than the joint"):
-        circles.fit_axis(xyz, target, 3 * angle, "axis1")
+        axes.fit_axis(xyz, target, 3 * angle, "axis1")

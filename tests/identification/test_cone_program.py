@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated_fit import simulated
 
-from irbcal.identification import cone_program
+from irbcal.identification import minimax
 
 
 def model(seed=3):
@@ -19,22 +19,22 @@ def test_any_multipliers_give_a_true_bound():
     A = problem.jacobian(start.state) @ start.information.basis()
     Q, _ = np.linalg.qr(A)
     r = problem.residuals(start.state)
-    z, w = cone_program.solve(r, Q, 1e-7)
-    least = cone_program.largest(r - (Q @ z).reshape(-1, 3))
-    assert cone_program.certificate(r, Q, w)[1] == pytest.approx(least, rel=1e-6)
+    z, w = minimax.solve_cone(r, Q, 1e-7)
+    least = minimax.largest_distance(r - (Q @ z).reshape(-1, 3))
+    assert minimax.certificate(r, Q, w)[1] == pytest.approx(least, rel=1e-6)
     rng = np.random.default_rng(4)
     for guess in [None, r, *(w + s * rng.standard_normal(w.shape) for s in (1e-4, 1e-3, 1e-2, 1.0))]:
-        assert 0 <= cone_program.certificate(r, Q, guess)[1] <= least
+        assert 0 <= minimax.certificate(r, Q, guess)[1] <= least
 
 
 def test_clarabel_finds_the_same_minimum():
     pytest.importorskip("clarabel")
     r, Q = model()
     least = []
-    for solver in cone_program.SOLVERS.values():
+    for solver in minimax.SOLVERS.values():
         z, w = solver(r, Q, 1e-7)
-        least.append(cone_program.largest(r - (Q @ z).reshape(-1, 3)))
-        assert cone_program.certificate(r, Q, w)[1] == pytest.approx(least[-1], rel=1e-6)
+        least.append(minimax.largest_distance(r - (Q @ z).reshape(-1, 3)))
+        assert minimax.certificate(r, Q, w)[1] == pytest.approx(least[-1], rel=1e-6)
     assert least[0] == pytest.approx(least[1], rel=1e-6)
 
 
@@ -51,13 +51,13 @@ def test_step_of_the_interior_point_method_solves_its_equations():
 
     s, z = inside(), inside()
     A = np.ascontiguousarray(Q.reshape(m, 3, n).transpose(2, 1, 0))
-    v, beta = cone_program._scaling(s, z)
-    scaled = cone_program._scaled
+    v, beta = minimax._scaling(s, z)
+    scaled = minimax._scaled
     assert np.abs(scaled(v, beta, z) - scaled(v, 1 / beta, s, -1.0)).max() < 1e-9 * np.abs(s).max()
-    inverse = np.linalg.inv(cone_program._normal_matrix(v, beta, A))
+    inverse = np.linalg.inv(minimax._normal_matrix(v, beta, A))
     q = rng.standard_normal((4, m))
     flat_A = A.reshape(n, 3 * m)
-    dx, ds, dz = cone_program._newton(v, beta, flat_A, inverse, np.zeros(n + 1), q)
+    dx, ds, dz = minimax._newton(v, beta, flat_A, inverse, np.zeros(n + 1), q)
     # s + G x is constant along the step, and the step of z leaves the equality constraints
     Gdx = np.concatenate([np.full((1, m), -dx[n]), (dx[:n] @ flat_A).reshape(3, m)])
     assert np.abs(scaled(v, beta, ds) + Gdx).max() < 1e-8 * np.abs(Gdx).max()

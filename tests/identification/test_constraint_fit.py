@@ -6,7 +6,7 @@ from distance_cases import STANDS, heldout
 from evidence_cases import irb120
 
 from irbcal.errors import IdentificationError
-from irbcal.identification.constraint_fit import held_out, identify_features
+from irbcal.identification.feature_fit import held_out, identify_features
 from irbcal.measurement import features
 
 NOISE = 0.02e-3

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from irbcal.identification import constraint_kind as kind
+from irbcal.identification import observation_kind as kind
 from irbcal.modeling import frames
 
 

@@ -4,9 +4,8 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import IdentificationError, MeasurementError
-from irbcal.identification import dictionaries
-from irbcal.identification.constraint_problem import BASE, ConstraintProblem, FeatureState
-from irbcal.identification.constraint_start import start
+from irbcal.identification import term_sets
+from irbcal.identification.feature_problem import BASE, ConstraintProblem, FeatureState, start
 from irbcal.measurement import features
 
 
@@ -32,7 +31,7 @@ def mixed():
     known = pd.concat([known, pd.DataFrame([length])]).astype(object)
     rows = pd.concat([*(one for one, _ in tables), tracked])
     seen = features.read(rows.astype(object).where(rows.notna(), ""), known.where(known.notna(), ""), nominal)
-    return ConstraintProblem(nominal, seen, dictionaries.superset(nominal, "joint-map", False, None, [])[:90])
+    return ConstraintProblem(nominal, seen, term_sets.superset(nominal, "joint-map", False, None, [])[:90])
 
 
 def test_the_linear_model_is_that_of_central_differences(mixed):

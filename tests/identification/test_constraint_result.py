@@ -2,8 +2,7 @@ import feature_cases as cases
 import numpy as np
 import pytest
 
-from irbcal.identification.constraint_fit import identify_features
-from irbcal.identification.constraint_result import FeaturedFit, as_points, shape_only
+from irbcal.identification.feature_fit import FeaturedFit, as_points, identify_features, shape_only
 
 
 @pytest.fixture(scope="module")

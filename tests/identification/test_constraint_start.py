@@ -2,8 +2,7 @@ import feature_cases as cases
 import numpy as np
 import pandas as pd
 
-from irbcal.identification.constraint_problem import BASE, ConstraintProblem
-from irbcal.identification.constraint_start import rigid, start
+from irbcal.identification.feature_problem import BASE, ConstraintProblem, rigid, start
 from irbcal.measurement import features
 from irbcal.modeling import frames
 

@@ -4,10 +4,9 @@ import feature_cases as cases
 import numpy as np
 import pytest
 
-from irbcal.identification import constraints
-from irbcal.identification.constraint_problem import ConstraintProblem
-from irbcal.identification.constraint_start import start
-from irbcal.identification.constraints import DIMENSIONS, KINDS, Seen
+from irbcal.identification import observations
+from irbcal.identification.feature_problem import ConstraintProblem, start
+from irbcal.identification.observations import DIMENSIONS, KINDS, Seen
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import FITTED, TARGETS, Imaging
 from irbcal.modeling import frames
@@ -71,7 +70,7 @@ def test_derivatives_are_those_of_central_differences(name):
     for key, item in kind.own.items():
 
         def after(h, key=key, item=item):
-            return kind.misses(seen, own | {key: constraints.moved(item.shape, own[key], h)}).r
+            return kind.misses(seen, own | {key: observations.moved(item.shape, own[key], h)}).r
 
         np.testing.assert_allclose(found.own[key], slope(after, DIMENSIONS[item.shape]), atol=1e-8, err_msg=key)
     if "base" in found.own:
@@ -107,7 +106,7 @@ def test_truth_without_noise_is_found_without_a_guess(name):
 
 def test_known_lengths_change_as_their_ends_move():
     first, second = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.6, 0.3])
-    miss, by = constraints.length_misses(first, second, 0.4)
+    miss, by = observations.length_misses(first, second, 0.4)
     assert miss == pytest.approx(0.1)
-    ends = [constraints.length_misses(first + h, second, 0.4)[0] for h in STEP * np.eye(3)]
+    ends = [observations.length_misses(first + h, second, 0.4)[0] for h in STEP * np.eye(3)]
     np.testing.assert_allclose(by, (np.array(ends) - miss) / STEP, atol=1e-5)

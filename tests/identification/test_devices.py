@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from irbcal.errors import IdentificationError
-from irbcal.identification.constraint_problem import ConstraintProblem, FeatureState
 from irbcal.identification.devices import BALL, DEVICES, met, placed, poses, rows_table, shown
+from irbcal.identification.feature_problem import ConstraintProblem, FeatureState
 from irbcal.measurement import features
 
 

@@ -7,7 +7,7 @@ from one_joint import one_joint_moves, true_robot
 from support import TARGETS, arm, assert_same_poses, measured
 
 from irbcal.errors import IrbcalError
-from irbcal.identification.ends import base_of_axes, tool_of_axes
+from irbcal.identification.axis_calibration import base_of_axes, tool_of_axes
 from irbcal.io.robots import robot_file
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames

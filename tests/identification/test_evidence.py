@@ -9,7 +9,7 @@ from evidence_cases import MM, Measured, Truth, assert_documented, irb120, moves
 from support import TARGETS, arm, example_robot, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import evidence, readings
+from irbcal.identification import evidence, evidence_fit
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import identify
 from irbcal.io import urdf
@@ -220,7 +220,7 @@ def test_readings_of_an_irb120(shared_data, irb120_commands, terms, mean, larges
     assert_documented(("IRB 120, readings only", terms, 200, True), *error)
     # at readings, with the share of the last move that they tell
     first = np.arange(len(read.motion)) < 200
-    lag = readings.lag(found, read.points.select(first), read.motion.select(first))
+    lag = evidence_fit.lag(found, read.points.select(first), read.motion.select(first))
     there = replace(read.motion, q=lag.programmed(found, read.motion))
     error = Measured(read.model, read.points, there).heldout(found, 200)
     assert error[0] < 0.2

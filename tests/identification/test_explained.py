@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from evidence_cases import Truth
 
-from irbcal.identification.averaged import identify_averaged
-from irbcal.identification.evidence import identify_evidence
-from irbcal.identification.explained import explain
+from irbcal.identification.evidence import identify_averaged, identify_evidence
+from irbcal.identification.explanation import explain
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.situation import Motion

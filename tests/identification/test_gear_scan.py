@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from evidence_cases import Truth, linear_case
 
-from irbcal.identification import gear_scan, mackay
-from irbcal.identification.dictionaries import make
+from irbcal.identification import gear_scan
 from irbcal.identification.evidence import identify_evidence
-from irbcal.identification.linearisation import Linearisation
+from irbcal.identification.evidence_maximisation import VARIANCE_CAP, maximise_evidence
+from irbcal.identification.linear_model import Linearisation
+from irbcal.identification.term_sets import make
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.situation import Motion
 
@@ -22,7 +23,7 @@ def fitted():
     chosen = make(terms, ["gravity", "gain"], 0, None)
     columns = chosen.columns(linear.flat)
     sums = linear.sums(columns)
-    found = mackay.fit(sums, linear.flat, chosen.group, chosen.caps, 2 / 3)
+    found = maximise_evidence(sums, linear.flat, chosen.group, chosen.caps, 2 / 3)
     return linear, chosen, columns, sums, found
 
 
@@ -52,8 +53,8 @@ def test_chi2_is_what_a_fit_with_the_frequency_gains(fitted, taken):
     pairs = PAIRS[:taken]
     reduced = gear_scan._Reduced(linear, columns, list(range(6)))
     group = np.concatenate([chosen.group, np.repeat(len(chosen.caps) + np.arange(taken), 2)]).astype(int)
-    caps = np.append(chosen.caps, np.full(taken, mackay.CAP))
-    found = mackay.fit(reduced.extended(sums, pairs), linear.flat, group, caps, 2 / 3)
+    caps = np.append(chosen.caps, np.full(taken, VARIANCE_CAP))
+    found = maximise_evidence(reduced.extended(sums, pairs), linear.flat, group, caps, 2 / 3)
     cycles = np.array([7.0, 100.0, 241.0, 400.0])
     strength = reduced.chi2(cycles, pairs, found)
     a, prior = found.temper / found.s2, np.r_[np.zeros(linear.flat), 1.0 / found.variances[group]]

@@ -7,20 +7,20 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import fit, least_squares, minimax, nelder_mead, pnorm, robust
+from irbcal.identification import fit, initial_guess, least_squares, minimax, robust
 from irbcal.identification import history as history_module
 from irbcal.identification.history import History
 
 
 def test_one_recorder_serves_every_method(case):
     problem, others = case
-    first = fit.first_state(problem)
+    first = initial_guess.first_state(problem)
     start = least_squares.solve(problem, first)
     runs = {
         "minimax": lambda record: minimax.solve(problem, start, record=record),
-        "p-norm": lambda record: pnorm.solve(problem, start, 8, record=record),
+        "p-norm": lambda record: robust.solve_p_norm(problem, start, 8, record=record),
         "least squares": lambda record: least_squares.solve(problem, first, record=record),
-        "robust": lambda record: robust.solve(problem, start, record=record),
+        "robust": lambda record: robust.solve_loss(problem, start, record=record),
     }
     for name, run in runs.items():
         history = History(problem, others)
@@ -33,15 +33,15 @@ def test_one_recorder_serves_every_method(case):
         last = history_module.distances(others["all range"], found.state) * 1e3
         assert frame["all range_mean_mm"].iloc[-1] == pytest.approx(last.mean(), rel=near), name
         assert frame["all range_max_mm"].iloc[-1] == pytest.approx(last.max(), rel=near), name
-        final = 1e3 * minimax.largest(problem.residuals(found.state))
+        final = 1e3 * minimax.largest_distance(problem.residuals(found.state))
         assert frame["objective_mm"].iloc[-1] == pytest.approx(final, rel=near), name
 
 
 def test_objective_and_distance_between_records_can_be_chosen(case):
     problem, _ = case
-    start = least_squares.solve(problem, fit.first_state(problem))
+    start = least_squares.solve(problem, initial_guess.first_state(problem))
     history = History(problem, objective=history_module.rms, every=2)
-    pnorm.solve(problem, start, 8, record=history.record)
+    robust.solve_p_norm(problem, start, 8, record=history.record)
     frame = history.to_frame()
     assert list(frame.columns) == ["iteration", "seconds", "objective_mm"]
     assert set(frame["iteration"] % 2) == {0}
@@ -50,9 +50,9 @@ def test_objective_and_distance_between_records_can_be_chosen(case):
 
 def test_plot_has_units_and_every_group(case, tmp_path):
     problem, others = case
-    start = least_squares.solve(problem, fit.first_state(problem))
+    start = least_squares.solve(problem, initial_guess.first_state(problem))
     history = History(problem, others)
-    nelder_mead.solve(problem, start.state, iterations=30, record=history.record)
+    minimax.nelder_mead(problem, start.state, iterations=30, record=history.record)
     figure = history_module.plot(history)
     labels = [ax.get_ylabel() for ax in figure.axes]
     assert all(label.endswith("(mm)") for label in labels)
@@ -81,7 +81,7 @@ def test_it_speaks_and_can_be_pickled(case):
     problem, others = case
     history = History(problem, others)
     assert history.headline() == "no iteration was recorded"
-    least_squares.solve(problem, fit.first_state(problem), record=history.record)
+    least_squares.solve(problem, initial_guess.first_state(problem), record=history.record)
     assert "iterations in" in history.headline()
     assert "iso cube_mean_mm" in history.summary()
     again = pickle.loads(pickle.dumps(history))

@@ -6,10 +6,8 @@ import feature_cases as cases
 import numpy as np
 import pytest
 
-from irbcal.identification.constraint_fit import identify_features
-from irbcal.identification.constraint_problem import ConstraintProblem
-from irbcal.identification.constraint_result import FeaturedFit
-from irbcal.identification.constraint_start import start
+from irbcal.identification.feature_fit import FeaturedFit, identify_features
+from irbcal.identification.feature_problem import ConstraintProblem, start
 from irbcal.measurement.imaging import FITTED, TARGETS
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 

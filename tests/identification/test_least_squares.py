@@ -7,7 +7,8 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import fit, least_squares, observability, residuals
+from irbcal.identification import fit, initial_guess, least_squares, observability
+from irbcal.identification.problem import Problem
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 
@@ -35,7 +36,7 @@ def test_a_good_fit_near_the_noise_is_not_refused(name):
     seed, noise = CASES[name]
     nominal, points = near_the_noise(seed, noise)
     problem, _ = fit.make_problem(nominal, points, "34")
-    found = least_squares.solve(problem, fit.first_state(problem))
+    found = least_squares.solve(problem, initial_guess.first_state(problem))
     information = found.information
     assert information.sigma == pytest.approx(noise, rel=0.15)
     assert found.iterations < 30
@@ -57,7 +58,7 @@ def test_no_fit_is_refused_wherever_the_threshold_falls(seed):
     def rank(noise):
         nominal, points = near_the_noise(seed, noise)
         problem, _ = fit.make_problem(nominal, points, "34")
-        found = least_squares.solve(problem, fit.first_state(problem))
+        found = least_squares.solve(problem, initial_guess.first_state(problem))
         assert found.information.sigma == pytest.approx(noise, rel=0.2)
         return found.information.rank
 
@@ -94,7 +95,7 @@ def test_real_poses_with_one_reflector_and_programmed_joints(shared_data, tmp_pa
 def test_frozen_directions_are_held_and_the_rest_is_seen():
     nominal, points = near_the_noise(1, 3e-4)
     problem, _ = fit.make_problem(nominal, points, "34")
-    state = fit.first_state(problem)
+    state = initial_guess.first_state(problem)
     H, _, rss = problem.normal_equations(state)
     free = observability.information(problem, H, rss)
     held = free.weakest(free.rank - 3)
@@ -117,7 +118,7 @@ def test_frozen_directions_are_held_and_the_rest_is_seen():
 def test_what_is_seen_with_other_residuals_is_judged_without_the_matrix(frozen):
     nominal, points = near_the_noise(1, 3e-4)
     problem, _ = fit.make_problem(nominal, points, "34")
-    H, _, rss = problem.normal_equations(fit.first_state(problem))
+    H, _, rss = problem.normal_equations(initial_guess.first_state(problem))
     found = observability.information(problem, H, rss)
     held = found.weakest(found.rank - 3) if frozen else None
     found = observability.information(problem, H, rss, held)
@@ -145,8 +146,8 @@ def test_derivatives_taken_again_as_they_were_do_not_move_the_minimum(monkeypatc
     rng = np.random.default_rng(34)
     points = measured(random_robot(nominal, "34", rng, size=0.2), nominal.random_joints(60, 2), noise, rng)
     asked = []
-    near = residuals.Problem.gradient_near
-    monkeypatch.setattr(residuals.Problem, "gradient_near", lambda *a: asked.append(1) or near(*a))
+    near = Problem.gradient_near
+    monkeypatch.setattr(Problem, "gradient_near", lambda *a: asked.append(1) or near(*a))
     quick = fit.identify(nominal, points, "34").solution
     assert asked == [1]
     monkeypatch.setattr(least_squares, "CHORD", 0.0)

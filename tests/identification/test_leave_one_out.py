@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from evidence_cases import linear_case
 
-from irbcal.identification import leave_one_out, linearisation, mackay
-from irbcal.identification.dictionaries import make
-from irbcal.identification.linearisation import Linearisation
+from irbcal.identification import leave_one_out, linear_model
+from irbcal.identification.evidence_maximisation import maximise_evidence
+from irbcal.identification.linear_model import Linearisation
+from irbcal.identification.term_sets import make
 
 
 @pytest.mark.parametrize("temper", [1.0, 2 / 3])
@@ -16,7 +17,7 @@ def test_leaving_out_agrees_with_fits_without_the_poses(temper):
     chosen = make(terms, ["gravity", "gain", "direction"], 0, None)
     columns = chosen.columns(linear.flat)
     sums = linear.sums(columns)
-    found = mackay.fit(sums, linear.flat, chosen.group, chosen.caps, temper)
+    found = maximise_evidence(sums, linear.flat, chosen.group, chosen.caps, temper)
     rows = next(linear.blocks(columns))
     prior = np.r_[np.zeros(linear.flat), 1.0 / found.variances[chosen.group]]
     a = temper / found.s2
@@ -42,9 +43,9 @@ def test_residuals_come_in_the_order_of_the_poses_in_any_blocks(monkeypatch):
     linear = Linearisation(problem, state, motion, terms)
     chosen = make(terms, ["gravity"], 0, None)
     columns = chosen.columns(linear.flat)
-    found = mackay.fit(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 1.0)
+    found = maximise_evidence(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 1.0)
     whole = [f(linear, columns, found) for f in (leave_one_out.residuals, leave_one_out.block_residuals)]
-    monkeypatch.setattr(linearisation, "BLOCK", 4)
+    monkeypatch.setattr(linear_model, "BLOCK", 4)
     parts = [f(linear, columns, found) for f in (leave_one_out.residuals, leave_one_out.block_residuals)]
     for (u, pose), (v, again) in zip(whole, parts, strict=True):
         np.testing.assert_array_equal(pose, again)
@@ -58,7 +59,7 @@ def test_left_out_errors_are_larger_than_residuals():
     linear = Linearisation(problem, state, motion, terms)
     chosen = make(terms, ["gravity", "gain"], 0, None)
     columns = chosen.columns(linear.flat)
-    found = mackay.fit(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 2 / 3)
+    found = maximise_evidence(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 2 / 3)
     rows = next(linear.blocks(columns))
     fitted = leave_one_out.rms_length((rows.y - found.c @ rows.J).reshape(-1, 3))
     one = leave_one_out.rms_length(leave_one_out.residuals(linear, columns, found)[0])
@@ -75,13 +76,13 @@ def test_repeats_of_a_place_are_left_out_together(monkeypatch):
     linear = Linearisation(problem, state, motion, terms)
     chosen = make(terms, ["gravity", "gain"], 0, None)
     columns = chosen.columns(linear.flat)
-    found = mackay.fit(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 1.0)
+    found = maximise_evidence(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 1.0)
     rows = next(linear.blocks(columns))
     prior = np.r_[np.zeros(linear.flat), 1.0 / found.variances[chosen.group]]
     place = np.arange(problem.points.poses)
     place[[9, 21]] = 2
     monkeypatch.setattr(leave_one_out, "places", lambda points: place)
-    monkeypatch.setattr(linearisation, "BLOCK", 8)
+    monkeypatch.setattr(linear_model, "BLOCK", 8)
     u, pose = leave_one_out.residuals(linear, columns, found)
     for n in ([2, 9, 21], [3]):
         mine = np.isin(rows.pose, n)

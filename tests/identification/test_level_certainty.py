@@ -7,8 +7,7 @@ import pytest
 from evidence_cases import irb120
 from support import arm, measured, random_robot
 
-from irbcal.identification.fit import identify
-from irbcal.identification.level_certainty import certainty_of, left_out, term_of
+from irbcal.identification.fit import certainty_of, identify, left_out, term_of
 from irbcal.modeling.parameters import GEOMETRIC, all_names, apply, parameter, selected_parameters
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion, Situation
@@ -127,18 +126,18 @@ def test_some_places_tell_what_all_do(monkeypatch):
     nominal, _, points, _ = cell(poses=150)
     fit = identify(nominal, points, "34")
     whole = certainty_of(fit)
-    monkeypatch.setattr("irbcal.identification.level_certainty.MOST_PLACES", 75)
+    monkeypatch.setattr("irbcal.identification.fit.MOST_PLACES", 75)
     some = certainty_of(fit)
     for name, value in whole.loo.items():
         assert abs(some.loo[name] / value - 1.0) < 0.15
         assert abs(some.loo_blocks[name] / whole.loo_blocks[name] - 1.0) < 0.15
     with monkeypatch.context() as patch:
-        patch.setattr("irbcal.identification.level_certainty.MOST_PLACES", 149)
+        patch.setattr("irbcal.identification.fit.MOST_PLACES", 149)
         single, _, mine = left_out(fit, whole.covariance)
         every = left_out_of_all(fit, whole.covariance, patch)
         assert np.abs(single - every[np.isin(points.pose_ids, mine.pose_ids)[points.pose]]).max() < 1e-9
 
 
 def left_out_of_all(fit, covariance, patch):
-    patch.setattr("irbcal.identification.level_certainty.MOST_PLACES", 10**6)
+    patch.setattr("irbcal.identification.fit.MOST_PLACES", 10**6)
     return left_out(fit, covariance)[0]

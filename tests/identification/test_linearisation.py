@@ -6,9 +6,9 @@ from evidence_cases import linear_case
 from support import central_differences
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import linearisation
-from irbcal.identification.dictionaries import make
-from irbcal.identification.linearisation import TURN_UNIT, Linearisation
+from irbcal.identification import linear_model
+from irbcal.identification.linear_model import TURN_UNIT, Linearisation
+from irbcal.identification.term_sets import make
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 from irbcal.modeling.terms.term_map import TermMap
 
@@ -37,7 +37,7 @@ def test_blocks_of_poses_add_up(monkeypatch):
     problem, state, motion, terms = linear_case(13)
     linear = Linearisation(problem, state, motion, terms)
     whole = linear.sums()
-    monkeypatch.setattr(linearisation, "BLOCK", 4)
+    monkeypatch.setattr(linear_model, "BLOCK", 4)
     parts = linear.sums()
     np.testing.assert_allclose(parts.H, whole.H, rtol=1e-9, atol=1e-9)
     assert parts.equations == whole.equations == 3 * problem.rows
@@ -107,7 +107,7 @@ def _rows_of_poses(points):
 
 def test_flat_columns_count_in_their_units():
     problem = linear_case(8, True)[0]
-    units = linearisation.flat_units(problem)
+    units = linear_model.flat_units(problem)
     assert len(units) == problem.outer
     np.testing.assert_array_equal(units[:6], [TURN_UNIT] * 3 + [1e-3] * 3)
     assert set(units[6:]) <= {TURN_UNIT, 1e-3}
@@ -117,7 +117,7 @@ def test_the_geometry_solution_is_a_fixed_point_and_moved_goes_there():
     problem, state, motion, _ = linear_case(30)
     geometry = GEOMETRY.terms(problem.arm)
     linear = Linearisation(problem, state, motion, geometry)
-    again = linearisation.geometry_solution(problem, motion, geometry)
+    again = linear_model.geometry_solution(problem, motion, geometry)
     np.testing.assert_allclose(again.errors, state.errors, rtol=0, atol=1e-9)
     zero = np.zeros(len(linear.sizes))
     nominal = linear.moved(zero)
@@ -133,13 +133,13 @@ def test_too_few_poses_are_refused():
     problem, _, _, _ = linear_case(5)
     points = problem.points.select(np.arange(5) < 2)
     with pytest.raises(IdentificationError, match="at least 3"):
-        linearisation.geometry_problem(problem.arm, points, GEOMETRY.terms(problem.arm), None)
+        linear_model.geometry_problem(problem.arm, points, GEOMETRY.terms(problem.arm), None)
 
 
 def test_the_same_problem_for_other_points():
     problem, state, motion, terms = linear_case(10)
     keep = np.arange(10) < 4
-    part = linearisation.at_poses(problem, problem.points.select(keep))
+    part = linear_model.at_poses(problem, problem.points.select(keep))
     some = Linearisation(part, state, motion.select(keep), terms).sums()
     first = Linearisation(problem, state, motion, terms)
     rows = next(first.blocks())
@@ -150,7 +150,7 @@ def test_the_same_problem_for_other_points():
 
 @pytest.mark.parametrize("orientations", [False, True])
 def test_a_straightened_model_is_exact_where_it_was_straightened(orientations, monkeypatch):
-    monkeypatch.setattr(linearisation, "BLOCK", 5)
+    monkeypatch.setattr(linear_model, "BLOCK", 5)
     problem, state, motion, terms = linear_case(12, orientations)
     linear = Linearisation(problem, state, motion, terms)
     c = 0.5 * np.random.default_rng(1).standard_normal(linear.flat + len(terms))

@@ -7,7 +7,7 @@ import pytest
 from support import arm, measured, random_robot, write_measurements
 
 import irbcal
-from irbcal.identification import lost_rows
+from irbcal.identification import data_entry_errors
 from irbcal.measurement.points import PointSet
 
 TOOL = {"smr": np.array([0.05, 0.02, 0.1])}
@@ -56,7 +56,7 @@ def test_the_place_is_found_anywhere(how, place):
     nominal = arm()
     robot, seen = points(nominal, targets=TOOL if place % 2 else None)
     wrong, late = damaged(seen, how, place)
-    for found in (lost_rows.find(nominal, wrong), lost_rows.with_robot(robot, wrong)):
+    for found in (data_entry_errors.find_lost_row(nominal, wrong), data_entry_errors.lost_row_of_robot(robot, wrong)):
         assert found is not None
         assert found.late == late
         assert abs(int(found.pose) - 1 - place) <= 1  # of a row that has no partner nobody knows the side
@@ -66,7 +66,7 @@ def test_the_place_is_found_anywhere(how, place):
 def test_it_is_found_among_gross_errors():
     nominal = arm()
     wrong, late = damaged(points(nominal)[1], "position lost", 25)
-    found = lost_rows.find(nominal, with_gross_errors(wrong, 0.1))
+    found = data_entry_errors.find_lost_row(nominal, with_gross_errors(wrong, 0.1))
     assert found is not None
     assert (found.late, abs(int(found.pose) - 26) <= 1) == (late, True)
 
@@ -77,10 +77,10 @@ def test_nothing_is_named_where_there_is_nothing(seed):
     robot, seen = points(nominal, seed, poses=(25, 60, 90)[seed % 3], targets=TOOL if seed % 2 else None)
     for share in (0.0, 0.1, 0.3):
         wrong = with_gross_errors(seen, share, seed)
-        assert lost_rows.find(nominal, wrong) is None
-        assert lost_rows.with_robot(robot, wrong) is None
+        assert data_entry_errors.find_lost_row(nominal, wrong) is None
+        assert data_entry_errors.lost_row_of_robot(robot, wrong) is None
     noise = np.random.default_rng(seed).normal(size=seen.xyz.shape)
-    assert lost_rows.find(nominal, dataclasses.replace(seen, xyz=noise)) is None
+    assert data_entry_errors.find_lost_row(nominal, dataclasses.replace(seen, xyz=noise)) is None
 
 
 def test_small_steps_between_poses():
@@ -92,14 +92,16 @@ def test_small_steps_between_poses():
     q += 0.05 * np.sin(np.arange(80)[:, None] * np.array([0.11, 0.13, 0.17, 0.19, 0.23, 0.29]))
     robot = random_robot(nominal, "placement", rng)
     seen = measured(robot, q, 3e-5, rng)
-    assert lost_rows.find(nominal, seen) is None
-    found = lost_rows.find(nominal, damaged(seen, "position lost", 40)[0])
+    assert data_entry_errors.find_lost_row(nominal, seen) is None
+    found = data_entry_errors.find_lost_row(nominal, damaged(seen, "position lost", 40)[0])
     assert found is None or found.pose == "41"
 
 
 def test_too_few_poses_name_nothing():
     nominal = arm()
-    assert lost_rows.find(nominal, damaged(points(nominal, poses=20)[1], "position lost", 10)[0]) is None
+    assert (
+        data_entry_errors.find_lost_row(nominal, damaged(points(nominal, poses=20)[1], "position lost", 10)[0]) is None
+    )
 
 
 def test_the_row_is_told_by_calibrate_and_evaluate(tmp_path):

@@ -5,8 +5,18 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import mackay
-from irbcal.identification.sums import Sums
+from irbcal.identification.evidence_maximisation import (
+    EARLY,
+    KNOWN_COUNT,
+    NOISE,
+    NOISE_COUNT,
+    VARIANCE_CAP,
+    Expected,
+    Sums,
+    evidence_temper,
+    fit_temper,
+    maximise_evidence,
+)
 
 FLAT = 3
 GROUP = np.array([0, 0, 0, 0, 1, 1, 1])
@@ -21,16 +31,14 @@ def small_case(seed=1, rows=40):
     return J, y, Sums(J @ J.T, J @ y, float(y @ y), rows)
 
 
-EXPECTED = mackay.Expected(
-    np.array([0.5, -1.0, 0.2, 0.1, 0, 0, 0]), np.array([0.1, 0.3, 2.0, 0.5, 1, 1, 1]), GROUP == 0
-)
+EXPECTED = Expected(np.array([0.5, -1.0, 0.2, 0.1, 0, 0, 0]), np.array([0.1, 0.3, 2.0, 0.5, 1, 1, 1]), GROUP == 0)
 
 
 @pytest.mark.parametrize("expected_before", [None, EXPECTED])
 @pytest.mark.parametrize("t", [1.0, 2 / 3, 1 / 3])
 def test_log_evidence_is_the_dense_integral(t, expected_before):
     J, y, sums = small_case()
-    found = mackay.fit(sums, FLAT, GROUP, CAPS, t, expected=expected_before)
+    found = maximise_evidence(sums, FLAT, GROUP, CAPS, t, expected=expected_before)
     N, F, R = len(y), J[:FLAT].T, J[FLAT:].T
     prior = found.variances[GROUP]
     if expected_before is not None:
@@ -48,7 +56,7 @@ def test_log_evidence_is_the_dense_integral(t, expected_before):
 
 def test_what_is_expected_is_a_normal_prior_whose_scale_is_found():
     J, y, sums = small_case()
-    found = mackay.fit(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, iterations=3000, expected=EXPECTED)
+    found = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, iterations=3000, expected=EXPECTED)
     weight = np.r_[np.zeros(FLAT), 1.0 / (found.variances[GROUP] * EXPECTED.std**2)]
     mean = np.r_[np.zeros(FLAT), EXPECTED.mean]
     A = J @ J.T / found.s2 + np.diag(weight)
@@ -56,14 +64,14 @@ def test_what_is_expected_is_a_normal_prior_whose_scale_is_found():
     np.testing.assert_allclose(found.c, np.linalg.solve(A, J @ y / found.s2 + weight * mean), rtol=1e-9, atol=1e-12)
     far = ((found.c - mean)[FLAT:] / EXPECTED.std) ** 2
     known, plain = far[GROUP == 0].sum(), far[GROUP == 1].sum()
-    count = mackay.KNOWN_COUNT
+    count = KNOWN_COUNT
     assert found.variances[0] == pytest.approx(min(4.0, (known + count) / (found.gammas[0] + count)), rel=1e-4)
     assert found.variances[1] == pytest.approx((plain + 0.002) / (found.gammas[1] + 0.2), rel=1e-4)
 
 
 def test_posterior_is_ridge_regression_at_the_fixed_point():
     J, y, sums = small_case()
-    found = mackay.fit(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, iterations=3000)
+    found = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, iterations=3000)
     prior = np.r_[np.zeros(FLAT), 1.0 / found.variances[GROUP]]
     A = J @ J.T / found.s2 + np.diag(prior)
     np.testing.assert_allclose(found.covariance, np.linalg.inv(A), rtol=1e-9, atol=1e-14)
@@ -75,7 +83,7 @@ def test_posterior_is_ridge_regression_at_the_fixed_point():
     squares = [np.sum(found.c[FLAT:][g == GROUP] ** 2) for g in (0, 1)]
     np.testing.assert_allclose(found.variances, (np.array(squares) + 0.002) / (found.gammas + 0.2), rtol=1e-4)
     left = y - found.c @ J
-    known, count = mackay.NOISE_COUNT * mackay.NOISE**2, mackay.NOISE_COUNT
+    known, count = NOISE_COUNT * NOISE**2, NOISE_COUNT
     assert found.s2 == pytest.approx((left @ left + known) / (len(y) - found.gammas.sum() - FLAT + count), rel=1e-4)
 
 
@@ -84,17 +92,17 @@ def test_a_fit_that_passes_through_every_point_does_not_seem_certain():
     J = rng.standard_normal((60, 24))  # more terms than equations
     y = 0.3 * rng.standard_normal(24)
     sums = Sums(J @ J.T, J @ y, float(y @ y), len(y))
-    found = mackay.fit(sums, 1, np.zeros(59, dtype=int), np.array([mackay.CAP]), 1.0, iterations=500)
-    assert np.sqrt(found.s2) > 0.1 * mackay.NOISE
+    found = maximise_evidence(sums, 1, np.zeros(59, dtype=int), np.array([VARIANCE_CAP]), 1.0, iterations=500)
+    assert np.sqrt(found.s2) > 0.1 * NOISE
 
 
 def test_variances_have_caps_and_unseen_groups_shrink():
     J, _, _ = small_case()
     y = 50.0 * J[FLAT]  # one coefficient far beyond what the cap allows
-    found = mackay.fit(Sums(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
+    found = maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
     assert found.variances[0] == 4.0
     J[-3:] = 0.0
-    found = mackay.fit(Sums(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
+    found = maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
     assert found.variances[1] == pytest.approx(0.01, rel=0.05)
     np.testing.assert_allclose(np.diag(found.covariance)[-3:], found.variances[1])
 
@@ -102,20 +110,20 @@ def test_variances_have_caps_and_unseen_groups_shrink():
 def test_too_few_equations_are_refused():
     J, y, _ = small_case(rows=2)
     with pytest.raises(IdentificationError, match="too few"):
-        mackay.fit(Sums(J @ J.T, J @ y, float(y @ y), 2), FLAT, GROUP, CAPS, 1.0)
+        maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), 2), FLAT, GROUP, CAPS, 1.0)
     J, y, _ = small_case()
     J[0] = 0.0
     with pytest.raises(IdentificationError, match="do not determine"):
-        mackay.fit(Sums(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
+        maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
 
 
 def test_variances_are_those_of_the_largest_evidence():
     # without what keeps variances from zero, the fixed point is where the evidence no longer grows
     sums = small_case(4, 200)[2]
-    found = mackay.fit(sums, FLAT, GROUP, np.full(2, 1e9), 1.0, tolerance=1e-13, iterations=5000)
+    found = maximise_evidence(sums, FLAT, GROUP, np.full(2, 1e9), 1.0, tolerance=1e-13, iterations=5000)
 
     def evidence(variances, s2):
-        return mackay.fit(sums, FLAT, GROUP, CAPS, 1.0, np.array(variances), s2, iterations=1).log_evidence
+        return maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, np.array(variances), s2, iterations=1).log_evidence
 
     best = evidence(found.variances, found.s2)
     for k in range(2):
@@ -133,22 +141,22 @@ def test_true_variances_are_found():
     J = rng.standard_normal((402, 3000))
     c = np.r_[3.0, -2.0, 0.9 * rng.standard_normal(200), 0.04 * rng.standard_normal(200)]
     y = c @ J + 0.5 * rng.standard_normal(3000)
-    found = mackay.fit(Sums(J @ J.T, J @ y, float(y @ y), 3000), 2, group, CAPS, 1.0)
+    found = maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), 3000), 2, group, CAPS, 1.0)
     np.testing.assert_allclose(np.sqrt(found.variances), [0.9, 0.04], rtol=0.15)
     assert np.sqrt(found.s2) == pytest.approx(0.5, rel=0.05)
     assert np.mean(np.abs(found.c - c) < 1.96 * np.sqrt(np.diag(found.covariance))) > 0.92
 
 
 def test_tempers_count_a_pose_as_six_numbers_and_as_one_vector():
-    assert [mackay.fit_temper(m) for m in (1, 2, 3, 6)] == [1.0, 1.0, pytest.approx(2 / 3), pytest.approx(1 / 3)]
-    assert [mackay.evidence_temper(m) for m in (0.5, 1, 3)] == [1.0, 1.0, pytest.approx(1 / 3)]
+    assert [fit_temper(m) for m in (1, 2, 3, 6)] == [1.0, 1.0, pytest.approx(2 / 3), pytest.approx(1 / 3)]
+    assert [evidence_temper(m) for m in (0.5, 1, 3)] == [1.0, 1.0, pytest.approx(1 / 3)]
 
 
 def test_a_hopeless_fit_is_given_up_early():
     _, _, sums = small_case()
-    whole = mackay.fit(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12)
-    early = mackay.fit(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, give_up=whole.log_evidence + 1.0)
-    assert early.iterations == mackay.EARLY < whole.iterations
+    whole = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12)
+    early = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, give_up=whole.log_evidence + 1.0)
+    assert early.iterations == EARLY < whole.iterations
 
 
 def test_more_terms_than_the_poses_are_worth_do_not_keep_it_going_round():
@@ -160,8 +168,8 @@ def test_more_terms_than_the_poses_are_worth_do_not_keep_it_going_round():
     y = 0.3 * rng.standard_normal(5) @ J[FLAT : FLAT + 5] + 0.2 * rng.standard_normal(90)
     sums = Sums(J @ J.T, J @ y, float(y @ y), 90)
     caps = np.full(12, 4.0)
-    one = mackay.fit(sums, FLAT, group, caps, 1 / 3)
-    other = mackay.fit(sums, FLAT, group, caps, 1 / 3, np.full(12, 0.03), 1.0, tolerance=1e-9, iterations=400)
+    one = maximise_evidence(sums, FLAT, group, caps, 1 / 3)
+    other = maximise_evidence(sums, FLAT, group, caps, 1 / 3, np.full(12, 0.03), 1.0, tolerance=1e-9, iterations=400)
     assert one.iterations < 25
     assert other.iterations < 400
     assert one.log_evidence == pytest.approx(other.log_evidence, abs=0.1)

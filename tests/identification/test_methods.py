@@ -5,7 +5,7 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError, OptionError
-from irbcal.identification.methods import identify_by
+from irbcal.identification.fit import identify_by
 from irbcal.measurement.points import distances
 
 

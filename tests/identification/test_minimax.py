@@ -8,7 +8,7 @@ from support import arm, measured, random_robot
 
 from irbcal.calibrating import split
 from irbcal.errors import IdentificationError, OptionError
-from irbcal.identification import fit, least_squares, minimax
+from irbcal.identification import fit, initial_guess, least_squares, minimax
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 
@@ -39,7 +39,7 @@ def simulated(level="34", poses=25, noise=5e-5, seed=0, size=0.3):
     rng = np.random.default_rng(seed)
     robot = random_robot(nominal, level, rng, size)
     problem, _ = fit.make_problem(nominal, measured(robot, nominal.random_joints(poses, seed), noise, rng), level)
-    return problem, least_squares.solve(problem, fit.first_state(problem))
+    return problem, least_squares.solve(problem, initial_guess.first_state(problem))
 
 
 @pytest.mark.parametrize("inner", ["numpy", "clarabel"])
@@ -76,7 +76,7 @@ def test_both_inner_solvers_agree(level):
     theirs = minimax.solve(problem, start, tolerance=1e-6, inner="clarabel")
     assert ours.value == pytest.approx(theirs.value, rel=3e-6)
     assert max(ours.lower_bound, theirs.lower_bound) <= min(ours.value, theirs.value) * (1 + 1e-5)
-    assert ours.value < minimax.largest(problem.residuals(start.state))
+    assert ours.value < minimax.largest_distance(problem.residuals(start.state))
 
 
 def test_certificate_can_be_checked_by_hand():
@@ -102,9 +102,12 @@ def test_no_step_gets_below_the_bound():
     rng = np.random.default_rng(2)
     for size in (1e-6, 1e-5, 1e-4, 1e-3):
         for y in size * rng.standard_normal((100, basis.shape[1])):
-            assert minimax.largest(r - (A @ y).reshape(-1, 3)) >= found.lower_bound
+            assert minimax.largest_distance(r - (A @ y).reshape(-1, 3)) >= found.lower_bound
             if size <= 1e-4:
-                assert minimax.largest(problem.residuals(problem.moved(found.state, basis @ y))) >= found.lower_bound
+                assert (
+                    minimax.largest_distance(problem.residuals(problem.moved(found.state, basis @ y)))
+                    >= found.lower_bound
+                )
 
 
 def test_held_directions_stay_and_all_starts_end_alike():
@@ -115,7 +118,7 @@ def test_held_directions_stay_and_all_starts_end_alike():
     change = (found.state.errors - start.state.errors) / information.scale
     assert np.abs(information.directions[:, ~information.seen].T @ change).max() < 1e-12
     assert np.abs(change).max() > 1e-4
-    far = minimax.solve(problem, start, start=fit.first_state(problem))
+    far = minimax.solve(problem, start, start=initial_guess.first_state(problem))
     assert far.value == pytest.approx(found.value, rel=1e-3)
     again = minimax.solve(problem, start, start=found.state)
     assert again.value <= found.value
@@ -148,7 +151,7 @@ def test_real_robot(shared_data, level, least_squares_mm, certified_mm, heldout_
     held = split(points, 296, "last")
     problem, _ = fit.make_problem(nominal, points.select(~held), level)
     unused, _ = fit.make_problem(nominal, points.select(held), level)
-    start = least_squares.solve(problem, fit.first_state(problem))
+    start = least_squares.solve(problem, initial_guess.first_state(problem))
     found = minimax.solve(problem, start)
     assert 1e3 * found.history[0] == pytest.approx(least_squares_mm, rel=0.02)
     assert 1e3 * found.value <= certified_mm + 1e-4
@@ -163,7 +166,7 @@ def test_the_poses_with_the_largest_distances_tell_of_all(monkeypatch):
     nominal, rng = arm(), np.random.default_rng(4)
     points = measured(random_robot(nominal, "34", rng), nominal.random_joints(300, 4), 5e-5, rng)
     problem, _ = fit.make_problem(nominal, points, "34")
-    first = least_squares.solve(problem, fit.first_state(problem))
+    first = least_squares.solve(problem, initial_guess.first_state(problem))
     whole = minimax.solve(problem, first)
     monkeypatch.setattr(minimax, "MOST_POSES", 200)
     monkeypatch.setattr(minimax, "ADDED", 40)

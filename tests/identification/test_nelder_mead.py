@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.calibrating import split
-from irbcal.identification import fit, least_squares, minimax, nelder_mead
+from irbcal.identification import fit, initial_guess, least_squares, minimax
 from irbcal.identification import history as history_module
 from irbcal.identification.history import History
 from irbcal.io import urdf
@@ -13,13 +13,13 @@ from irbcal.measurement import cleaning, table
 
 def test_it_improves_and_stays_above_the_proved_bound(case):
     problem, others = case
-    start = least_squares.solve(problem, fit.first_state(problem))
+    start = least_squares.solve(problem, initial_guess.first_state(problem))
     history = History(problem, others)
-    found = nelder_mead.solve(problem, start.state, iterations=200, record=history.record)
+    found = minimax.nelder_mead(problem, start.state, iterations=200, record=history.record)
     best = minimax.solve(problem, start)
     assert found.iterations == 200
     assert found.evaluations >= 200
-    assert found.value == pytest.approx(minimax.largest(problem.residuals(found.state)), rel=1e-12)
+    assert found.value == pytest.approx(minimax.largest_distance(problem.residuals(found.state)), rel=1e-12)
     assert best.value < found.value < found.history[0]
     assert len(found.history) == 21
     assert np.all(np.diff(found.history) <= 0)
@@ -31,7 +31,7 @@ def test_it_improves_and_stays_above_the_proved_bound(case):
 
 def test_sizes_are_in_the_order_of_the_unknowns(case):
     problem, _ = case
-    sizes = nelder_mead.sizes(problem)
+    sizes = minimax.plausible_sizes(problem)
     assert sizes.shape == (problem.unknowns,)
     assert np.abs(sizes[[0, 3, 6]] - [np.radians(0.5), 5e-3, 5e-3]).max() < 1e-15
     assert sizes[-1] == problem.parameters[-1].scale
@@ -39,7 +39,9 @@ def test_sizes_are_in_the_order_of_the_unknowns(case):
 
 def test_another_objective(case):
     problem, _ = case
-    found = nelder_mead.solve(problem, fit.first_state(problem), iterations=50, objective=history_module.rms)
+    found = minimax.nelder_mead(
+        problem, initial_guess.first_state(problem), iterations=50, objective=history_module.rms
+    )
     assert found.value < found.history[0]
     assert found.value == pytest.approx(history_module.rms(history_module.distances(problem, found.state)), rel=1e-12)
 
@@ -47,8 +49,8 @@ def test_another_objective(case):
 def test_two_thousand_iterations_on_a_real_robot_do_worse_than_minimax(shared_data):
     points = cleaning.clean(table.read(shared_data / "irb120_laser_tracker" / "measurements.csv")).points
     problem, _ = fit.make_problem(urdf.read("irb120").arm, points.select(~split(points, 296, "last")), "34")
-    start = least_squares.solve(problem, fit.first_state(problem))
-    found = nelder_mead.solve(problem, start.state)
+    start = least_squares.solve(problem, initial_guess.first_state(problem))
+    found = minimax.nelder_mead(problem, start.state)
     best = minimax.solve(problem, start)
     assert found.iterations == 2000
     assert len(found.history) == 201

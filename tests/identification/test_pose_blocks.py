@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
-from irbcal.identification import pose_blocks, start
-from irbcal.identification.residuals import Problem
+from irbcal.identification import initial_guess, problem
+from irbcal.identification.problem import Problem
 from irbcal.modeling import parameters
 from irbcal.modeling.thesis_map import fourier_terms, stiffness_terms
 
@@ -35,7 +35,7 @@ def oriented(points, share):
 
 def cut(points, session=None):
     session = np.zeros(len(points), dtype=int) if session is None else session
-    return pose_blocks.cut(points, points.oriented(), session, PHASES, KINDS)
+    return problem.cut(points, points.oriented(), session, PHASES, KINDS)
 
 
 def assert_every_point_at_home(points, blocks):
@@ -59,7 +59,7 @@ def assert_every_point_at_home(points, blocks):
     "kind", ["all", "one target", "some missing", "one missing", "no pose 4", "oriented", "some oriented"]
 )
 def test_every_point_stands_once_and_at_its_own_pose(points, kind, size, monkeypatch):
-    monkeypatch.setattr(pose_blocks, "BLOCK", size)
+    monkeypatch.setattr(problem, "BLOCK", size)
     everywhere = np.arange(len(points))
     points = {
         "all": lambda: points,
@@ -114,7 +114,7 @@ def test_shared_frames_give_the_residuals_and_derivatives_of_frames_at_every_poi
     rotation = np.where(alone[:, None, None], np.eye(3), np.nan)
     shared, each = (Problem(arm(), p, chosen) for p in (points, dataclasses.replace(points, rotation=rotation)))
     state = dataclasses.replace(
-        start.closed_form(shared)[0], errors=1e-3 * np.random.default_rng(3).standard_normal(len(chosen))
+        initial_guess.closed_form(shared)[0], errors=1e-3 * np.random.default_rng(3).standard_normal(len(chosen))
     )
     np.testing.assert_allclose(shared.residuals(state), each.residuals(state)[: len(points)], rtol=0, atol=1e-14)
     outer = [*range(shared.others), *range(each.others, each.unknowns)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from evidence_cases import Truth, moves
 
-from irbcal.identification import readings
+from irbcal.identification import evidence_fit
 from irbcal.identification.evidence import identify_evidence
 from irbcal.modeling.terms.situation import Motion
 
@@ -47,9 +47,9 @@ def test_readings_that_lag_are_recognised(lagging):
     assert found.readings_projected
     assert found.readings_gain > 3.0
     assert "before the arm stood still" in found.summary()
-    shares = readings.shares(found, points, motion)
+    shares = evidence_fit.shares(found, points, motion)
     assert np.abs(shares - share)[5:].mean() < 2e-5
-    lag = readings.lag(found, points, motion)
+    lag = evidence_fit.lag(found, points, motion)
     assert np.abs(lag.share(found, motion)[5:] - share[5:]).mean() < 2.5e-4
     assert repr(lag).startswith("<Lag: readings lag behind the programmed joints by 4.")
     # exact readings are left alone
@@ -62,17 +62,17 @@ def test_readings_that_lag_are_recognised(lagging):
 
 def test_programmed_joints_are_nearer_than_readings(lagging):
     _, commands, _, points, motion, found = lagging
-    lag = readings.lag(found, points, motion)
+    lag = evidence_fit.lag(found, points, motion)
     off = np.abs(lag.programmed(found, motion) - commands.q)[5:].mean()
     assert off < 0.5 * np.abs(motion.q - commands.q)[5:].mean()
-    np.testing.assert_array_equal(lag.shares, readings.shares(found, points, motion))
+    np.testing.assert_array_equal(lag.shares, evidence_fit.shares(found, points, motion))
 
 
 def test_features_of_a_move_by_hand(lagging):
     found, motion = lagging[-1], lagging[-2]
     q = motion.q[:3]
     move = np.array([[0.1, -0.2, 0.0, 0.05, 0.0, 0.0], [0.0] * 6, [1e-4, 0.0, 0.0, 0.0, 0.0, 0.0]])
-    rows = readings.features(found, Motion(q, move))
+    rows = evidence_fit.features(found, Motion(q, move))
     assert rows.shape == (3, 16)
     assert rows[0, 0] == 1.0
     assert rows[0, 1] == pytest.approx(5.0)

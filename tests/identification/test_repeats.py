@@ -7,8 +7,7 @@ from evidence_cases import Truth
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irbcal.identification import repeats
-from irbcal.identification.evidence import identify_evidence
+from irbcal.identification.evidence import average_repeats, identify_evidence
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.terms.situation import Motion
 
@@ -17,7 +16,7 @@ def test_repeats_of_a_stop_are_averaged():
     truth = Truth(["gravity"])
     motion = Motion(np.repeat(truth.nominal.random_joints(30, 3), 3, axis=0))
     points = truth.measured(motion, 3e-5)
-    merged, shorter = repeats.averaged(points, motion)
+    merged, shorter = average_repeats(points, motion)
     assert merged.poses == len(shorter) == 30
     expected = points.xyz.reshape(30, 3, 3, 3).mean(axis=1).reshape(-1, 3)
     np.testing.assert_allclose(merged.xyz, expected, atol=1e-12)
@@ -36,7 +35,7 @@ def test_means_by_a_dictionary_of_stops(stops, seed):
     n = len(stops)
     points = PointSet(q, pose, target, xyz, ("a", "b"), np.arange(n), np.full(n, "", dtype=object), u95=u95)
     motion = Motion(q, move, np.arange(n, dtype=float), np.full(n, 2.0))
-    merged, shorter = repeats.averaged(points, motion)
+    merged, shorter = average_repeats(points, motion)
     order = list(dict.fromkeys(stops))
     assert merged.poses == len(shorter) == len(order)
     for p, t, place, u in zip(merged.pose, merged.target, merged.xyz, merged.u95, strict=True):
@@ -56,14 +55,14 @@ def test_other_masses_and_orientations_are_not_averaged():
     q = np.repeat(truth.nominal.random_joints(4, 3), 2, axis=0)
     motion = Motion(q, payload_kg=np.tile([1.0, 2.0], 4))
     points = truth.measured(motion, 1e-5)
-    assert repeats.averaged(points, motion)[0].poses == 8
+    assert average_repeats(points, motion)[0].poses == 8
     once = replace(motion, payload_kg=np.ones(8), torques=np.arange(48.0).reshape(8, 6))
     told = replace(points, payload_kg=np.ones(8), payload_place=np.tile([0.0, 0.0, 0.1], (8, 1)), torques=once.torques)
-    merged, shorter = repeats.averaged(told, once)
+    merged, shorter = average_repeats(told, once)
     assert merged.poses == len(merged.payload_kg) == len(merged.payload_place) == 4
     np.testing.assert_allclose(shorter.torques, once.torques.reshape(4, 2, 6).mean(axis=1), rtol=1e-14)
     apart = replace(once, payload_place=np.arange(24.0).reshape(8, 3))
-    assert repeats.averaged(told, apart)[0].poses == 8
+    assert average_repeats(told, apart)[0].poses == 8
     turned = replace(points, rotation=np.tile(np.eye(3), (len(points), 1, 1)))
-    assert repeats.averaged(turned, Motion(q))[0] is turned
-    assert repeats.averaged(points, Motion(q))[0].poses == 4
+    assert average_repeats(turned, Motion(q))[0] is turned
+    assert average_repeats(points, Motion(q))[0].poses == 4

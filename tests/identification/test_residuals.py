@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from support import TARGETS, arm, central_differences, measured, random_robot
 
-from irbcal.identification import pose_blocks, residuals
+from irbcal.identification import problem as problem_module
+from irbcal.identification.problem import Problem, State
 from irbcal.io import urdf
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import Parameter
@@ -41,10 +42,8 @@ def problem_and_state(poses=7):
     model = skewed_arm()
     robot = random_robot(arm(), "34", rng)
     points = measured(robot, model.random_joints(poses, 1))
-    problem = residuals.Problem(model, points, every_parameter())
-    state = residuals.State(
-        robot.T_world_base, np.array(list(TARGETS.values())), 0.01 * rng.normal(size=len(problem.parameters))
-    )
+    problem = Problem(model, points, every_parameter())
+    state = State(robot.T_world_base, np.array(list(TARGETS.values())), 0.01 * rng.normal(size=len(problem.parameters)))
     return problem, state
 
 
@@ -64,7 +63,7 @@ def test_jacobian_agrees_with_central_differences():
 def test_jacobian_of_sessions_agrees_with_central_differences():
     one, state = problem_and_state(poses=9)
     session = np.array([*"aabcacbcb"], dtype=object)
-    problem = residuals.Problem(one.arm, dataclasses.replace(one.points, session=session), one.parameters)
+    problem = Problem(one.arm, dataclasses.replace(one.points, session=session), one.parameters)
     assert problem.sessions == ("a", "c", "b")  # that of the last pose is last
     rng = np.random.default_rng(8)
     others = np.array([frames.from_xyz_angles(rng.normal(size=6)) for _ in range(2)])
@@ -75,7 +74,7 @@ def test_jacobian_of_sessions_agrees_with_central_differences():
         "mij,mj->mi", T[:, :3, :3] @ state.T_world_base[:3, :3].T, one.points.xyz - state.T_world_base[:3, 3]
     )
     points = dataclasses.replace(problem.points, xyz=xyz + T[:, :3, 3])
-    problem = residuals.Problem(one.arm, points, one.parameters)
+    problem = Problem(one.arm, points, one.parameters)
     np.testing.assert_allclose(
         problem.residuals(state), one.residuals(dataclasses.replace(state, others=np.zeros((0, 4, 4)))), atol=1e-12
     )
@@ -112,7 +111,7 @@ def test_base_columns_are_the_derivative_of_the_moved_prediction():
 
 
 def test_normal_equations_are_the_sums_of_the_jacobian(monkeypatch):
-    monkeypatch.setattr(pose_blocks, "BLOCK", 3)
+    monkeypatch.setattr(problem_module, "BLOCK", 3)
     problem, state = problem_and_state(poses=11)
     J, r = problem.jacobian(state), problem.residuals(state).ravel()
     H, g, rss = problem.normal_equations(state)
@@ -129,7 +128,7 @@ def test_a_gradient_with_the_derivatives_of_the_state_itself_is_that_of_the_sums
     near, same = problem.gradient_near(state, slopes)
     assert np.abs(near - g).max() < 1e-12 * np.abs(g).max()
     assert same == pytest.approx(rss, rel=1e-13)
-    monkeypatch.setattr(pose_blocks, "BLOCK", 3)
+    monkeypatch.setattr(problem_module, "BLOCK", 3)
     problem, state = problem_and_state(poses=11)
     problem.normal_equations(state, slopes=(none := []))
     assert none == []
@@ -141,7 +140,7 @@ def test_targets_seen_in_some_poses_only():
     keep = np.ones(len(points), dtype=bool)
     keep[[0, 4, 8, 9, 10, 20]] = False
     part = dataclasses.replace(points, pose=points.pose[keep], target=points.target[keep], xyz=points.xyz[keep])
-    fewer = residuals.Problem(problem.arm, part, problem.parameters)
+    fewer = Problem(problem.arm, part, problem.parameters)
     rows = np.repeat(keep, 3)
     assert np.abs(fewer.jacobian(state) - problem.jacobian(state)[rows]).max() < 1e-15
     assert np.abs(fewer.residuals(state) - problem.residuals(state)[keep]).max() < 1e-15
@@ -152,8 +151,8 @@ def test_residuals_do_not_depend_on_the_arm_being_shipped():
     model = urdf.read("irb120").arm
     robot = random_robot(model, "26", np.random.default_rng(0))
     points = measured(robot, model.random_joints(5, 2))
-    problem = residuals.Problem(model, points, (Parameter("delta_a3", "a", 2, "m", 5e-3),))
-    state = residuals.State(robot.T_world_base, np.array(list(TARGETS.values())), np.zeros(1))
+    problem = Problem(model, points, (Parameter("delta_a3", "a", 2, "m", 5e-3),))
+    state = State(robot.T_world_base, np.array(list(TARGETS.values())), np.zeros(1))
     numeric = -central_differences(
         lambda x: problem.residuals(problem.moved(state, np.r_[np.zeros(15), x])).ravel(), np.zeros(1), 1e-3
     )

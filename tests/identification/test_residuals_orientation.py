@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support import TARGETS, arm, central_differences, measured, random_robot, random_rotation
 
-from irbcal.identification import residuals
 from irbcal.identification.fit import identify
+from irbcal.identification.problem import Problem
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.thesis_map import ThesisMap
 
@@ -29,8 +29,8 @@ def test_orientation_rows_of_the_jacobian_agree_with_central_differences():
     points, _ = with_orientations(robot, measured(robot, nominal.random_joints(6, 1)), rng, share=0.6)
     names = [f"delta_{kind}{i}" for kind in parameters.GEOMETRIC for i in range(1, 7)]
     names += ["stiffness_A", "stiffness_B", "fourier_a1", "fourier_b2", "gain2", "gain5"]
-    problem = residuals.Problem(nominal, points, [parameters.parameter(name) for name in names])
-    state, _ = __import__("irbcal.identification.start", fromlist=["closed_form"]).closed_form(problem)
+    problem = Problem(nominal, points, [parameters.parameter(name) for name in names])
+    state, _ = __import__("irbcal.identification.initial_guess", fromlist=["closed_form"]).closed_form(problem)
     state = dataclasses.replace(state, errors=1e-3 * rng.normal(size=len(names)))
     assert problem.rows == len(points) + points.oriented().sum()
     # at a state where the orientations fit, the residual's derivative is exactly that of the prediction
@@ -44,7 +44,7 @@ def test_orientation_rows_of_the_jacobian_agree_with_central_differences():
         ]
     )
     fitted[~points.oriented()] = np.nan
-    exact = residuals.Problem(nominal, dataclasses.replace(points, rotation=fitted), problem.parameters)
+    exact = Problem(nominal, dataclasses.replace(points, rotation=fitted), problem.parameters)
     turned = slice(3 * len(points), None)
     assert np.abs(exact.residuals(state)[len(points) :]).max() < 1e-14 < np.abs(moved[len(points) :]).max()
     numeric = -central_differences(

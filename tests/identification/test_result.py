@@ -7,8 +7,7 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.errors import RobotError
-from irbcal.identification.fit import identify
-from irbcal.identification.methods import identify_by
+from irbcal.identification.fit import identify, identify_by
 from irbcal.modeling.parameters import selected_parameters
 
 

@@ -13,7 +13,7 @@ from irbcal.identification.history import distances
 @pytest.mark.parametrize("loss", robust.LOSSES)
 def test_gradient_of_the_robust_loss_is_zero_at_the_minimum(loss):
     problem, start, _ = simulated(outliers=6)
-    found = robust.solve(problem, start, loss)
+    found = robust.solve_loss(problem, start, loss)
     basis = found.information.basis()
 
     def value(y, state):
@@ -48,7 +48,7 @@ def test_gross_outliers_barely_move_a_robust_fit(loss):
         T = state.T_world_base
         return np.linalg.norm(clean.residuals(state) @ T[:3, :3].T - exact, axis=1).max()
 
-    found = robust.solve(dirty, start, loss)
+    found = robust.solve_loss(dirty, start, loss)
     assert error(start.state) > 8 * error(clean_start.state)
     assert error(found.state) < 2 * error(clean_start.state)
     assert found.information.rank >= start.information.rank
@@ -58,21 +58,21 @@ def test_gross_outliers_barely_move_a_robust_fit(loss):
 def test_a_large_scale_is_least_squares_again():
     problem, start, _ = simulated()
     for loss in robust.LOSSES:
-        found = robust.solve(problem, start, loss, scale=1.0)
+        found = robust.solve_loss(problem, start, loss, scale=1.0)
         assert found.value == pytest.approx(np.sqrt(start.rss / problem.rows), rel=1e-6)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-6])
 def test_tiny_residuals_converge(noise):
     problem, start, _ = simulated("26", noise=noise)
-    assert robust.solve(problem, start).value < 5e-6
+    assert robust.solve_loss(problem, start).value < 5e-6
 
 
 def test_held_directions_stay():
     problem, start, _ = simulated("34")
     held = start.information.directions[:, ~start.information.seen]
     assert held.shape[1] >= 3
-    found = robust.solve(problem, start, "huber")
+    found = robust.solve_loss(problem, start, "huber")
     change = (found.state.errors - start.state.errors) / start.information.scale
     assert np.abs(held.T @ change).max() < 1e-12
 
@@ -80,10 +80,10 @@ def test_held_directions_stay():
 def test_refusals(monkeypatch):
     problem, start, _ = simulated("nominal")
     with pytest.raises(OptionError, match="loss: expected soft_l1 or huber, found 'cauchy'"):
-        robust.solve(problem, start, "cauchy")
+        robust.solve_loss(problem, start, "cauchy")
     with pytest.raises(OptionError, match="positive number of metres") as caught:
-        robust.solve(problem, start, scale=0.0)
+        robust.solve_loss(problem, start, scale=0.0)
     assert caught.value.parameter == "scale"
     monkeypatch.setattr(robust, "MAX_ITERATIONS", 1)
     with pytest.raises(IdentificationError, match="did not converge"):
-        robust.solve(problem, start, scale=1e-6)
+        robust.solve_loss(problem, start, scale=1e-6)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from evidence_cases import Truth, moves
 
-from irbcal.identification import dictionaries, shown
+from irbcal.identification import term_sets
 from irbcal.identification.evidence import identify_evidence
-from irbcal.identification.shown import FamilyShown
+from irbcal.identification.evidence_fit import FamilyShown, sentence
 from irbcal.units import MM
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "false_alarms"
@@ -71,7 +71,7 @@ def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
     assert rows["gravity"].shown
     assert rows["direction"].shown
     assert not {"gain", "harmonics", "move"} & {name for name, row in rows.items() if row.shown}
-    monkeypatch.setattr(dictionaries, "HISTORY_FAMILIES", ("move",))
+    monkeypatch.setattr(term_sets, "HISTORY_FAMILIES", ("move",))
     still = identify_evidence(truth.nominal, points, motion, gear_scan=False)
     best = max(row.log_evidence for row in found.dictionaries) - max(row.log_evidence for row in still.dictionaries)
     assert rows["direction"].evidence == pytest.approx(best, rel=0.05)
@@ -88,9 +88,9 @@ def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
 def test_sentences():
     there = FamilyShown("gravity", 12.3, 500.0, 0.2134 * MM), FamilyShown("warm_up", 3.0, 9.0, 0.0051 * MM)
     small, doubtful = FamilyShown("move", 3.0, 90.0, 0.001 * MM), FamilyShown("thesis", 3.0, 4.0, 1.0 * MM)
-    assert shown.sentence([*reversed(there), small, doubtful]) == (
+    assert sentence([*reversed(there), small, doubtful]) == (
         "What the data show beside errors of the geometry (in brackets, how far points move if a model does without): "
         "gravity (0.213 mm), warm-up (0.005 mm). Not shown: move, the thesis's joint map."
     )
-    assert shown.sentence([small]) == "Beside errors of the geometry the data show nothing. Not shown: move."
-    assert shown.sentence([]) == "Beside errors of the geometry the data show nothing."
+    assert sentence([small]) == "Beside errors of the geometry the data show nothing. Not shown: move."
+    assert sentence([]) == "Beside errors of the geometry the data show nothing."

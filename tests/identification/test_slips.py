@@ -8,7 +8,7 @@ import pytest
 from support import arm, example_robot, measured, random_robot, write_measurements
 
 import irbcal
-from irbcal.identification import outliers, slips
+from irbcal.identification import data_entry_errors, outliers
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances
@@ -106,7 +106,7 @@ def test_a_slip_is_named_and_its_remedy_mends_the_file(words, tmp_path, monkeypa
     good = seen = points(nominal, poses=40)
     for change in PAIRS.get(words) or (CASES[words],):
         seen = change(seen)
-    slip = slips.find(nominal, seen)
+    slip = data_entry_errors.find_entry_error(nominal, seen)
     assert slip is not None
     assert slip.looks_like == words
     # read so, the points are as near as before the slip was made
@@ -130,7 +130,7 @@ def test_a_slip_is_found_among_gross_errors():
     xyz = seen.xyz.copy()
     wrong = rng.random(len(xyz)) < 0.15
     xyz[wrong] += rng.uniform(-0.5, 0.5, (wrong.sum(), 3))
-    slip = slips.find(nominal, dataclasses.replace(seen, xyz=xyz))
+    slip = data_entry_errors.find_entry_error(nominal, dataclasses.replace(seen, xyz=xyz))
     assert slip is not None
     assert slip.looks_like == "joint 3 with its sign turned"
 
@@ -138,7 +138,7 @@ def test_a_slip_is_found_among_gross_errors():
 def test_what_cannot_be_told_apart_is_told():
     # a wrist's joint 5 turned the other way is joint 4 half a turn on: base and tool take up the rest
     nominal = arm()
-    slip = slips.find(nominal, turned(4)(points(nominal)))
+    slip = data_entry_errors.find_entry_error(nominal, turned(4)(points(nominal)))
     assert [other.words for other in slip.also] == [("joint 4 with its zero elsewhere (±180 degrees)",)]
     assert "as well with joint 4" in slip.in_words()
 
@@ -147,15 +147,15 @@ def test_what_cannot_be_told_apart_is_told():
 def test_nothing_is_named_where_there_is_nothing(seed):
     nominal = arm()
     seen = points(nominal, seed, poses=(15, 40, 60, 120)[seed])
-    assert slips.find(nominal, seen) is None
+    assert data_entry_errors.find_entry_error(nominal, seen) is None
     noise = np.random.default_rng(seed).normal(size=seen.xyz.shape)
-    assert slips.find(nominal, dataclasses.replace(seen, xyz=noise)) is None
-    assert slips.find(arm("irb120"), seen) is None
+    assert data_entry_errors.find_entry_error(nominal, dataclasses.replace(seen, xyz=noise)) is None
+    assert data_entry_errors.find_entry_error(arm("irb120"), seen) is None
 
 
 def test_too_few_poses_name_nothing():
     nominal = arm()
-    assert slips.find(nominal, turned(2)(points(nominal, poses=9))) is None
+    assert data_entry_errors.find_entry_error(nominal, turned(2)(points(nominal, poses=9))) is None
 
 
 @pytest.mark.parametrize(
@@ -166,8 +166,8 @@ def test_measured_robots_have_no_slip_unless_one_is_made(shared_data, name, robo
     nominal = irbcal.read_urdf(robot).arm
     seen = cleaning.clean(table.read(shared_data / name)).points
     seen = seen.select((seen.groups == seen.groups[-1]) & (np.arange(seen.poses) % 4 < 2))  # base and tool of one group
-    assert slips.find(nominal, seen) is None
-    slip = slips.find(nominal, turned(2)(seen))
+    assert data_entry_errors.find_entry_error(nominal, seen) is None
+    slip = data_entry_errors.find_entry_error(nominal, turned(2)(seen))
     assert slip.looks_like == "joint 3 with its sign turned"
 
 
@@ -192,4 +192,4 @@ def test_none_is_named_where_points_do_not_tell_base_and_tool(seed):
     grid = np.array(np.meshgrid(*[np.linspace(-0.8, 0.8, 10)] * 2)).reshape(2, -1).T
     q = np.tile(middle + 0.3 * rng.uniform(-1, 1, 7), (100, 1))
     q[:, :2] = middle[:2] + 1.5 * grid
-    assert slips.find(nominal, measured(robot, q, 3e-5, rng)) is None
+    assert data_entry_errors.find_entry_error(nominal, measured(robot, q, 3e-5, rng)) is None

@@ -5,9 +5,9 @@ import pytest
 from support import arm, measured, random_robot, random_rotation
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import start
+from irbcal.identification import initial_guess
 from irbcal.identification.fit import identify
-from irbcal.identification.residuals import Problem
+from irbcal.identification.problem import Problem
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 
@@ -60,7 +60,7 @@ def test_closed_form_is_exact_for_a_nominal_robot():
     nominal = arm()
     robot = random_robot(nominal, "nominal", np.random.default_rng(0))
     problem = Problem(nominal, measured(robot, nominal.random_joints(10, 0)), ())
-    state, spread = start.closed_form(problem)
+    state, spread = initial_guess.closed_form(problem)
     assert spread > 1e-3
     assert np.abs(state.T_world_base - robot.T_world_base).max() < 1e-10
     assert np.abs(state.targets - np.array(list(robot.targets.values()))).max() < 1e-10
@@ -115,6 +115,6 @@ def test_full_poses_with_some_joints_moving(moving):
         off = frames.rotation_distance(fit.robot.T_world_base[:3, :3], T_world_base[:3, :3])
         assert fit.rms < 1e-3
         assert off < 2e-3
-        hand_eye = start.hand_eye(Problem(nominal, points, ()))
+        hand_eye = initial_guess.hand_eye(Problem(nominal, points, ()))
         assert frames.rotation_distance(hand_eye.T_world_base[:3, :3], T_world_base[:3, :3]) < 1e-6
         assert np.abs(hand_eye.targets[0] - T_tip_target[:3, 3]).max() < 2e-3

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irbcal.identification.sums import Sums
+from irbcal.identification.evidence_maximisation import Sums
 
 
 @given(st.lists(st.integers(0, 7), min_size=1, max_size=8, unique=True), st.integers(0, 1000))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import irbcal
-from irbcal.identification import dictionaries
-from irbcal.identification.type_prior import TypePrior, name_of, seen, taken
+from irbcal.identification import term_sets
+from irbcal.identification.evidence import type_terms
+from irbcal.identification.type_prior import TypePrior, name_of, taken
 from irbcal.measurement import cleaning
 from irbcal.measurement.motions import motion_of
 
@@ -24,14 +25,14 @@ def robot():
 @pytest.fixture(scope="module")
 def shown(robot):
     arm, points, motion, _ = robot
-    return seen(arm, points, motion)
+    return type_terms(arm, points, motion)
 
 
 def test_the_terms_are_those_of_the_type_each_once(shown):
     names = [name_of(term) for term in shown.terms]
     assert len(set(names)) == len(names)
     assert {"delta_theta3", "delta_a2"} <= set(names)
-    assert {term.family for term in shown.terms} == set(dictionaries.TYPE_FAMILIES)
+    assert {term.family for term in shown.terms} == set(term_sets.TYPE_FAMILIES)
     assert all(taken(term) for term in shown.terms)
 
 
@@ -55,7 +56,7 @@ def prior(shown, mean, std):
 
 
 def test_a_prior_that_is_right_helps_and_one_that_is_wrong_is_seen_through(robot, shown, monkeypatch):
-    monkeypatch.setattr(dictionaries, "CHOICES", dictionaries.CHOICES[:6])  # quick
+    monkeypatch.setattr(term_sets, "CHOICES", term_sets.CHOICES[:6])  # quick
     arm, points, motion, _ = robot
     few, rest = np.arange(points.poses) < 24, np.arange(points.poses) >= 50
     options = {"gear_scan": False}

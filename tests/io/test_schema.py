@@ -15,10 +15,10 @@ from term_cases import framed_robot
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.identification.averaged import identify_averaged
-from irbcal.identification.explained import Stage
+from irbcal.identification.evidence import identify_averaged
+from irbcal.identification.evidence_fit import FamilyShown
+from irbcal.identification.explanation import Stage
 from irbcal.identification.gear_scan import Spectrum
-from irbcal.identification.shown import FamilyShown
 from irbcal.io import integrity, urdf_check
 from irbcal.io.schema import (
     CovarianceSection,

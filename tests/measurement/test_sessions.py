@@ -9,9 +9,8 @@ from sessions_cases import NOISE, parts, together, truth
 from support import arm, measured, write_measurements
 
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification.averaged import identify_averaged
-from irbcal.identification.fit import identify
-from irbcal.identification.methods import identify_by
+from irbcal.identification.evidence import identify_averaged
+from irbcal.identification.fit import identify, identify_by
 from irbcal.identification.selection import choose_level
 from irbcal.measurement import table
 from irbcal.measurement.points import distances

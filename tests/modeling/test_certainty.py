@@ -9,7 +9,7 @@ from evidence_cases import Truth, moves
 from support import arm, random_robot
 
 from irbcal.errors import RobotError
-from irbcal.identification.averaged import identify_averaged
+from irbcal.identification.evidence import identify_averaged
 from irbcal.units import DEG
 
 

@@ -8,9 +8,8 @@ from evidence_cases import Truth, irb120
 from support import arm, measured, random_robot
 
 import irbcal
-from irbcal.identification.averaged import identify_averaged
-from irbcal.identification.fit import identify
-from irbcal.identification.level_certainty import certainty_of
+from irbcal.identification.evidence import identify_averaged
+from irbcal.identification.fit import certainty_of, identify
 from irbcal.measurement.points import distances
 from irbcal.modeling.elsewhere import Elsewhere, _limits, elsewhere
 from irbcal.modeling.terms.situation import Motion

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.identification.camera_device import AXES
-from irbcal.identification.devices import BALL
+from irbcal.identification.devices import AXES, BALL
 from irbcal.simulation.device_simulation import simulate_device
 from irbcal.units import MM
 

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification.constraint_fit import identify_features
+from irbcal.identification.feature_fit import identify_features
 from irbcal.io.opening import read_nominal
 from irbcal.measurement import features
 from irbcal.validation.feature_proof import labels, prove

@@ -8,7 +8,7 @@ import pytest
 import irbcal
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.charts import inline
-from irbcal.identification.constraints import KINDS, Point
+from irbcal.identification.observations import KINDS, Point
 from irbcal.modeling import frames
 from irbcal.units import MM
 from irbcal.viewer import building, features, page

@@ -18,7 +18,7 @@ METHODS: dict[str, dict[str, str]] = {
     "nelder-mead": {"method": "nelder-mead"},
     "max": {"objective": "max"},
 }
-"""Ways to identify, and what `irbcal.identification.methods.identify_by` calls them."""
+"""Ways to identify, and what `irbcal.identification.fit.identify_by` calls them."""
 
 MODELS = ("11", "16", "26", "34")
 FEWEST, FEWEST_POINTS = 20, 520

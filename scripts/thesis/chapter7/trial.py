@@ -33,8 +33,8 @@ from chapter7.settings import (
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock, locked
 from irbcal.errors import MeasurementError
 from irbcal.identification.axis_calibration import calibrate_by_axes
-from irbcal.identification.methods import identify_by
-from irbcal.identification.result import Fit
+from irbcal.identification.fit import identify_by
+from irbcal.identification.fit import Fit
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.statistics import statistics
 from irbcal.modeling import frames

@@ -8,14 +8,25 @@ the least-squares ``W`` starts the fit.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
-from irbcal.identification.residuals import Problem, State
+from irbcal.identification import least_squares
+from irbcal.identification.problem import Problem, State
 from irbcal.modeling import dhm, frames
+
+MIN_POSES = 3
+"""Poses without which not even base and tool are looked for."""
+
+SPREAD, CLEAR = 1e-5, 1e-3
+"""Ratios of singular values below which the closed form leaves the start open, and above which it is believed."""
+NEAR = 0.02
+"""In between it is believed where the nominal robot then fits to so much of how far the points lie apart."""
 
 MOST_POSES = 5000
 """Poses that a start is made from; of more, evenly chosen ones."""
@@ -216,3 +227,56 @@ def turned_starts(problem: Problem, state: State, *, fitted: bool = False) -> It
                 T = frames.transform(R, middle_world - R @ middle_base)
                 targets = np.where(np.isin(range(len(state.targets)), problem.free)[:, None], 0.0, state.targets)
                 yield State(T, targets, state.errors, _target_rotations(problem, tip, R.T))
+
+
+def first_state(problem: Problem) -> State:
+    """Closed form, each session by itself; where the data leave it open, the best of a turn of nominal fits."""
+    if len(problem.sessions) > 1:
+        return _first_of_sessions(problem)
+    state, spread = closed_form(problem)
+    turned = hand_eye(problem)
+    if spread > CLEAR:
+        if turned is None:
+            return state
+        return min((state, turned), key=lambda one: float(np.sum(problem.residuals(one) ** 2)))
+    nominal = Problem(problem.arm, problem.points, (), known_targets=problem.known)
+    first, _ = closed_form(nominal)
+    best: least_squares.Solution | None = None
+    failure = IdentificationError("no start was found")
+    shown = hand_eye(nominal)
+    apart = float(((problem.points.xyz - problem.points.xyz.mean(axis=0)) ** 2).sum())
+    own = [first] if shown is None else [first, shown]
+    turns = turned_starts(nominal, first, fitted=spread > SPREAD)
+    for number, candidate in enumerate(itertools.chain(own, turns)):
+        if number == len(own) and spread > SPREAD and best is not None and best.rss < NEAR**2 * apart:
+            break
+        try:
+            solution = least_squares.solve(nominal, candidate)
+        except IdentificationError as error:
+            failure = error
+            continue
+        if best is None or solution.rss < best.rss:
+            best = solution
+    if best is None:
+        raise failure
+    return replace(best.state, errors=np.zeros(len(problem.parameters)))
+
+
+def _first_of_sessions(problem: Problem) -> State:
+    """Base and targets of each session from its own points; a target of several sessions from the last of them."""
+    points = problem.points
+    assert points.session is not None
+    targets, bases = np.zeros((len(points.target_names), 3)), []
+    rotations = np.tile(np.eye(3), (len(targets), 1, 1))
+    for name in problem.sessions:
+        own = replace(points.select(points.session == name), session=None).with_seen_targets()
+        if own.poses < MIN_POSES:
+            raise IdentificationError(
+                f"{own.poses} poses of session {name} cannot determine its base and tool: at least {MIN_POSES} are "
+                "needed"
+            )
+        found = first_state(Problem(problem.arm, own, (), known_targets=problem.known))
+        places = [points.target_names.index(target) for target in own.target_names]
+        targets[places], rotations[places] = found.targets, found.rotations
+        bases.append(found.T_world_base)
+    return State(bases[-1], targets, np.zeros(len(problem.parameters)), rotations, np.array(bases[:-1]))

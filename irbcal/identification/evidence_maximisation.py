@@ -13,10 +13,76 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification.anderson import Anderson
-from irbcal.identification.sums import Sums
 
-CAP, GEOMETRY_CAP = 4.0, 400.0
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Normal equations of all columns, flat ones first.
+
+    Attributes
+    ----------
+    H : ndarray, shape (columns, columns)
+        ``J^T J``, mm^2.
+    g : ndarray, shape (columns,)
+        ``J^T y``, mm^2.
+    yy : float
+        ``y^T y``, mm^2.
+    equations : int
+    """
+
+    H: FloatArray
+    g: FloatArray
+    yy: float
+    equations: int
+
+    def part(self, columns: IntArray) -> Sums:
+        """The sums of some columns."""
+        return Sums(self.H[np.ix_(columns, columns)], self.g[columns], self.yy, self.equations)
+
+
+class Anderson:
+    """The next place to try for ``x = g(x)``, from the places that were tried before.
+
+    Parameters
+    ----------
+    memory : int
+        How many differences are used.
+    longest : float
+        Largest change of a coordinate in a step.
+    """
+
+    def __init__(self, memory: int = 5, longest: float = 3.0) -> None:
+        self.memory, self.longest = memory, longest
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew."""
+        self._places: list[FloatArray] = []
+        self._steps: list[FloatArray] = []
+
+    def after(self, x: FloatArray, mapped: FloatArray) -> FloatArray:
+        """Where to go from a place.
+
+        Parameters
+        ----------
+        x, mapped : ndarray, shape (n,)
+            A place and ``g`` of it.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            ``mapped`` itself as long as nothing else is known.
+        """
+        self._places = [*self._places, x][-self.memory - 1 :]
+        self._steps = [*self._steps, mapped - x][-self.memory - 1 :]
+        if len(self._places) == 1:
+            return mapped
+        steps, places = np.diff(self._steps, axis=0).T, np.diff(self._places, axis=0).T
+        weights = np.linalg.lstsq(steps, mapped - x, rcond=1e-8)[0]
+        return x + np.clip(mapped - x - (places + steps) @ weights, -self.longest, self.longest)
+
+
+VARIANCE_CAP, GEOMETRY_CAP = 4.0, 400.0
 """Largest variances, in squared natural sizes: without them a fit on one corner of the workspace ran off."""
 PRIOR_C2, PRIOR_GAMMA = 0.002, 0.2
 """What keeps a group's variance from zero: ``v = (|c|^2 + .002) / (gamma + .2)``."""
@@ -105,7 +171,7 @@ class Posterior:
     freedom: float = np.inf
 
 
-def fit(
+def maximise_evidence(
     sums: Sums,
     flat: int,
     group: IntArray,

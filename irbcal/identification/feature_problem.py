@@ -1,7 +1,8 @@
 """All rows at features against an arm: the linear model of base, tool, features and terms at one state.
 
-The kinds of `irbcal.identification.constraints` say what a row misses and how that moves with the tool's point; here
+The kinds of `irbcal.identification.observations` say what a row misses and how that moves with the tool's point; here
 this is chained to the arm's kinematics with all terms of the error model, and to the unknowns of tool and features.
+Base, tool and features on the robot as it is come from closed forms, then a damped least squares.
 """
 
 from __future__ import annotations
@@ -14,10 +15,13 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError, MeasurementError
-from irbcal.identification import constraints
-from irbcal.identification.constraints import KINDS, Kind, Misses, Seen, Shape
-from irbcal.identification.sums import Sums
+from irbcal.identification import observations
+from irbcal.identification.evidence_maximisation import Sums
+from irbcal.identification.initial_guess import first_state
+from irbcal.identification.observations import KINDS, Kind, Misses, Seen, Shape
+from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
+from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
@@ -161,7 +165,7 @@ class ConstraintProblem:
                 continue
             shape, unit = shapes[key]
             self.layout[key] = shape, int(sum(map(len, units)))
-            size = np.full(constraints.DIMENSIONS[shape], constraints.STEPS[unit])
+            size = np.full(observations.DIMENSIONS[shape], observations.STEPS[unit])
             if shape == "line":
                 size[:2] = RAD
             units.append(size)
@@ -229,7 +233,7 @@ class ConstraintProblem:
             if shape is None:
                 T = T @ frames.transform(frames.rotation_from_vector(si[:3]), si[3:6])
             else:
-                own[key] = constraints.moved(shape, own[key], si[at : at + constraints.DIMENSIONS[shape]])
+                own[key] = observations.moved(shape, own[key], si[at : at + observations.DIMENSIONS[shape]])
         if len(step) == self.flat:
             return replace(state, own=own, T_world_base=T)
         return FeatureState(own, step[self.flat :] * self.sizes[self.flat :], T)
@@ -293,7 +297,7 @@ class ConstraintProblem:
         own = state.own
         return np.array(
             [
-                constraints.length_misses(own["centre", one.first], own["centre", one.second], one.length)[0]
+                observations.length_misses(own["centre", one.first], own["centre", one.second], one.length)[0]
                 for one in self.seen.lengths
                 if ("centre", one.first) in own and ("centre", one.second) in own
             ]
@@ -383,14 +387,14 @@ class ConstraintProblem:
             if key in self.layout:
                 shape, at = self.layout[key]
                 assert shape is not None
-                J[at : at + constraints.DIMENSIONS[shape]] += found.own[name].transpose(2, 0, 1)
+                J[at : at + observations.DIMENSIONS[shape]] += found.own[name].transpose(2, 0, 1)
         if BASE not in self.layout or not self._in_world(group):
             return
         if "base" in found.own:
             J[:6] += found.own["base"].transpose(2, 0, 1)
         else:  # as the base turns and shifts, a place c of the measuring frame moves by -w x c - t
             by, c = found.own["centre"], np.broadcast_to(one.own["centre"], (len(group.rows), 3))
-            J[:3] += (by @ constraints.cross(c)).transpose(2, 0, 1)
+            J[:3] += (by @ observations.cross(c)).transpose(2, 0, 1)
             J[3:6] -= by.transpose(2, 0, 1)
 
     def _of_lengths(self, state: FeatureState, width: int) -> Dense:
@@ -398,7 +402,7 @@ class ConstraintProblem:
         J, y = np.zeros((width, len(self.lengths))), np.zeros(len(self.lengths))
         for k, one in enumerate(self.lengths):
             keys = ("centre", one.first), ("centre", one.second)
-            miss, by = constraints.length_misses(state.own[keys[0]], state.own[keys[1]], one.length)
+            miss, by = observations.length_misses(state.own[keys[0]], state.own[keys[1]], one.length)
             w = np.clip(self.typical / max(one.u95, 1e-9), 0.01, 100.0) / MM
             for key, sign in zip(keys, (1.0, -1.0), strict=True):
                 at = self.layout[key][1]
@@ -489,3 +493,168 @@ def refuse_undetermined(problem: ConstraintProblem, sums: Sums) -> None:
     raise IdentificationError(
         f"these rows do not tell {what}: turn the tool about more axes there, touch more of it, or say what is known"
     )
+
+
+STEPS = 200
+"""Steps of the damped least squares."""
+
+FALL = 1e-10
+"""Relative fall of the sum of squares below which it has arrived."""
+
+
+def start(problem: ConstraintProblem) -> FeatureState:
+    """The robot as it is, placed among the features: no guess is needed.
+
+    Raises
+    ------
+    IdentificationError
+        If the rows leave base, tool or features open.
+    """
+    zero = FeatureState(dict(problem.held), np.zeros(len(problem.terms)))
+    if problem.known_base is not None:
+        zero = replace(zero, T_world_base=problem.known_base)
+    candidates = [_tools(problem, zero), {}]
+    best, least = None, np.inf
+    for tools in candidates:
+        try:
+            state = settle(problem, _features(problem, zero, tools))
+        except (np.linalg.LinAlgError, IdentificationError):
+            continue
+        rss = problem.sums(state, np.zeros(0, dtype=int)).yy
+        if rss < least:
+            best, least = state, rss
+        if rss < 100.0 * problem.scalars:  # a centimetre: there is one minimum as near as that
+            break
+    if best is None:
+        raise IdentificationError("no place of tool and features was found that these rows fit")
+    refuse_undetermined(problem, problem.sums(best, np.zeros(0, dtype=int)))
+    return best
+
+
+def start_of_features(problem: ConstraintProblem, state: FeatureState) -> FeatureState:
+    """Features placed about a robot whose base and tool are held, at some coefficients.
+
+    Raises
+    ------
+    IdentificationError
+        If the rows leave a feature open.
+    """
+    own = dict(problem.held)
+    for group in problem.groups:
+        if group.measured:
+            continue
+        here = replace(state, own=own)
+        seen = problem.seen_of(here, group, problem.walk(here, group.rows).tip)
+        for name, key in group.keys().items():
+            own.setdefault(key, group.kind.start(seen)[name])
+    there = settle(problem, replace(state, own=own))
+    refuse_undetermined(problem, problem.sums(there, np.zeros(0, dtype=int)))
+    return there
+
+
+def settle(problem: ConstraintProblem, state: FeatureState, steps: int = STEPS) -> FeatureState:
+    """Least squares of base, tool and features, the robot held (Levenberg and Marquardt)."""
+    if not problem.flat:
+        return state
+    none = np.zeros(0, dtype=int)
+    sums, damp = problem.sums(state, none), 1e-6
+    for _ in range(steps):
+        diagonal = np.maximum(np.diagonal(sums.H), 1e-12)
+        step = np.asarray(np.linalg.solve(sums.H + np.diag(damp * diagonal), sums.g), dtype=float)
+        tried = problem.moved(state, step)
+        new = problem.sums(tried, none)
+        if not np.isfinite(new.yy) or new.yy > sums.yy * (1.0 + 1e-12):
+            damp *= 10.0
+            if damp > 1e8:
+                break
+            continue
+        fall = sums.yy - new.yy
+        state, sums, damp = tried, new, max(damp / 10.0, 1e-12)
+        if fall <= FALL * new.yy and np.abs(step).max() < 1e-6:
+            break
+    return state
+
+
+def tracked(problem: ConstraintProblem) -> PointSet | None:
+    """The rows that a tracker measured, as points; None where there are none."""
+    rows = [
+        (group, k)
+        for group in problem.groups
+        if group.measured or "rotation" in group.kind.needs
+        for k in group.rows.tolist()
+    ]
+    return None if not rows else points_of(problem.seen, np.array([k for _, k in rows]))
+
+
+def points_of(seen: FeatureSet, rows: FloatArray) -> PointSet:
+    """Rows with positions as points, sorted by pose."""
+    rows = rows[np.argsort(seen.pose_index[rows], kind="stable")]
+    _, first, pose = np.unique(seen.pose_index[rows], return_index=True, return_inverse=True)
+    names = tuple(sorted(set(seen.target[rows].astype(str))))
+    number = np.array([names.index(str(name)) for name in seen.target[rows]])
+    rotation = seen.rotation[rows]
+    return PointSet(
+        seen.q[rows][first],
+        pose,
+        number,
+        seen.xyz[rows],
+        names,
+        seen.pose[rows][first],
+        np.full(len(first), "", dtype=object),
+        rotation if np.isfinite(rotation).all(axis=(1, 2)).any() else None,
+    )
+
+
+def _tools(problem: ConstraintProblem, zero: FeatureState) -> dict[str, FloatArray]:
+    """Places of the targets in the tip link, each from the rows that tell it."""
+    told: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
+    for group in problem.groups:
+        if not group.kind.pointed or (TOOL, group.target) in problem.held or group.measured:
+            continue
+        seen = problem.seen_of(replace(zero, own={}), group, problem.walk(zero, group.rows, problem.arm).tip)
+        found = group.kind.tool(seen)
+        if found is not None and np.isfinite(found[0]).all():
+            told.setdefault(group.target, []).append(found)
+    return {
+        name: np.asarray(np.linalg.solve(sum(H for _, H in parts), sum(H @ t for t, H in parts)), dtype=float)
+        for name, parts in told.items()
+    }
+
+
+def _features(problem: ConstraintProblem, zero: FeatureState, tools: dict[str, FloatArray]) -> FeatureState:
+    """All unknowns from the tool's places: first what a tracker saw, then features in closed form, then the base."""
+    own, T = dict(zero.own), zero.T_world_base
+    points = tracked(problem)
+    if points is not None and problem.known_base is None:
+        found = first_state(Problem(problem.arm, points, ()))
+        T = found.T_world_base
+        for k, name in enumerate(points.target_names):
+            own.setdefault((TOOL, name), found.targets[k])
+            own.setdefault(("axes", name), found.rotations[k])
+    for key in problem.layout:
+        if key[0] == TOOL:
+            own.setdefault(key, tools.get(key[1], np.zeros(3)))
+    state = replace(zero, own=own, T_world_base=T)
+    centres = []
+    for group in problem.groups:
+        if group.measured:
+            continue
+        seen = problem.seen_of(state, group, problem.walk(state, group.rows, problem.arm).tip)
+        found_own = group.kind.start(seen)
+        if group.feature.centre is not None and "centre" in found_own:
+            centres.append((found_own["centre"], group.feature.centre))
+        for name, key in group.keys().items():
+            if name in found_own:
+                own.setdefault(key, found_own[name])
+    if points is None and problem.framed and problem.known_base is None:
+        here, there = (np.array(list(column)) for column in zip(*centres, strict=True))
+        T = rigid(here, there)
+    return FeatureState(own, zero.coefficients, T)
+
+
+def rigid(here: FloatArray, there: FloatArray) -> FloatArray:
+    """The motion (4, 4) that brings places (n, 3) nearest to others."""
+    a, b = here.mean(axis=0), there.mean(axis=0)
+    U, _, Vt = np.linalg.svd((there - b).T @ (here - a))
+    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return frames.transform(R, b - R @ a)

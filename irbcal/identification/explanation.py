@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.identification import dictionaries, leave_one_out, linearisation, mackay, repeats
-from irbcal.identification.averaged import AveragedFit
-from irbcal.identification.dictionaries import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, Dictionary
-from irbcal.identification.evidence import LAG_FAMILIES
-from irbcal.identification.linearisation import Linearisation
+from irbcal.identification import leave_one_out, linear_model, term_sets
+from irbcal.identification.evidence import LAG_FAMILIES, average_repeats
+from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.evidence_maximisation import fit_temper, maximise_evidence
+from irbcal.identification.linear_model import Linearisation
+from irbcal.identification.term_sets import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, TermSet
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.terms import chain, families
 from irbcal.modeling.terms.gear import gear_terms
@@ -93,22 +94,22 @@ def explain(fit: AveragedFit, heldout: PointSet, elapsed: FloatArray | None = No
     tuple of Stage
     """
     found = fit.evidence
-    points, stops = repeats.averaged(replace(fit.points, q=np.array(fit.motion.q)), fit.motion)
+    points, stops = average_repeats(replace(fit.points, q=np.array(fit.motion.q)), fit.motion)
     geometry = GEOMETRY.terms(found.nominal)
     known = {name: found.targets[name] for name in points.target_names if name not in found.free_targets}
-    problem = linearisation.geometry_problem(found.nominal, points, geometry, known)
-    state = linearisation.geometry_solution(problem, stops, geometry, found.readings_projected)
+    problem = linear_model.geometry_problem(found.nominal, points, geometry, known)
+    state = linear_model.geometry_solution(problem, stops, geometry, found.readings_projected)
     plan = _plan(fit)
     terms = [term for _, added, _ in plan for term in added]
     linear = Linearisation(problem, state, stops, terms, found.readings_projected)
-    sums, t = linear.sums(), mackay.fit_temper(linear.per_pose)
+    sums, t = linear.sums(), fit_temper(linear.per_pose)
     use = found.motion(heldout.q, heldout.previous, **heldout.load())
     count, out = 0, []
     for words, added, carried in plan:
         count += len(added)
         choice = _choice(terms[:count])
         columns = choice.columns(linear.flat)
-        got = mackay.fit(sums.part(columns), linear.flat, choice.group, choice.caps, t)
+        got = maximise_evidence(sums.part(columns), linear.flat, choice.group, choice.caps, t)
         u, _ = leave_one_out.residuals(linear, columns, got)
         predicted = _Predicted(linear, got.c, terms[:count], found.readings_projected)
         errors = predicted.errors(heldout, use)
@@ -176,12 +177,12 @@ def _words(names: Sequence[str], everything: dict[str, list[Term]]) -> str:
     return f"{text} to {LOW}" if names == ("harmonics",) else text
 
 
-def _choice(terms: Sequence[Term]) -> Dictionary:
+def _choice(terms: Sequence[Term]) -> TermSet:
     """A dictionary of all of some terms; series of harmonics in bands, as those that are averaged have them."""
     highest = max((order(term) for term in terms if term.family == "harmonics"), default=0)
     names = list(dict.fromkeys(term.family for term in terms))
     taus = [term.parameters["tau"] for term in terms if term.family == "warm_up"]
-    return dictionaries.make(terms, names, highest, float(str(taus[0])) if taus else None)
+    return term_sets.make(terms, names, highest, float(str(taus[0])) if taus else None)
 
 
 class _Predicted:
@@ -203,9 +204,7 @@ class _Predicted:
         mine = np.flatnonzero([names[k] is not None for k in points.target])
         local = np.array([self.targets[points.target_names[k]] for k in points.target[mine]]).reshape(-1, 3)
         out = np.empty(len(mine))
-        edges = np.searchsorted(
-            points.pose[mine], starts := [*range(0, points.poses, linearisation.BLOCK), len(motion)]
-        )
+        edges = np.searchsorted(points.pose[mine], starts := [*range(0, points.poses, linear_model.BLOCK), len(motion)])
         for k in range(len(starts) - 1):
             rows = slice(edges[k], edges[k + 1])
             path = chain.walk(self.arm, *self.map.split(motion.select(slice(starts[k], starts[k + 1]))))

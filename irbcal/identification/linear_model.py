@@ -17,10 +17,9 @@ import numpy as np
 from irbcal import parallel
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
-from irbcal.identification import mackay
-from irbcal.identification.fit import MIN_POSES, first_state
-from irbcal.identification.residuals import Problem, State
-from irbcal.identification.sums import Sums
+from irbcal.identification.evidence_maximisation import GEOMETRY_CAP, Sums, fit_temper, maximise_evidence
+from irbcal.identification.initial_guess import MIN_POSES, first_state
+from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import parameter
@@ -77,7 +76,7 @@ class Linearisation:
     terms : sequence of Term
         Geometry first.
     project : bool
-        Project the last move out of each pose: one free number a pose, see `irbcal.identification.readings`.
+        Project the last move out of each pose: one free number a pose, see `irbcal.identification.evidence_fit`.
     """
 
     def __init__(
@@ -334,12 +333,12 @@ def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term]
     """
     state = first_state(problem)
     group = np.zeros(len(geometry), dtype=int)
-    caps = np.array([mackay.GEOMETRY_CAP])
+    caps = np.array([GEOMETRY_CAP])
     size = np.inf
     for _ in range(STEPS + 8):  # more only from a start far away
         linear = Linearisation(problem, state, motion, geometry, project)
-        t = mackay.fit_temper(linear.per_pose)
-        found = mackay.fit(linear.sums(), linear.flat, group, caps, t)
+        t = fit_temper(linear.per_pose)
+        found = maximise_evidence(linear.sums(), linear.flat, group, caps, t)
         before, state = state, linear.moved(found.c)
         size = float(max(np.abs(state.targets - before.targets).max(), np.abs(state.errors - before.errors).max()))
         if size < 1e-7:

@@ -1,4 +1,4 @@
-r"""Residuals of measured points and their analytic Jacobian, summed block by block into normal equations.
+r"""Residuals of measured points and their analytic Jacobian, summed over blocks of poses into normal equations.
 
 Residuals are taken in the robot's base link, where the distance is the same as in the measuring frame and
 the base correction takes its simplest form::
@@ -24,7 +24,7 @@ base               rotation ``e x p``, translation ``e``
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 
@@ -32,13 +32,117 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock, row_arithmetic
-from irbcal.identification import pose_blocks
-from irbcal.identification.pose_blocks import PoseBlock
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames, parameters
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import Parameter
-from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.modeling.thesis_map import ThesisMap, fourier_terms, stiffness_terms
+
+BLOCK = 2048
+"""Poses whose Jacobian is in memory at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBlock:
+    """Some points with the frames at which they are, and where their rows stand; made once for a problem: not locked.
+
+    Points are arranged in t rows of f. Where poses have t points each, and none an orientation, the frames of a pose
+    are needed once, for the points below one another; else once for every point, and there is one row.
+
+    Attributes
+    ----------
+    q : ndarray, shape (n, joints)
+        Of poses, radians.
+    frames : ndarray of int, shape (f,), or slice
+        Rows of ``q`` at which frames are needed.
+    target : ndarray of int, shape (t, f)
+        Target of each point.
+    xyz : ndarray, shape (3, t f)
+        Measured points in their order here, metres.
+    turned : ndarray of int, shape (o,)
+        Points with a measured orientation, of the one row.
+    rotation : ndarray, shape (o, 3, 3)
+    rows : ndarray of int, shape (t f + o,)
+        Of the whole problem: the points', then the orientations'.
+    session : ndarray of int, shape (t f + o,)
+        Of each row.
+    stiffness : ndarray, shape (2, f)
+        Terms of A and B at each frame; empty where no parameter needs them.
+    fourier : ndarray, shape (4, f)
+        Terms of joint 6; likewise.
+    """
+
+    q: FloatArray
+    frames: IntArray | slice
+    target: IntArray
+    xyz: FloatArray
+    turned: IntArray
+    rotation: FloatArray
+    rows: IntArray
+    session: IntArray
+    stiffness: FloatArray
+    fourier: FloatArray
+
+
+def cut(
+    points: PointSet, oriented: BoolArray, session: IntArray, phases: FloatArray, kinds: Container[str]
+) -> list[PoseBlock]:
+    """Points in blocks of at most `BLOCK` poses, those with as many points as most others by themselves.
+
+    Parameters
+    ----------
+    points : PointSet
+    oriented : ndarray of bool, shape (m,)
+        Which points have an orientation.
+    session : ndarray of int, shape (m,)
+        Of each point.
+    phases : ndarray, shape (2,)
+        Of the stiffness terms, radians.
+    kinds : container of str
+        Kinds of error parameters: those that need terms of the joint map.
+
+    Returns
+    -------
+    list of PoseBlock
+        Poses without points are in none.
+    """
+    before = np.cumsum(oriented) - 1 + len(points)
+    none = np.zeros((0, 0))
+
+    def block(q: FloatArray, frames: IntArray | slice, at: IntArray) -> PoseBlock:
+        """The points ``at`` (t, f) of ``points``, at these frames of ``q``."""
+        flat = at.ravel()
+        turned = np.flatnonzero(oriented[flat])
+        return PoseBlock(
+            q=q,
+            frames=frames,
+            target=points.target[at],
+            xyz=np.ascontiguousarray(points.xyz[flat].T),
+            turned=turned,
+            rotation=np.zeros((0, 3, 3)) if points.rotation is None else points.rotation[flat[turned]],
+            rows=np.concatenate([flat, before[flat[turned]]]),
+            session=np.concatenate([session[flat], session[flat[turned]]]),
+            stiffness=np.asarray(stiffness_terms(q, phases))[:, frames] if "stiffness" in kinds else none,
+            fourier=fourier_terms(q)[:, frames] if "fourier" in kinds else none,
+        )
+
+    edges = np.searchsorted(points.pose, [*range(0, points.poses, BLOCK), points.poses])
+    blocks = []
+    for start, first, end in zip(range(0, points.poses, BLOCK), edges[:-1], edges[1:], strict=True):
+        q = points.q[start : start + BLOCK]
+        pose, at = points.pose[first:end] - start, np.arange(first, end)
+        counts = np.bincount(pose, minlength=len(q))
+        usual = 1 + int(np.argmax(np.bincount(counts)[1:])) if len(at) else 0
+        shared = counts == (0 if oriented[first:end].any() else usual)
+        own = shared[pose]
+        if 2 * np.count_nonzero(own) < len(at):
+            own[:] = False
+        if usual and own.any():
+            blocks.append(block(q if shared.all() else q[shared], slice(None), at[own].reshape(-1, usual).T))
+        if not own.all():
+            blocks.append(block(q, pose[~own], at[~own][None]))
+    return blocks
+
 
 ORIENTATION_LENGTH = 0.3
 """Metres per radian: a rotation of the target frame counts as the motion of a point this far away."""
@@ -153,7 +257,7 @@ class Problem:
         self._blocks = self._cut(points, oriented)
 
     def _cut(self, points: PointSet, oriented: BoolArray) -> list[PoseBlock]:
-        return pose_blocks.cut(points, oriented, self.session_of_points(), self.joint_map.phases, self.kinds)
+        return cut(points, oriented, self.session_of_points(), self.joint_map.phases, self.kinds)
 
     def of_poses(self, keep: BoolArray) -> Problem:
         """The same unknowns and weights with some of the poses, shape (n,)."""
@@ -277,7 +381,7 @@ class Problem:
             H = H + flat @ flat.T
             g = g + flat @ r.ravel()
             rss += float(np.vdot(r, r))
-            if slopes is not None and self.points.poses <= pose_blocks.BLOCK:
+            if slopes is not None and self.points.poses <= BLOCK:
                 slopes.append(flat)
         return H, g, rss
 

@@ -1,7 +1,8 @@
 """Identification from rows at features, by the evidence of model ``auto``: what they leave open stays near nominal.
 
-Base, tool and features have no prior; the terms of the error model have the priors of `irbcal.identification.mackay`,
-whose variances the data set. Choices of terms are compared and averaged as in `irbcal.identification.evidence`.
+Base, tool and features have no prior; the terms of the error model have the priors of
+`irbcal.identification.evidence_maximisation`, whose variances the data set. Term sets are compared and averaged as in
+`irbcal.identification.evidence`.
 """
 
 from __future__ import annotations
@@ -13,30 +14,27 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import constraint_start, dictionaries, mackay, shown
-from irbcal.identification.constraint_problem import (
-    BASE,
-    TOOL,
-    ConstraintProblem,
-    FeatureState,
-    Key,
-    refuse_undetermined,
-)
-from irbcal.identification.constraints import DIMENSIONS, cross, length_misses
-from irbcal.identification.dictionaries import Dictionary
+from irbcal.identification import feature_problem, term_sets
 from irbcal.identification.evidence import Compared, groups_of
-from irbcal.identification.evidence_fit import DictionaryResult, EvidenceFit
+from irbcal.identification.evidence_fit import AveragedFit, EvidenceFit, FamilyShown, TermSetResult, families_shown
+from irbcal.identification.evidence_maximisation import GEOMETRY_CAP, Posterior, Sums, maximise_evidence
+from irbcal.identification.feature_problem import BASE, TOOL, ConstraintProblem, FeatureState, Key, refuse_undetermined
+from irbcal.identification.fit import ParameterReport
 from irbcal.identification.leave_one_out import closed, single
-from irbcal.identification.mackay import Posterior
-from irbcal.identification.sums import Sums
+from irbcal.identification.observations import DIMENSIONS, KINDS, cross, length_misses
+from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.feature_loads import usual_place
 from irbcal.measurement.features import FeatureSet, Length
 from irbcal.measurement.motions import usual_load
+from irbcal.measurement.points import PointSet
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.harmonics import LOW, order
-from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import basis_values, term_columns
 from irbcal.modeling.terms.warm_up import SHARES
 from irbcal.units import MM
 
@@ -90,7 +88,7 @@ class FeatureFit:
 def identify_features(
     arm: Arm,
     seen: FeatureSet,
-    terms: str = dictionaries.JOINT_MAP,
+    terms: str = term_sets.JOINT_MAP,
     choices: Sequence[Sequence[str]] | None = None,
     progress: Progress | None = None,
     start: FeatureState | None = None,
@@ -104,7 +102,7 @@ def identify_features(
         Nominal arm.
     seen : FeatureSet
     terms : str
-        ``joint-map`` or ``all``, see `irbcal.identification.dictionaries`.
+        ``joint-map`` or ``all``, see `irbcal.identification.term_sets`.
     choices : sequence of sequence of str, optional
         Families beside the geometry in each choice of terms; those of model ``auto`` unless given.
     progress : callable, optional
@@ -134,12 +132,12 @@ def identify_features(
     load = seen.payload_kg
     several = load is not None and len(np.unique(load)) > 1
     place = usual_place(load, seen.payload_place, usual_load(load)) if load is not None and several else None
-    superset = dictionaries.superset(arm, terms, elapsed is not None, place, taus, end=end)
+    superset = term_sets.superset(arm, terms, elapsed is not None, place, taus, end=end)
     if not seen.programmed:
         superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
     problem = ConstraintProblem(arm, seen, superset)
     say(f"placing tool and features of {seen.poses} poses")
-    nominal = constraint_start.start(problem) if start is None else constraint_start.settle(problem, start)
+    nominal = feature_problem.start(problem) if start is None else feature_problem.settle(problem, start)
     refuse_undetermined(problem, problem.sums(nominal, np.zeros(0, dtype=int)))
     say("fitting the geometry")
     t = min(1.0, 6.0 / problem.per_pose)
@@ -154,15 +152,15 @@ def identify_features(
 
 def _choices(
     superset: Sequence[Term], kind: str, choices: Sequence[Sequence[str]] | None, taus: Sequence[float]
-) -> list[Dictionary]:
+) -> list[TermSet]:
     if choices is None:
         each: list[float | None] = [*taus] or [None]
-        found = [one for tau in each for one in dictionaries.dictionaries(superset, kind, tau)]
+        found = [one for tau in each for one in term_sets.term_sets(superset, kind, tau)]
         longest = max((order(term) for term in superset if term.family == "harmonics"), default=0)
         found = [one for one in found if one.highest <= longest]
     else:
-        found = [dictionaries.make(superset, list(names), LOW, taus[-1] if taus else None) for names in choices]
-    out: list[Dictionary] = []
+        found = [term_sets.make(superset, list(names), LOW, taus[-1] if taus else None) for names in choices]
+    out: list[TermSet] = []
     for one in found:  # without the longest series some are the same
         if all(not np.array_equal(one.terms, other.terms) for other in out):
             out.append(one)
@@ -172,11 +170,13 @@ def _choices(
 def _geometry(problem: ConstraintProblem, state: FeatureState, t: float) -> FeatureState:
     """Base, tool, features and constants by Gauss-Newton steps with their prior, its variance by evidence."""
     columns = np.flatnonzero(problem.geometry)
-    group, caps = np.zeros(len(columns), dtype=int), np.array([mackay.GEOMETRY_CAP])
+    group, caps = np.zeros(len(columns), dtype=int), np.array([GEOMETRY_CAP])
     found: Posterior | None = None
     for _ in range(STEPS):
         v, s2 = (None, None) if found is None else (found.variances, found.s2)
-        found = mackay.fit(problem.sums(state, columns), problem.flat, group, caps, t, v, s2, noise=problem.noise)
+        found = maximise_evidence(
+            problem.sums(state, columns), problem.flat, group, caps, t, v, s2, noise=problem.noise
+        )
         step = np.zeros(problem.flat + len(problem.terms))
         step[: problem.flat], step[problem.flat + columns] = found.c[: problem.flat], found.c[problem.flat :]
         before, state = state, problem.moved(state, step)
@@ -186,21 +186,21 @@ def _geometry(problem: ConstraintProblem, state: FeatureState, t: float) -> Feat
     return state
 
 
-def _compare(problem: ConstraintProblem, sums: Sums, offered: Sequence[Dictionary], t_fit: float) -> list[Compared]:
+def _compare(problem: ConstraintProblem, sums: Sums, offered: Sequence[TermSet], t_fit: float) -> list[Compared]:
     """Log evidence and weight of every choice; fits of those with weight."""
     t = min(1.0, 3.0 / problem.per_pose)
     out = []
     for one in offered:
         part = sums.part(one.columns(problem.flat))
-        out.append(Compared(one, mackay.fit(part, problem.flat, one.group, one.caps, t, noise=problem.noise)))
-    shares = dictionaries.weights(
+        out.append(Compared(one, maximise_evidence(part, problem.flat, one.group, one.caps, t, noise=problem.noise)))
+    shares = term_sets.weights(
         np.array([item.by_evidence.log_evidence for item in out]), [item.dictionary.bands for item in out]
     )
     for item, share in zip(out, shares, strict=True):
         item.weight = float(share)
         if share > 0.0:
             d, old = item.dictionary, item.by_evidence
-            item.by_fit = mackay.fit(
+            item.by_fit = maximise_evidence(
                 sums.part(d.columns(problem.flat)),
                 problem.flat,
                 d.group,
@@ -238,7 +238,7 @@ def _average(
             d, old = item.dictionary, item.by_fit
             assert old is not None
             part = sums.part(columns)
-            fit = mackay.fit(part, flat, d.group, d.caps, t, old.variances, old.s2, noise=problem.noise)
+            fit = maximise_evidence(part, flat, d.group, d.caps, t, old.variances, old.s2, noise=problem.noise)
             item.by_fit = fit
             c, C = np.zeros(width), np.zeros((width, width))
             c[columns], C[np.ix_(columns, columns)] = fit.c, fit.covariance * _wider(fit) ** 2
@@ -305,11 +305,11 @@ def _length(u: FloatArray) -> float | None:
     return closed(float(np.sqrt(3.0 * np.mean(u * u))) * MM)
 
 
-def _shown(problem: ConstraintProblem, item: Compared, sums: Sums) -> tuple[shown.FamilyShown, ...]:
+def _shown(problem: ConstraintProblem, item: Compared, sums: Sums) -> tuple[FamilyShown, ...]:
     assert item.by_fit is not None
     families = [problem.terms[k].family for k in item.dictionary.terms]
     t = min(1.0, 3.0 / problem.per_pose)
-    return shown.families_shown(sums, problem.flat, families, item.dictionary, t, item.by_fit)
+    return families_shown(sums, problem.flat, families, item.dictionary, t, item.by_fit)
 
 
 def _evidence(
@@ -319,7 +319,7 @@ def _evidence(
     kept: Sequence[Compared],
     compared: Sequence[Compared],
     loo: Mapping[str, float | None],
-    families: tuple[shown.FamilyShown, ...],
+    families: tuple[FamilyShown, ...],
     kind: str,
 ) -> EvidenceFit:
     """What of it every calibration has: features are left out of the covariance, an unknown base follows the arm."""
@@ -355,7 +355,7 @@ def _evidence(
         loo=loo,
         loo_blocks=loo,
         dictionaries=tuple(
-            DictionaryResult(
+            TermSetResult(
                 item.dictionary.name,
                 flat + len(item.dictionary.terms),
                 item.by_evidence.log_evidence,
@@ -371,7 +371,7 @@ def _evidence(
         gears=(),
         joint_ranges=np.array([seen.q.min(axis=0), seen.q.max(axis=0)]),
         kind=kind,
-        tau=dictionaries.tau_of(max(kept, key=lambda item: item.weight).dictionary, _superset_of(problem, kept)),
+        tau=term_sets.tau_of(max(kept, key=lambda item: item.weight).dictionary, _superset_of(problem, kept)),
         poses=seen.poses,
         loads=() if seen.payload_kg is None else tuple(float(m) for m in np.unique(seen.payload_kg)),
         usual_kg=usual_load(seen.payload_kg),
@@ -448,7 +448,7 @@ def held_out(
     if strange:
         raise IdentificationError(f"target {strange[0]} is measured in the left-out rows only: its place is not known")
     problem = ConstraintProblem(fit.problem.arm, rows, fit.problem.terms, mine, state.T_world_base)
-    there = constraint_start.start_of_features(problem, state)
+    there = feature_problem.start_of_features(problem, state)
     centres = {key[1]: value for key, value in {**state.own, **there.own}.items() if key[0] == "centre"}
     mine_too = [one for one in lengths if {one.first, one.second} & set(rows.features)]
     errors = {
@@ -457,3 +457,186 @@ def held_out(
         if one.first in centres and one.second in centres
     }
     return problem.residuals(there), errors
+
+
+BASE_REASON = "nothing ties the features to a measuring frame: places are those of the base link"
+
+TOO_LARGE = 2e-3
+"""Share by which a robot may come out larger than nominal before what gave the scale is doubted."""
+
+JOINTS = 200
+"""Random joints on which it is asked what the rows leave open."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FeaturedFit(AveragedFit):
+    """An average of error models from rows at features.
+
+    Attributes
+    ----------
+    found : FeatureFit or None
+        Always there; last because of what it derives from.
+    """
+
+    found: FeatureFit | None = None
+
+    @staticmethod
+    def of(found: FeatureFit) -> FeaturedFit:
+        """With the names of a fit to points."""
+        points = as_points(found.problem.seen)
+        load, place = points.payload_kg, points.payload_place
+        motion = Motion(points.q, payload_kg=load, payload_place=place)
+        return FeaturedFit(found.evidence, points, motion, found=found)
+
+    @property
+    def at_features(self) -> FeatureFit:
+        """What was found, features and all."""
+        assert self.found is not None
+        return self.found
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of what the rows miss, metres."""
+        return float(np.sqrt(np.mean(self.at_features.problem.residuals(self.at_features.state) ** 2)))
+
+    @property
+    def nominal_robot(self) -> Robot:
+        """The nominal robot with base and tool from the same rows."""
+        found = self.at_features
+        own = found.nominal.own
+        rotations = {name: own["axes", name] for name in self.evidence.target_rotations}
+        targets = {name: own[TOOL, name] for name in self.evidence.targets}
+        return Robot(
+            found.problem.arm, T_world_base=found.nominal.T_world_base, targets=targets, target_rotations=rotations
+        )
+
+    @property
+    def rank(self) -> int:
+        """Number of coefficients that the data determine, base and targets included where they are unknown."""
+        return super().rank - (0 if BASE in self.at_features.problem.layout else 6)
+
+    @property
+    def parameter_count(self) -> int:
+        """Number of parameters of the robot; those of the features are not among them."""
+        return super().parameter_count - (0 if BASE in self.at_features.problem.layout else 6)
+
+    def _outer(self) -> list[ParameterReport]:
+        """Base and targets; a base that nothing ties to a measuring frame is held."""
+        rows = super()._outer()
+        if BASE in self.at_features.problem.layout:
+            return rows
+        return [
+            ParameterReport(r.name, r.value, r.unit, None, "held", BASE_REASON) if r.name.startswith("base_") else r
+            for r in rows
+        ]
+
+    @property
+    def scale_measured(self) -> bool:
+        """Whether some row or feature tells a length of the size of the arm."""
+        problem = self.at_features.problem
+        known = [group for group in problem.groups if group.feature.centre is not None or group.measured]
+        return bool(problem.seen.lengths or known or any(group.kind.metric for group in problem.groups))
+
+    @property
+    def scale_from(self) -> str:
+        """What gives the robot its scale where nothing but parts of features does, in words."""
+        problem = self.at_features.problem
+        metric = [group for group in problem.groups if group.kind.metric]
+        words = list(dict.fromkeys(group.kind.scale_of(group.feature) for group in metric))
+        others = [group for group in problem.groups if group.feature.centre is not None or group.measured]
+        return "" if problem.seen.lengths or others or "" in words else " and ".join(words)
+
+    def doubts(self) -> list[str]:
+        """What speaks against what was known beforehand of features: their own doubts, and fitted numbers far away."""
+        problem, state = self.at_features.problem, self.at_features.state
+        found = [one.group.kind.doubt(one.seen, one.found) for one in problem.misses(state)]
+        for (name, of), known in problem.expected.items():
+            value = float(state.own[name, of][0])
+            if abs(value - known.value[0]) > 2.0 * known.u95:
+                found.append(
+                    f"{name} of {of} comes out at {value:.6g}, {known.value[0]:.6g} was said: images and poses that "
+                    "do not belong together, or a lens that is another."
+                )
+        larger = self._larger()
+        if self.scale_from and abs(larger) > TOO_LARGE:
+            found.append(
+                f"The robot comes out {abs(larger):.2%} {'larger' if larger > 0 else 'smaller'} than nominal, and its "
+                f"scale rests on {self.scale_from}: measure these."
+            )
+        return [text for text in dict.fromkeys(found) if text]
+
+    def _larger(self) -> float:
+        """Share by which the calibrated arm is larger than the nominal one."""
+        nominal, own = self.at_features.problem.arm, self.evidence.arm
+        q = nominal.random_joints(JOINTS, 0)
+        a, b = (arm.forward(q)[:, :3, 3] for arm in (nominal, own))
+        a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+        return float(np.linalg.svd(a.T @ b, compute_uv=False).sum() / (a**2).sum()) - 1.0
+
+    def left_open(self) -> tuple[float, float]:
+        """What is not known of where the tool's point is, before and after: root mean square lengths, metres.
+
+        At joints between those of the rows: from the variances that the data gave the terms, and from what is left of
+        them. How the arm as a whole stands does not count, nor before the rows where the point is on the tool.
+        """
+        found = self.evidence
+        q, rng = self.at_features.problem.seen.q, np.random.default_rng(0)
+        one, other = (q[rng.integers(len(q), size=JOINTS)] for _ in range(2))
+        motion = found.motion(one + rng.uniform(size=(JOINTS, 1)) * (other - one))
+        path = chain.walk(found.nominal, motion.q)
+        pose = np.arange(JOINTS)
+        sizes = {group.name: group.size for group in found.groups}
+        flat = len(found.covariance) - len(found.terms)
+        constant = np.array([t.family == "geometry" for t in found.terms], dtype=bool)
+        values = basis_values(found.terms, Situation(found.nominal, motion))
+        prior = np.array([(sizes.get(t.group, 0.0) * t.size) ** 2 for t in found.terms])
+        worst = 0.0, 0.0
+        for k, name in enumerate(found.free_targets or ("",)):
+            tool = found.targets.get(name, np.zeros(3))
+            p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], tool)
+            J = np.zeros((3 + len(found.terms), 3, JOINTS))
+            J[:3] = path.tip[:3] if found.free_targets else 0.0
+            for part in (True, False):
+                rows = np.flatnonzero(constant == part)
+                terms = [found.terms[j] for j in rows]
+                J[3 + rows] = term_columns(terms, chain.point_columns(path, p, pose, part), values[rows], pose)
+            B = np.concatenate([-cross(p.T), np.broadcast_to(np.eye(3), (JOINTS, 3, 3))], axis=2).reshape(-1, 6)
+            across = J.transpose(0, 2, 1).reshape(len(J), -1)
+            across = across - (across @ B) @ np.linalg.pinv(B)
+            G = across @ across.T / JOINTS
+            columns = np.r_[6 + 3 * k : 9 + 3 * k, flat : len(found.covariance)]
+            left = float(np.sqrt(np.sum(G * found.covariance[np.ix_(columns, columns)])))
+            if left >= worst[1]:
+                worst = float(np.sqrt(prior @ np.diagonal(G)[3:])), left
+        return worst
+
+
+def as_points(seen: FeatureSet) -> PointSet:
+    """Rows as points without measured places (zeros stand for them), one pose a row group."""
+    _, first, pose = np.unique(seen.pose_index, return_index=True, return_inverse=True)
+    order = np.argsort(pose, kind="stable")
+    names = tuple(sorted(set(seen.target.astype(str))))
+    target = np.array([names.index(str(name)) for name in seen.target], dtype=int)
+    groups = seen.places("place") if "place" in seen.cells.columns else seen.places()
+    return PointSet(
+        seen.q[first],
+        pose[order],
+        target[order],
+        np.zeros((len(seen), 3)),
+        names,
+        seen.pose[first],
+        groups[first],
+        payload_kg=None if seen.payload_kg is None else seen.payload_kg[first],
+        payload_place=None if seen.payload_place is None else seen.payload_place[first],
+    )
+
+
+def shape_only(seen: FeatureSet) -> bool:
+    """Whether (nearly) all rows say no more than that points lie in planes or on lines of unknown place."""
+    others = sum(count for name, count in seen.kinds().items() if name in KINDS and not KINDS[name].shape_only)
+    return others < 10 and not seen.lengths
+
+
+def frames_of(value: FloatArray) -> FloatArray:
+    """Angles about x, y and z of a rotation (3, 3), radians."""
+    return frames.to_xyz_angles(frames.transform(value))[3:]

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
-from irbcal.identification import mackay
-from irbcal.identification.mackay import Expected
+from irbcal.identification.evidence_maximisation import GEOMETRY_CAP, VARIANCE_CAP, Expected
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.harmonics import HIGHEST, LOW, band_group, order
@@ -64,7 +63,7 @@ OF_TYPE = " (type)"
 
 
 @dataclass(frozen=True, eq=False)
-class Dictionary:
+class TermSet:
     """One choice of terms.
 
     Attributes
@@ -96,17 +95,17 @@ class Dictionary:
     @property
     def caps(self) -> FloatArray:
         """Largest variance of each group."""
-        return np.array([mackay.GEOMETRY_CAP if name == "geometry" else mackay.CAP for name in self.groups])
+        return np.array([GEOMETRY_CAP if name == "geometry" else VARIANCE_CAP for name in self.groups])
 
     def columns(self, flat: int) -> IntArray:
         """Columns of a linearisation of the superset: the flat ones and its terms."""
         return np.concatenate([np.arange(flat), flat + self.terms])
 
-    def extended(self, places: Sequence[int], names: Sequence[str]) -> Dictionary:
+    def extended(self, places: Sequence[int], names: Sequence[str]) -> TermSet:
         """With more terms of the superset at its end, each with the name of its group."""
         groups = list(self.groups)
         groups += [name for name in dict.fromkeys(names) if name not in groups]
-        return Dictionary(
+        return TermSet(
             self.name,
             np.concatenate([self.terms, np.asarray(places, dtype=int)]),
             tuple(groups),
@@ -155,7 +154,7 @@ def superset(
     return out
 
 
-def dictionaries(terms: Sequence[Term], kind: str, tau: float | None) -> list[Dictionary]:
+def term_sets(terms: Sequence[Term], kind: str, tau: float | None) -> list[TermSet]:
     """The dictionaries that are compared.
 
     Parameters
@@ -167,7 +166,7 @@ def dictionaries(terms: Sequence[Term], kind: str, tau: float | None) -> list[Di
     tau : float or None
         Time constant of warm-up to take.
     """
-    out: list[Dictionary] = []
+    out: list[TermSet] = []
     for names, highest in CHOICES:
         found = make(terms, [n for n in names if kind == ALL or n not in FRAME_FAMILIES], highest, tau)
         if all(not np.array_equal(found.terms, other.terms) for other in out):
@@ -175,7 +174,7 @@ def dictionaries(terms: Sequence[Term], kind: str, tau: float | None) -> list[Di
     return out
 
 
-def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float | None) -> Dictionary:
+def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float | None) -> TermSet:
     """One dictionary: geometry and some families, harmonics up to an order; families without terms do not count."""
     places, groups = [], []
     for k, term in enumerate(terms):
@@ -191,12 +190,12 @@ def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float |
     distinct = tuple(dict.fromkeys(groups))
     words = ["geometry", *(_word(n, highest) for n in names if n in present)]
     numbers = np.array([distinct.index(name) for name in groups], dtype=int)
-    return Dictionary(", ".join(words), np.array(places, dtype=int), distinct, numbers, highest > LOW, highest)
+    return TermSet(", ".join(words), np.array(places, dtype=int), distinct, numbers, highest > LOW, highest)
 
 
 def with_sisters(
     terms: Sequence[Term], tau: float | None, expect: Callable[[Sequence[Term]], Expected]
-) -> list[Dictionary]:
+) -> list[TermSet]:
     """The dictionaries that have all terms of which a type's prior knows, with what it knows of them.
 
     Parameters
@@ -209,7 +208,7 @@ def with_sisters(
         What is known of some terms.
     """
     everything = expect(terms)
-    out: list[Dictionary] = []
+    out: list[TermSet] = []
     for names, highest in CHOICES:
         found = make(terms, [n for n in names if n not in FRAME_FAMILIES], max(highest, TYPE_ORDERS), tau)
         mine = np.isin(np.arange(len(terms)), found.terms)
@@ -223,17 +222,17 @@ def with_sisters(
         distinct = tuple(dict.fromkeys(labels))
         numbers = np.array([distinct.index(label) for label in labels], dtype=int)
         name = f"{found.name}; as its sisters"
-        out.append(Dictionary(name, found.terms, distinct, numbers, highest > LOW, found.highest, own))
+        out.append(TermSet(name, found.terms, distinct, numbers, highest > LOW, found.highest, own))
     return out
 
 
-def tau_of(dictionary: Dictionary, terms: Sequence[Term]) -> float | None:
+def tau_of(dictionary: TermSet, terms: Sequence[Term]) -> float | None:
     """Time constant of a dictionary's warm-up; None without."""
     found = [terms[k].parameters["tau"] for k in dictionary.terms if terms[k].family == "warm_up"]
     return float(str(found[0])) if found else None
 
 
-def with_tau(dictionary: Dictionary, terms: Sequence[Term], tau: float) -> Dictionary:
+def with_tau(dictionary: TermSet, terms: Sequence[Term], tau: float) -> TermSet:
     """The same dictionary with another time constant of warm-up."""
     warm = [k for k, term in enumerate(terms) if term.family == "warm_up" and term.parameters["tau"] == tau]
     places = dictionary.terms.copy()

@@ -19,7 +19,8 @@ from typing import ClassVar
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.identification.constraint_kind import (
+from irbcal.identification.images import Image, ImageOnTool
+from irbcal.identification.observation_kind import (
     DIMENSIONS,
     LEVER,
     STEPS,
@@ -41,7 +42,6 @@ from irbcal.identification.constraint_kind import (
     vectors,
     with_third,
 )
-from irbcal.identification.images import Image, ImageOnTool
 from irbcal.measurement.features import Feature
 from irbcal.modeling import frames
 

@@ -1,29 +1,40 @@
-"""Slips of the pen found by hypothesis: what would have to be read otherwise for a file to fit a robot.
+"""Data-entry errors found by hypothesis: what would have to be read otherwise for a file to fit a robot.
 
-A file that does not fit its robot is most often right but for one slip: a joint that counts the other way, two columns
-swapped, another unit, a row lost. Each such slip is a hypothesis: an affine map of the joints, or joints of the row
+A file that does not fit its robot is most often right but for one error: a joint that counts the other way, two columns
+swapped, another unit, a row lost. Each such error is a hypothesis: an affine map of the joints, or joints of the row
 before or behind. All are tried, alone and in pairs. Of each, the points are fitted by the nominal robot with base and
 tool in closed form, the base being any affine map: its rotation's sign then tells left-handed points, its scale another
 unit of length, without a hypothesis of their own. The best are judged with a rigid base by their median distance.
 
 Nothing is changed here: a slip is named, with what would mend it.
+
+A row lost or doubled in the middle of a file: from some pose on, positions stand beside their neighbour's joints.
+
+Base and tool of the nominal robot are found in closed form from windows of the file, read as they are and one pose
+late or early; at least one window lies on one side of the place. With each, every pose has a distance as it is and one
+read late or early, and the sums of both, each capped as a gross error has no more to say, from the front and from the
+back tell the place at which it is best to go over from one to the other. The best is fitted anew to all poses.
 """
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import least_squares, start
-from irbcal.identification.residuals import Problem, State
-from irbcal.measurement.points import PointSet
+from irbcal.identification import initial_guess, least_squares
+from irbcal.identification.problem import Problem, State
+from irbcal.measurement.own_tables import shared
+from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.robot import Robot
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
 
@@ -134,7 +145,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Slip(Speaks):
+class EntryError(Speaks):
     """A slip that explains why a file does not fit a robot.
 
     Attributes
@@ -205,7 +216,7 @@ class Slip(Speaks):
         return [text[0].upper() + text[1:]]
 
 
-def find(arm: Arm, points: PointSet, before: float | None = None, pairs: bool = True) -> Slip | None:
+def find_entry_error(arm: Arm, points: PointSet, before: float | None = None, pairs: bool = True) -> EntryError | None:
     """Look for a slip that explains why points do not fit a robot.
 
     Parameters
@@ -297,7 +308,7 @@ def _pairs(single: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
             yield first.then(second)
 
 
-def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], before: float, factor: float) -> Slip | None:
+def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], before: float, factor: float) -> EntryError | None:
     """The simplest of the hypotheses that fit clearly better than the file as it is."""
     spread = float(np.sqrt(np.var(points.xyz, axis=0).sum()))
     fits: list[tuple[float, Hypothesis]] = []
@@ -314,7 +325,7 @@ def _best(arm: Arm, points: PointSet, tried: Sequence[Hypothesis], before: float
     near = AS_GOOD * least + SAME
     good = sorted((item for item in fits if item[0] <= near), key=lambda item: item[1].cost)
     also = tuple(item for _, item in good[1:] if item.cost < good[0][1].cost + 0.6)
-    return Slip(good[0][1], before, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any()))
+    return EntryError(good[0][1], before, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any()))
 
 
 def _subset(points: PointSet) -> tuple[PointSet, FloatArray]:
@@ -408,7 +419,7 @@ def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
             break
         try:
             problem = Problem(arm, some, ())
-            state, _ = start.closed_form(problem)
+            state, _ = initial_guess.closed_form(problem)
             if k == ROUNDS - 1 and best is not None and np.median(best[1]) < FAR:
                 state = least_squares.solve(problem, state).state
         except (IdentificationError, np.linalg.LinAlgError):
@@ -426,7 +437,7 @@ def _determined(arm: Arm, points: PointSet) -> bool:
     if np.count_nonzero(np.ptp(points.q, axis=0) > STILL) < FEWEST_MOVING:
         return False
     try:
-        return start.closed_form(Problem(arm, points.without_empty_poses().with_seen_targets(), ()))[1] > SPREAD
+        return initial_guess.closed_form(Problem(arm, points.without_empty_poses().with_seen_targets(), ()))[1] > SPREAD
     except (IdentificationError, np.linalg.LinAlgError):
         return False
 
@@ -492,3 +503,208 @@ def _options(hypothesis: Hypothesis, columns: Sequence[str]) -> list[str] | None
     if hypothesis.mirrored:
         options.append("columns.position=[y_mm, x_mm, z_mm]")
     return options
+
+
+ROWS_FEWEST_POSES, FEWEST_ROWS = 20, 3
+"""Poses below which nothing is looked for, and poses that must be shifted and poses that must not be."""
+
+ROWS_NEARER, ROWS_SHARE = 8.0, 0.6
+"""How many times nearer the poses of each side must be as read, and the share of them of which each is nearer so."""
+
+ROWS_NEAR, ROWS_NEAR_SHARE = 30.0 * MM, 0.05
+"""Median distance of either side from the nominal robot at most, metres and as a share of the spread of the points."""
+
+WINDOW = 3
+"""Part of the file, one in so many, that robots are fitted to."""
+
+
+@dataclass(frozen=True)
+class LostRow:
+    """Where positions begin to stand beside their neighbour's joints.
+
+    Attributes
+    ----------
+    pose : str
+        The first such pose.
+    late : int
+        1 where positions belong to the joints of the pose before (they come late), -1 where to those of the next.
+    poses : int
+        Poses from there on.
+    before, after : float
+        Median distance of their points from the robot as they are and read so, metres.
+    """
+
+    pose: str
+    late: int
+    poses: int
+    before: float
+    after: float
+
+    def in_words(self, measurements: MeasurementSet | None = None) -> str:
+        """One sentence, with the row of the file where this is at hand."""
+        where = f"pose {self.pose}"
+        if measurements is not None:
+            table = shared(measurements)
+            rows = table["row"][table["pose"].astype(str) == self.pose]
+            where = f"row {rows.iloc[0]} of {Path(measurements.source).name}" if len(rows) else where
+        late = self.late > 0
+        what = "a row of joints is missing or a position is doubled"
+        if not late:
+            what = "a position is missing or a row of joints is doubled"
+        return (
+            f"from pose {self.pose} on the points are one pose {'late' if late else 'early'}: {what} at about {where} "
+            f"(read so, the {self.poses} poses from there on are met within {self.after / MM:.2g} mm (median), as they "
+            f"are within {self.before / MM:.3g} mm); nothing was changed"
+        )
+
+    def sentence(self, measurements: MeasurementSet) -> str:
+        """The same as a sentence of its own."""
+        text = self.in_words(measurements)
+        return f"{text[0].upper()}{text[1:]}."
+
+
+def find_lost_row(arm: Arm, points: PointSet) -> LostRow | None:
+    """Look for the pose from which on positions belong to their neighbour's joints.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal.
+    points : PointSet
+        All poses in the order of the file; of several sessions, none is looked for.
+
+    Returns
+    -------
+    LostRow or None
+        None where no place explains clearly more than the file as it is.
+    """
+    if points.session is not None or points.poses < ROWS_FEWEST_POSES:
+        return None
+    points = replace(points, rotation=None, previous=None)
+    unknowns = 12 + 3 * len(points.target_names)
+    of_a_pose = 3.0 * len(points) / points.poses
+    width = max(points.poses // WINDOW, int(np.ceil(FEWEST_EQUATIONS * unknowns / of_a_pose)))
+    if width > points.poses // 2:
+        return None
+    best: tuple[float, int, int] | None = None
+    for first in (0, (points.poses - width) // 2, points.poses - width):
+        window = np.zeros(points.poses, dtype=bool)
+        window[first : first + width] = True
+        for late in (0, 1, -1):
+            found = _change(arm, points, _read(points, window * late), window)
+            if found is not None and (best is None or found < best):
+                best = found
+    for _ in range(2):
+        if best is None:
+            return None
+        _, late, place = best
+        shifted = np.arange(points.poses) >= place
+        best = _change(arm, points, _read(points, shifted * late), np.ones(points.poses, dtype=bool), (late,))
+    return None if best is None else _named(arm, points, best[1], best[2])
+
+
+def lost_row_of_robot(robot: Robot, points: PointSet) -> LostRow | None:
+    """The same with a robot whose base and tool are known already.
+
+    Parameters
+    ----------
+    robot : Robot
+    points : PointSet
+        All poses in the order of the file.
+
+    Returns
+    -------
+    LostRow or None
+    """
+    if points.session is not None or points.poses < ROWS_FEWEST_POSES:
+        return None
+    if points.torques is None and points.payload_kg is None:  # each pose's prediction serves its neighbours, too
+        predicted = _every_target(robot, points)
+        rows = {late: np.clip(points.pose - late, 0, points.poses - 1) for late in (0, 1, -1)}
+        apart = {late: np.linalg.norm(points.xyz - predicted[points.target, row], axis=1) for late, row in rows.items()}
+    else:
+        apart = {late: distances(robot, _read(points, late)) for late in (0, 1, -1)}
+    read = {late: _of_poses(points, distance) for late, distance in apart.items()}
+    _, late, place = min(_cheapest(read, late) for late in (1, -1))
+    return _lost_row(points, read[0], read[late], late, place)
+
+
+def _read(points: PointSet, late: int | IntArray) -> PointSet:
+    """The points with the joints of the pose so many before, of all or (n,) of each; at the ends those of the last."""
+    rows = np.clip(np.arange(points.poses) - late, 0, points.poses - 1)
+    return replace(points, q=points.q[rows], previous=None)
+
+
+def _every_target(robot: Robot, points: PointSet) -> FloatArray:
+    """Where a robot expects each target at each pose from unknown moves, shape (targets, n, 3), metres."""
+    n = points.poses
+    alone = replace(points, pose=np.arange(n), target=np.zeros(n, int), xyz=np.zeros((n, 3)), rotation=None, u95=None)
+    alone = replace(alone, previous=None)
+    tip = robot.T_world_base @ alone.tips(robot)
+    return np.stack([tip[:, :3, :3] @ robot.targets[name] + tip[:, :3, 3] for name in points.target_names])
+
+
+def _of_poses(points: PointSet, distance: FloatArray) -> FloatArray:
+    """Median distance (n,) of the points of each pose, metres."""
+    first = np.searchsorted(points.pose, np.arange(points.poses))
+    count = np.bincount(points.pose, minlength=points.poses)
+    most = int(count.max())
+    if most * points.poses > 4 * len(distance):
+        order = np.lexsort((distance, points.pose))
+        ordered = distance[order]
+        return np.asarray((ordered[first + (count - 1) // 2] + ordered[first + count // 2]) / 2.0)
+    table = np.full((points.poses, most), np.inf)
+    table[points.pose, np.arange(len(distance)) - first[points.pose]] = distance
+    table.sort(axis=1)
+    row = np.arange(points.poses)
+    return np.asarray((table[row, (count - 1) // 2] + table[row, count // 2]) / 2.0)
+
+
+def _change(
+    arm: Arm, points: PointSet, read: PointSet, used: BoolArray, shifts: tuple[int, ...] = (1, -1)
+) -> tuple[float, int, int] | None:
+    """Sum of capped distances, shift and place of the best change, seen by the robot that fits points as read."""
+    some = read.select(used).without_empty_poses()
+    if len(np.unique(some.target)) < len(points.target_names):
+        return None
+    found = fitted(arm, some)
+    if found is None:
+        return None
+    state, _ = found
+    distance = {k: _of_poses(points, misses(arm, state, _read(points, k))) for k in (0, *shifts)}
+    return min(_cheapest(distance, late) for late in shifts)
+
+
+def _cheapest(distance: Mapping[int, FloatArray], late: int) -> tuple[float, int, int]:
+    """Sum of capped distances with the best place from which on poses are read with a shift; the shift; the place."""
+    cap = 5.0 * ROWS_NEAR
+    plain, shifted = np.minimum(distance[0], cap), np.minimum(distance[late], cap)
+    sums = np.concatenate([[0.0], np.cumsum(plain)]) + np.concatenate([np.cumsum(shifted[::-1])[::-1], [0.0]])
+    place = int(np.argmin(sums))
+    return float(sums[place]), late, place
+
+
+def _named(arm: Arm, points: PointSet, late: int, place: int) -> LostRow | None:
+    """The change that a robot fitted to the file as read so stands by."""
+    shifted = np.arange(points.poses) >= place
+    found = fitted(arm, _read(points, shifted * late))
+    if found is None:
+        return None
+    plain, other = (_of_poses(points, misses(arm, found[0], _read(points, k))) for k in (0, late))
+    return _lost_row(points, plain, other, late, place)
+
+
+def _lost_row(points: PointSet, plain: FloatArray, shifted: FloatArray, late: int, place: int) -> LostRow | None:
+    """The change, where both sides are clearly nearer as read and near."""
+    spread = float(np.sqrt(np.var(points.xyz, axis=0).sum()))
+    near = min(ROWS_NEAR, ROWS_NEAR_SHARE * spread)
+    sides = ((plain[:place], shifted[:place]), (shifted[place:], plain[place:]))
+    for good, bad in sides:
+        if len(good) < FEWEST_ROWS or np.median(good) > min(near, float(np.median(bad)) / ROWS_NEARER):
+            return None
+        # of a few poses all must be nearer
+        if np.count_nonzero((good < 0.5 * bad) & (good <= 3.0 * near)) < max(ROWS_SHARE * len(good), FEWEST_ROWS):
+            return None
+    name = str(points.pose_ids[place])
+    after = float(np.median(shifted[place:]))
+    return LostRow(name, late, points.poses - place, float(np.median(plain[place:])), after)
