@@ -18,6 +18,8 @@ from .errors import MeasurementError as MeasurementError
 from .errors import OptionError as OptionError
 from .errors import ProgramError as ProgramError
 from .errors import RobotError as RobotError
+from .examples.samples import Samples as Samples
+from .examples.samples import samples as samples
 from .exporting.export import Exported as Exported
 from .exporting.export import export as export
 from .exporting.live import stream as stream
@@ -51,8 +53,6 @@ from .planning.device_plan import DevicePlan as DevicePlan
 from .planning.device_plan import device_plan as device_plan
 from .planning.measuring_plan import Plan as Plan
 from .planning.measuring_plan import plan as plan
-from .practice.samples import Samples as Samples
-from .practice.samples import samples as samples
 from .reports.certificate import certificate as certificate
 from .simulation.device_simulation import SimulatedDevice as SimulatedDevice
 from .simulation.device_simulation import simulate_device as simulate_device

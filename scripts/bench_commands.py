@@ -13,11 +13,11 @@ from irbcal.correction import languages, write_moves
 from irbcal.correction.moves import Move, Moves
 from irbcal.correction.trajectory_files import write_trajectory
 from irbcal.errors import ProgramError
+from irbcal.examples import makers
 from irbcal.io import robots, urdf
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.trajectory import Trajectory
-from irbcal.practice import makers
 
 PROGRAMS = 10_000
 LIMIT, CSV_LIMIT = 1.5, 0.9

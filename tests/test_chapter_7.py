@@ -4,14 +4,17 @@ import json
 import re
 import runpy
 import shutil
+import sys
 from dataclasses import replace
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from chapter7 import campaign, printed, study, trial
 from chapter7 import page as page_module
-from chapter7 import printed, study, trial
 from chapter7.page import drawn, figures, plotted, render, verdict
 from chapter7.settings import (
     AREAS,
@@ -33,6 +36,7 @@ from irbcal.errors import IrbcalError, MeasurementError, OptionError
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.parallel import Interrupted
 from irbcal.simulation import simulation
+from irbcal.simulation.shipped_cells import open_cell
 
 SMALL = Settings(procedures=(80, 120), each=2, curve=(80,), method="least-squares", points=520, seed=4)
 
@@ -572,3 +576,29 @@ def test_table_7_1_with_its_last_column():
     for load, areas in printed.TABLE_7_1.items():
         for (mean, sigma, _), last in zip(areas, printed.TABLE_7_1_LAST[load], strict=True):
             assert last == pytest.approx(mean + 3 * sigma, abs=0.0021)
+
+
+@pytest.fixture(scope="module")
+def cell_tables():
+    """The functions of scripts/thesis/cell_tables."""
+    path = Path(__file__).parents[1] / "scripts" / "thesis" / "cell_tables"
+    loader = SourceFileLoader("cell_tables", str(path))
+    written, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        loader.exec_module(module := module_from_spec(spec_from_loader("cell_tables", loader)))
+    finally:
+        sys.dont_write_bytecode = written
+    return module
+
+
+def test_nominal_errors_are_those_of_table_7_1_and_34_parameters_leave_a_third(cell_tables):
+    cell = open_cell("irb1600")
+    poses = campaign.campaign(cell, identification=150, verification=1600, seed=5)
+    measured = campaign.measure(cell, poses)
+    found = cell_tables.errors(cell_tables.nominal(cell, cell_tables.by_axes(cell, measured)), measured.verification)
+    np.testing.assert_allclose(found[:, 0], [1.004, 0.961], rtol=0.10)
+    np.testing.assert_allclose(found[:, 2], [1.890, 2.268], rtol=0.25)  # of 1,600 points, not 8,000
+    fit = cell_tables.identified(cell, measured, "34", (76, 70), 0, method="nelder-mead")
+    found = cell_tables.errors(fit, measured.verification)
+    np.testing.assert_allclose(found[:, 0], [0.272, 0.321], rtol=0.35)
+    np.testing.assert_allclose(found[:, 2], [0.714, 0.858], rtol=0.35)

@@ -8,7 +8,7 @@ from opening_cases import OWN_ROBOT, Case, faults
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.practice import measured, touched
+from irbcal.examples import measurements
 
 CHOSEN = [
     Case("moves.csv", 0.0, (*OWN_ROBOT, "--method", "circles")),
@@ -21,7 +21,7 @@ CHOSEN = [
 @pytest.fixture(scope="module")
 def samples(tmp_path_factory):
     folder = tmp_path_factory.mktemp("samples")
-    for sample in [*measured.files(), *touched.files()]:
+    for sample in [*measurements.tracker_files(), *measurements.touched_files()]:
         (folder / sample.path).write_bytes(sample.content)
     return folder
 

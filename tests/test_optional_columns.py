@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli.main import app
+from irbcal.examples import measurements
 from irbcal.measurement import features
-from irbcal.practice import checks, measured, rail, touched
 
 LOAD = {"payload_kg": "2.5", "payload_x_mm": "10", "payload_y_mm": "0", "payload_z_mm": "40"}
 JOINTS = {f"c{k}_deg": f"q{k}_deg" for k in range(1, 7)}
@@ -39,7 +39,12 @@ NEEDED = ("cycle", "group", "time_s")
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("columns")
-    for sample in [*measured.files(), *checks.files(), *rail.files(), *touched.files()]:
+    for sample in [
+        *measurements.tracker_files(),
+        *measurements.check_files(),
+        *measurements.rail_files(),
+        *measurements.touched_files(),
+    ]:
         (folder / sample.path).write_bytes(sample.content)
     irbcal.save(irbcal.calibrate(folder / "measured.csv", folder / "my_robot.urdf", "nominal"), folder / "calibration")
     return folder

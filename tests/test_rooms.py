@@ -34,7 +34,7 @@ FLOORS = (
     ("reports", "viewer"),
     ("calibrating", "calibration", "feature_calibration", "gathering"),
     ("fleet",),
-    ("practice",),
+    ("examples",),
     ("cli",),
 )
 """Rooms from the ground up; one imports only what is below, or beside it where that does not import it back."""

@@ -15,7 +15,7 @@ def samples(
     json: Json = False,
 ) -> None:
     """Write small example files for every command, all SIMULATED, with the lines that try them."""
-    from irbcal.practice.samples import samples as write
+    from irbcal.examples.samples import samples as write
 
     written = write(out)
     if json:

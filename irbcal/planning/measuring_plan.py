@@ -27,8 +27,8 @@ from irbcal.planning.scene import Scene, open_scene
 from irbcal.planning.sources import FEW, MANY, Poses, Region, Tally, axis_moves, first_seen, in_cube, random_poses
 from irbcal.planning.timing import stops
 from irbcal.planning.wish import Wish
-from irbcal.simulation.cell import WAIT_S
 from irbcal.simulation.tracker import ACCEPTANCE
+from irbcal.simulation.virtual_cell import WAIT_S
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG
 

@@ -15,7 +15,7 @@ from irbcal.measurement import columns, lists
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
 from irbcal.modeling.robot import Robot
-from irbcal.simulation.effect import size_of
+from irbcal.simulation.effects import size_of
 from irbcal.simulation.tool import thesis_tool
 
 DIRECTIONS = ("nx", "ny", "nz")

@@ -23,8 +23,8 @@ from irbcal.options import length, names, place
 from irbcal.planning.conditions import CONDITIONS, SOLID, Setting
 from irbcal.planning.iso_cube import has_thesis_cube, iso_cube
 from irbcal.planning.reflectors import TargetsLike, reflectors
-from irbcal.simulation.effect import size_of
-from irbcal.simulation.shipped import T_TRACKER_BASE
+from irbcal.simulation.effects import size_of
+from irbcal.simulation.shipped_cells import T_TRACKER_BASE
 from irbcal.simulation.tracker import ACCEPTANCE
 from irbcal.thesis_setup import IRB1600_HEIGHTS
 from irbcal.units import DEG, MM

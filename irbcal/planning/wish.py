@@ -10,7 +10,7 @@ from irbcal.options import MOST_POSES, number
 from irbcal.options import seed as check_seed
 from irbcal.planning.information import CRITERIA, IMAGINED_SIZE, NOISE
 from irbcal.planning.sources import FEW, MANY
-from irbcal.simulation.cell import SECONDS_PER_POINT, WAIT_S
+from irbcal.simulation.virtual_cell import SECONDS_PER_POINT, WAIT_S
 
 READINGS_S = SECONDS_PER_POINT
 """Seconds that the tracker needs for a reflector."""

@@ -12,13 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.simulation import procedure
-from irbcal.simulation.cell import WAIT_S, Cell
-from irbcal.simulation.history_effects import Backlash
+from irbcal.simulation import pose_list
+from irbcal.simulation.effects import Backlash, Harmonics, Lost
 from irbcal.simulation.pose_list import PoseList, numbered
-from irbcal.simulation.shipped import open_cell
-from irbcal.simulation.tracker_effects import Lost
-from irbcal.simulation.turning_effects import Harmonics
+from irbcal.simulation.shipped_cells import open_cell
+from irbcal.simulation.virtual_cell import WAIT_S, VirtualCell
 from irbcal.units import DEG
 
 ROBOT = "irb1600"
@@ -42,14 +40,14 @@ IDENTIFICATION = {"iso_cube": 52, "all_range": 50}
 VERIFICATION = {"iso_cube": 500, "all_range": 500}
 
 
-def demonstration_cell() -> Cell:
+def demonstration_cell() -> VirtualCell:
     """The cell that the demonstration's data come from: targets 1 to 3 and three references.
 
     Returns
     -------
-    Cell
+    VirtualCell
     """
-    cell = open_cell(ROBOT, seed=SEED).without(*WITHOUT).with_targets(procedure.IDENTIFIED).with_payload(PAYLOAD_KG)
+    cell = open_cell(ROBOT, seed=SEED).without(*WITHOUT).with_targets(pose_list.IDENTIFIED).with_payload(PAYLOAD_KG)
     waves = tuple((joint, periods, WEAR * size, phase) for joint, periods, size, phase in Harmonics().waves)
     gaps = tuple(WEAR * gap for gap in Backlash().peak_to_peak_deg)
     for effect in (Harmonics(waves), Backlash(gaps), Lost(LOST_SHARE)):
@@ -60,7 +58,7 @@ def demonstration_cell() -> Cell:
     )
 
 
-def identification_poses(cell: Cell) -> PoseList:
+def identification_poses(cell: VirtualCell) -> PoseList:
     """120 poses: three for each axis, then random ones (Nubiola 2011, section 7.2)."""
     axes = [angle * DEG * np.eye(6)[joint] for joint in range(6) for angle in (-30.0, 0.0, 30.0)]
     groups = [f"axis{joint}" for joint in range(1, 7) for _ in range(3)]
@@ -68,16 +66,16 @@ def identification_poses(cell: Cell) -> PoseList:
     return _listed(np.vstack([*axes, q]), groups + more)
 
 
-def verification_poses(cell: Cell) -> PoseList:
+def verification_poses(cell: VirtualCell) -> PoseList:
     """1,000 poses that the identification does not see."""
     return _listed(*_random(cell, VERIFICATION, 1))
 
 
-def _random(cell: Cell, counts: dict[str, int], part: int) -> tuple[FloatArray, list[str]]:
+def _random(cell: VirtualCell, counts: dict[str, int], part: int) -> tuple[FloatArray, list[str]]:
     """Random joints of each group, and the groups."""
-    regions = dict(zip(procedure.AREAS, (procedure.in_cube, procedure.in_range), strict=True))
+    regions = dict(zip(pose_list.AREAS, (pose_list.in_cube, pose_list.in_range), strict=True))
     q = [
-        procedure.random_poses(cell, count, [SEED, part, k], regions[group])
+        pose_list.random_poses(cell, count, [SEED, part, k], regions[group])
         for k, (group, count) in enumerate(counts.items())
     ]
     return np.vstack(q), [group for group, count in counts.items() for _ in range(count)]

@@ -34,9 +34,9 @@ from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, PLACE
 from irbcal.names import without_formulas
 from irbcal.options import MOST_POSES, checked, names, number
 from irbcal.options import seed as check_seed
-from irbcal.simulation import realistic
-from irbcal.simulation.cell import Cell
-from irbcal.simulation.shipped import ROBOT_SEED, open_cell
+from irbcal.simulation import shipped_cells
+from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
+from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
 
@@ -58,7 +58,7 @@ class SimulatedDevice(Speaks):
     ----------
     robot : str
         As the user named it.
-    cell : Cell
+    cell : VirtualCell
     found : Placed
         The device, where it is.
     q : ndarray, shape (n, joints)
@@ -74,7 +74,7 @@ class SimulatedDevice(Speaks):
     """
 
     robot: str
-    cell: Cell
+    cell: VirtualCell
     found: Placed
     q: FloatArray
     which: IntArray
@@ -212,9 +212,9 @@ def simulate_device(
     wanted = DEVICES[checked("device", device, tuple(DEVICES))]
     seed, robot_seed = check_seed(seed), check_seed(robot_seed, "robot_seed")
     count = number("random", random, len(wanted.spots), MOST_POSES, whole=True)
-    kind = checked("cell", cell, realistic.NAMES)
+    kind = checked("cell", cell, shipped_cells.KINDS)
     opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
-    opened = realistic.of_kind(kind, opened, robot_seed)
+    opened = shipped_cells.of_kind(kind, opened, robot_seed)
     if only is not None and without:
         raise OptionError("only and without exclude each other", parameter="only")
     opened = opened.without(*names("without", without)) if only is None else opened.only(*names("only", only))
@@ -229,13 +229,13 @@ def simulate_device(
     return SimulatedDevice(str(robot), opened, found, q, which, value, size, mass)
 
 
-def _lagging(cell: Cell, lag: FloatArray) -> Tips:
+def _lagging(cell: VirtualCell, lag: FloatArray) -> Tips:
     """Tips of the nominal arm with the real robot's distance from it, (n, 4, 4)."""
     return lambda q: np.asarray(lag @ cell.arm.forward(q))
 
 
 def _measured(
-    cell: Cell, found: Placed, q: FloatArray, which: IntArray, noise: float
+    cell: VirtualCell, found: Placed, q: FloatArray, which: IntArray, noise: float
 ) -> tuple[FloatArray, IntArray, FloatArray | None]:
     """The real robot brought to each feature, and what the device shows there."""
     rng = np.random.default_rng(np.random.SeedSequence(cell.seed, spawn_key=(STREAM, 2)))

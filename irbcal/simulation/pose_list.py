@@ -1,30 +1,202 @@
-"""Poses to measure in the virtual cell: read from a plan or a program, given as joints, or drawn at random."""
+"""Poses for the virtual cell: random ones in the tracker's sight, or those of a table, a plan or a robot program."""
 
 from __future__ import annotations
 
+import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.correction import languages
+from irbcal.correction.commanded import commanded
 from irbcal.correction.fake_targets import correct_poses
+from irbcal.correction.filter import given_frames, place_pair
 from irbcal.correction.languages.table import POSE
-from irbcal.correction.program import Given
-from irbcal.errors import MeasurementError
-from irbcal.io.controller_model import unknown_frames
+from irbcal.correction.program import Given, read_bytes
+from irbcal.errors import MeasurementError, ProgramError
+from irbcal.io.controller_model import controller_frames, unknown_frames
+from irbcal.io.opening import open_robot
 from irbcal.measurement import columns, lists
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.simulation import procedure, programs
-from irbcal.simulation.cell import WAIT_S, Cell
+from irbcal.options import pulses_per_degree
+from irbcal.simulation.virtual_cell import WAIT_S, VirtualCell
+from irbcal.thesis_setup import FRONT, IRB1600_CUBE, IRB1600_HEIGHTS
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Region: TypeAlias = "Callable[[FloatArray], BoolArray]"
+"""From tip positions (n, 3) in the base link, metres, to a mask (n,) of those inside."""
+
+BLOCK = 20_000
+"""Random poses that are looked at together."""
+MOST_BLOCKS = 2000
+
+CUBE_CENTRE, CUBE_EDGE = IRB1600_CUBE
+
+AREAS = ("iso_cube", "all_range")
+IDENTIFIED = ("smr1", "smr2", "smr3")
+"""Targets that the identification uses (Nubiola 2011, section 7.3)."""
+VERIFIED = tuple(f"smr{k}" for k in range(1, 9))
+"""Targets that the verification uses."""
+
+
+def in_cube(p: FloatArray) -> BoolArray:
+    """Which positions (n, 3) in the base link lie in the ISO cube of the IRB 1600 (Nubiola 2011, section 7.2)."""
+    return np.all(np.abs(p - CUBE_CENTRE) <= CUBE_EDGE / 2, axis=1)
+
+
+def in_range(p: FloatArray) -> BoolArray:
+    """Which positions (n, 3) lie above the obstacles around the thesis's robot (Nubiola 2011, section 7.2)."""
+    return p[:, 2] > np.where(p[:, 0] >= FRONT, *IRB1600_HEIGHTS)
+
+
+def above_floor(p: FloatArray) -> BoolArray:
+    """Which positions (n, 3) lie above the robot's base plane."""
+    return p[:, 2] > 0.0
+
+
+def random_poses(
+    cell: VirtualCell,
+    count: int,
+    seed: int | Sequence[int] = 0,
+    wanted: Region = above_floor,
+    targets: IntArray | None = None,
+) -> FloatArray:
+    """Random joints inside the limits with targets in sight, rounded to 1e-4 degrees (mm) as they are commanded.
+
+    Parameters
+    ----------
+    cell : VirtualCell
+        With the effect ``visibility`` off, every target is in sight.
+    count : int
+    seed : int or sequence of int
+    wanted : callable
+        From tip positions (n, 3) in the base link to a mask of the poses to keep.
+    targets : ndarray of int, shape (count,), optional
+        The target that must be in sight in each pose; by default all that look the same way as the first one.
+
+    Returns
+    -------
+    ndarray, shape (count, joints)
+        Radians (metres for prismatic joints).
+
+    Raises
+    ------
+    MeasurementError
+        If hardly any pose is as wanted.
+    """
+    arm, rng, units = cell.arm, np.random.default_rng(seed), cell.arm.joint_units
+    free = np.where(arm.table.prismatic, 1.0, np.pi)
+    lower, upper = (np.where(np.isfinite(b), b, s * free) for b, s in ((arm.lower, -1.0), (arm.upper, 1.0)))
+    alike = cell.tool.direction @ cell.tool.direction[0] > 1.0 - 1e-9
+    wish = np.zeros(count, dtype=int) if targets is None else np.asarray(targets)
+    found, missing = np.zeros((count, len(lower))), np.ones(count, dtype=bool)
+    for _ in range(MOST_BLOCKS):
+        q = np.round(rng.uniform(lower, upper, (BLOCK, len(lower))) / units, 4) * units
+        q = q[np.all((q >= lower) & (q <= upper), axis=1)]
+        q = q[wanted(arm.forward(q)[:, :3, 3])]
+        seen = cell.visible(q)
+        if targets is None:
+            seen = np.all(seen[:, alike], axis=1)[:, None]
+        for target in np.unique(wish[missing]):
+            good = q[seen[:, target]]
+            places = np.flatnonzero(missing & (wish == target))[: len(good)]
+            found[places], missing[places] = good[: len(places)], False
+        if not missing.any():
+            return found
+    raise MeasurementError(
+        f"of {MOST_BLOCKS * BLOCK} random poses {int((~missing).sum())} were as wanted and in the tracker's sight, "
+        f"{count} were asked for: move the tracker, or switch the effect visibility off"
+    )
+
+
+def is_program(poses: object) -> bool:
+    """Whether poses are a file, or a folder, of a robot program in another language than CSV.
+
+    Raises
+    ------
+    ProgramError
+        If a file cannot be read_program.
+    """
+    if not isinstance(poses, (str, PathLike)):
+        return False
+    path = Path(poses)
+    if path.is_dir():
+        return True
+    found = {ending: one.NAME for one in languages.known() for ending in one.ENDINGS}.get(path.suffix.lower())
+    if found is not None or path.suffix.lower() in (".txt", ".parquet") or not path.is_file():
+        return found not in (None, "CSV")
+    data = read_bytes(path)
+    return any(one.looks_like(data) for one in languages.known() if one.NAME != "CSV")
+
+
+def given_for(
+    robot: str | Path,
+    arm: Arm,
+    tool: Mapping[str, ArrayLike] | None = None,
+    wobj: Mapping[str, ArrayLike] | None = None,
+    pulses: Sequence[float] | None = None,
+    where: tuple[ArrayLike, ArrayLike] | None = None,
+    program: str | Path | None = None,
+) -> Given:
+    """What comes with the programs of a robot; arguments as for `irbcal.correct`, ``program`` is one of them.
+
+    Raises
+    ------
+    OptionError
+        If a frame is not a rigid transform, or the pulses are not six numbers.
+    """
+    frames = given_frames(tool, "tool"), given_frames(wobj, "wobj")
+    opened = open_robot(robot, base_link=arm.base_link, tip_link=arm.tip_link)
+    at = unknown_frames()
+    if opened.urdf_bytes is not None:
+        at = controller_frames(opened.urdf_bytes, str(robot), arm.base_link, arm.tip_link)
+    pair = None if where is None or program is None else place_pair(where, languages.files_of([program])[0])
+    return Given(*frames, at, pulses_per_degree(pulses), where=pair)
+
+
+def read_program(program: str | Path, arm: Arm, given: Given) -> tuple[FloatArray, str | None]:
+    """Joints at the stops of a program.
+
+    Parameters
+    ----------
+    program : str or Path
+        A file, or a folder with the files of one program.
+    arm : Arm
+        What the controller computes with.
+    given : Given
+
+    Returns
+    -------
+    q : ndarray, shape (n, joints)
+        Radians (metres for prismatic joints).
+    sha256 : str
+        Of the contents of all files.
+
+    Raises
+    ------
+    ProgramError
+        If it cannot be read_program, moves nowhere, or the joints of a stop are not known.
+    """
+    language, files = languages.files_of([program])
+    found = [(one.source, commanded(one, arm)) for one in language.read_for(arm, files, given)]
+    moving = [(source, q) for source, q in found if len(q)]
+    if not moving:
+        raise ProgramError("expected a program that moves the robot, found no move", file=program)
+    if len(moving) > 1:
+        names = ", ".join(Path(source).name for source, _ in moving)
+        raise ProgramError(f"expected one program, found several ({names}): name one of them", file=program)
+    digest = hashlib.sha256(b"".join(read_bytes(file) for file in files)).hexdigest()
+    return np.asarray(moving[0][1]), digest
 
 
 class HasFrame(Protocol):
@@ -72,7 +244,7 @@ class PoseList:
     def __post_init__(self) -> None:
         lock(self)
 
-    def asked(self, cell: Cell) -> BoolArray | None:
+    def asked(self, cell: VirtualCell) -> BoolArray | None:
         """Which targets each pose asks for, shape (n, targets); None for all.
 
         Raises
@@ -85,10 +257,10 @@ class PoseList:
         names = cell.tool.names
         out = np.zeros((len(self.q), len(names)), dtype=bool)
         for k, (wanted, row) in enumerate(self.targets):
-            unknown_frames = [name for name in wanted if name not in names]
-            if unknown_frames:
+            unknown = [name for name in wanted if name not in names]
+            if unknown:
                 raise MeasurementError(
-                    f"expected targets of the tool ({', '.join(names)}), found {unknown_frames[0]!r}",
+                    f"expected targets of the tool ({', '.join(names)}), found {unknown[0]!r}",
                     file=self.source,
                     row=row,
                     column="targets",
@@ -114,7 +286,7 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: Given | Non
     wait_s : float
         Seconds between stop and measurement where the poses do not say.
     given : Given, optional
-        What comes with a robot program, see `irbcal.simulation.programs.given_for`.
+        What comes with a robot program, see `irbcal.simulation.pose_list.given_for`.
 
     Returns
     -------
@@ -129,8 +301,8 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: Given | Non
 
     if hasattr(poses, "to_frame") and not isinstance(poses, pd.DataFrame):
         poses = poses.to_frame()
-    if isinstance(poses, (str, Path)) and programs.is_program(poses):
-        q, digest = programs.read(poses, arm, given or Given({}, {}, unknown_frames()))
+    if isinstance(poses, (str, Path)) and is_program(poses):
+        q, digest = read_program(poses, arm, given or Given({}, {}, unknown_frames()))
         n = len(q)
         return PoseList(q, numbered(n), None, np.full(n, float(wait_s)), {}, str(poses), digest)
     if isinstance(poses, (str, Path, pd.DataFrame)):
@@ -214,12 +386,12 @@ def _of_poses(table: columns.TableLike, raw: pd.DataFrame, arm: Arm, source: str
     return found.q_nominal
 
 
-def drawn(cell: Cell, count: int, seed: int = 0, wait_s: float = WAIT_S) -> PoseList:
+def random_list(cell: VirtualCell, count: int, seed: int = 0, wait_s: float = WAIT_S) -> PoseList:
     """Random joints inside the limits, above the floor and, where visibility is on, with a target in sight.
 
     Parameters
     ----------
-    cell : Cell
+    cell : VirtualCell
     count, seed : int
     wait_s : float
 
@@ -232,7 +404,7 @@ def drawn(cell: Cell, count: int, seed: int = 0, wait_s: float = WAIT_S) -> Pose
     MeasurementError
         If the tracker sees too few poses.
     """
-    q = procedure.random_poses(cell, count, seed)
+    q = random_poses(cell, count, seed)
     return PoseList(q, numbered(count), None, np.full(count, float(wait_s)), {}, f"{count} random poses")
 
 

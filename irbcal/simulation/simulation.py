@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,23 +20,108 @@ from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import CalibrationLike
 from irbcal.io.schema import Record
 from irbcal.measurement import table
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.columns import POSITION, TableLike
+from irbcal.measurement.load_columns import PLACE
 from irbcal.measurement.statistics import statistics
 from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
 from irbcal.names import without_formulas
 from irbcal.options import MOST_POSES, checked, names, number, place
 from irbcal.options import seed as check_seed
-from irbcal.simulation import pose_list, programs, realistic, simulated_files
-from irbcal.simulation.cell import WAIT_S, Cell
+from irbcal.simulation import pose_list, shipped_cells
 from irbcal.simulation.pose_list import PoseList, PosesLike
-from irbcal.simulation.run import Run
-from irbcal.simulation.shipped import ROBOT_SEED, open_cell
+from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
+from irbcal.simulation.virtual_cell import WAIT_S, Run, VirtualCell
 from irbcal.summary import Speaks, Told
+from irbcal.units import MM
 from irbcal.validation.evaluation import statistics_table
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
+    """A run as the rows of a measurement file.
+
+    Returns
+    -------
+    DataFrame
+        Text and numbers as they are written: joints with 6 decimals, positions with 4 (0.1 um). Where the robot's
+        readings are not its commands, the commands stand beside them (``c1_deg`` …).
+    """
+    import pandas as pd
+
+    row, point = np.nonzero(run.asked)
+    units = arm.joint_units
+    columns: dict[str, Any] = {"pose": poses.pose[row]}
+    for name, values in poses.extra.items():
+        columns[name] = values[row]
+    commands = np.round(arm.to_controller(poses.q) / units, 6) + 0.0
+    joints = commands if run.readings is None else np.round(arm.to_controller(run.readings) / units, 6) + 0.0
+    columns |= {name: joints[row, j] for j, name in enumerate(arm.joint_columns)}
+    if run.readings is not None:
+        columns |= {f"c{name[1:]}": commands[row, j] for j, name in enumerate(arm.joint_columns)}
+    columns["target"] = np.array(run.names, dtype=object)[point]
+    xyz = np.round(run.xyz[row, point] / MM, 4) + 0.0
+    columns |= {name: xyz[:, k] for k, name in enumerate(POSITION)}
+    columns["payload_kg"] = np.full(len(row), run.payload_kg)
+    if run.payload_place is not None:
+        place = np.round(run.payload_place / MM, 4)
+        columns |= {name: np.full(len(row), x) for name, x in zip(PLACE, place, strict=True)}
+    columns["time_s"] = np.round(run.time_s[row, point], 2)
+    columns["simulated"] = np.full(len(row), "yes", dtype=object)
+    return pd.DataFrame(columns)
+
+
+def files(run: Run, poses: PoseList, cell: VirtualCell, out: str | Path, robot: str) -> dict[str, bytes]:
+    """Contents of the measurement file and of the truth beside it.
+
+    Parameters
+    ----------
+    run : Run
+    poses : PoseList
+    cell : VirtualCell
+    out : str or Path
+        The measurement file.
+    robot : str
+        As the user named it.
+
+    Returns
+    -------
+    dict of str to bytes
+        File name -> content.
+    """
+    out = Path(out)
+    data = without_formulas(measurement_table(run, poses, cell.arm)).to_csv(index=False, lineterminator="\n").encode()
+    document = {
+        "simulated": True,
+        "note": "What the virtual cell hides; the identification never reads this file.",
+        "made_by": "irbcal simulate",
+        "robot": robot,
+        "data": out.name,
+        "data_sha256": hashlib.sha256(data).hexdigest(),
+        "plan": Path(poses.source).name,
+        "plan_sha256": poses.sha256,
+        "units": "mm and degrees; base_*: the base link in the tracker's frame (eq. 3.5); target_*: in the tip link",
+        "terms_are": "what the robot does in the terms of the error model, by their names; rad, m and minutes",
+        "stiffness_is": "the two numbers that describe joints 2 and 3 best; the effect compliance says what they do",
+        **cell.truth(),
+        "unseen": run.unseen,
+        "poses_are": "true tip poses in the base link, in the order of the run: x_mm, y_mm, z_mm, qw, qx, qy, qz",
+    }
+    quaternions = frames.quaternion_from_matrix(run.T_base_tip[:, :3, :3])
+    rows = np.round(np.column_stack([run.T_base_tip[:, :3, 3] / MM, quaternions]), 9).tolist()
+    shown = ",\n".join(f"  {row}" for row in rows)
+    truth = json.dumps(document, indent=1, ensure_ascii=False).removesuffix("\n}")
+    return {out.name: data, truth_name(out): f'{truth},\n "poses": [\n{shown}\n ]\n}}\n'.encode()}
+
+
+def truth_name(out: str | Path) -> str:
+    """Name of the truth's file beside a measurement file."""
+    return f"{Path(out).stem}.truth.json"
+
 
 __all__ = ["MOSTLY_HIDDEN", "Simulated", "misses", "open_cell", "simulate"]
 
@@ -50,7 +137,7 @@ class Simulated(Speaks):
     ----------
     robot : str
         As the user named it.
-    cell : Cell
+    cell : VirtualCell
     poses : PoseList
         What was commanded.
     run : Run
@@ -60,7 +147,7 @@ class Simulated(Speaks):
     """
 
     robot: str
-    cell: Cell
+    cell: VirtualCell
     poses: PoseList
     run: Run
     misses: FloatArray | None = None
@@ -110,7 +197,7 @@ class Simulated(Speaks):
         DataFrame
             A row for each point asked for; ``simulated`` is ``yes`` in all. Positions that were lost are NaN.
         """
-        return simulated_files.measurement_table(self.run, self.poses, self.cell.arm)
+        return measurement_table(self.run, self.poses, self.cell.arm)
 
     def measurements(self) -> MeasurementSet:
         """The measurements as irbcal reads them from the measurement file: what `irbcal.calibrate` takes."""
@@ -153,8 +240,8 @@ class Simulated(Speaks):
             If they cannot be written.
         """
         out = Path(out)
-        atomic.write_together(out.parent, simulated_files.files(self.run, self.poses, self.cell, out, self.robot))
-        return out, out.parent / simulated_files.truth_name(out)
+        atomic.write_together(out.parent, files(self.run, self.poses, self.cell, out, self.robot))
+        return out, out.parent / truth_name(out)
 
 
 def simulate(
@@ -236,13 +323,13 @@ def simulate(
     if (wanted is None) != (calibration is None):
         raise OptionError("wanted and calibration go together", parameter="wanted")
     seed, robot_seed, wait = check_seed(seed), check_seed(robot_seed, "robot_seed"), number("wait", wait, 0)
-    kind = checked("cell", cell, realistic.NAMES)
+    kind = checked("cell", cell, shipped_cells.KINDS)
     opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
-    opened = _changed(realistic.of_kind(kind, opened, robot_seed), only, without, also)
+    opened = _changed(shipped_cells.of_kind(kind, opened, robot_seed), only, without, also)
     opened = _equipped(opened, targets, payload, tracker)
     given = None
-    if named := [str(one) for one in (plan, wanted) if programs.is_program(one)]:
-        given = programs.given_for(robot, opened.arm, tool, wobj, pulses, where, named[0])
+    if named := [str(one) for one in (plan, wanted) if pose_list.is_program(one)]:
+        given = pose_list.given_for(robot, opened.arm, tool, wobj, pulses, where, named[0])
     poses = _poses(opened, plan, random, seed, wait, given)
     run = _run(opened, poses, payload is not None)
     found = None
@@ -252,7 +339,9 @@ def simulate(
     return Simulated(str(robot), opened, poses, run, found)
 
 
-def _equipped(cell: Cell, targets: int | Sequence[str], payload: float | None, tracker: ArrayLike | None) -> Cell:
+def _equipped(
+    cell: VirtualCell, targets: int | Sequence[str], payload: float | None, tracker: ArrayLike | None
+) -> VirtualCell:
     """The cell with the tool's targets, the load and the tracker's place that are asked for."""
     cell = cell.with_targets(_targets(targets, cell.tool.names))
     cell = cell if payload is None else cell.with_payload(number("payload", payload, 0))
@@ -261,13 +350,13 @@ def _equipped(cell: Cell, targets: int | Sequence[str], payload: float | None, t
     return cell.replace(tracker=cell.tracker.moved(place("tracker", tracker, "x, y, z of the tracker in metres")))
 
 
-def _run(cell: Cell, poses: PoseList, place_told: bool) -> Run:
+def _run(cell: VirtualCell, poses: PoseList, place_told: bool) -> Run:
     """What the tracker sees; with the payload's place where it was asked for."""
     run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
     return replace(run, payload_place=cell.tool.payload_centre) if place_told else run
 
 
-def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> Cell:
+def _changed(cell: VirtualCell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> VirtualCell:
     """The cell with the effects that are asked for."""
     only, without, also = None if only is None else names("only", only), names("without", without), names("also", also)
     if only is not None and without:
@@ -277,13 +366,13 @@ def _changed(cell: Cell, only: Sequence[str] | None, without: Sequence[str], als
 
 
 def _poses(
-    cell: Cell, plan: PosesLike | None, random: int | None, seed: int, wait: float, given: Given | None
+    cell: VirtualCell, plan: PosesLike | None, random: int | None, seed: int, wait: float, given: Given | None
 ) -> PoseList:
     if (plan is None) == (random is None):
         raise OptionError("give either a plan or a number of random poses", parameter="plan")
     if random is None:
         return pose_list.taken(plan, cell.arm, wait, given)
-    return pose_list.drawn(cell, number("random", random, 1, MOST_POSES, whole=True), seed, wait)
+    return pose_list.random_list(cell, number("random", random, 1, MOST_POSES, whole=True), seed, wait)
 
 
 def _targets(wanted: int | Sequence[str], all_names: Sequence[str]) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from irbcal.correction import languages, write_moves
 from irbcal.correction.moves import Move, Moves
 from irbcal.errors import IrbcalError
 from irbcal.io import urdf
-from irbcal.simulation import programs
+from irbcal.simulation import pose_list
 from irbcal.units import DEG
 
 COUNTS = ",".join(map(str, PULSES))
@@ -54,7 +54,7 @@ def refused(*words):
 
 
 def joints(path, robot, nominal):
-    return programs.read(path, nominal, programs.given_for(robot, nominal, pulses=PULSES))[0]
+    return pose_list.read_program(path, nominal, pose_list.given_for(robot, nominal, pulses=PULSES))[0]
 
 
 def test_corrected_joints_are_those_of_the_same_rows_in_csv(job, tmp_path, program):

@@ -193,7 +193,7 @@ def test_refusals_and_wrong_calls(tmp_path, plan):
 
 
 def test_a_tracker_that_sees_nothing_is_refused(tmp_path, monkeypatch):
-    from irbcal.simulation import procedure as cell_procedure
+    from irbcal.simulation import pose_list as cell_procedure
 
     monkeypatch.setattr(cell_procedure, "MOST_BLOCKS", 2)
     inside = ("--tracker", "0,0,200")  # within the robot's base

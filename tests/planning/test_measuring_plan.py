@@ -15,8 +15,8 @@ from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make, plan
 from irbcal.planning.scene import open_scene
 from irbcal.planning.wish import Wish
-from irbcal.simulation import pose_list, simulated_files
-from irbcal.simulation.shipped import open_cell
+from irbcal.simulation import pose_list, simulation
+from irbcal.simulation.shipped_cells import open_cell
 from irbcal.simulation.simulation import simulate
 from irbcal.units import MM
 
@@ -37,7 +37,7 @@ def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     asked = pose_list.read(tmp_path / "poses.csv", cell.arm)
     assert asked.targets is not None
     run = cell.measure(asked.q, asked.asked(cell), asked.wait_s)
-    write_together(tmp_path, simulated_files.files(run, asked, cell, tmp_path / "axis.csv", "irb1600"))
+    write_together(tmp_path, simulation.files(run, asked, cell, tmp_path / "axis.csv", "irb1600"))
     found = {}
     for model in ("nominal", "26"):
         irbcal.calibrate(tmp_path / "axis.csv", "irb1600", model=model, holdout=0).save(tmp_path / model)

@@ -14,7 +14,7 @@ from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import make
 from irbcal.planning.scene import open_scene
 from irbcal.planning.wish import Wish
-from irbcal.simulation import programs
+from irbcal.simulation import pose_list
 from irbcal.units import DEG
 
 PULSES = (1341.4, 1341.4, -1341.4, 1000.0, 1000.0, 622.0)
@@ -85,6 +85,6 @@ def test_the_virtual_robot_runs_it(robot, tmp_path):
     path = path_of(robot)
     plan = irbcal.plan(path, **SMALL, pulses=PULSES)
     plan.save(tmp_path)
-    file = next(file for file in tmp_path.iterdir() if programs.is_program(file))
-    q, _ = programs.read(file, nominal, programs.given_for(path, nominal, pulses=PULSES))
+    file = next(file for file in tmp_path.iterdir() if pose_list.is_program(file))
+    q, _ = pose_list.read_program(file, nominal, pose_list.given_for(path, nominal, pulses=PULSES))
     assert np.abs(q[1:-1] - plan.q).max() < (0.9e-3 * DEG if robot == "gp8" else 2e-4 * DEG)

@@ -3,8 +3,8 @@
 import pytest
 from cell_support import THREE
 
-from irbcal.simulation import procedure
-from irbcal.simulation.shipped import open_cell
+from irbcal.simulation import pose_list
+from irbcal.simulation.shipped_cells import open_cell
 
 
 @pytest.fixture(scope="module")
@@ -16,4 +16,4 @@ def cell():
 @pytest.fixture(scope="module")
 def q(cell):
     """300 random poses in the tracker's sight."""
-    return procedure.random_poses(cell, 300, seed=4)
+    return pose_list.random_poses(cell, 300, seed=4)

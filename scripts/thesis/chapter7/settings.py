@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from irbcal.errors import OptionError
-from irbcal.simulation import procedure
+from irbcal.simulation import pose_list
 
-AREAS, PAYLOADS = procedure.AREAS, (3, 6)
+AREAS, PAYLOADS = pose_list.AREAS, (3, 6)
 
 METHODS: dict[str, dict[str, str]] = {
     "least-squares": {},

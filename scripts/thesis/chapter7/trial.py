@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from chapter7 import campaign
 from chapter7.settings import (
     AREAS,
     COURSE,
@@ -43,8 +44,8 @@ from irbcal.modeling.inverse import calibrated_arm, closed_form
 from irbcal.modeling.levels import LEVELS, Level
 from irbcal.modeling.robot import Robot
 from irbcal.options import checked
-from irbcal.simulation import procedure, simulation
-from irbcal.simulation.cell import Cell
+from irbcal.simulation import pose_list, simulation
+from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy
@@ -67,7 +68,7 @@ class Stage(Speaks):
     Attributes
     ----------
     settings : Settings
-    cell : Cell
+    cell : VirtualCell
         Eight targets; the poses were chosen so that the tracker sees them.
     first : Robot
         Base and tool from moves of one joint (sections 3.2 and 3.4.2).
@@ -86,7 +87,7 @@ class Stage(Speaks):
     """
 
     settings: Settings
-    cell: Cell
+    cell: VirtualCell
     first: Robot
     axes: dict[int, PointSet]
     identification: dict[str, PointSet]
@@ -105,8 +106,8 @@ class Stage(Speaks):
     def of(cls, settings: Settings) -> Stage:
         """Draw the poses of a study and measure them."""
         cell = simulation.open_cell("irb1600", seed=settings.seed)
-        poses = procedure.campaign(cell, settings.pool, settings.points, settings.seed)
-        measured = procedure.measure(cell, poses)
+        poses = campaign.campaign(cell, settings.pool, settings.points, settings.seed)
+        measured = campaign.measure(cell, poses)
         for area in AREAS:
             wanted = max(max(shares(r.measures)[1:]) for r in repetitions(settings))
             if measured.identification[area].poses < wanted:
@@ -114,13 +115,13 @@ class Stage(Speaks):
                     f"{measured.identification[area].poses} identification points were seen in {area}, {wanted} are "
                     "needed: ask for more verification points or for smaller procedures"
                 )
-        heavy = procedure.measure(cell.with_payload(PAYLOADS[1]), poses).verification
-        three = cell.with_targets(procedure.IDENTIFIED)
+        heavy = campaign.measure(cell.with_payload(PAYLOADS[1]), poses).verification
+        three = cell.with_targets(pose_list.IDENTIFIED)
         whole = {
-            area: procedure.random_poses(three, settings.verified, [settings.seed, 2, k], where)
-            for k, (area, where) in enumerate(zip(AREAS, (procedure.in_cube, procedure.in_range), strict=True))
+            area: pose_list.random_poses(three, settings.verified, [settings.seed, 2, k], where)
+            for k, (area, where) in enumerate(zip(AREAS, (pose_list.in_cube, pose_list.in_range), strict=True))
         }
-        cell = cell.with_targets(procedure.VERIFIED).without("visibility")
+        cell = cell.with_targets(pose_list.VERIFIED).without("visibility")
         return cls(
             settings,
             cell,
@@ -142,12 +143,12 @@ class Stage(Speaks):
         )
 
 
-def by_axes(cell: Cell, measured: procedure.Measured) -> Robot:
+def by_axes(cell: VirtualCell, measured: campaign.Measured) -> Robot:
     """The robot that the moves of single joints give: base, tool and links (Nubiola 2011, sections 3.1 and 5.4.4).
 
     Parameters
     ----------
-    cell : Cell
+    cell : VirtualCell
     measured : Measured
 
     Returns
@@ -157,7 +158,7 @@ def by_axes(cell: Cell, measured: procedure.Measured) -> Robot:
     return calibrate_by_axes(cell.arm, measured.moves).robot
 
 
-def _axis_points(cell: Cell, count: int) -> PointSet:
+def _axis_points(cell: VirtualCell, count: int) -> PointSet:
     """Moves of one joint at a time, seen at target 1."""
     joints = [angle * DEG * np.eye(6)[j] for j, angles in enumerate(MOVES[count]) for angle in angles]
     groups = [f"axis{j + 1}" for j, angles in enumerate(MOVES[count]) for _ in angles]
@@ -186,14 +187,14 @@ def sphere_poses(arm: Arm, seed: int) -> tuple[FloatArray, IntArray]:
     q, branch = closed_form.nearest(arm, closed_form.branches(arm, T), np.zeros(6))
     if (branch < 0).any():
         raise MeasurementError("the robot does not reach the sphere of the relative analyses")
-    return q, rng.integers(0, len(procedure.VERIFIED), SPHERE_POINTS)
+    return q, rng.integers(0, len(pose_list.VERIFIED), SPHERE_POINTS)
 
 
 COURSE_UNUSED = 20
 """Points in each area that the course of the search is watched on (Nubiola 2011, section 7.5)."""
 
 
-def nominal(cell: Cell, robot: Robot) -> Robot:
+def nominal(cell: VirtualCell, robot: Robot) -> Robot:
     """The nominal robot with base from axes 1 and 2 and tool from axes 5 and 6.
 
     Nubiola 2011, sections 3.2, 3.4.2, 5.4.1 and 7.7.1.
@@ -217,8 +218,8 @@ def choice(axes: PointSet | None, areas: Mapping[str, PointSet], counts: Sequenc
     PointSet
     """
     rng = np.random.default_rng(seed)
-    parts = [procedure.drawn(areas[area], count, rng) for area, count in zip(AREAS, counts, strict=True)]
-    return procedure.joined(*([] if axes is None else [axes]), *parts)
+    parts = [campaign.drawn(areas[area], count, rng) for area, count in zip(AREAS, counts, strict=True)]
+    return campaign.joined(*([] if axes is None else [axes]), *parts)
 
 
 def fitted(arm: Arm, points: PointSet, level: Level, targets: Mapping[str, FloatArray], **options: Any) -> Fit:
@@ -276,7 +277,7 @@ def _set_aside(areas: Mapping[str, PointSet], seed: int) -> tuple[dict[str, Poin
     return watched, rest
 
 
-TARGETS = {"1": ("smr1",), "1-3": procedure.IDENTIFIED, "4-8": procedure.VERIFIED[3:], "1-8": procedure.VERIFIED}
+TARGETS = {"1": ("smr1",), "1-3": pose_list.IDENTIFIED, "4-8": pose_list.VERIFIED[3:], "1-8": pose_list.VERIFIED}
 """Sets of targets that expected errors are given for."""
 
 ISO_POSES = np.array(
@@ -408,7 +409,7 @@ def _tests(stage: Stage, robot: Robot, repetition: Repetition) -> Iterator[tuple
 
 
 def _asked(which: IntArray) -> BoolArray:
-    return which[:, None] == np.arange(len(procedure.VERIFIED))
+    return which[:, None] == np.arange(len(pose_list.VERIFIED))
 
 
 def _iso(bench: _Bench, load: int) -> Iterator[tuple[Key, FloatArray, float]]:
@@ -451,7 +452,7 @@ class _Bench:
         if self.robot.arm is not arm:
             found = calibrated_arm.solve(self.robot, arm, arm.forward(q), seed=q, thorough=thorough)
             fake, reached = found.joints, found.inside
-        cell = self.cell if asked is not None else self.cell.with_targets(procedure.IDENTIFIED)
+        cell = self.cell if asked is not None else self.cell.with_targets(pose_list.IDENTIFIED)
         seen = cell.with_payload(load).measure(fake[reached], None if asked is None else asked[reached], run=self.run)
         numbers = np.flatnonzero(reached) + 1
         points = seen.points()

@@ -1,108 +1,20 @@
-"""Poses for the virtual cell: random ones in the tracker's sight, and the thesis's measuring campaign.
+"""The thesis's measuring campaign in the virtual cell (Nubiola 2011, sections 7.1, 7.2, 7.4 and 7.7).
 
-The campaign is that of Nubiola 2011, sections 7.1, 7.2, 7.4 and 7.7: moves of one joint at a time, moves of joints 5
-and 6 to find the tool, random poses in the ISO cube and in the whole range, one target in each.
+Moves of one joint at a time, moves of joints 5 and 6 to find the tool, random poses in the ISO cube and in the whole
+range, one target in each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
-from irbcal.errors import MeasurementError
+from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.measurement.points import PointSet
-from irbcal.simulation.cell import Cell
-from irbcal.thesis_setup import FRONT, IRB1600_CUBE, IRB1600_HEIGHTS
+from irbcal.simulation.pose_list import AREAS, IDENTIFIED, VERIFIED, in_cube, in_range, random_poses
+from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.units import DEG
-
-Region: TypeAlias = "Callable[[FloatArray], BoolArray]"
-"""From tip positions (n, 3) in the base link, metres, to a mask (n,) of those inside."""
-
-BLOCK = 20_000
-"""Random poses that are looked at together."""
-MOST_BLOCKS = 2000
-
-CUBE_CENTRE, CUBE_EDGE = IRB1600_CUBE
-
-AREAS = ("iso_cube", "all_range")
-IDENTIFIED = ("smr1", "smr2", "smr3")
-"""Targets that the identification uses (Nubiola 2011, section 7.3)."""
-VERIFIED = tuple(f"smr{k}" for k in range(1, 9))
-"""Targets that the verification uses."""
-
-
-def in_cube(p: FloatArray) -> BoolArray:
-    """Which positions (n, 3) in the base link lie in the ISO cube of the IRB 1600 (Nubiola 2011, section 7.2)."""
-    return np.all(np.abs(p - CUBE_CENTRE) <= CUBE_EDGE / 2, axis=1)
-
-
-def in_range(p: FloatArray) -> BoolArray:
-    """Which positions (n, 3) lie above the obstacles around the thesis's robot (Nubiola 2011, section 7.2)."""
-    return p[:, 2] > np.where(p[:, 0] >= FRONT, *IRB1600_HEIGHTS)
-
-
-def above_floor(p: FloatArray) -> BoolArray:
-    """Which positions (n, 3) lie above the robot's base plane."""
-    return p[:, 2] > 0.0
-
-
-def random_poses(
-    cell: Cell,
-    count: int,
-    seed: int | Sequence[int] = 0,
-    wanted: Region = above_floor,
-    targets: IntArray | None = None,
-) -> FloatArray:
-    """Random joints inside the limits with targets in sight, rounded to 1e-4 degrees (mm) as they are commanded.
-
-    Parameters
-    ----------
-    cell : Cell
-        With the effect ``visibility`` off, every target is in sight.
-    count : int
-    seed : int or sequence of int
-    wanted : callable
-        From tip positions (n, 3) in the base link to a mask of the poses to keep.
-    targets : ndarray of int, shape (count,), optional
-        The target that must be in sight in each pose; by default all that look the same way as the first one.
-
-    Returns
-    -------
-    ndarray, shape (count, joints)
-        Radians (metres for prismatic joints).
-
-    Raises
-    ------
-    MeasurementError
-        If hardly any pose is as wanted.
-    """
-    arm, rng, units = cell.arm, np.random.default_rng(seed), cell.arm.joint_units
-    free = np.where(arm.table.prismatic, 1.0, np.pi)
-    lower, upper = (np.where(np.isfinite(b), b, s * free) for b, s in ((arm.lower, -1.0), (arm.upper, 1.0)))
-    alike = cell.tool.direction @ cell.tool.direction[0] > 1.0 - 1e-9
-    wish = np.zeros(count, dtype=int) if targets is None else np.asarray(targets)
-    found, missing = np.zeros((count, len(lower))), np.ones(count, dtype=bool)
-    for _ in range(MOST_BLOCKS):
-        q = np.round(rng.uniform(lower, upper, (BLOCK, len(lower))) / units, 4) * units
-        q = q[np.all((q >= lower) & (q <= upper), axis=1)]
-        q = q[wanted(arm.forward(q)[:, :3, 3])]
-        seen = cell.visible(q)
-        if targets is None:
-            seen = np.all(seen[:, alike], axis=1)[:, None]
-        for target in np.unique(wish[missing]):
-            good = q[seen[:, target]]
-            places = np.flatnonzero(missing & (wish == target))[: len(good)]
-            found[places], missing[places] = good[: len(places)], False
-        if not missing.any():
-            return found
-    raise MeasurementError(
-        f"of {MOST_BLOCKS * BLOCK} random poses {int((~missing).sum())} were as wanted and in the tracker's sight, "
-        f"{count} were asked for: move the tracker, or switch the effect visibility off"
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,12 +61,12 @@ class Measured:
         lock(self)
 
 
-def campaign(cell: Cell, identification: int = 400, verification: int = 8000, seed: int = 0) -> Campaign:
+def campaign(cell: VirtualCell, identification: int = 400, verification: int = 8000, seed: int = 0) -> Campaign:
     """Draw the poses of a campaign (Nubiola 2011, sections 7.1 and 7.2).
 
     Parameters
     ----------
-    cell : Cell
+    cell : VirtualCell
         Of an IRB 1600.
     identification, verification : int
         Poses in each area.
@@ -179,12 +91,12 @@ def campaign(cell: Cell, identification: int = 400, verification: int = 8000, se
     return Campaign(axes, tool, *drawn)
 
 
-def measure(cell: Cell, poses: Campaign) -> Measured:
+def measure(cell: VirtualCell, poses: Campaign) -> Measured:
     """Measure a campaign in one go: axes, tool, identification, verification.
 
     Parameters
     ----------
-    cell : Cell
+    cell : VirtualCell
     poses : Campaign
 
     Returns

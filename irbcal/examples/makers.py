@@ -22,14 +22,13 @@ from irbcal.correction.languages.urscript import UNIVERSAL_ROBOTS
 from irbcal.correction.languages.val3 import STAUBLI
 from irbcal.correction.maker import Maker
 from irbcal.correction.notation import numbers_from_poses
+from irbcal.examples.measurements import ROBOT, TARGETS, Sample, csv
 from irbcal.io import robots, urdf
 from irbcal.io.controller_model import controller_frames
 from irbcal.modeling import frames
-from irbcal.practice.measured import ROBOT, TARGETS, measurements
-from irbcal.practice.sample import Sample, csv
-from irbcal.simulation import masses
-from irbcal.simulation.pose_list import drawn
-from irbcal.simulation.shipped import shipped_cell
+from irbcal.simulation import weights
+from irbcal.simulation.pose_list import random_list
+from irbcal.simulation.shipped_cells import shipped_cell
 from irbcal.units import DEG, MM
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -239,8 +238,8 @@ def files() -> Iterator[Sample]:
         calibration = f"my-{arm.folder}"
         if arm.joints:
             yield Sample(name, data, f"an arm like those of {arm.folder.upper()}, of invented size")
-        cell = shipped_cell(found.arm, masses.bodies(found)).with_targets(TARGETS)
-        table = measurements(cell, drawn(cell, POSES, 1))
+        cell = shipped_cell(found.arm, weights.bodies(found)).with_targets(TARGETS)
+        table = measured_table(cell, random_list(cell, POSES, 1))
         line = f"irbcal calibrate {arm.folder}/measured.csv --robot {name} --out {calibration}"
         yield Sample(f"{arm.folder}/measured.csv", csv(table), f"{POSES} poses", line)
         yield from _programs(arm, data, found, calibration)

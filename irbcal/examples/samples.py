@@ -63,12 +63,14 @@ def samples(folder: str | Path) -> Samples:
     --------
     >>> irbcal.samples("try-irbcal")  # doctest: +SKIP
     """
-    from irbcal.practice import checks, fleet, foreign, makers, measured, rail, touched
+    from irbcal.examples import makers
+    from irbcal.examples import measurements as of
 
     folder = Path(folder)
     if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
         raise CalibrationError("expected a new or empty folder for the samples", file=folder)
-    found = [sample for part in (measured, foreign, checks, rail, touched, makers, fleet) for sample in part.files()]
+    parts = (of.tracker_files, of.foreign_files, of.check_files, of.rail_files, of.touched_files, makers.files)
+    found = [sample for part in (*parts, of.fleet_files) for sample in part()]
     contents = {folder / sample.path: sample.content for sample in found}
     contents[folder / "README.txt"] = _readme({sample.tried: sample.about for sample in found if sample.tried})
     atomic.write_set(contents)

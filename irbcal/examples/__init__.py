@@ -1,0 +1,1 @@
+"""What can I try each command with? Small example files, all SIMULATED."""
