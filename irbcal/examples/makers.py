@@ -22,7 +22,7 @@ from irbcal.correction.languages.urscript import UNIVERSAL_ROBOTS
 from irbcal.correction.languages.val3 import STAUBLI
 from irbcal.correction.maker import Maker
 from irbcal.correction.notation import numbers_from_poses
-from irbcal.examples.measurements import ROBOT, TARGETS, Sample, csv
+from irbcal.examples.measurements import ROBOT, TARGETS, Sample, csv, measured_table
 from irbcal.io import robots, urdf
 from irbcal.io.controller_model import controller_frames
 from irbcal.modeling import frames

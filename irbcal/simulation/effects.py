@@ -742,7 +742,8 @@ class Thaw(Effect):
 
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:
         """See `Effect.for_arm`."""
-        return replace(self, **{name: fitted(getattr(self, name), prismatic, 0.0) for name in _DRIFTS})
+        changes: dict[str, Any] = {name: fitted(getattr(self, name), prismatic, 0.0) for name in _DRIFTS}
+        return replace(self, **changes)
 
     def terms(self, arm: Arm, bodies: Bodies) -> Amounts:
         """See `Effect.terms`."""
