@@ -9,8 +9,7 @@ import pytest
 
 import irbcal
 from irbcal.errors import IrbcalError, OptionError
-from irbcal.identification.camera_device import AXES
-from irbcal.identification.devices import BALL
+from irbcal.identification.devices import AXES, BALL
 from irbcal.measurement import table
 from irbcal.simulation import simulation
 from irbcal.simulation.device_simulation import simulate_device

@@ -34,8 +34,7 @@ from chapter7.settings import (
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock, locked
 from irbcal.errors import MeasurementError
 from irbcal.identification.axis_calibration import calibrate_by_axes
-from irbcal.identification.fit import identify_by
-from irbcal.identification.fit import Fit
+from irbcal.identification.fit import Fit, identify_by
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.statistics import statistics
 from irbcal.modeling import frames
