@@ -101,3 +101,13 @@ def named(program, name):
 
 def pose(x, y, z, rotation=None):
     return frames.transform(rotation, np.array([x, y, z]) / 1000)
+
+
+def rewritten(program, values, configurations=None):
+    """Bytes of a module with new values for some targets."""
+    return program.listing.files_with(program.edits(values, configurations or {}))[program.source]
+
+
+def skipped(program):
+    """Targets that are left as they are, with the reason."""
+    return [(target, target.reason) for target in program.targets if not target.correctable]

@@ -10,8 +10,8 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction.configurations import ConfData, seeds_of
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
-from irbcal.correction.maker_program import MakerProgram
 from irbcal.correction.program import Goals, Program
+from irbcal.correction.text_program import PostureProgram
 from irbcal.correction.true_frames import CELL, UNKNOWN, FramesOfGoals, TrueFrames
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -28,7 +28,7 @@ UNCHANGED = frozenset({TAUGHT, OFFLINE})
 def of_arm(program: Program, nominal: Arm) -> list[Goals]:
     """The goals of a program, in joints of the arm where it has those that its controller counts."""
     goals = program.goals()
-    if isinstance(program, MakerProgram):  # a maker's program knows how its controllers count
+    if isinstance(program, PostureProgram):  # a maker's program knows how its controllers count
         return [*goals]
     return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in goals]
 
@@ -37,7 +37,7 @@ def counted(
     found: Sequence[tuple[Goals, Corrected]], program: Program, nominal: Arm
 ) -> Sequence[tuple[Goals, Corrected]]:
     """Corrections as the program counts joints."""
-    if nominal.coupling is None or isinstance(program, MakerProgram):
+    if nominal.coupling is None or isinstance(program, PostureProgram):
         return found
     return [(goals, replace(fake, q=nominal.to_controller(fake.q))) for goals, fake in found]
 

@@ -1,7 +1,7 @@
 """The text of a program, in one file or in several: lines, messages, and the way back into the files.
 
-Bytes are read as Latin-1 and written as they were, whatever their encoding: only the bytes of numbers change. The texts
-of several files stand behind one another, so that a place in the text is a place in one of the files.
+Only the bytes of numbers change. The texts of several files stand behind one another, so that a place in the text is a
+place in one of the files.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ class Part(NamedTuple):
     name: str
     start: int
     end: int
+    encoding: str = "latin-1"
 
 
 class Listing:
@@ -51,6 +52,8 @@ class Listing:
         Names and contents.
     what : str
         The language, for messages.
+    encodings : tuple of str
+        Those to try; Latin-1 comes last, reads any bytes and writes them as they were.
 
     Raises
     ------
@@ -58,16 +61,21 @@ class Listing:
         If a file holds binary data.
     """
 
-    def __init__(self, files: Sequence[tuple[str, bytes]], what: str) -> None:
+    def __init__(self, files: Sequence[tuple[str, bytes]], what: str, encodings: tuple[str, ...] = ()) -> None:
         self.parts: list[Part] = []
         texts: list[str] = []
         start = 0
         for name, data in files:
             if b"\x00" in data:
                 raise ProgramError(f"expected a program in {what}, found binary data", file=name)
-            texts.append(data.decode("latin-1"))
-            self.parts.append(Part(name, start, start + len(data)))
-            start += len(data)
+            text, encoding = data.decode("latin-1"), "latin-1"
+            for other in encodings:
+                with suppress(UnicodeDecodeError):
+                    text, encoding = data.decode(other), other
+                    break
+            texts.append(text)
+            self.parts.append(Part(name, start, start + len(text), encoding))
+            start += len(text)
         self.text = "".join(texts)
         self._begins = [part.start for part in self.parts]
         self._lines = [
@@ -97,6 +105,11 @@ class Listing:
         """A piece of the program for a message: one printable line, not long."""
         return quoted(self.text[start:end])
 
+    def quote_line(self, position: int) -> str:
+        """The line of a place, for a message."""
+        lines = self._lines[self.part(position)]
+        return self.quote(lines[self.line(position) - 1], self.after_line(position))
+
     def newline(self, part: int = 0) -> str:
         """The line end of a file."""
         found = re.search(r"\r\n|\n|\r", self.text[self.parts[part].start : self.parts[part].end])
@@ -109,15 +122,6 @@ class Listing:
         k = self.line(position)
         return lines[k] if k < len(lines) else part.end
 
-    def with_edits(self, edits: Iterable[Edit]) -> str:
-        """The text with edits."""
-        pieces: list[str] = []
-        end = 0
-        for start, stop, new in sorted(edits):
-            pieces += [self.text[end:start], new]
-            end = stop
-        return "".join([*pieces, self.text[end:]])
-
     def files_with(self, edits: Iterable[Edit]) -> dict[str, bytes]:
         """Contents of the files with edits, by their names."""
         sorted_edits = sorted(edits)
@@ -129,7 +133,7 @@ class Listing:
                 if part.start <= start and stop <= part.end and self._holds(number, start, stop):
                     pieces += [self.text[end:start], new]
                     end = stop
-            out[part.name] = "".join([*pieces, self.text[end : part.end]]).encode("latin-1")
+            out[part.name] = "".join([*pieces, self.text[end : part.end]]).encode(part.encoding)
         return out
 
     def _holds(self, number: int, start: int, stop: int) -> bool:
@@ -174,3 +178,60 @@ def number_like(old: str, value: float, least: int) -> str:
     decimals = max(least, len(digits[1] or "") if digits else 0)
     text = f"{value:.{min(decimals, 17)}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+
+
+class Token(NamedTuple):
+    """A word of a program.
+
+    Attributes
+    ----------
+    kind : str
+        As the language's reader calls it: ``number``, ``name``, ``symbol`` …
+    word : str
+        As it stands there; names in lower case where the language does not mind.
+    start, end : int
+        Place in the text.
+    """
+
+    kind: str
+    word: str
+    start: int
+    end: int
+
+
+Tokens = Sequence[Token]
+
+
+def numbers(tokens: Tokens, brackets: Sequence[str] = ("[]",)) -> list[Number] | None:
+    """Numbers of a whole list in brackets with commas between them, such as ``[1, -2.5]``.
+
+    Parameters
+    ----------
+    tokens : sequence of Token
+    brackets : sequence of str
+        Pairs that may be around it.
+
+    Returns
+    -------
+    list of Number or None
+        None where it is no such list, or not all of plain numbers.
+    """
+    if len(tokens) < 3 or tokens[0].word + tokens[-1].word not in brackets:
+        return None
+    out: list[Number] = []
+    k = 1
+    while k < len(tokens) - 1:
+        start, sign = tokens[k].start, 1.0
+        if tokens[k].word in ("-", "+"):
+            sign = -1.0 if tokens[k].word == "-" else 1.0
+            k += 1
+        if tokens[k].kind != "number":
+            return None
+        out.append(Number(sign * float(tokens[k].word), start, tokens[k].end))
+        k += 1
+        if k == len(tokens) - 1:
+            return out
+        if tokens[k].word != ",":
+            return None
+        k += 1
+    return None

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
-from irbcal.correction.orientations import Orientation
+from irbcal.correction.notation import Orientation
 from irbcal.errors import ProgramError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
@@ -89,6 +89,8 @@ class Maker:
         Whether the controller's world need not be the arm's base link, so that the URDF must name it.
     pulses : bool
         Whether joints are written in pulses, of which each robot has its own number per degree.
+    largest : float
+        Numbers as large stand for no place, and for no axis.
     asks_where : bool
         Whether the controller's base and flange are told by a pair of joints and pose, because no URDF names them.
     """
@@ -107,6 +109,7 @@ class Maker:
     wrist_axis: int = 5
     pulses: bool = False
     asks_where: bool = False
+    largest: float = 1e6
 
     def __post_init__(self) -> None:
         lock(self)
@@ -141,17 +144,27 @@ class Maker:
         """Joints of the controller (..., 6) from those of the URDF, radians."""
         return np.asarray(q @ np.linalg.inv(self.matrix).T)
 
+    def problem(self, kind: str, numbers: Sequence[float]) -> str | None:
+        """What is wrong with the numbers of a target, one sentence part; None if nothing is."""
+        if not all(abs(number) < self.largest for number in numbers):
+            return "found a number that is too large"
+        return self.orientation.problem(numbers[3:]) if kind == "pose" else None
+
+    def frame(self, numbers: Sequence[float]) -> FloatArray:
+        """A transform (4, 4) of the numbers as written; NaN where they are too large."""
+        return np.full((4, 4), np.nan) if self.problem("pose", numbers) else self.poses(np.array([numbers]))[0]
+
     def poses(self, numbers: FloatArray) -> FloatArray:
-        """Transforms (n, 4, 4) in metres of rows (n, 6) as written."""
-        rows = np.asarray(numbers, dtype=float).reshape(-1, 6)
+        """Transforms (n, 4, 4) in metres of rows as written: position, then orientation."""
+        rows = np.asarray(numbers, dtype=float)
         T = np.tile(np.eye(4), (len(rows), 1, 1))
         T[:, :3, :3] = self.orientation.matrix(rows[:, 3:] * self.angle)
         T[:, :3, 3] = rows[:, :3] * self.length
         return T
 
     def numbers(self, T: FloatArray, near: FloatArray) -> FloatArray:
-        """Rows (n, 6) as written, near to others, of transforms (n, 4, 4)."""
-        old = np.asarray(near, dtype=float).reshape(-1, 6)[:, 3:] * self.angle
+        """Rows as written, near to others, of transforms (n, 4, 4)."""
+        old = np.asarray(near, dtype=float)[:, 3:] * self.angle
         angles = self.orientation.values(T[:, :3, :3], old)
         return np.column_stack([T[:, :3, 3] / self.length, angles / self.angle])
 

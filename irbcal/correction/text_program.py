@@ -1,7 +1,9 @@
-r"""Programs of text in which targets stand as numbers: replacing these and nothing else.
+r"""Programs of text: targets in numbers, moves that use them, tools and work objects, and the text to edit.
 
-A target is either a set of joints or a pose of the tool centre point in a work object. Writing fake targets
-(Nubiola 2011, section 6.2) means to replace the numbers of targets and to leave every other byte::
+The same for all makers: a language finds the targets (`Target`) and follows the moves
+(`ControlFlow`). A target is either a set of joints or a pose of the tool centre point in
+a work object. Writing fake targets (Nubiola 2011, section 6.2) means to replace the numbers of targets and to leave
+every other byte::
 
     T_base_tip = T_base_wobj @ T_wobj_tcp @ inverse(T_tip_tcp)
 
@@ -12,25 +14,33 @@ objects (``wobj0``).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, lock, locked
 from irbcal.correction.configurations import ConfData
 from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.listing import Edit, Span
-from irbcal.correction.maker import Posture
-from irbcal.correction.program import Goals, Kind, Left, Note, Stop
+from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, number_like, one_word
+from irbcal.correction.maker import BEYOND, NO_POSTURE, Maker, Posture, Solutions
+from irbcal.correction.notation import check_rigid
+from irbcal.correction.program import Given, Goals, Kind, Left, Note, Stop
+from irbcal.errors import ProgramError
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 Configuration: TypeAlias = ConfData | Posture
 """Which solution of a pose is meant, as a language says it."""
 
 Role: TypeAlias = Literal["to", "via"]
+
+_NO_VALUE = locked(np.full(6, np.nan))
 
 
 @dataclass(frozen=True)
@@ -42,7 +52,7 @@ class Use:
     line, column : int
         Of the instruction; both start at 1.
     instruction : str
-        As usually spelled: MoveJ, MoveL, MoveC, MoveAbsJ, TriggL, …
+        As usually spelled: MoveJ, LIN, movec, …
     role : str
         ``to``, or ``via`` for the point on the circle.
     tool, work_object : str or None
@@ -65,9 +75,9 @@ class Use:
         return f"line {self.line} of {self.file}" if self.file else f"line {self.line}"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(eq=False, repr=False)
 class Target:
-    """A target whose numbers stand in the file.
+    """A target whose numbers stand in the file; its uses and conflicts are gathered while the program is read.
 
     Attributes
     ----------
@@ -75,44 +85,45 @@ class Target:
         As in the program, with the index for the element of an array; the place for a literal inside a move.
     kind : str
         ``joint`` or ``pose``.
-    value : ndarray, shape (6,) or (4, 4)
-        Joints in radians, or ``T_wobj_tcp`` in metres; locked. NaN where ``conflicts`` says that it has none.
+    start : int
+        Where it begins in the text.
+    numbers : sequence of Number
+        As they stand in the file.
     configuration : ConfData, Posture or None
         Of a pose; None where it is not a literal.
+    configuration_spans : tuple of (int, int)
+        Where the configuration stands in the text.
     external : str
         External axes as they stand in the file.
+    uses : list of Use
+        Direct uses in moves.
+    conflicts : list of str
+        Why changing this literal would do more, or something else, than correct its direct uses.
+    near : ndarray, shape (6,), or None
+        Joints of the URDF that the program names as the ones to start from, radians.
+    after : list of int or None
+        For each use the number of the target that the arm comes from; None where it may come from elsewhere.
     line, column : int
         Where the literal begins; both start at 1.
-    uses : tuple of Use
-        Direct uses in moves.
-    conflicts : tuple of str
-        Why changing this literal would do more, or something else, than correct its direct uses.
-    written : tuple of float
-        The numbers as they stand in the file: degrees, or mm and quaternion (scalar first).
-    spans, configuration_spans : tuple of (int, int)
-        Where these numbers stand in the text.
-    near : ndarray, shape (6,) or None
-        Joints that the program names as the ones to start from, radians; locked.
-    after : tuple of int or None
-        For each use the number of the target that the arm comes from; None where it may come from elsewhere.
-
-    There is one for each literal of a module, so the array is locked where it is made.
+    value : ndarray, shape (6,) or (4, 4)
+        Joints of the URDF in radians, or ``T_wobj_tcp`` in metres; locked. NaN where ``conflicts`` says that it has
+        none.
     """
 
     name: str
     kind: Kind
-    value: FloatArray
-    configuration: Configuration | None
-    external: str
-    line: int
-    column: int
-    uses: tuple[Use, ...]
-    conflicts: tuple[str, ...]
-    written: tuple[float, ...]
-    spans: tuple[Span, ...]
+    start: int
+    numbers: Sequence[Number]
+    configuration: Configuration | None = None
     configuration_spans: tuple[Span, ...] = ()
+    external: str = ""
+    uses: list[Use] = field(default_factory=list)
+    conflicts: list[str] = field(default_factory=list)
     near: FloatArray | None = None
-    after: tuple[int | None, ...] = ()
+    after: list[int | None] = field(default_factory=list)
+    line: int = 0
+    column: int = 0
+    value: FloatArray = field(default_factory=lambda: _NO_VALUE)
 
     @property
     def correctable(self) -> bool:
@@ -124,16 +135,142 @@ class Target:
         """Why the target is not correctable, one sentence part; empty if it is."""
         return "; ".join(self.conflicts) or ("" if self.uses else "no move of this module uses it")
 
+    @property
+    def written(self) -> tuple[float, ...]:
+        """The numbers as they stand in the file."""
+        return tuple(number.value for number in self.numbers)
+
+
+UNSET = "active"
+"""Name of the tool and frame that hold before the program sets any."""
+
 
 @dataclass(frozen=True)
-class Uncorrected:
-    """A move that goes, at least in part, to a target that cannot be corrected."""
+class State:
+    """Tool and frame, by name in lower case; None and the reason where they are computed."""
 
-    line: int
-    column: int
-    instruction: str
-    target: str
-    reason: str
+    tool: str | None = UNSET
+    frame: str | None = UNSET
+    why: str = ""
+
+
+@dataclass
+class _Block:
+    loop: bool
+    before: State
+    used: list[Target]
+    changed: bool = False
+
+
+class ControlFlow:
+    """Follows a program through its text: which tool and frame hold, and which stop comes before which.
+
+    Text is followed from top to bottom. Where it branches or begins anew, the stop before is not known; tool and frame
+    hold on, unless a branch or loop sets them: then nothing is known of them behind it.
+
+    Parameters
+    ----------
+    listing : Listing
+
+    Attributes
+    ----------
+    state : State
+    stops : list of (int, Target or None, Target or None)
+        Place of the move, its target, and the target before.
+    previous : Target or None
+        The target that the arm comes from; None where it is not known.
+    moves_left : list of Left
+        Moves to targets that are not in numbers.
+    """
+
+    def __init__(self, listing: Listing) -> None:
+        self.listing = listing
+        self.state = State()
+        self.stops: list[tuple[int, Target | None, Target | None]] = []
+        self.moves_left: list[Left] = []
+        self.previous: Target | None = None
+        self._passed: list[tuple[Target, Target | None]] = []
+        self._blocks: list[_Block] = []
+
+    def tool(self, name: str | None, why: str = "") -> None:
+        """A tool is set; None where it is computed."""
+        self.state = replace(self.state, tool=name, why=why or self.state.why)
+
+    def frame(self, name: str | None, why: str = "") -> None:
+        """A frame is set; None where it is computed."""
+        self.state = replace(self.state, frame=name, why=why or self.state.why)
+
+    def forget(self) -> None:
+        """The arm may come from elsewhere."""
+        self.previous = None
+
+    def restart(self) -> None:
+        """A routine begins: nothing is known."""
+        self.state, self.previous, self._blocks = State(), None, []
+
+    def use(self, target: Target, at: int, instruction: str, role: Role = "to", state: State | None = None) -> None:
+        """A move goes to a target, or over it."""
+        state = state or self.state
+        line = self.listing.line(at)
+        target.uses.append(Use(line, self.listing.column(at), instruction, role, state.tool, state.frame))
+        if target.kind == "pose" and None in (state.tool, state.frame):
+            target.conflicts.append(state.why or f"the tool or frame of {instruction} in line {line} is computed")
+        if role == "via":
+            self._passed.append((target, self.previous))
+        for block in self._blocks:
+            block.used.append(target)
+
+    def stop(self, target: Target | None, at: int) -> None:
+        """The arm stops at a target, or, with None, somewhere."""
+        self.stops.append((at, target, self.previous))
+        self.previous = target
+
+    def leave(self, at: int, instruction: str, target: str, reason: str) -> None:
+        """Note a move, or a part of one, that goes to no target in numbers."""
+        self.moves_left.append(Left(f"{instruction} {target}", self.listing.line(at), reason))
+
+    def open(self, loop: bool = False) -> None:
+        """A branch or loop begins."""
+        self._blocks.append(_Block(loop, self.state, []))
+        self.forget()
+
+    def alternative(self) -> None:
+        """Another branch begins."""
+        self.forget()
+        if self._blocks:
+            block = self._blocks[-1]
+            block.changed |= self.state != block.before
+            self.state = block.before
+
+    def close(self, at: int) -> None:
+        """A branch or loop ends."""
+        self.forget()
+        if not self._blocks:
+            return
+        block = self._blocks.pop()
+        before = block.before
+        if not block.changed and self.state == before:
+            return
+        line = self.listing.line(at)
+        why = f"the tool or frame is set in the branch or loop that ends in line {line}"
+        if block.loop:
+            for target in block.used:
+                if any((use.tool, use.work_object) == (before.tool, before.frame) for use in target.uses):
+                    target.conflicts.append(why)
+        self.state = State(None, None, why)
+
+    def order(self, targets: Iterable[Target]) -> tuple[Stop, ...]:
+        """The stops with the numbers of their targets; notes in each target where the arm comes from."""
+        numbers = {id(target): k for k, target in enumerate(targets)}
+        out = []
+        for at, target, before in self.stops:
+            previous = None if before is None else numbers.get(id(before))
+            out.append(Stop(self.listing.line(at), None if target is None else numbers.get(id(target)), previous))
+            if target is not None:
+                target.after.append(previous)
+        for target, before in self._passed:
+            target.after.append(None if before is None else numbers.get(id(before)))
+        return tuple(out)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,66 +281,99 @@ class TextProgram(ABC):
     ----------
     source : str
         File name for messages.
-    text, encoding : str
-        ``text.encode(encoding)`` are the bytes of the file.
+    listing : Listing
+        Its text.
+    maker : Maker
+        How numbers are written.
     targets : tuple of Target
         In the order of the file.
     tools, work_objects : dict of str to ndarray, shape (4, 4)
         ``T_tip_tcp`` and ``T_base_wobj`` of the names (lower case) that direct uses of poses need, and of those of
         joint targets that are known; metres.
-    uncorrected : tuple of Uncorrected
+    order : tuple of Stop
+        The stops in the order of the program.
+    moves_left : tuple of Left
         Moves that are left as they are.
     notes : tuple of Note
         What the user should look at.
     fingerprint : str or None
         Of the calibration that this program was already corrected with; empty where the mark does not say.
+    mark_at : int
+        Where the mark goes.
     """
 
     source: str
-    text: str
-    encoding: str
+    listing: Listing
+    maker: Maker
     targets: tuple[Target, ...]
     tools: Mapping[str, FloatArray]
     work_objects: Mapping[str, FloatArray]
-    uncorrected: tuple[Uncorrected, ...]
+    order: tuple[Stop, ...]
+    moves_left: tuple[Left, ...]
     notes: tuple[Note, ...]
     fingerprint: str | None
+    mark_at: int
 
     def __post_init__(self) -> None:
         lock(self)
 
     @abstractmethod
-    def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
-        """New text of the numbers that change; see `with_targets`."""
+    def mark(self, fingerprint: str) -> Edit:
+        """The comment that marks a corrected program."""
 
     @abstractmethod
     def new_configurations(self, targets: Sequence[Target], q: FloatArray) -> list[Configuration | None]:
         """Configurations of pose targets that joints (n, 6) in radians reach; None where none is to be written."""
 
+    def configuration_edits(self, target: Target, configuration: Configuration) -> list[Edit]:
+        """New text of the configuration of a target; none where the language writes none."""
+        return []
+
+    def number_text(self, old: Number, new: float, least: int) -> str | None:
+        """Text of a new number with ``least`` decimals at least; None where the old text stays."""
+        text = number_like(self.text[old.start : old.end], new, least)
+        return None if float(text) == old.value else text
+
+    def joint_units(self, target: Target) -> Any:
+        """SI value of one unit of the joints of a target, one for all or one for each."""
+        return self.maker.joint
+
+    @property
+    def text(self) -> str:
+        """Of all files."""
+        return self.listing.text
+
     @property
     def data(self) -> bytes:
-        """The bytes of the file."""
-        return self.text.encode(self.encoding)
+        """The bytes of all files."""
+        return b"".join(self.listing.files_with([]).values())
 
     def correctable(self, kind: Kind | None = None) -> list[int]:
-        """Numbers of the targets that may be changed, of one kind or of both: list of int."""
+        """Numbers of the targets that may be changed, of one kind or of both."""
         return [k for k, t in enumerate(self.targets) if t.correctable and kind in (None, t.kind)]
-
-    def skipped(self) -> list[tuple[Target, str]]:
-        """Targets that are left as they are, with the reason: list of (Target, str)."""
-        return [(t, t.reason) for t in self.targets if not t.correctable]
 
     def goals(self) -> list[Goals]:
         """The targets that may be corrected: joints first, then poses."""
         out = []
-        joints, poses = self.correctable("joint"), self.correctable("pose")
-        if joints:
+        if joints := self.correctable("joint"):
             out.append(self._goals("joint", joints, np.array([self.targets[k].value for k in joints])))
-        if poses:
-            out.append(self._goals("pose", poses, tip_poses(self, poses)))
+        if poses := self.correctable("pose"):
+            T = self.tip_poses(poses)
+            out.append(self._goals("pose", poses, T, *self.meant_joints(poses, T)))
         return out
 
-    def _goals(self, kind: Kind, numbers: list[int], values: FloatArray) -> Goals:
+    def meant_joints(self, poses: Sequence[int], T_base_tip: FloatArray) -> tuple[FloatArray | None, Sequence[str]]:
+        """Joints (n, 6) that the controller takes for poses, and why there are none; None: configurations tell them."""
+        return None, ()
+
+    def _goals(
+        self,
+        kind: Kind,
+        numbers: list[int],
+        values: FloatArray,
+        joints: FloatArray | None = None,
+        unknown: Sequence[str] = (),
+    ) -> Goals:
         targets = [self.targets[k] for k in numbers]
         return Goals(
             kind,
@@ -212,26 +382,67 @@ class TextProgram(ABC):
             np.array([target.line for target in targets]),
             values,
             tuple(target.configuration for target in targets) if kind == "pose" else None,
+            joints,
+            tuple(unknown),
         )
 
     def left(self) -> list[Left]:
         """Targets that are not correctable, and moves whose target is not."""
-        targets = [Left(t.name, t.line, reason) for t, reason in self.skipped() if t.uses or t.conflicts]
-        moves = [Left(f"{move.instruction} {move.target}", move.line, move.reason) for move in self.uncorrected]
-        return targets + moves
+        targets = [t for t in self.targets if t.conflicts]
+        return [*(Left(t.name, t.line, t.reason) for t in targets), *self.moves_left]
 
     def stops(self) -> tuple[Stop, ...]:
-        """The stops in the order of the program; empty where the language does not tell."""
-        return ()
+        """The stops in the order of the program."""
+        return self.order
 
     def refused(self, goals: Goals, fake: Corrected) -> list[str]:
         """Why corrections that were found cannot be written, for each goal; empty where they can."""
         return [""] * len(goals.names)
 
-    def new_text(
-        self, found: Sequence[tuple[Goals, Corrected]]
-    ) -> tuple[dict[int, FloatArray], dict[int, Configuration]]:
-        """New values and configurations, by the number of the target, of all targets that are corrected."""
+    def edits(self, values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
+        """New text of numbers and configurations, by the number of the target.
+
+        Raises
+        ------
+        ValueError
+            If a value is not finite, not rigid or of the wrong shape.
+        """
+        poses = [k for k in values if self.targets[k].kind == "pose"]
+        for k, value in values.items():
+            shape = (4, 4) if self.targets[k].kind == "pose" else (6,)
+            if np.shape(value) != shape or not np.isfinite(value).all():
+                raise ValueError(f"target {self.targets[k].name}: expected finite numbers of shape {shape}")
+        T = np.array([values[k] for k in poses]).reshape(-1, 4, 4)
+        check_rigid(T)
+        near = np.array([self.targets[k].written for k in poses])
+        rows = dict(zip(poses, self.maker.numbers(T, near), strict=True)) if poses else {}
+        out: list[Edit] = []
+        for k, value in values.items():
+            target = self.targets[k]
+            position, angle, joint = self.maker.decimals
+            if target.kind == "joint":
+                row, least = self.maker.program_joints(np.asarray(value)) / self.joint_units(target), [joint] * 6
+            else:
+                row = rows[k]
+                least = [position] * 3 + [angle] * (len(row) - 3)
+            for number, new, decimals in zip(target.numbers, row, least, strict=True):
+                text = self.number_text(number, float(new), decimals)
+                out += [] if text is None else [self._aligned(number.start, number.end, text)]
+        for k, configuration in configurations.items():
+            out += self.configuration_edits(self.targets[k], configuration)
+        return out
+
+    def _aligned(self, start: int, end: int, text: str) -> Edit:
+        """The edit of a number, with its right edge kept where the maker wants that."""
+        if self.maker.aligned:
+            more = len(text) - (end - start)
+            blanks = len(self.text[:start]) - len(self.text[:start].rstrip(" ")) if more > 0 else 0
+            text = text.rjust(end - start) if more <= 0 else text
+            start -= min(max(more, 0), max(blanks - 1, 0))
+        return start, end, text
+
+    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+        """Files of the program with fake targets, configurations and, with a fingerprint, the mark."""
         values: dict[int, FloatArray] = {}
         configurations: dict[int, Configuration] = {}
         for goals, fake in found:
@@ -240,101 +451,277 @@ class TextProgram(ABC):
             if goals.kind == "joint":
                 values |= dict(zip(chosen, fake.q[rows], strict=True))
                 continue
-            values |= values_for_tip_poses(self, chosen, fake.T_fake[rows])
+            values |= self.values_for_tip_poses(chosen, fake.T_fake[rows])
             new = self.new_configurations([self.targets[k] for k in chosen], fake.q[rows])
             configurations |= {k: one for k, one in zip(chosen, new, strict=True) if one is not None}
-        return values, configurations
+        if not values:
+            return self.listing.files_with([])
+        mark = [] if fingerprint is None else [self.mark(one_word(fingerprint))]
+        return self.listing.files_with([*self.edits(values, configurations), *mark])
 
-    @abstractmethod
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
-        """Files of the program with fake targets, configuration data and, with a fingerprint, the language's mark."""
+    def tip_poses(self, indices: Sequence[int]) -> FloatArray:
+        """Poses of the flange ``T_base_tip`` (n, 4, 4), metres, that correctable pose targets ask for."""
+        T_base_wobj, T_tip_tcp = self._frames_of(indices)
+        values = np.array([self.targets[k].value for k in indices]).reshape(-1, 4, 4)
+        return T_base_wobj @ values @ frames.inverse(T_tip_tcp)
+
+    def values_for_tip_poses(self, indices: Sequence[int], T_base_tip: ArrayLike) -> dict[int, FloatArray]:
+        """Values of pose targets that make the flange reach given poses; the inverse of `tip_poses`."""
+        T_base_wobj, T_tip_tcp = self._frames_of(indices)
+        values = frames.inverse(T_base_wobj) @ np.asarray(T_base_tip, dtype=float).reshape(-1, 4, 4) @ T_tip_tcp
+        return dict(zip(indices, values, strict=True))
+
+    def _frames_of(self, indices: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+        uses = [self.targets[k].uses[0] for k in indices]  # a correctable target is used with one tool and work object
+        work_objects = [self.work_objects[use.work_object or ""] for use in uses]
+        tools = [self.tools[use.tool or ""] for use in uses]
+        return np.array(work_objects).reshape(-1, 4, 4), np.array(tools).reshape(-1, 4, 4)
 
 
-def tip_poses(program: TextProgram, indices: Sequence[int]) -> FloatArray:
-    """Poses of the flange that pose targets ask for.
+@dataclass(frozen=True, eq=False, repr=False)
+class PostureProgram(TextProgram):
+    """A program whose poses name a posture, or none: all languages but RAPID.
+
+    Attributes
+    ----------
+    arm : Arm
+        What the controller computes with.
+    own_model : Arm or None
+        What the controller itself computes with where that is not ``arm``.
+    """
+
+    arm: Arm
+    own_model: Arm | None
+
+    @classmethod
+    def assembled(
+        cls,
+        maker: Maker,
+        arm: Arm,
+        flow: ControlFlow,
+        targets: Sequence[Target],
+        given: Given,
+        tools: Mapping[str, FloatArray],
+        work_objects: Mapping[str, FloatArray],
+        *,
+        comments: Iterable[str],
+        mark_at: int,
+        notes: Iterable[Note] = (),
+        source: str = "",
+        units: FloatArray | None = None,
+        **more: Any,
+    ) -> Self:
+        """A program from what a language found: targets, the moves that use them, and its frames.
+
+        Raises
+        ------
+        ProgramError
+            If a frame is not known, or in which frames the controller counts.
+        """
+        maker, listing = maker.of(arm), flow.listing
+        source = source or listing.parts[0].name
+        order = flow.order(targets)
+        done = complete(targets, listing, maker, units, arm)
+        if any(target.kind == "pose" and target.correctable for target in done):
+            _check_ends(maker, arm, given, source)
+        on_tip, in_base = needed_frames(done, given, tools, work_objects, source)
+        return cls(
+            source=source,
+            listing=listing,
+            maker=maker,
+            targets=done,
+            tools=on_tip,
+            work_objects=in_base,
+            order=order,
+            moves_left=tuple(flow.moves_left),
+            notes=tuple(notes),
+            fingerprint=mark_in(comments),
+            mark_at=mark_at,
+            arm=arm,
+            own_model=given.own_model,
+            **more,
+        )
+
+    def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture | None:
+        """Posture as the language writes it; None where it writes none.
+
+        Parameters
+        ----------
+        back, bent, negative : bool
+            See `irbcal.correction.maker.Maker.postures`.
+        joints : ndarray, shape (6,)
+            As the controller counts them, radians.
+        """
+        return None
+
+    def postures(self, q: FloatArray) -> Sequence[Posture | None]:
+        """Postures of joints (n, 6) of the URDF."""
+        if not len(q) or type(self).posture is PostureProgram.posture:
+            return [None] * len(q)
+        flags = (flag.tolist() for flag in self.maker.postures(self.arm, q))
+        return [self.posture(*row) for row in zip(*flags, self.maker.program_joints(q), strict=True)]
+
+    def new_configurations(self, targets: Sequence[Target], q: FloatArray) -> list[Configuration | None]:
+        """The postures that the new joints have."""
+        pairs = zip(targets, self.postures(q), strict=True)
+        return [posture if target.configuration_spans else None for target, posture in pairs]
+
+    def meant_joints(self, poses: Sequence[int], T_base_tip: FloatArray) -> tuple[FloatArray, list[str]]:
+        """Joints that the controller takes for poses: those of the posture, else those next to the stop before."""
+        targets = [self.targets[k] for k in poses]
+        postures = [t.configuration if isinstance(t.configuration, Posture) else Posture() for t in targets]
+        unknown = np.full(6, np.nan)
+        near = np.array([unknown if t.near is None else t.near for t in targets]).reshape(-1, 6)
+        alone = np.array([p.whole for p in postures], dtype=bool) | np.isfinite(near).all(axis=1)
+        q = np.full((len(poses), 6), np.nan)
+        reasons = [NO_POSTURE] * len(poses)
+
+        solutions = Solutions(self.maker, self.arm, T_base_tip, postures, self.own_model)
+        rows = np.flatnonzero(alone)
+        q[rows], why = solutions.next_to(rows, near[rows])
+        for k, reason in zip(rows.tolist(), why, strict=True):
+            reasons[k] = reason
+        row_of = {number: row for row, number in enumerate(poses)}
+        stops = [stop.target for stop in self.order if stop.target is not None]
+        waiting = [*(row_of[number] for number in stops if number in row_of), *range(len(poses))]  # vias last
+        for row in dict.fromkeys(row for row in waiting if not alone[row]):
+            starts = [self._joints_of(number, row_of, q) for number in targets[row].after]
+            if not starts or not np.isfinite(starts).all():
+                continue
+            found, why = solutions.next_to(np.full(len(starts), row), np.array(starts))
+            q[row], reasons[row] = found[0], next(filter(None, why), "")
+            if not reasons[row] and np.abs(found - found[0]).max() > 1e-6:
+                q[row], reasons[row] = unknown, "the stops before its moves lead to different solutions of the arm"
+        return q, reasons
+
+    def _joints_of(self, number: int | None, row_of: Mapping[int, int], q: FloatArray) -> FloatArray:
+        if number is not None and self.targets[number].kind == "joint":
+            return self.targets[number].value
+        return np.full(6, np.nan) if number is None or number not in row_of else q[row_of[number]]
+
+
+def complete(
+    targets: Iterable[Target], listing: Listing, maker: Maker, units: FloatArray | None = None, arm: Arm | None = None
+) -> tuple[Target, ...]:
+    """Values, places and conflicts of targets whose uses are gathered.
 
     Parameters
     ----------
-    program : TextProgram
-    indices : sequence of int
-        Numbers of correctable pose targets.
-
-    Returns
-    -------
-    ndarray, shape (n, 4, 4)
-        ``T_base_tip``, metres.
+    targets : iterable of Target
+    listing : Listing
+    maker : Maker
+    units : ndarray, shape (6,), optional
+        Of joints where they are others than the maker's, radians.
+    arm : Arm, optional
+        Joints that it does not reach are none of its own.
     """
-    T_base_wobj, T_tip_tcp = _frames_of(program, indices)
-    values = np.array([program.targets[k].value for k in indices]).reshape(-1, 4, 4)
-    return T_base_wobj @ values @ frames.inverse(T_tip_tcp)
+    out = tuple(targets)
+    poses = [target for target in out if target.kind == "pose"]
+    rows = np.array([target.written for target in poses])
+    usable = np.array([maker.problem("pose", target.written) is None for target in poses], dtype=bool)
+    values = np.full((len(poses), 4, 4), np.nan)
+    if usable.any():
+        values[usable] = maker.poses(rows[usable])
+    values.setflags(write=False)
+    for target, value in zip(poses, values, strict=True):
+        target.value = value
+    for target in out:
+        target.line, target.column = listing.line(target.start), listing.column(target.start)
+        if not target.conflicts and (problem := maker.problem(target.kind, target.written)) is not None:
+            target.conflicts.append(problem)
+        if target.kind == "joint":
+            written = np.array(target.written)
+            known = np.abs(written) < maker.largest
+            joints = maker.joints(np.where(known, written, 0.0) * (maker.joint if units is None else units))
+            target.value = np.where(known, joints, np.nan)
+            target.value.setflags(write=False)
+            if arm is not None and not target.conflicts:
+                outside = np.flatnonzero((target.value < arm.lower - BEYOND) | (target.value > arm.upper + BEYOND))
+                target.conflicts += [f"joint {k + 1} is outside the limits of {arm.name}" for k in outside[:1]]
+        else:
+            target.conflicts += _different_frames(target.uses)
+        if target.near is not None:
+            target.near.setflags(write=False)
+        target.conflicts = list(dict.fromkeys(target.conflicts))
+        target.after = list(dict.fromkeys(target.after))
+    return out
 
 
-def values_for_tip_poses(program: TextProgram, indices: Sequence[int], T_base_tip: ArrayLike) -> dict[int, FloatArray]:
-    """Values of pose targets that make the flange reach given poses; the inverse of `tip_poses`.
-
-    Returns
-    -------
-    dict of int to ndarray, shape (4, 4)
-        ``T_wobj_tcp`` by the number of the target, as `with_targets` takes it.
-    """
-    T_base_wobj, T_tip_tcp = _frames_of(program, indices)
-    values = frames.inverse(T_base_wobj) @ np.asarray(T_base_tip, dtype=float).reshape(-1, 4, 4) @ T_tip_tcp
-    return dict(zip(indices, values, strict=True))
-
-
-def _frames_of(program: TextProgram, indices: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    uses = [program.targets[k].uses[0] for k in indices]  # a correctable target is used with one tool and work object
-    work_objects = [program.work_objects[use.work_object or ""] for use in uses]
-    tools = [program.tools[use.tool or ""] for use in uses]
-    return np.array(work_objects).reshape(-1, 4, 4), np.array(tools).reshape(-1, 4, 4)
+def _different_frames(uses: Sequence[Use]) -> list[str]:
+    """What speaks against a pose whose moves name several tools or work objects."""
+    tools = {use.tool: use.place for use in reversed(uses)}
+    work_objects = {use.work_object: use.place for use in reversed(uses)}
+    out = []
+    for what, names in (("tools", tools), ("work objects", work_objects)):
+        if len(names) > 1:
+            places = ", ".join(f"{name or 'a computed one'} ({place})" for name, place in names.items())
+            out.append(f"used with different {what}: {places}")
+    return out
 
 
-def with_targets(
-    program: TextProgram,
-    new_values: Mapping[int, FloatArray],
-    configurations: Mapping[int, Configuration] | None = None,
-) -> bytes:
-    """Bytes of the program with new values for some targets and all else untouched.
+def needed_frames(
+    targets: Sequence[Target],
+    given: Given,
+    tools: Mapping[str, FloatArray],
+    work_objects: Mapping[str, FloatArray],
+    source: str,
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Tools on the tip and work objects in the base link of all targets that may be corrected.
 
-    A number that the new value does not change, within the decimals written, keeps its text.
+    Poses need them; of joint targets those are taken that are known.
 
     Parameters
     ----------
-    program : TextProgram
-    new_values : dict of int to ndarray, shape (6,) or (4, 4)
-        By the number of the target: joints in radians or ``T_wobj_tcp`` in metres.
-    configurations : dict of int to ConfData or Posture, optional
-        New configurations of pose targets.
-
-    Returns
-    -------
-    bytes
+    targets : sequence of Target
+    given : Given
+        Frames from the caller go before those of the program.
+    tools, work_objects : dict of str to ndarray, shape (4, 4)
+        What the program says, in the controller's flange and world.
+    source : str
+        For messages.
 
     Raises
     ------
     ProgramError
-        If a configuration is to be written where the program has no literal one.
-    ValueError
-        If a value is not finite, not rigid or of the wrong shape.
+        If one is not known.
     """
-    check_values(program, new_values)
-    pieces: list[str] = []
-    end = 0
-    for start, stop, text in sorted(program.edits(new_values, configurations or {})):
-        pieces += [program.text[end:start], text]
-        end = stop
-    return "".join([*pieces, program.text[end:]]).encode(program.encoding)
+    known = {**tools, **given.tools}, {**work_objects, **given.work_objects}
+    ends = given.controller.T_tip_flange, given.controller.T_base_world
+    missing: dict[str, tuple[str, Use]] = {}
+    found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
+    for target in targets:
+        for use in target.uses if target.correctable else ():
+            for k, (what, name) in enumerate((("tool", use.tool), ("frame", use.work_object))):
+                if name is None or name in found[k]:
+                    continue
+                if name not in known[k]:
+                    if target.kind == "pose":
+                        missing.setdefault(f"--{what} {name}=", (f"{what} {name}", use))
+                elif np.isfinite(known[k][name]).all():
+                    found[k][name] = ends[k] @ known[k][name]
+                elif target.kind == "pose":
+                    raise ProgramError(f"{what} {name}: found a number that is too large", file=source)
+    if missing:
+        option, (words, use) = next(iter(missing.items()))
+        more = f" (also: {', '.join(list(missing)[1:])})" if len(missing) > 1 else ""
+        message = f"{use.instruction} uses the {words}, which the program does not define: give it with {option}…{more}"
+        raise ProgramError(message, file=source, line=use.line)
+    return found
 
 
-def check_values(program: TextProgram, new_values: Mapping[int, FloatArray]) -> None:
-    """Refuse values that are not finite or of the wrong shape.
-
-    Raises
-    ------
-    ValueError
-        If one is.
-    """
-    for k, value in new_values.items():
-        shape = (4, 4) if program.targets[k].kind == "pose" else (6,)
-        if np.shape(value) != shape or not np.isfinite(value).all():
-            raise ValueError(f"target {program.targets[k].name}: expected finite numbers of shape {shape}")
+def _check_ends(maker: Maker, arm: Arm, given: Given, source: str) -> None:
+    """Refuse poses where it is not known in which frames the controller counts them."""
+    missing = [
+        name
+        for name, needed, there in (
+            ("base (the controller's world)", maker.world, given.controller.base_known),
+            ("tool0 (its flange)", arm.tip_link != "tool0", given.controller.flange_known),
+        )
+        if needed and not there
+    ]
+    if missing:
+        raise ProgramError(
+            f"the URDF of {arm.name} has no link {' and no link '.join(missing)} that is fixed to its ends, or it is "
+            "not at hand: without it the poses of this program have no place",
+            file=source,
+        )

@@ -9,7 +9,6 @@ from support import arm, assert_same_poses, measured, random_robot, write_measur
 
 import irbcal
 from irbcal.correction import notation
-from irbcal.correction import text_program as programs
 from irbcal.correction.configurations import configuration_of, seeds_of
 from irbcal.correction.filter import NotWritten, correct, filter_program, fingerprint_of
 from irbcal.correction.languages import rapid, table
@@ -79,7 +78,7 @@ def controller(nominal, program):
     joints = np.array([program.targets[k].value for k in program.correctable("joint")])
     poses = program.correctable("pose")
     confs = [program.targets[k].configuration for k in poses]
-    q, told = seeds_of(nominal, programs.tip_poses(program, poses), confs)
+    q, told = seeds_of(nominal, program.tip_poses(poses), confs)
     assert told.all()
     return joints, q
 
@@ -315,7 +314,7 @@ def two_modules(folder):
 
 def test_a_tool_of_one_module_serves_the_others(calibration, tmp_path):
     folder = two_modules(tmp_path / "job")
-    with pytest.raises(ProgramError, match="give its frame"):
+    with pytest.raises(ProgramError, match="give it with --tool"):
         correct(calibration, folder / "Job.mod")
     found = correct(calibration, folder, out=tmp_path / "new")
     assert found.targets.tolist() == ["p in Job.mod"]

@@ -11,7 +11,6 @@ from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.correction import notation
-from irbcal.correction import text_program as programs
 from irbcal.correction.configurations import configuration_of
 from irbcal.correction.languages import rapid
 from irbcal.errors import RobotError
@@ -110,7 +109,7 @@ def errors(cell, data):
     """How far the true robot ends from each wanted pose, metres: its controller turns fake poses into joints."""
     _, factory, truth, q = cell
     fake = rapid.parse(data)
-    poses = programs.tip_poses(fake, fake.correctable("pose"))
+    poses = fake.tip_poses(fake.correctable("pose"))
     found = any_arm.solve(Robot(factory), factory, poses, seed=q, thorough=False)
     assert found.converged.all()
     joints = np.array([fake.targets[k].value for k in fake.correctable("joint")])

@@ -16,14 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction import orientations
-from irbcal.correction.course import Course, State
+from irbcal.correction import notation
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
 from irbcal.correction.maker import Maker, Posture
-from irbcal.correction.maker_program import Found, MakerProgram, parts_of
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import Given, Note, read_bytes
-from irbcal.correction.text_program import Target
+from irbcal.correction.text_program import Configuration, ControlFlow, PostureProgram, State, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -34,7 +32,7 @@ _COUPLED[2, 1] = 1.0  # the pendant measures joint 3 against the horizontal
 
 FANUC = Maker(
     name="FANUC",
-    orientation=orientations.FANUC,
+    orientation=notation.FANUC,
     length=MM,
     angle=DEG,
     joint=DEG,
@@ -83,7 +81,7 @@ def posture_of(wrist: int, down: bool, turns: list[int]) -> Posture:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LsProgram(MakerProgram):
+class LsProgram(PostureProgram):
     """A FANUC program as read.
 
     Attributes
@@ -108,11 +106,12 @@ class LsProgram(MakerProgram):
         turns = [math.floor((joints[k] + math.pi) / (2 * math.pi)) for k in TURNING]
         return posture_of(-1 if negative else 1, bent, turns)._replace(back=back)
 
-    def posture_edits(self, target: Target, posture: Posture) -> list[Edit]:
+    def configuration_edits(self, target: Target, configuration: Configuration) -> list[Edit]:
         """New turn numbers."""
+        assert isinstance(configuration, Posture)
         out: list[Edit] = []
         for joint, (start, end) in zip(TURNING, target.configuration_spans, strict=True):
-            turn = round((posture.low[joint] / math.pi + 1) / 2)
+            turn = round((configuration.low[joint] / math.pi + 1) / 2)
             if turn != int(self.text[start:end]):
                 out.append((start, end, str(turn)))
         return out
@@ -141,7 +140,7 @@ class Point(NamedTuple):
     """A position: its target (or why it has none) and the frames that are stored with it."""
 
     number: int
-    found: Found | None
+    found: Target | None
     reason: str
     user_frame: str
     tool: str
@@ -189,13 +188,13 @@ def _point(listing: Listing, match: re.Match[str]) -> Point:
     frames = (held[1], held[2]) if held else ("", "")
     found, reason = _target(listing, f"P[{number}]", match.start(), begin, end)
     if found is not None and not all(frame.isdecimal() for frame in frames):
-        found.reasons.append("it names no user frame or tool by number")
+        found.conflicts.append("it names no user frame or tool by number")
     if found is not None and len(groups) > 1:
         found.external = "other groups"
     return Point(number, found, reason, *frames, match.start())
 
 
-def _target(listing: Listing, name: str, at: int, begin: int, end: int) -> tuple[Found | None, str]:
+def _target(listing: Listing, name: str, at: int, begin: int, end: int) -> tuple[Target | None, str]:
     fields = {field[1]: field for field in reversed(list(_FIELD.finditer(listing.text, begin, end)))}
     if "RX" in fields:
         return None, "it is a remote-TCP point: the part is on the robot and the tool is fixed"
@@ -210,15 +209,15 @@ def _target(listing: Listing, name: str, at: int, begin: int, end: int) -> tuple
     if units != [unit] * 3 + ["deg"] * 3:
         return None, "its numbers are not in mm and degrees"
     numbers = [Number(float(fields[key][2]), fields[key].start(2), fields[key].end(2)) for key in names]
-    found = Found(name, "joint" if names is JOINTS else "pose", at, numbers)
+    found = Target(name, "joint" if names is JOINTS else "pose", at, numbers)
     found.external = ", ".join(key for key in fields if (key[0] == "E" and key[1:].isdecimal()) or key == "J7")
     if found.kind == "pose":
         quoted = _QUOTED.search(listing.text, begin, end)
         if quoted is None:
-            found.reasons.append("it has no CONFIG")
+            found.conflicts.append("it has no CONFIG")
         else:
-            found.posture, found.posture_spans, reason = config(quoted[1], quoted.start(1))
-            found.reasons += [reason] if reason else []
+            found.configuration, found.configuration_spans, reason = config(quoted[1], quoted.start(1))
+            found.conflicts += [reason] if reason else []
     return found, ""
 
 
@@ -271,13 +270,17 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> LsProgram:
     for step in steps:
         moves.take(step)
     found = [point.found for point in taught.values() if point.found is not None]
-    order = moves.course.order({id(one): k for k, one in enumerate(found)})
     eye = {"0": frames.transform()}
-    return LsProgram(
-        **parts_of(FANUC.of(arm), arm, listing, found, order, given, eye, eye, source),
-        uncorrected=tuple(moves.course.uncorrected),
-        notes=tuple(moves.notes(found)),
-        fingerprint=_mark_in(moves.comments),
+    return LsProgram.assembled(
+        FANUC,
+        arm,
+        moves.flow,
+        found,
+        given,
+        eye,
+        eye,
+        notes=moves.notes(found),
+        comments=_joined(moves.comments),
         mark_at=places["MN"][1],
         mark_number=max((step.number for step in steps), default=0) + 1,
     )
@@ -288,7 +291,7 @@ class _Moves:
 
     def __init__(self, listing: Listing, taught: dict[int, Point]) -> None:
         self.listing, self.taught = listing, taught
-        self.course = Course(listing)
+        self.flow = ControlFlow(listing)
         self.comments: list[str] = []
         self._noted: dict[str, Note] = {}
 
@@ -305,13 +308,13 @@ class _Moves:
             return
         self._changes(step, text)
         if _FLOW.search(text.upper()):
-            self.course.forget()
+            self.flow.forget()
         for goal in _GOAL.finditer(text):
             if goal[1] == "P":
                 why = f"line {self.listing.line(step.start)} uses it in another way"
                 for point in self._named(goal[2])[0]:
                     if point.found is not None:
-                        point.found.reasons.append(why)
+                        point.found.conflicts.append(why)
 
     def _named(self, inside: str) -> tuple[list[Point], str]:
         """Positions that an index names, all where it is computed, and why there are none."""
@@ -335,29 +338,29 @@ class _Moves:
         if _OFFSET.search(options) and not reason:
             line = self.listing.line(step.start)
             self._noted.setdefault("offset", Note(line, "an offset moves targets that are corrected without it"))
-        stop: Found | None = None
+        stop: Target | None = None
         for k, goal in enumerate(goals):
             stop = self._goal(step, move[1], goal, "via" if k < len(goals) - 1 else "to", reason)
         if not goals or (move[1] == "C" and len(goals) < 2):
-            self.course.left(step.start, move[1], self.listing.quote(step.start, step.end), "its target is computed")
-        self.course.stop(stop, step.start)
+            self.flow.leave(step.start, move[1], self.listing.quote(step.start, step.end), "its target is computed")
+        self.flow.stop(stop, step.start)
 
-    def _goal(self, step: Instruction, move: str, goal: re.Match[str], role: str, reason: str) -> Found | None:
+    def _goal(self, step: Instruction, move: str, goal: re.Match[str], role: str, reason: str) -> Target | None:
         """Use the positions of one argument; the target where it is just one."""
         text = goal[0].strip(" \t\r\n:")
         if goal[1] == "PR":
-            self.course.left(step.start, move, text, "a position register stands in the controller only")
+            self.flow.leave(step.start, move, text, "a position register stands in the controller only")
             return None
         named, missing = self._named(goal[2])
         if missing:
-            self.course.left(step.start, move, text, missing)
+            self.flow.leave(step.start, move, text, missing)
         for point in named:
             if point.found is None:
-                self.course.left(step.start, move, f"P[{point.number}]", point.reason)
+                self.flow.leave(step.start, move, f"P[{point.number}]", point.reason)
                 continue
-            point.found.reasons += [reason] if reason else []
+            point.found.conflicts += [reason] if reason else []
             state = State(point.tool, point.user_frame)
-            self.course.use(point.found, step.start, move, "via" if role == "via" else "to", state)
+            self.flow.use(point.found, step.start, move, "via" if role == "via" else "to", state)
         return named[0].found if len(named) == 1 and not reason else None
 
     def _changes(self, step: Instruction, text: str) -> None:
@@ -367,9 +370,9 @@ class _Moves:
             for point in self.taught.values():
                 held = point.user_frame if change[1] == "UFRAME" else point.tool
                 if point.found is not None and (held == change[2] or not change[2].isdecimal()):
-                    point.found.reasons.append(f"line {line} changes {change[1]}[{change[2]}]")
+                    point.found.conflicts.append(f"line {line} changes {change[1]}[{change[2]}]")
 
-    def notes(self, found: Sequence[Found]) -> list[Note]:
+    def notes(self, found: Sequence[Target]) -> list[Note]:
         """What the corrections do not know about."""
         moved = next((one for one in found if one.external and one.uses), None)
         if moved is not None:
@@ -384,24 +387,18 @@ class _Moves:
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a listing; empty where it names none, None without mark.
-
-    Raises
-    ------
-    ProgramError
-        If this is no FANUC listing.
-    """
+    """Fingerprint in the mark of a listing; see `irbcal.correction.languages.Language`."""
     listing = Listing([(source, data)], "FANUC LS")
     if not looks_like(data):
         raise ProgramError("expected a FANUC listing with /PROG and /MN", file=source)
     steps = instructions(listing, *sections(listing)["MN"]) if "MN" in sections(listing) else []
     texts = [listing.text[step.start : step.end] for step in steps]
-    return _mark_in([text for text in texts if text.lstrip().startswith("!")])
+    return mark_in(_joined([text for text in texts if text.lstrip().startswith("!")]))
 
 
-def _mark_in(comments: Sequence[str]) -> str | None:
-    """Fingerprint in the mark among comments, of which the second line bears it."""
-    return mark_in([" ".join(text.strip(" \t\r!;") for text in comments)])
+def _joined(comments: Sequence[str]) -> list[str]:
+    """The comments as one: the second line of a mark bears the fingerprint."""
+    return [" ".join(text.strip(" \t\r!;") for text in comments)]
 
 
 LONGEST = 32

@@ -15,15 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction import orientations
-from irbcal.correction.course import Course, State
+from irbcal.correction import notation
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
-from irbcal.correction.maker_program import Found, MakerProgram, parts_of
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import Given, Goals, Note, read_bytes
-from irbcal.correction.text_program import Target
+from irbcal.correction.text_program import ControlFlow, PostureProgram, State, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -31,7 +29,7 @@ from irbcal.units import DEG, MM
 
 YASKAWA = Maker(
     name="INFORM",
-    orientation=orientations.YASKAWA,
+    orientation=notation.YASKAWA,
     length=MM,
     angle=DEG,
     joint=DEG,
@@ -63,7 +61,7 @@ def posture_of(rconf: Sequence[int]) -> tuple[Posture, str]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class JobProgram(MakerProgram):
+class JobProgram(PostureProgram):
     """A job as read.
 
     Attributes
@@ -135,15 +133,17 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> JobProgram:
     job = _Job(listing, given.pulses)
     job.read()
     found = list(job.points.values())
-    order = job.course.order({id(one): k for k, one in enumerate(found)})
-    units = np.array([DEG / value for value in given.pulses]) if given.pulses else np.full(6, DEG)
-    of_joints = dict.fromkeys(range(len(found)), units)
-    world = {WORLD: frames.transform()}
-    return JobProgram(
-        **parts_of(YASKAWA.of(arm), arm, listing, found, order, given, {}, world, source, of_joints),
-        uncorrected=tuple(job.course.uncorrected),
-        notes=tuple(job.notes.values()),
-        fingerprint=_mark_in(job.comments),
+    return JobProgram.assembled(
+        YASKAWA,
+        arm,
+        job.flow,
+        found,
+        given,
+        {},
+        {WORLD: frames.transform()},
+        units=np.array([DEG / value for value in given.pulses]) if given.pulses else None,
+        notes=job.notes.values(),
+        comments=_joined(job.comments),
         mark_at=job.nop,
         pulses=tuple(given.pulses),
     )
@@ -154,8 +154,8 @@ class _Job:
 
     def __init__(self, listing: Listing, pulses: Sequence[float]) -> None:
         self.listing, self.pulses = listing, pulses
-        self.course = Course(listing)
-        self.points: dict[str, Found] = {}
+        self.flow = ControlFlow(listing)
+        self.points: dict[str, Target] = {}
         self.comments: list[str] = []
         self.notes: dict[str, Note] = {}
         self.nop = len(listing.text)
@@ -183,7 +183,7 @@ class _Job:
                 self._position(position[1], position[2], at + position.start(2))
         if self._trouble:
             for found in self.points.values():
-                found.reasons.append(self._trouble)
+                found.conflicts.append(self._trouble)
 
     def _pseudo(self, text: str) -> None:
         word, _, rest = text[3:].partition(" ")
@@ -206,15 +206,15 @@ class _Job:
         if numbers is None or len(numbers) != 6:
             self._missing[name] = "its six numbers are not understood"
         elif name in self.points:
-            self.points[name].reasons.append("it stands twice in the job")
+            self.points[name].conflicts.append("it stands twice in the job")
         elif kind == "PULSE" and not self.pulses:
             self._missing[name] = "it is in pulses: give the pulses per degree of the joints (--pulses)"
         elif kind in ("PULSE", "BASE", "ROBOT", "USER"):
-            found = Found(name, "joint" if kind == "PULSE" else "pose", at, numbers)
+            found = Target(name, "joint" if kind == "PULSE" else "pose", at, numbers)
             if kind != "PULSE":
                 rconf = [int(v) for v in self._now["RCONF"].split(",") if re.fullmatch(r"\s*\d{1,3}\s*", v)]
-                found.posture, reason = posture_of(rconf)
-                found.reasons += [reason] if reason else []
+                found.configuration, reason = posture_of(rconf)
+                found.conflicts += [reason] if reason else []
             self.points[name] = found
             frame = self._now["USER"] if kind == "USER" else WORLD
             self._frames[name] = State(self._now["TOOL"], frame or "0")
@@ -226,7 +226,7 @@ class _Job:
         names = [found[0] for found in _POINT.finditer(text)]
         if move is None:
             if _FLOW.match(text):
-                self.course.forget()
+                self.flow.forget()
             if re.match(r"[ \t]*SFTON\b", text):
                 shift = "SFTON shifts targets that are corrected without it"
                 self.notes.setdefault("shift", Note(self.listing.line(at), shift))
@@ -238,22 +238,22 @@ class _Job:
         if move[1] in ("IMOV", "REFP") or found is None:
             reason = self._missing.get(first, "it is not a step point of this job")
             reason = "it moves on by a distance" if move[1] == "IMOV" else reason
-            self.course.left(at, move[1], first or self.listing.quote(at, at + 40), reason)
-            self.course.stop(None, at)
+            self.flow.leave(at, move[1], first or self.listing.quote(at, at + 40), reason)
+            self.flow.stop(None, at)
             self._otherwise(names, at)
             return
         if "+MOV" in text or any(name.startswith("B") for name in names) or re.search(r"\b(?:TL|UF)#", text):
-            found.reasons.append(f"line {self.listing.line(at)} moves other groups, or names another tool or frame")
+            found.conflicts.append(f"line {self.listing.line(at)} moves other groups, or names another tool or frame")
         if any(name.startswith("E") for name in names):
             moved = "stations move together with the robot: where they carry the work, its place is another"
             self.notes.setdefault("stations", Note(self.listing.line(at), moved))
-        self.course.use(found, at, move[1], state=self._frames[first])
-        self.course.stop(found, at)
+        self.flow.use(found, at, move[1], state=self._frames[first])
+        self.flow.stop(found, at)
 
     def _otherwise(self, names: Sequence[str], at: int) -> None:
         for name in names:
             if name in self.points:
-                self.points[name].reasons.append(f"line {self.listing.line(at)} uses it in another way")
+                self.points[name].conflicts.append(f"line {self.listing.line(at)} uses it in another way")
 
 
 def _numbers(text: str, at: int) -> list[Number] | None:
@@ -270,19 +270,14 @@ def _numbers(text: str, at: int) -> list[Number] | None:
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a job; empty where it names none, None without mark.
-
-    Raises
-    ------
-    ProgramError
-        If this is no text.
-    """
+    """Fingerprint in the mark of a job; see `irbcal.correction.languages.Language`."""
     listing = Listing([(source, data)], "Yaskawa INFORM")
-    return _mark_in([line for line in _LINE.findall(listing.text) if line.lstrip().startswith("'")])
+    return mark_in(_joined([line for line in _LINE.findall(listing.text) if line.lstrip().startswith("'")]))
 
 
-def _mark_in(comments: Sequence[str]) -> str | None:
-    return mark_in([" ".join(text.strip(" \t'") for text in comments)])
+def _joined(comments: Sequence[str]) -> list[str]:
+    """The comments as one: the second line of a mark bears the fingerprint."""
+    return [" ".join(text.strip(" \t'") for text in comments)]
 
 
 LONGEST = 30

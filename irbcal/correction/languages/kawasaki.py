@@ -17,15 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction import orientations
-from irbcal.correction.course import Course, State
-from irbcal.correction.listing import Edit, Listing, Number, mark_in
+from irbcal.correction import notation
+from irbcal.correction.listing import Edit, Listing, Number, Token, Tokens, mark_in, numbers
 from irbcal.correction.maker import Maker
-from irbcal.correction.maker_program import Found, MakerProgram, frame, parts_of
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import Given, Note, read_bytes
-from irbcal.correction.text_program import Role
-from irbcal.correction.tokens import Token, Tokens, numbers
+from irbcal.correction.text_program import ControlFlow, PostureProgram, Role, State, Target
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling import frames
@@ -34,7 +31,7 @@ from irbcal.units import DEG, MM
 
 KAWASAKI = Maker(
     name="AS",
-    orientation=orientations.KAWASAKI,
+    orientation=notation.KAWASAKI,
     length=MM,
     angle=DEG,
     joint=DEG,
@@ -99,7 +96,7 @@ def ends(arm: Arm, joints: FloatArray, pose: FloatArray) -> ControllerFrames:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class AsProgram(MakerProgram):
+class AsProgram(PostureProgram):
     """Programs and locations of a Kawasaki file as read."""
 
     def mark(self, fingerprint: str) -> Edit:
@@ -141,7 +138,7 @@ class Sections:
     ----------
     lines : list of Line
     comments : list of str
-    locations : dict of str to Found
+    locations : dict of str to Target
         By name and index in lower case, ``#p[1,2]``.
     names : dict of str to list of str
         Locations of each name.
@@ -153,7 +150,7 @@ class Sections:
 
     lines: list[Line] = field(default_factory=list)
     comments: list[str] = field(default_factory=list)
-    locations: dict[str, Found] = field(default_factory=dict)
+    locations: dict[str, Target] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
     numbered: dict[str, list[str]] = field(default_factory=dict)
     begins: list[int] = field(default_factory=list)
@@ -210,14 +207,14 @@ def _location(out: Sections, text: str, start: int, section: str) -> None:
     shown = text[head.start(1) : head.end()].strip()
     whole = len(numbers) >= 6 and not text[at:].strip()
     empty = [Number(0.0, start, start)] * 6
-    one = Found(shown, "joint" if section == "JOINTS" else "pose", start, numbers[:6] if whole else empty)
+    one = Target(shown, "joint" if section == "JOINTS" else "pose", start, numbers[:6] if whole else empty)
     if not whole:
-        one.reasons.append("its six numbers are not understood")
+        one.conflicts.append("its six numbers are not understood")
     if len(numbers) > 6:
         one.external = "JT7"
     if key in out.locations:
         for other in (one, out.locations[key]):
-            other.reasons.append("there are two of this name")
+            other.conflicts.append("there are two of this name")
         key = f"{key} (again in line {start})"
     out.locations[key] = one
     out.names.setdefault(head[1].lower(), []).append(key)
@@ -286,22 +283,25 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> AsProgr
     found = sorted([*sections.locations.values(), *reader.literals], key=lambda one: one.start)
     if given.where is None:
         for one in found:
-            one.reasons += [NO_WHERE] if one.kind == "pose" and one.uses else []
+            one.conflicts += [NO_WHERE] if one.kind == "pose" and one.uses else []
     else:
         given = given._replace(controller=ends(arm, *given.where))
-    order = reader.course.order({id(one): k for k, one in enumerate(found)})
-    eye = {NULL: frames.transform()}
-    tools, bases = ({**reader.frames(), **eye} for _ in range(2))
-    return AsProgram(
-        **parts_of(KAWASAKI.of(arm), arm, listing, found, order, given, tools, bases, listing.parts[0].name),
-        uncorrected=tuple(reader.course.uncorrected),
+    known = {**reader.frames(), NULL: frames.transform()}
+    return AsProgram.assembled(
+        KAWASAKI,
+        arm,
+        reader.flow,
+        found,
+        given,
+        known,
+        known,
         notes=_notes(listing, found),
-        fingerprint=mark_in(sections.comments),
+        comments=sections.comments,
         mark_at=sections.begins[0] if sections.begins else len(listing.text),
     )
 
 
-def _notes(listing: Listing, found: Sequence[Found]) -> tuple[Note, ...]:
+def _notes(listing: Listing, found: Sequence[Target]) -> tuple[Note, ...]:
     moved = next((one for one in found if one.external and one.uses), None)
     if moved is None:
         return ()
@@ -314,17 +314,17 @@ class _Reader:
 
     def __init__(self, listing: Listing, sections: Sections) -> None:
         self.listing, self.sections = listing, sections
-        self.course = Course(listing)
-        self.literals: list[Found] = []
+        self.flow = ControlFlow(listing)
+        self.literals: list[Target] = []
         self._literal_frames: dict[str, FloatArray] = {}
-        self._bad = {key for key, one in sections.locations.items() if one.reasons}
+        self._bad = {key for key, one in sections.locations.items() if one.conflicts}
         self._framed: dict[str, str] = {}
         self._quiet = _quiet(sections.lines)
 
     def take(self, line: Line) -> None:
         """Take one line."""
         if line.program:
-            self.course.restart()
+            self.flow.restart()
             return
         tokens = self._without_label(line.tokens)
         if not tokens:
@@ -339,8 +339,8 @@ class _Reader:
         elif word in ("tool", "base"):
             self._frame(word, rest, at)
         elif word in RELATIVE:
-            self.course.left(at, word.upper(), self.listing.quote(at, tokens[-1].end), "it moves by a distance")
-            self.course.stop(None, at)
+            self.flow.leave(at, word.upper(), self.listing.quote(at, tokens[-1].end), "it moves by a distance")
+            self.flow.stop(None, at)
             self._mention(rest, at)
         else:
             self._flow(word, tokens, at)
@@ -352,29 +352,29 @@ class _Reader:
         if tokens[0].kind != "number" and not named:
             return tokens
         why = f"the label in line {self.listing.line(tokens[0].start)} is jumped to"
-        self.course.forget()
-        self.course.state = State(None, None, why)
+        self.flow.forget()
+        self.flow.state = State(None, None, why)
         return tokens[2 if named else 1 :]
 
     def _flow(self, word: str, tokens: Tokens, at: int) -> None:
         words = [token.word for token in tokens if token.kind == "name"]
         if word in ("if", "while", "for", "do", "case", "scase"):
             if word != "if" or words[-1] == "then":
-                self.course.open(word in ("while", "for", "do"))
+                self.flow.open(word in ("while", "for", "do"))
         elif word in ("else", "elseif", "value", "svalue", "any"):
-            self.course.alternative()
+            self.flow.alternative()
         elif word in ("end", "until"):
-            self.course.close(at)
+            self.flow.close(at)
         elif word in POSTURES or word in ("return", "goto", "here", "point"):
-            self.course.forget()
+            self.flow.forget()
         if "call" in words or word in ("gosub", "on", "oni", "pcexecute"):
             callee = words[words.index("call") + 1 :][:1] if "call" in words else []
-            self.course.forget()
+            self.flow.forget()
             if not callee or callee[0] not in self._quiet:
                 why = f"what is called in line {self.listing.line(at)} may set the tool or base"
-                self.course.state = State(None, None, why)
+                self.flow.state = State(None, None, why)
         elif "goto" in words:
-            self.course.forget()
+            self.flow.forget()
 
     def _move(self, word: str, rest: Tokens, at: int) -> None:
         till = next((k for k, token in enumerate(rest) if token.word == "till"), len(rest))
@@ -383,21 +383,21 @@ class _Reader:
             self._mention(other, at)
         self._go(word, points[0], at, "via" if word == "c1move" else "to")
         if word == "xmove":  # a signal may stop it on the way
-            self.course.forget()
+            self.flow.forget()
 
     def _go(self, word: str, point: Tokens, at: int, role: Role) -> None:
         """Use the target of a move."""
         goals, reason = self._goals(point, f"of {word.upper()} in line {self.listing.line(at)}")
         if not goals:
             text = self.listing.quote(point[0].start, point[-1].end) if point else ""
-            self.course.left(at, word.upper(), text, reason)
+            self.flow.leave(at, word.upper(), text, reason)
             self._mention(point, at)
         for one in goals:
-            self.course.use(one, at, word.upper(), role)
+            self.flow.use(one, at, word.upper(), role)
         if role == "to":
-            self.course.stop(goals[0] if len(goals) == 1 else None, at)
+            self.flow.stop(goals[0] if len(goals) == 1 else None, at)
 
-    def _goals(self, tokens: Tokens, name: str) -> tuple[list[Found], str]:
+    def _goals(self, tokens: Tokens, name: str) -> tuple[list[Target], str]:
         """The locations that an argument names, all of an array where its index is computed."""
         named = self._named(tokens)
         if named is not None:
@@ -408,7 +408,7 @@ class _Reader:
         values = numbers(tokens[1:], LISTS) if joint or head == "trans" else None
         if values is None or len(values) < 6 or (len(values) > 6 and not joint):
             return [], "its target is computed"
-        found = Found(name, "joint" if joint else "pose", tokens[0].start, values[:6])
+        found = Target(name, "joint" if joint else "pose", tokens[0].start, values[:6])
         found.external = "JT7" if len(values) > 6 else ""
         self.literals.append(found)
         return [found], ""
@@ -429,12 +429,12 @@ class _Reader:
 
     def _frame(self, word: str, rest: Tokens, at: int) -> None:
         """``TOOL`` and ``BASE``."""
-        set_to = self.course.tool if word == "tool" else self.course.frame
+        set_to = self.flow.tool if word == "tool" else self.flow.frame
         line = self.listing.line(at)
         values = numbers(rest[1:], LISTS) if rest and rest[0].word == "trans" else None
         if values is not None and len(values) == 6:
             name = f"of line {line}"
-            self._literal_frames[name] = frame(KAWASAKI, [value.value for value in values])
+            self._literal_frames[name] = KAWASAKI.frame([value.value for value in values])
             set_to(name)
         elif len(rest) == 1 and rest[0].word == NULL:
             set_to(NULL)
@@ -454,13 +454,13 @@ class _Reader:
         for token in tokens:
             for key in self.sections.names.get(token.word, ()) if token.kind == "name" else ():
                 used = f"line {self.listing.line(at)} uses it in another way"
-                self.sections.locations[key].reasons.append(used)
+                self.sections.locations[key].conflicts.append(used)
                 self._bad.add(key)
 
     def frames(self) -> dict[str, FloatArray]:
         """Transformations that may serve as tool or base: those that nothing changes."""
         own = {
-            key: frame(KAWASAKI, [number.value for number in one.numbers])
+            key: KAWASAKI.frame([number.value for number in one.numbers])
             for key, one in self.sections.locations.items()
             if one.kind == "pose" and key not in self._bad
         }
@@ -471,7 +471,7 @@ class _Reader:
         for key, why in self._framed.items():
             one = self.sections.locations.get(key)
             if one is not None and one.uses:
-                one.reasons.append(why)
+                one.conflicts.append(why)
 
 
 def _quiet(lines: Sequence[Line]) -> set[str]:
@@ -486,13 +486,7 @@ def _quiet(lines: Sequence[Line]) -> set[str]:
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a Kawasaki file; empty where it names none, None without mark.
-
-    Raises
-    ------
-    ProgramError
-        If this is no text.
-    """
+    """Fingerprint in the mark of a Kawasaki file; see `irbcal.correction.languages.Language`."""
     return mark_in(read(Listing([(source, data)], "Kawasaki AS")).comments)
 
 

@@ -16,15 +16,12 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction import orientations
-from irbcal.correction.course import Course, State
-from irbcal.correction.listing import BOM, Edit, Listing, Number, mark_in
+from irbcal.correction import notation
+from irbcal.correction.listing import BOM, Edit, Listing, Number, Token, mark_in
 from irbcal.correction.maker import Maker, Posture
-from irbcal.correction.maker_program import Found, MakerProgram, frame, parts_of
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import Given, Note, read_bytes
-from irbcal.correction.text_program import Role, Target
-from irbcal.correction.tokens import Token
+from irbcal.correction.text_program import Configuration, ControlFlow, PostureProgram, Role, State, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -32,7 +29,7 @@ from irbcal.units import DEG, MM
 
 KUKA = Maker(
     name="KRL",
-    orientation=orientations.KUKA,
+    orientation=notation.KUKA,
     length=MM,
     angle=DEG,
     joint=DEG,
@@ -76,7 +73,7 @@ def posture_of(status: int, turn: int) -> Posture:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class KrlProgram(MakerProgram):
+class KrlProgram(PostureProgram):
     """A KRL program as read."""
 
     def mark(self, fingerprint: str) -> Edit:
@@ -89,17 +86,18 @@ class KrlProgram(MakerProgram):
         turn = sum(1 << k for k in range(6) if joints[k] < 0)
         return posture_of(int(back) | (0 if bent else 2), turn)
 
-    def posture_edits(self, target: Target, posture: Posture) -> list[Edit]:
+    def configuration_edits(self, target: Target, configuration: Configuration) -> list[Edit]:
         """New text of S and T; upper bits of S stay."""
+        assert isinstance(configuration, Posture)
         out: list[Edit] = []
         for k, (start, end) in enumerate(target.configuration_spans):
             old = self.text[start:end]
             value = integer(old) or 0
             if k == 0:
-                wrist = 4 if (posture.wrist or 0) < 0 else 0
-                new = (value & ~_STATUS) | (1 if posture.back else 0) | (0 if posture.bent else 2) | wrist
+                wrist = 4 if (configuration.wrist or 0) < 0 else 0
+                new = (value & ~_STATUS) | (1 if configuration.back else 0) | (0 if configuration.bent else 2) | wrist
             else:
-                new = (value & ~0b111111) | sum(1 << i for i in range(6) if posture.high[i] == 0.0)
+                new = (value & ~0b111111) | sum(1 << i for i in range(6) if configuration.high[i] == 0.0)
             if new != value:
                 out.append((start, end, like(old, new)))
         return out
@@ -270,7 +268,7 @@ class Variable:
         Literal values and their indices.
     changes : list of int
         Where it gets another value.
-    found : dict of tuple of int to Found
+    found : dict of tuple of int to Target
         Its targets.
     """
 
@@ -278,7 +276,7 @@ class Variable:
         self.spelling, self.type, self.part = spelling, type_name, part
         self.entries: list[tuple[Index, Aggregate]] = []
         self.changes: list[int] = []
-        self.found: dict[Index, Found] = {}
+        self.found: dict[Index, Target] = {}
 
 
 def aggregate(line: Line, listing: Listing) -> Aggregate | None:
@@ -326,7 +324,7 @@ def _skip(line: Line) -> Token:
     return last
 
 
-def target(name: str, type_name: str, one: Aggregate, listing: Listing) -> tuple[Found | None, str]:
+def target(name: str, type_name: str, one: Aggregate, listing: Listing) -> tuple[Target | None, str]:
     """The target that an aggregate is, or why it is none."""
     kind = type_name or one.type
     joint = kind in ("axis", "e6axis") or (not kind and "a1" in one.values)
@@ -338,18 +336,18 @@ def target(name: str, type_name: str, one: Aggregate, listing: Listing) -> tuple
     plain = [number for number in numbers if number is not None]
     if len(plain) < 6:
         return None, "some of its numbers are computed"
-    found = Found(name, "joint" if joint else "pose", one.start, plain)
+    found = Target(name, "joint" if joint else "pose", one.start, plain)
     external = [key for key in one.values if key[0] == "e" and key[1:].isdecimal()]
     found.external = ", ".join(listing.quote(one.values[key].start, one.values[key].end) for key in external)
     if not joint and "s" in one.values and "t" in one.values:
         status, turn = integer(one.values["s"].text), integer(one.values["t"].text)
         if status is None or turn is None:
-            found.reasons.append("its S or T is no number")
+            found.conflicts.append("its S or T is no number")
         else:
-            found.posture = posture_of(status, turn)
-            if found.posture.wrist != (-1 if status & 4 else 1):
-                found.reasons.append("its S and T contradict one another about the sign of A5")
-            found.posture_spans = tuple((one.values[key].start, one.values[key].end) for key in ("s", "t"))
+            found.configuration = posture = posture_of(status, turn)
+            if posture.wrist != (-1 if status & 4 else 1):
+                found.conflicts.append("its S and T contradict one another about the sign of A5")
+            found.configuration_spans = tuple((one.values[key].start, one.values[key].end) for key in ("s", "t"))
     return found, ""
 
 
@@ -460,8 +458,8 @@ class Statements:
 
     Attributes
     ----------
-    course : Course
-    literals : list of Found
+    flow : ControlFlow
+    literals : list of Target
         Targets inside moves.
     tools, frames : dict of str to ndarray, shape (4, 4)
         Of the names that the program gives values to.
@@ -470,8 +468,8 @@ class Statements:
 
     def __init__(self, listing: Listing, data: Data) -> None:
         self.listing, self.data = listing, data
-        self.course = Course(listing)
-        self.literals: list[Found] = []
+        self.flow = ControlFlow(listing)
+        self.literals: list[Target] = []
         self.tools: dict[str, FloatArray] = {}
         self.frames: dict[str, FloatArray] = {}
         self.notes: list[tuple[int, str]] = []
@@ -487,34 +485,34 @@ class Statements:
         if word in MOVES:
             self._move(line, MOVES[word])
         elif word in RELATIVE:
-            self.course.left(line.start, RELATIVE[word], self._rest(line, 1), "its target is relative")
-            self.course.stop(None, line.start)
+            self.flow.leave(line.start, RELATIVE[word], self._rest(line, 1), "its target is relative")
+            self.flow.stop(None, line.start)
             self._mention(line.tokens[1:], line.part)
         elif word in ROUTINE:
-            self.course.restart()
+            self.flow.restart()
             self._forget_fdat()
         elif word in (*OPEN, *LOOPS):
             self._mention(line.tokens, line.part)
             if word in ("spline", "ptp_spline"):
-                self._before_spline = self.course.state
-                self._with(line, self.course.state, lasting=True)
+                self._before_spline = self.flow.state
+                self._with(line, self.flow.state, lasting=True)
             else:
-                self.course.open(word in LOOPS)
+                self.flow.open(word in LOOPS)
                 self._forget_fdat()
         elif word in ALTERNATIVE:
-            self.course.alternative()
+            self.flow.alternative()
             self._forget_fdat()
         elif word in CLOSE:
-            self.course.close(line.start)
+            self.flow.close(line.start)
             self._forget_fdat()
         elif word == "endspline":
-            if self.course.state != self._before_spline:
+            if self.flow.state != self._before_spline:
                 why = f"the spline block that ends in line {self.listing.line(line.start)} has its own tool or base"
-                self.course.state = State(None, None, why)
+                self.flow.state = State(None, None, why)
         elif word in ("goto", "interrupt", "return", "halt") or (line.word(1) == ":" and len(line.tokens) == 2):
-            self.course.forget()
+            self.flow.forget()
             if line.word(1) == ":" and len(line.tokens) == 2:
-                self.course.state = State(None, None, f"the label in line {self.listing.line(line.start)} is jumped to")
+                self.flow.state = State(None, None, f"the label in line {self.listing.line(line.start)} is jumped to")
                 self._forget_fdat()
         elif word == "bas" and line.word(1) == "(":
             self._bas(line)
@@ -532,19 +530,19 @@ class Statements:
         where = self.listing.line(line.start)
         computed = f"BAS in line {where} computes the tool or base"
         if command == "#tool":
-            self.course.tool(plain, computed)
+            self.flow.tool(plain, computed)
         elif command == "#base":
-            self.course.frame(plain, computed)
+            self.flow.frame(plain, computed)
         elif command == "#ex_base":
-            self.course.frame(None, f"BAS in line {where} ties the base to an external axis")
+            self.flow.frame(None, f"BAS in line {where} ties the base to an external axis")
         elif command in TAKES_FDAT:
             why = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"
-            self.course.state = self._fdat or State(None, None, why)
+            self.flow.state = self._fdat or State(None, None, why)
             self._fdat_taken = True
         elif command == "#initmov":
-            self.course.state = State()
+            self.flow.state = State()
         elif command not in NO_FRAMES:
-            self.course.state = State(None, None, computed)
+            self.flow.state = State(None, None, computed)
 
     def _forget_fdat(self) -> None:
         """``FDAT_ACT`` may have another value from here on."""
@@ -610,7 +608,7 @@ class Statements:
             return
         self._mention(tokens, line.part)
         if line.word() == "(" or len(tokens) == 1:
-            self.course.forget()
+            self.flow.forget()
             if first.word not in KNOWN and not self._called:
                 self._called = True
                 name = self.listing.quote(first.start, first.end)
@@ -621,11 +619,11 @@ class Statements:
         if word in ("$tool", "$base"):
             name = self._frame_value(line, word == "$tool")
             why = f"{word.upper()} is computed in line {self.listing.line(first.start)}"
-            (self.course.tool if word == "$tool" else self.course.frame)(name, why)
+            (self.flow.tool if word == "$tool" else self.flow.frame)(name, why)
             return
         if word == "$ipo_mode":
             if any(token.word == "#tcp" for token in line.tokens):
-                self.course.state = State(None, None, FIXED_TOOL)
+                self.flow.state = State(None, None, FIXED_TOOL)
             return
         if word == "fdat_act":
             self._set_fdat(line)
@@ -636,7 +634,7 @@ class Statements:
             plain = [number.value for number in numbers if number is not None]
             frames = self.tools if word == "tool_data" else self.frames
             if len(plain) == 6:
-                frames[str(index[0])] = frame(KUKA, plain)
+                frames[str(index[0])] = KUKA.frame(plain)
             return
         variable = self.data.lookup(line.part, word)
         if variable is not None:
@@ -658,7 +656,7 @@ class Statements:
             if len(plain) < 6 or line.word() not in ("", ","):
                 return None
             name = f"of line {self.listing.line(at)}, column {self.listing.column(at)}"
-            frames[name] = frame(KUKA, plain)
+            frames[name] = KUKA.frame(plain)
             return name
         word = line.word()
         if line.next.kind != "name":
@@ -690,7 +688,7 @@ class Statements:
         found = variable.found.get(index)
         if found is None or variable.changes or len(variable.entries) != len(variable.found):
             return None
-        frames[word + str(index or "")] = frame(KUKA, [number.value for number in found.numbers])
+        frames[word + str(index or "")] = KUKA.frame([number.value for number in found.numbers])
         return word + str(index or "")
 
     def _with(self, line: Line, state: State, lasting: bool = False) -> State:
@@ -708,34 +706,34 @@ class Statements:
                 new = (name, state.frame) if token.word == "$tool" else (state.tool, name)
                 state = State(*new, why if None in new else state.why)
         if lasting:
-            self.course.state = state
+            self.flow.state = state
         return state
 
     def _move(self, line: Line, name: str) -> None:
         """The points of a move."""
         ends = [k for k, token in enumerate(line.tokens) if token.word == "with"]
-        state = self._checked_fdat(self.course.state)
+        state = self._checked_fdat(self.flow.state)
         state = self._with(line, state) if ends else state
         line.at = 1
         roles: tuple[Role, ...] = ("via", "to") if name in ("CIRC", "SCIRC") else ("to",)
-        goal: Found | None = None
+        goal: Target | None = None
         for k, role in enumerate(roles):
             if k and not line.take(","):
-                self.course.left(line.start, name, self._rest(line, 1), "its end point is missing")
+                self.flow.leave(line.start, name, self._rest(line, 1), "its end point is missing")
                 break
             found, text, reason = self._point(line, name)
             if reason:
-                self.course.left(line.start, name, text, reason)
+                self.flow.leave(line.start, name, text, reason)
             for one in found:
-                self.course.use(one, line.start, name, role, state)
+                self.flow.use(one, line.start, name, role, state)
                 if reason:
-                    one.reasons.append(reason)
+                    one.conflicts.append(reason)
             goal = found[0] if len(found) == 1 and not reason else None
-        self.course.stop(goal, line.start)
+        self.flow.stop(goal, line.start)
         rest = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
         self._mention([token for token in rest if not token.word.startswith("c_")], line.part)
 
-    def _point(self, line: Line, move: str) -> tuple[list[Found], str, str]:
+    def _point(self, line: Line, move: str) -> tuple[list[Target], str, str]:
         """Targets that an argument stands for, its text, and why they are not all or not to be changed."""
         begin = line.at
         one = aggregate(line, self.listing)
@@ -768,7 +766,7 @@ class Statements:
 
     def _of_variable(
         self, variable: Variable, index: tuple[int, ...] | None, text: str
-    ) -> tuple[list[Found], str, str]:
+    ) -> tuple[list[Target], str, str]:
         found = [one for at, one in variable.found.items() if index is None or at == index]
         if variable.changes:
             line = self.listing.line(variable.changes[0])
@@ -786,7 +784,7 @@ class Statements:
         for token, part in self._mentioned:
             variable = self.data.lookup(part, token.word)
             for found in variable.found.values() if variable is not None else ():
-                found.reasons.append(f"line {self.listing.line(token.start)} uses it in another way")
+                found.conflicts.append(f"line {self.listing.line(token.start)} uses it in another way")
 
     def _rest(self, line: Line, begin: int, end: int | None = None) -> str:
         tokens = line.tokens[begin:end]
@@ -821,7 +819,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given, maker: Mak
     """
     # declarations before routines, so that moves find their targets
     ordered = sorted(files, key=lambda file: (Path(file[0]).suffix.lower() != ".dat", files.index(file)))
-    maker, listing = maker.of(arm), Listing(ordered, "KUKA KRL")
+    listing = Listing(ordered, "KUKA KRL")
     for part in listing.parts:
         if not looks_like(listing.text[part.start : part.end].encode("latin-1")):
             raise ProgramError("expected a KRL program with DEF or DEFDAT", file=part.name)
@@ -873,38 +871,38 @@ def _program(
     listing: Listing,
     given: Given,
     statements: Statements,
-    found: list[Found],
+    found: list[Target],
     comments: list[str],
 ) -> KrlProgram:
     found.sort(key=lambda one: one.start)
     if len(listing.parts) > 1:
         for one in found:
             one.name += f" of {Path(listing.parts[listing.part(one.start)].name).name}"
-    order = statements.course.order({id(one): k for k, one in enumerate(found)})
     eye = {NULLFRAME: frames.transform()}
     main = next((p for p in listing.parts if Path(p.name).suffix.lower() != ".dat"), listing.parts[0])
-    tools, bases = {**statements.tools, **eye}, {**statements.frames, **eye}
-    parts = parts_of(maker, arm, listing, found, order, given, tools, bases, main.name)
     notes = [Note(listing.line(at), text) for at, text in statements.notes]
-    if any(one.external and one.uses for one in found):
-        moved = next(one for one in found if one.external and one.uses)
-        if re.search(r"[1-9]", re.sub(r"E\d", "", moved.external)):
-            text = f"{moved.name} has external axes: where they carry the robot or the work, its place is another"
-            notes.append(Note(listing.line(moved.start), text))
-    status = [
-        integer(listing.text[slice(*t.configuration_spans[0])]) or 0 for t in parts["targets"] if t.configuration_spans
-    ]
-    if any(value & 16 for value in status) and given.own_model is None:
+    moved = next((one for one in found if one.external and one.uses), None)
+    if moved is not None and re.search(r"[1-9]", re.sub(r"E\d", "", moved.external)):
+        text = f"{moved.name} has external axes: where they carry the robot or the work, its place is another"
+        notes.append(Note(listing.line(moved.start), text))
+    status = [integer(listing.text[slice(*one.configuration_spans[0])]) for one in found if one.configuration_spans]
+    if any((value or 0) & 16 for value in status) and given.own_model is None:
         text = (
             "points say (S, bit 4) that the robot was absolutely accurate: it must not be corrected twice; what such a "
             "controller computes with is given with --controller-model"
         )
         notes.append(Note(1, text))
-    return KrlProgram(
-        **parts,
-        uncorrected=tuple(statements.course.uncorrected),
-        notes=tuple(dict.fromkeys(notes)),
-        fingerprint=mark_in(comments),
+    return KrlProgram.assembled(
+        maker,
+        arm,
+        statements.flow,
+        found,
+        given,
+        {**statements.tools, **eye},
+        {**statements.frames, **eye},
+        source=main.name,
+        notes=dict.fromkeys(notes),
+        comments=comments,
         mark_at=_behind_head(listing, main.start, main.end),
     )
 
@@ -919,13 +917,7 @@ def _behind_head(listing: Listing, start: int, end: int) -> int:
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a KRL file; empty where it names none, None without mark.
-
-    Raises
-    ------
-    ProgramError
-        If this is no text.
-    """
+    """Fingerprint in the mark of a KRL file; see `irbcal.correction.languages.Language`."""
     _, comments = lines_of(Listing([(source, data)], "KUKA KRL"))
     return mark_in(comments)
 

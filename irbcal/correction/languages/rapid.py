@@ -4,7 +4,7 @@ Literals of ``robtarget`` and ``jointtarget`` in declarations, in assignments an
 target the program computes (``Offs``, ``RelTool``, arithmetic, a function) is reported and left. A target is not
 corrected where its literal does more than the direct moves that use it: where it is also an argument of something
 else, where its variable is also computed, where moves use it with different tools or work objects. Uses in
-other modules of the same call count, see ``abroad``; what is not in the call is not seen.
+other modules of the same call count, see `OtherModules`; what is not in the call is not seen.
 """
 
 from __future__ import annotations
@@ -15,35 +15,57 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cache, partial
-from itertools import islice
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from irbcal.arrays import FloatArray, locked
+from irbcal.correction import notation
 from irbcal.correction.configurations import ConfData, configuration_of
 from irbcal.correction.cutting import CutPath, PathMove
-from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.listing import Edit, Span
+from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in
+from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.notation import (
-    DECIMALS,
-    QUATERNION_DECIMALS,
-    number_text,
-    numbers_from_poses,
-    poses_from_numbers,
-    quaternion_problem,
+from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
+from irbcal.correction.program import Given, Kind, Note, read_bytes
+from irbcal.correction.text_program import (
+    Configuration,
+    ControlFlow,
+    Role,
+    Target,
+    TextProgram,
+    Use,
+    complete,
+    needed_frames,
 )
-from irbcal.correction.program import Given, Goals, Kind, Note, Stop, read_bytes
-from irbcal.correction.text_program import Configuration, Role, Target, TextProgram, Uncorrected, Use, with_targets
-from irbcal.correction.tokens import Token
 from irbcal.errors import ProgramError
+from irbcal.files import controller_frames
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG, MM
+
+NAME = "RAPID"
+ENDINGS = (".mod", ".prg", ".sys", ".modx", ".sysx")
+ROBOTS = r"(^|_)(abb|irb_?\d)"
+MAKER = None
+
+ABSENT = 0.9e9
+"""From here on a number stands for an axis that is not there (9E9, 1E9), or for no place at all."""
+
+ABB = Maker(
+    name="RAPID",
+    orientation=notation.Quaternion(),
+    length=MM,
+    angle=1.0,
+    joint=DEG,
+    decimals=(DECIMALS, QUATERNION_DECIMALS, DECIMALS),
+    axes=(),
+    matrix=np.eye(6),
+    largest=ABSENT,
+)
 
 _WORDS = (
     "module endmodule proc endproc func endfunc trap endtrap record endrecord alias const pers var local task "
@@ -73,82 +95,6 @@ TOKEN = re.compile(
 _LIST, _NAME = TOKEN.groupindex["list"], TOKEN.groupindex["name"]
 _KINDS = ("", *sorted(TOKEN.groupindex, key=lambda kind: TOKEN.groupindex[kind]))
 
-
-def decode(data: bytes, source: str) -> tuple[str, str]:
-    """Text and encoding of a file that is UTF-8 or Latin-1; ``text.encode(encoding)`` gives the bytes back."""
-    if b"\x00" in data:
-        raise ProgramError("expected a RAPID module in text, found binary data", file=source)
-    try:
-        return data.decode("utf-8"), "utf-8"
-    except UnicodeDecodeError:
-        return data.decode("latin-1"), "latin-1"
-
-
-class Scanner:
-    """The tokens of a text, or as many of the first ones as are wanted.
-
-    Attributes
-    ----------
-    tokens : list of Token
-        The last one is of the kind ``end``, without a word.
-    comments : list of str
-    lines : list of int
-        Where the lines begin.
-    """
-
-    def __init__(self, text: str, source: str, most: int | None = None) -> None:
-        self.text, self.source = text, source
-        self.lines = [0, *(found.end() for found in re.finditer(r"\r\n|\n|\r", text))]
-        self.tokens: list[Token] = []
-        self.comments: list[str] = []
-        self._tokenize(most)
-
-    def line(self, position: int) -> int:
-        """Line of a position in the text, the first being 1."""
-        return bisect.bisect_right(self.lines, position)
-
-    def column(self, position: int) -> int:
-        """Column of a position in the text, the first being 1."""
-        return position - self.lines[self.line(position) - 1] + 1
-
-    def error(self, position: int, message: str) -> ProgramError:
-        """A refusal that names the line."""
-        return ProgramError(message, file=self.source, line=self.line(position))
-
-    def quote(self, start: int, end: int) -> str:
-        """A piece of the program for a message: one line, not long."""
-        text = " ".join(self.text[start:end].split())
-        return text if len(text) <= 50 else text[:49] + "…"
-
-    def quote_line(self, line: int) -> str:
-        """A line of the program for a message."""
-        end = self.lines[line] if line < len(self.lines) else len(self.text)
-        return self.quote(self.lines[line - 1], end)
-
-    def _tokenize(self, most: int | None) -> None:
-        make, append = partial(tuple.__new__, Token), self.tokens.append  # half the time of Token(…)
-        for found in islice(TOKEN.finditer(self.text, 1 if self.text.startswith("\ufeff") else 0), most):
-            k, end = found.lastindex, found.end()
-            assert k is not None
-            word = found[k]
-            if k == _LIST:
-                append(make(("list", "[", end - len(word), end)))
-            elif k < _NAME:
-                append(make((_KINDS[k], word, end - len(word), end)))
-            elif k == _NAME:
-                append(make(("name", word.lower(), end - len(word), end)))
-            elif _KINDS[k] == "comment":
-                self.comments.append(word)
-            elif _KINDS[k] == "other":
-                what = "the string is not closed in its line" if word == '"' else f"unexpected character {word!r}"
-                raise self.error(end - 1, what)
-            else:
-                append(make((_KINDS[k], word, end - len(word), end)))
-        append(Token("end", "", len(self.text), len(self.text)))
-
-
-ABSENT = 0.9e9
-"""From here on a number stands for an axis that is not there (9E9, 1E9), or for no place at all."""
 
 Index: TypeAlias = tuple[int | None, ...]
 """Index of an element, each from 1; None where it is computed."""
@@ -180,52 +126,27 @@ class Mention(NamedTuple):
     start: int
 
 
-class Literal:
-    """A target in numbers while its uses are gathered.
+@dataclass(eq=False, repr=False)
+class Literal(Target):
+    """A target in numbers of a module.
 
     Attributes
     ----------
-    kind : str
-        ``joint`` or ``pose``.
-    name : str
-    start : int
-        Where it stands.
-    numbers, configuration : tuple of Node
-        The numbers to correct, and the configuration data: empty where they are not four numbers.
-    values : tuple of float
-        Of the numbers.
-    external : Node
+    axes : Node
         The external axes.
-    uses : list of Use
-    reasons : list of str
-        What speaks against changing it.
     mentioned : list of int
         Where its variable is used in another way than as the target of a move.
-    problem : str or None
-        What is wrong with its numbers.
     """
 
-    def __init__(
-        self, kind: Kind, name: str, start: int, numbers: list[Node], configuration: list[Node], external: Node
-    ) -> None:
-        self.kind, self.name, self.start, self.external = kind, name, start, external
-        self.numbers, self.configuration = tuple(numbers), tuple(configuration)
-        self.values = tuple(leaf.number for leaf in numbers if leaf.number is not None)
-        self.uses: list[Use] = []
-        self.reasons: list[str] = []
-        self.mentioned: list[int] = []
-        self.problem = self._problem()
+    axes: Node = field(default_factory=lambda: Node([], None, 0, 0))
+    mentioned: list[int] = field(default_factory=list)
 
-    def _problem(self) -> str | None:
-        sizes = [abs(value) for value in self.values]
-        if not all(map(math.isfinite, sizes)) or (self.kind == "pose" and max(sizes) >= ABSENT):
-            return "found a number that is too large"
-        if self.kind == "pose":
-            return quaternion_problem(self.values[3:])
-        absent = [k for k, size in enumerate(sizes, start=1) if size >= ABSENT]
-        if absent:
-            self.reasons.append(f"joint {absent[0]} has no value (9E9)")
-        return None
+    @property
+    def problem(self) -> str | None:
+        """What is wrong with its numbers."""
+        if self.kind == "joint":
+            return None if all(map(math.isfinite, self.written)) else "found a number that is too large"
+        return ABB.problem("pose", self.written)
 
 
 class Arg(NamedTuple):
@@ -302,169 +223,6 @@ CLOSING = {"(": ")", "{": "}"}
 DEEPEST = 12  # lists in lists
 _NODE = partial(tuple.__new__, Node)  # half the time of Node(…)
 
-
-class Walker(Scanner):
-    """The tokens of a module and a walk over its expressions.
-
-    Attributes
-    ----------
-    scope : dict or None
-        Data of the routine that is being read; None outside routines.
-    mentions : list of Mention
-        Names seen in expressions.
-    """
-
-    def __init__(self, text: str, source: str, most: int | None = None) -> None:
-        super().__init__(text, source, most)
-        self.mentions: list[Mention] = []
-        self.scope: Scope | None = None
-        self.level = 0
-
-    def _found(self, i: int) -> str:
-        token = self.tokens[i]
-        end = token.start + 1 if token.kind == "list" else token.end
-        return "the end of the file" if token.kind == "end" else repr(self.quote(token.start, end))
-
-    def _expect(self, i: int, word: str) -> int:
-        if self.tokens[i].word != word:
-            raise self.error(self.tokens[i].start, f"expected {word!r}, found {self._found(i)}")
-        return i + 1
-
-    def _name(self, i: int, what: str) -> Token:
-        if not self._is_data(i):
-            raise self.error(self.tokens[i].start, f"expected {what}, found {self._found(i)}")
-        return self.tokens[i]
-
-    def _is_data(self, i: int) -> bool:
-        """Whether token i can be the name of something."""
-        return self.tokens[i].kind == "name" and self.tokens[i].word not in RESERVED
-
-    def _is_member(self, i: int) -> bool:
-        """Whether token i is a component after a dot or the name of an optional argument."""
-        return self.tokens[i - 1].word in (".", "\\")
-
-    def _bracket(self, stack: list[str], i: int) -> None:
-        """Keep the brackets ``( )`` and ``{ }`` in pairs within a statement."""
-        kind, word = self.tokens[i].kind, self.tokens[i].word
-        if kind != "symbol":
-            return
-        if word in CLOSING:
-            stack.append(word)
-        elif word in ")}]":
-            if not stack or CLOSING[stack.pop()] != word:
-                raise self.error(self.tokens[i].start, f"{word!r} closes nothing")
-        elif word == ";" and stack:
-            raise self.error(self.tokens[i].start, f"expected {CLOSING[stack[-1]]!r}, found ';'")
-
-    def _mention(self, i: int) -> None:
-        """Note a name that stands for data; components after a dot and names of optional arguments do not."""
-        if self.tokens[i].word not in RESERVED and not self._is_member(i):
-            _, word, start, _ = self.tokens[i]
-            self.mentions.append(Mention(self.scope, word, self._plain_index(i + 1), start))
-
-    def _whole(self, i: int) -> int | None:
-        """Value of a whole number; None for any other token."""
-        word = self.tokens[i].word
-        return int(word) if self.tokens[i].kind == "number" and word.isdecimal() and len(word) < 10 else None
-
-    def _plain_index(self, i: int) -> Index:
-        """Index such as ``{1,2}`` that begins at token i, if it is all of plain whole numbers; else empty."""
-        index: list[int | None] = []
-        while self.tokens[i].word == ("," if index else "{") and self._whole(i + 1) is not None:
-            index.append(self._whole(i + 1))
-            i += 2
-        return tuple(index) if index and self.tokens[i].word == "}" else ()
-
-    def _expression(self, i: int, stops: tuple[str, ...]) -> int:
-        """Walk over any expression to the first of ``stops`` outside brackets; returns the number of its token."""
-        begin, operand = i, False
-        stack: list[str] = []
-        while True:
-            kind, word, start, _ = self.tokens[i]
-            symbol = kind == "symbol"
-            if symbol and not stack and word in stops:
-                if i == begin:
-                    raise self.error(start, f"expected a value, found {self._found(i)}")
-                return i
-            structure = word in STRUCTURE and not self._is_member(i)
-            if kind == "end" or structure or word in (";", "]") or (word == ":=" and not stack):
-                expected = f"'{CLOSING[stack[-1]]}'" if stack else " or ".join(f"'{stop}'" for stop in stops)
-                raise self.error(start, f"expected {expected}, found {self._found(i)}")
-            value = not symbol and word not in OPERATORS
-            if operand and (value or word == "["):
-                raise self.error(start, f"expected an operator or '{stops[-1]}', found {self._found(i)}")
-            if word == "[":
-                _, i = self._list(i)
-                operand = True
-                continue
-            if kind == "name":
-                self._mention(i)
-            self._bracket(stack, i)
-            operand = value or word in (")", "}")
-            i += 1
-
-    def _list(self, i: int) -> tuple[Node, int]:
-        """A list of values that begins at token i: its node and the number of the token behind it."""
-        kind, _, begin, end = self.tokens[i]
-        if self.level == DEEPEST:
-            raise self.error(begin, f"more than {DEEPEST} lists within each other")
-        if kind == "list":
-            return Node(self._plain_items(begin, end), None, begin, end), i + 1
-        items: list[Node] = []
-        self.level += 1
-        while True:
-            i += 1
-            node, i = self._list(i) if self.tokens[i].word == "[" else self._item(i)
-            items.append(node)
-            if self.tokens[i].word not in (",", "]"):
-                raise self.error(self.tokens[i].start, f"expected ',' or ']', found {self._found(i)}")
-            if self.tokens[i].word == "]":
-                self.level -= 1
-                return Node(items, None, begin, self.tokens[i].end), i + 1
-
-    def _plain_items(self, begin: int, end: int) -> list[Node]:
-        """Nodes of a list of plain numbers."""
-        items, at = [], begin + 1
-        for part in self.text[at : end - 1].split(","):
-            word = part.strip()
-            start = at if len(word) == len(part) else at + part.index(word)
-            items.append(_NODE((None, float(word), start, start + len(word))))
-            at += len(part) + 1
-        return items
-
-    def _item(self, i: int) -> tuple[Node, int]:
-        j = self._expression(i, (",", "]"))
-        start, end = self.tokens[i].start, self.tokens[j - 1].end
-        signed = (
-            j - i == 2
-            and self.tokens[i].word in ("-", "+")
-            and not any(char in self.text[start:end] for char in "!\r\n")
-        )
-        if self.tokens[j - 1].kind == "number" and (j - i == 1 or signed):
-            number = float(self.tokens[j - 1].word)
-            return Node(None, -number if self.tokens[i].word == "-" else number, start, end), j
-        return Node(None, None, start, end), j
-
-    def _index(self, i: int) -> tuple[Index, int]:
-        """Index that begins at token i: whole numbers, None for computed ones; and the number of the token behind."""
-        parts: list[int | None] = []
-        while not parts or self.tokens[i].word == ",":
-            j = self._expression(i + 1, (",", "}"))
-            parts.append(self._whole(i + 1) if j == i + 2 else None)
-            i = j
-        return tuple(parts), i + 1
-
-    def _behind_index(self, i: int) -> int:
-        """Number of the token behind the braces that begin at token i; 0 if they do not end in the statement."""
-        depth = 0
-        while self.tokens[i].word not in (";", ""):
-            depth += (self.tokens[i].word == "{") - (self.tokens[i].word == "}")
-            i += 1
-            if depth == 0:
-                return i
-        return 0
-
-
 PATTERNS = {  # positional arguments of moves; s: anything, w: a point that the instruction writes, t: the tool
     **dict.fromkeys(["MoveJ", "MoveL", "MoveAbsJ"], "to s s t"),
     "MoveC": "via to s s t",
@@ -480,11 +238,24 @@ MOVES = {name.lower(): (name, tuple(pattern.split())) for name, pattern in PATTE
 EXACT = frozenset(["MoveJ", "MoveL", "MoveAbsJ", "MoveC"])  # the others may have more arguments after the tool
 
 
-class Reader(Walker):
-    """One pass through the text of a module.
+class Reader:
+    """One pass through the text of a module, which notes declarations, assignments, moves and other mentions of names.
+
+    What they mean for targets is decided afterwards, see `Literals` and `Uses`.
+
+    Parameters
+    ----------
+    listing : Listing
 
     Attributes
     ----------
+    tokens : list of Token
+        The last one is of the kind ``end``, without a word.
+    comments : list of str
+    mentions : list of Mention
+        Names in any other place.
+    scope : dict or None
+        Data of the routine that is being read; None outside routines.
     data : dict of str to Data
         Of the module.
     scopes : list of dict
@@ -494,13 +265,42 @@ class Reader(Walker):
         Lists of values in any other place.
     """
 
-    def __init__(self, text: str, source: str, most: int | None = None) -> None:
-        super().__init__(text, source, most)
+    def __init__(self, listing: Listing) -> None:
+        self.listing, self.text = listing, listing.text
+        self.line, self.error, self.quote = listing.line, listing.error, listing.quote
+        self.tokens: list[Token] = []
+        self.comments: list[str] = []
+        self.mentions: list[Mention] = []
+        self.scope: Scope | None = None
         self.data: Scope = {}
         self.scopes: list[Scope] = []
         self.moves: list[Move] = []
         self.assignments: list[Assignment] = []
         self.loose: list[Node] = []
+        self._level = 0
+        self._tokenize()
+
+    def _tokenize(self) -> None:
+        make, append = partial(tuple.__new__, Token), self.tokens.append  # half the time of Token(…)
+        for found in TOKEN.finditer(self.text, 1 if self.text.startswith("\ufeff") else 0):
+            k, end = found.lastindex, found.end()
+            assert k is not None
+            word = found[k]
+            if k == _LIST:
+                append(make(("list", "[", end - len(word), end)))
+            elif k < _NAME:
+                append(make((_KINDS[k], word, end - len(word), end)))
+            elif k == _NAME:
+                append(make(("name", word.lower(), end - len(word), end)))
+            elif _KINDS[k] == "comment":
+                self.comments.append(word)
+            elif _KINDS[k] == "other":
+                what = "the string is not closed in its line" if word == '"' else f"unexpected character {word!r}"
+                raise self.error(end - 1, what)
+            else:
+                append(make((_KINDS[k], word, end - len(word), end)))
+
+        append(Token("end", "", len(self.text), len(self.text)))
 
     def lookup(self, scope: Scope | None, name: str) -> Data | None:
         """What a name stands for in a routine or in the module; None if it is not declared here."""
@@ -520,7 +320,7 @@ class Reader(Walker):
         while tokens[i].kind != "end" and tokens[i].word != "module":
             i += 1
         if tokens[i].kind == "end":
-            raise ProgramError("expected a RAPID module, found no MODULE", file=self.source)
+            raise ProgramError("expected a RAPID module, found no MODULE", file=self.listing.parts[0].name)
         self._name(i + 1, "the name of the module")
         i += 2
         if tokens[i].word == "(":
@@ -720,6 +520,150 @@ class Reader(Walker):
         end = self.tokens[j - 1].end
         return Arg(node, name, index, start, self.quote(start, end), end), j
 
+    def _found(self, i: int) -> str:
+        token = self.tokens[i]
+        end = token.start + 1 if token.kind == "list" else token.end
+        return "the end of the file" if token.kind == "end" else repr(self.quote(token.start, end))
+
+    def _expect(self, i: int, word: str) -> int:
+        if self.tokens[i].word != word:
+            raise self.error(self.tokens[i].start, f"expected {word!r}, found {self._found(i)}")
+        return i + 1
+
+    def _name(self, i: int, what: str) -> Token:
+        if not self._is_data(i):
+            raise self.error(self.tokens[i].start, f"expected {what}, found {self._found(i)}")
+        return self.tokens[i]
+
+    def _is_data(self, i: int) -> bool:
+        """Whether token i can be the name of something."""
+        return self.tokens[i].kind == "name" and self.tokens[i].word not in RESERVED
+
+    def _is_member(self, i: int) -> bool:
+        """Whether token i is a component after a dot or the name of an optional argument."""
+        return self.tokens[i - 1].word in (".", "\\")
+
+    def _bracket(self, stack: list[str], i: int) -> None:
+        """Keep the brackets ``( )`` and ``{ }`` in pairs within a statement."""
+        kind, word = self.tokens[i].kind, self.tokens[i].word
+        if kind != "symbol":
+            return
+        if word in CLOSING:
+            stack.append(word)
+        elif word in ")}]":
+            if not stack or CLOSING[stack.pop()] != word:
+                raise self.error(self.tokens[i].start, f"{word!r} closes nothing")
+        elif word == ";" and stack:
+            raise self.error(self.tokens[i].start, f"expected {CLOSING[stack[-1]]!r}, found ';'")
+
+    def _mention(self, i: int) -> None:
+        """Note a name that stands for data; components after a dot and names of optional arguments do not."""
+        if self.tokens[i].word not in RESERVED and not self._is_member(i):
+            _, word, start, _ = self.tokens[i]
+            self.mentions.append(Mention(self.scope, word, self._plain_index(i + 1), start))
+
+    def _whole(self, i: int) -> int | None:
+        """Value of a whole number; None for any other token."""
+        word = self.tokens[i].word
+        return int(word) if self.tokens[i].kind == "number" and word.isdecimal() and len(word) < 10 else None
+
+    def _plain_index(self, i: int) -> Index:
+        """Index such as ``{1,2}`` that begins at token i, if it is all of plain whole numbers; else empty."""
+        index: list[int | None] = []
+        while self.tokens[i].word == ("," if index else "{") and self._whole(i + 1) is not None:
+            index.append(self._whole(i + 1))
+            i += 2
+        return tuple(index) if index and self.tokens[i].word == "}" else ()
+
+    def _expression(self, i: int, stops: tuple[str, ...]) -> int:
+        """Walk over any expression to the first of ``stops`` outside brackets; returns the number of its token."""
+        begin, operand = i, False
+        stack: list[str] = []
+        while True:
+            kind, word, start, _ = self.tokens[i]
+            symbol = kind == "symbol"
+            if symbol and not stack and word in stops:
+                if i == begin:
+                    raise self.error(start, f"expected a value, found {self._found(i)}")
+                return i
+            structure = word in STRUCTURE and not self._is_member(i)
+            if kind == "end" or structure or word in (";", "]") or (word == ":=" and not stack):
+                expected = f"'{CLOSING[stack[-1]]}'" if stack else " or ".join(f"'{stop}'" for stop in stops)
+                raise self.error(start, f"expected {expected}, found {self._found(i)}")
+            value = not symbol and word not in OPERATORS
+            if operand and (value or word == "["):
+                raise self.error(start, f"expected an operator or '{stops[-1]}', found {self._found(i)}")
+            if word == "[":
+                _, i = self._list(i)
+                operand = True
+                continue
+            if kind == "name":
+                self._mention(i)
+            self._bracket(stack, i)
+            operand = value or word in (")", "}")
+            i += 1
+
+    def _list(self, i: int) -> tuple[Node, int]:
+        """A list of values that begins at token i: its node and the number of the token behind it."""
+        kind, _, begin, end = self.tokens[i]
+        if self._level == DEEPEST:
+            raise self.error(begin, f"more than {DEEPEST} lists within each other")
+        if kind == "list":
+            return Node(self._plain_items(begin, end), None, begin, end), i + 1
+        items: list[Node] = []
+        self._level += 1
+        while True:
+            i += 1
+            node, i = self._list(i) if self.tokens[i].word == "[" else self._item(i)
+            items.append(node)
+            if self.tokens[i].word not in (",", "]"):
+                raise self.error(self.tokens[i].start, f"expected ',' or ']', found {self._found(i)}")
+            if self.tokens[i].word == "]":
+                self._level -= 1
+                return Node(items, None, begin, self.tokens[i].end), i + 1
+
+    def _plain_items(self, begin: int, end: int) -> list[Node]:
+        """Nodes of a list of plain numbers."""
+        items, at = [], begin + 1
+        for part in self.text[at : end - 1].split(","):
+            word = part.strip()
+            start = at if len(word) == len(part) else at + part.index(word)
+            items.append(_NODE((None, float(word), start, start + len(word))))
+            at += len(part) + 1
+        return items
+
+    def _item(self, i: int) -> tuple[Node, int]:
+        j = self._expression(i, (",", "]"))
+        start, end = self.tokens[i].start, self.tokens[j - 1].end
+        signed = (
+            j - i == 2
+            and self.tokens[i].word in ("-", "+")
+            and not any(char in self.text[start:end] for char in "!\r\n")
+        )
+        if self.tokens[j - 1].kind == "number" and (j - i == 1 or signed):
+            number = float(self.tokens[j - 1].word)
+            return Node(None, -number if self.tokens[i].word == "-" else number, start, end), j
+        return Node(None, None, start, end), j
+
+    def _index(self, i: int) -> tuple[Index, int]:
+        """Index that begins at token i: whole numbers, None for computed ones; and the number of the token behind."""
+        parts: list[int | None] = []
+        while not parts or self.tokens[i].word == ",":
+            j = self._expression(i + 1, (",", "}"))
+            parts.append(self._whole(i + 1) if j == i + 2 else None)
+            i = j
+        return tuple(parts), i + 1
+
+    def _behind_index(self, i: int) -> int:
+        """Number of the token behind the braces that begin at token i; 0 if they do not end in the statement."""
+        depth = 0
+        while self.tokens[i].word not in (";", ""):
+            depth += (self.tokens[i].word == "{") - (self.tokens[i].word == "}")
+            i += 1
+            if depth == 0:
+                return i
+        return 0
+
 
 KIND_OF: dict[str, Kind] = {"robtarget": "pose", "jointtarget": "joint"}
 TYPE_OF: dict[Kind, str] = {"pose": "robtarget", "joint": "jointtarget"}
@@ -730,29 +674,30 @@ _PARTS: dict[Kind, tuple[tuple[int, str], ...]] = {
 
 
 class Literals:
-    """All targets in numbers of a module.
+    """All targets in numbers of a module, and everything that gives a target another value.
+
+    Parameters
+    ----------
+    listing : Listing
 
     Attributes
     ----------
     reader : Reader
         The module as read.
+    flow : ControlFlow
+        What looks like a target where none can be corrected, and moves to targets that cannot, are noted there.
     found : list of Literal
         In the order in which they are come upon.
-    uncorrected : list of Uncorrected
-        What looks like a target where none can be corrected, and moves to targets that cannot.
     """
 
-    def __init__(self, reader: Reader) -> None:
-        self.reader = reader
+    def __init__(self, listing: Listing) -> None:
+        self.flow, self.reader = ControlFlow(listing), Reader(listing)
+        self.source = listing.parts[0].name
         self.found: list[Literal] = []
-        self.uncorrected: list[Uncorrected] = []
+        self.reader.read()
+        self._collect()
 
-    def report(self, start: int, instruction: str, target: str, reason: str) -> None:
-        """Note that something at this place is left as it is."""
-        line, column = self.reader.line(start), self.reader.column(start)
-        self.uncorrected.append(Uncorrected(line, column, instruction, target, reason))
-
-    def collect(self) -> None:
+    def _collect(self) -> None:
         """Find all literals and everything that gives a target another value."""
         reader = self.reader
         for scope in [reader.data, *reader.scopes]:
@@ -772,7 +717,7 @@ class Literals:
         for node in reader.loose:
             if _looks_like_target(node):
                 text = reader.quote(node.start, node.end)
-                self.report(node.start, "other", text, "this is no move that is known")
+                self.flow.leave(node.start, "other", text, "this is no move that is known")
 
     def _assignment(self, scope: Scope | None, name: str, index: Index, node: Node | None, start: int) -> None:
         data = self.reader.lookup(scope, name)
@@ -782,7 +727,7 @@ class Literals:
             data.changes.append((index, start))
         if (data is None or data.type == "parameter") and node is not None and _looks_like_target(node):
             where = "is not declared in this module" if data is None else "is a parameter of the routine"
-            self.report(start, "assignment", name, where)
+            self.flow.leave(start, "assignment", name, where)
 
     def _fill(self, data: Data, index: Index, node: Node) -> None:
         """Take the literals of a declaration or an assignment, element by element."""
@@ -824,8 +769,21 @@ class Literals:
                 raise self._wrong(leaf, TYPE_OF[kind], name, "a number", self.reader.quote(leaf.start, leaf.end))
         if any(leaf.number is None for leaf in numbers):
             return None
-        configuration = self._configuration(node.items[2], name) if kind == "pose" else []
-        literal = Literal(kind, name, node.start, numbers, configuration, node.items[-1])
+        leaves = self._configuration(node.items[2], name) if kind == "pose" else []
+        axes = node.items[-1]
+        literal = Literal(
+            name,
+            kind,
+            node.start,
+            [Number(leaf.number, leaf.start, leaf.end) for leaf in numbers if leaf.number is not None],
+            ConfData(*(int(leaf.number or 0) for leaf in leaves)) if leaves else None,
+            tuple((leaf.start, leaf.end) for leaf in leaves),
+            self.reader.text[axes.start : axes.end],
+            axes=axes,
+        )
+        absent = [k for k, value in enumerate(literal.written, start=1) if abs(value) >= ABSENT]
+        if kind == "joint" and absent and literal.problem is None:
+            literal.conflicts.append(f"joint {absent[0]} has no value (9E9)")
         self.found.append(literal)
         return literal
 
@@ -857,12 +815,17 @@ def _looks_like_target(node: Node) -> bool:
 Frames = Mapping[str, Mapping[str, FloatArray]]
 
 
-class Abroad:
-    """What a module sees of the targets of the others.
+class OtherModules:
+    """Targets that other RAPID modules of the same call declare and this one uses.
+
+    Data that a module declares outside its routines, without ``LOCAL``, are seen by all modules of the task that do not
+    declare the name themselves. A target is followed there where one file alone declares it; uses, mentions and new
+    values in other files then count as those of its own module do; tools and work objects must mean the same frame in
+    all files.
 
     Parameters
     ----------
-    mine : Literals
+    module : Literals
         Of the module.
     others : sequence of Literals
         Of the other files of the call.
@@ -879,20 +842,20 @@ class Abroad:
 
     def __init__(
         self,
-        mine: Literals,
+        module: Literals,
         others: Sequence[Literals] = (),
         frames: Mapping[str, Frames] | None = None,
         given: Frames | None = None,
     ) -> None:
-        self.mine, self.frames, self.given = mine, frames or {}, given or {"tooldata": {}, "wobjdata": {}}
-        self.modules = [mine, *others]
+        self.module, self.frames, self.given = module, frames or {}, given or {"tooldata": {}, "wobjdata": {}}
+        self.modules = [module, *others]
         self.data: dict[str, Data] = {}
         self.source: dict[str, str] = {}
         seen: dict[str, list[tuple[Data, str]]] = {}
         for other in others:
             for name, data in other.reader.data.items():
-                if not data.local and name not in mine.reader.data:
-                    seen.setdefault(name, []).append((data, Path(other.reader.source).name))
+                if not data.local and name not in module.reader.data:
+                    seen.setdefault(name, []).append((data, Path(other.source).name))
         self.twice = {
             name: " and ".join(source for _, source in found)
             for name, found in seen.items()
@@ -920,8 +883,8 @@ class Abroad:
 
     def gather(self) -> None:
         """Note what this module does to the targets of others but to move to them."""
-        reader = self.mine.reader
-        file = Path(reader.source).name
+        reader = self.module.reader
+        file = Path(self.module.source).name
         for scope, name, index, start in reader.mentions:
             self._against(scope, name, index, f"line {reader.line(start)} of {file} uses it in another way")
         changes = [(one.scope, one.name, one.indices, one.start) for one in reader.assignments]
@@ -936,15 +899,15 @@ class Abroad:
             self._against(scope, name, index, f"line {reader.line(start)} of {file} gives it another value")
 
     def _against(self, scope: dict[str, Data] | None, name: str, index: Index, reason: str) -> None:
-        if self.mine.reader.lookup(scope, name) is not None:
+        if self.module.reader.lookup(scope, name) is not None:
             return
         for literal in self.literals(name, index):
-            literal.reasons.append(reason)
+            literal.conflicts.append(reason)
 
     def _declared_twice(self, name: str, where: str) -> None:
         for data in self._twice_declared[name]:
             for _, literal in data.entries:
-                literal.reasons.append(f"{where} uses this name, which {self.twice[name]} declare")
+                literal.conflicts.append(f"{where} uses this name, which {self.twice[name]} declare")
 
     def literals(self, name: str, index: Index) -> list[Literal]:
         """Literals of another module that a name with an index may stand for here."""
@@ -953,6 +916,14 @@ class Abroad:
 
 
 _QUOTED = 3  # mentions of a target that are quoted before the rest is counted
+
+
+class InOrder(NamedTuple):
+    """A move in the order of the text: the targets of its points, and the move before with its target, where known."""
+
+    move: Move
+    ends: list[Literal | None]
+    before: tuple[Move, Target] | None
 
 
 class Uses:
@@ -964,8 +935,7 @@ class Uses:
         As collected; gathers the uses.
     given : dict of str to dict of str to ndarray
         Frames from the caller, by ``tooldata`` and ``wobjdata`` and by name.
-    abroad : Abroad, optional
-        The targets of other modules.
+    others : OtherModules, optional
 
     Attributes
     ----------
@@ -974,9 +944,9 @@ class Uses:
     """
 
     def __init__(
-        self, literals: Literals, given: Mapping[str, Mapping[str, FloatArray]], abroad: Abroad | None = None
+        self, literals: Literals, given: Mapping[str, Mapping[str, FloatArray]], others: OtherModules | None = None
     ) -> None:
-        self.abroad = abroad or Abroad(literals)
+        self.others = others or OtherModules(literals)
         self.literals, self.reader, self.given = literals, literals.reader, given
         self.goals: list[tuple[Move, list[tuple[list[Literal], bool]]]] = []
 
@@ -988,21 +958,10 @@ class Uses:
         ProgramError
             If a move uses what cannot be its target, its tool or its work object.
         """
-        self.abroad.gather()
+        self.others.gather()
         for move in self.reader.moves:
             self._move(move)
         self._mentions()
-
-    def conclude(self) -> None:
-        """Put together what speaks against changing each literal, once the uses of all modules are gathered.
-
-        Raises
-        ------
-        ProgramError
-            If the numbers of one that is used are none.
-        """
-        for literal in self.literals.found:
-            self._conclude(literal)
 
     def _move(self, move: Move) -> None:
         """Give the literals that a move goes to this use, or report what is in the way."""
@@ -1011,7 +970,7 @@ class Uses:
         line = reader.line(move.start)
         tool, no_tool = self._frame_name(move, move.tool, "tooldata", "tool")
         wobj, no_wobj = self._frame_name(move, move.work_object, "wobjdata", "work object")
-        use = Use(line, reader.column(move.start), move.name, "to", tool, wobj)
+        use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj)
         unknown = no_tool or no_wobj if kind == "pose" else ""
         points: list[tuple[list[Literal], bool]] = []
         self.goals.append((move, points))
@@ -1019,36 +978,38 @@ class Uses:
             if role == "w":
                 continue
             as_role: Role = "via" if role == "via" else "to"
-            if self._goes_abroad(move, arg, kind, replace(use, role=as_role), unknown):
+            if self._goes_to_other_module(move, arg, kind, replace(use, role=as_role), unknown):
                 points.append(([], True))
                 continue
             found, reason = self._goals(move, arg, kind, line)
             points.append((found, bool(reason)))
             if reason or unknown:
-                self.literals.report(move.start, move.name, arg.text, reason or unknown)
+                self.literals.flow.leave(move.start, move.name, arg.text, reason or unknown)
             for literal in found:
                 literal.uses.append(replace(use, role=as_role))
-                literal.reasons.extend(text for text in (reason, unknown) if text)
+                literal.conflicts.extend(text for text in (reason, unknown) if text)
 
-    def _goes_abroad(self, move: Move, arg: Arg, kind: Kind, use: Use, unknown: str) -> bool:
+    def _goes_to_other_module(self, move: Move, arg: Arg, kind: Kind, use: Use, unknown: str) -> bool:
         """Give a target of another module this use; false where it is none, or none that can be corrected."""
         data: Data | None = None
         if arg.name is not None and self.reader.lookup(move.scope, arg.name) is None:
-            data = self.abroad.data.get(arg.name)
+            data = self.others.data.get(arg.name)
         if arg.name is None or data is None or KIND_OF[data.type] != kind or len(arg.indices) != len(data.sizes):
             return False
-        file = Path(self.reader.source).name
-        found = self.abroad.literals(arg.name, arg.indices)
+        file = Path(self.literals.source).name
+        found = self.others.literals(arg.name, arg.indices)
         frames = (("tooldata", use.tool), ("wobjdata", use.work_object)) if kind == "pose" else ()
         against = [f"{unknown} of {file}"] if unknown else []
-        against += [why for of, name in frames if name and (why := self.abroad.frame_problem(of, name))]
+        against += [why for of, name in frames if name and (why := self.others.frame_problem(of, name))]
         changes = [start for index, start in data.changes if may_be(index, arg.indices)]
         against += ["it is computed or changed in its own module"] if changes else []
         for literal in found:
             literal.uses.append(replace(use, file=file))
-            literal.reasons.extend(against)
+            literal.conflicts.extend(against)
         if against or not found:
-            self.literals.report(move.start, move.name, arg.text, "; ".join(against) or "it has no value in numbers")
+            self.literals.flow.leave(
+                move.start, move.name, arg.text, "; ".join(against) or "it has no value in numbers"
+            )
         return True
 
     def _goals(self, move: Move, arg: Arg, kind: Kind, line: int) -> tuple[list[Literal], str]:
@@ -1085,7 +1046,10 @@ class Uses:
         if arg is None:
             return "wobj0", ""
         if arg.name is None or arg.indices:
-            return None, f"the {what} of {move.name} in line {self.reader.line(move.start)} is computed: {arg.text}"
+            return (
+                None,
+                f"the {what} of {move.name} in line {self.reader.line(move.start)} is computed: {arg.text}",
+            )
         data = self.reader.lookup(move.scope, arg.name)
         if data is None or (arg.name in self.given[type_name] and data.type != "parameter"):
             return arg.name, ""
@@ -1105,48 +1069,92 @@ class Uses:
             for literal in data.literals(index) if data is not None else ():
                 literal.mentioned.append(start)
 
-    def _conclude(self, literal: Literal) -> None:
-        """Put together what speaks against changing a literal."""
-        reader = self.reader
-        if literal.problem and literal.uses:
-            raise reader.error(literal.start, f"{TYPE_OF[literal.kind]} {literal.name!r}: {literal.problem}")
-        if literal.problem:
-            literal.reasons.append(literal.problem)
-        if literal.kind == "pose":
-            uses = literal.uses[::-1]
-            tools = {use.tool: use.place for use in uses}
-            work_objects = {use.work_object: use.place for use in uses}
-            for what, names in (("tools", tools), ("work objects", work_objects)):
-                if len(names) > 1:
-                    seen = ", ".join(f"{name or 'a computed one'} ({line})" for name, line in names.items())
-                    literal.reasons.append(f"used with different {what}: {seen}")
-        lines = sorted({reader.line(start) for start in literal.mentioned})
-        for line in lines[:_QUOTED]:
-            literal.reasons.append(f"line {line} uses it in another way: {reader.quote_line(line)}")
-        if len(lines) > _QUOTED:
-            literal.reasons.append(f"so do {len(lines) - _QUOTED} more lines")
-        literal.reasons = list(dict.fromkeys(literal.reasons))
+    def module(self) -> Module:
+        """The module, once the uses of all modules are gathered.
 
+        Raises
+        ------
+        ProgramError
+            If the numbers of a target that is used are none, or a tool or work object is not known.
+        """
+        reader, literals, listing = self.reader, self.literals.found, self.reader.listing
+        for literal in literals:
+            if literal.problem and literal.uses:
+                message = f"{TYPE_OF[literal.kind]} {literal.name!r}: {literal.problem}"
+                raise listing.error(literal.start, message)
+        complete(literals, listing, ABB)
+        for literal in literals:
+            lines = {reader.line(start): start for start in sorted(literal.mentioned)}
+            quoted = list(lines.items())[:_QUOTED]
+            literal.conflicts += [
+                f"line {line} uses it in another way: {listing.quote_line(start)}" for line, start in quoted
+            ]
+            if len(lines) > _QUOTED:
+                literal.conflicts.append(f"so do {len(lines) - _QUOTED} more lines")
+            literal.conflicts = list(dict.fromkeys(literal.conflicts))
+        declared = self._declared_frames()
+        given = Given(self.given["tooldata"], self.given["wobjdata"], controller_frames.unknown())
+        tools, work_objects = needed_frames(
+            literals, given, declared["tooldata"], declared["wobjdata"], listing.parts[0].name
+        )
+        targets = tuple(sorted(literals, key=lambda literal: literal.start))
+        in_order = self._in_order(breaks(reader))
+        header = reader.tokens[reader.header() - 1].end
+        reader.tokens.clear()  # nothing below asks for them, and the module keeps the reader
+        return Module(
+            source=self.literals.source,
+            listing=listing,
+            maker=ABB,
+            targets=targets,
+            tools=tools,
+            work_objects=work_objects,
+            order=self.literals.flow.order(targets),
+            moves_left=tuple(sorted(self.literals.flow.moves_left, key=lambda move: move.line)),
+            notes=_notes(reader, literals),
+            fingerprint=_mark_of(reader),
+            mark_at=header,
+            moves=functools.cache(lambda: paths(reader, in_order, targets, tools)),
+        )
 
-def given_frames(identity: str, frames: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Frames that the caller gives, by names in lower case, and the one that is always there.
+    def _declared_frames(self) -> dict[str, dict[str, FloatArray]]:
+        """Tools and work objects of this module that its targets use: of poses all, of joints those that are known."""
+        out: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
+        for literal in self.literals.found:
+            for use in literal.uses if literal.correctable else ():
+                for type_name, name in (("tooldata", use.tool), ("wobjdata", use.work_object)):
+                    if (
+                        name is None
+                        or name in (*out[type_name], *self.given[type_name])
+                        or name not in self.reader.data
+                    ):
+                        continue
+                    try:
+                        out[type_name][name] = read_frame(self.reader, self.reader.data[name], use.line)
+                    except ProgramError:
+                        if literal.kind == "pose":
+                            raise
+        return out
 
-    Parameters
-    ----------
-    identity : str
-        ``tool0`` or ``wobj0``.
-    frames : dict of str to ndarray, shape (4, 4)
-
-    Returns
-    -------
-    dict of str to ndarray, shape (4, 4)
-    """
-    out = {identity: np.eye(4)}
-    for name, T in frames.items():
-        out[name.lower()] = np.array(T, dtype=float)
-        if out[name.lower()].shape != (4, 4) or not np.isfinite(out[name.lower()]).all():
-            raise ValueError(f"frame {name}: expected a transform of shape (4, 4)")
-    return out
+    def _in_order(self, places: Sequence[int]) -> list[InOrder]:
+        """The moves as they stand in the text, each with the one before where that is known; notes their stops."""
+        out: list[InOrder] = []
+        flow, last = self.literals.flow, 0
+        before: tuple[Move, Target] | None = None
+        for move, points in sorted(self.goals, key=lambda goal: goal[0].start):
+            if bisect.bisect_left(places, move.start) > bisect.bisect_left(places, last):
+                flow.forget()
+                before = None
+            last = move.start
+            ends = [literals[0] if len(literals) == 1 and not computed else None for literals, computed in points]
+            out.append(InOrder(move, ends, before))
+            for (literals, _), end in zip(points, ends, strict=True):
+                before_it = None if end is None else flow.previous
+                flow.stops += [(move.start, literal, before_it) for literal in literals or (None,)]
+                flow.previous = end
+            if move.name.startswith("Search"):  # it ends where something was found
+                flow.forget()
+            before = None if flow.previous is None else (move, flow.previous)
+        return out
 
 
 def read_frame(reader: Reader, data: Data, line: int) -> FloatArray:
@@ -1190,89 +1198,21 @@ def read_frame(reader: Reader, data: Data, line: int) -> FloatArray:
             expected = "a frame [[x, y, z], [q1, q2, q3, q4]] in numbers"
             found = reader.quote(node.start, node.end)
             raise reader.error(node.start, f"{what}: expected {expected}, found {found}")
-        too_large = "found a number that is too large" if max(map(abs, leaves)) >= ABSENT else None
-        problem = too_large or quaternion_problem(leaves[3:])
+        problem = ABB.problem("pose", leaves)
         if problem:
             raise reader.error(node.start, f"{what}: {problem}")
-        T = T @ poses_from_numbers(leaves)[0]
+        T = T @ ABB.frame(leaves)
     return T
 
 
-def shared_frames(contents: Sequence[tuple[bytes, str]]) -> dict[str, dict[str, dict[str, FloatArray]]]:
-    """Tools and work objects that modules define in numbers, by file, by type and by name.
-
-    Raises
-    ------
-    ProgramError
-        If one is no RAPID module.
-    """
-    out = {}
-    for data, source in contents:
-        reader = Reader(decode(data, source)[0], source)
-        reader.read()
-        found: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
-        for name, item in reader.data.items():
-            if item.type in found:
-                with suppress(ProgramError):  # refused where a move needs it
-                    found[item.type][name] = read_frame(reader, item, reader.line(item.start))
-        out[source] = found
+def frames_in_numbers(reader: Reader) -> dict[str, dict[str, FloatArray]]:
+    """Tools and work objects that a module defines in numbers, by type and by name."""
+    out: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
+    for name, item in reader.data.items():
+        if item.type in out:
+            with suppress(ProgramError):  # refused where a move needs it
+                out[item.type][name] = read_frame(reader, item, reader.line(item.start))
     return out
-
-
-def needed_frames(
-    reader: Reader, literals: Sequence[Literal], given: Mapping[str, Mapping[str, FloatArray]]
-) -> dict[str, dict[str, FloatArray]]:
-    """Frames of the tools and work objects that correctable poses need, and those of joint targets that are known.
-
-    Parameters
-    ----------
-    reader : Reader
-    literals : sequence of Literal
-        With all their uses and reasons.
-    given : dict of str to dict of str to ndarray
-        Frames from the caller, by ``tooldata`` and ``wobjdata`` and by name; they go before those of the module.
-
-    Returns
-    -------
-    dict of str to dict of str to ndarray
-        As ``given``.
-
-    Raises
-    ------
-    ProgramError
-        If one cannot be had.
-    """
-    found: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
-    missing: dict[tuple[str, str], Use] = {}
-    for literal in literals:
-        needed = literal.kind == "pose" and not literal.reasons
-        for use in literal.uses:
-            for type_name, name in (("tooldata", use.tool), ("wobjdata", use.work_object)):
-                if name is None or name in found[type_name]:
-                    continue
-                if name in given[type_name]:
-                    found[type_name][name] = given[type_name][name]
-                elif name in reader.data:
-                    try:
-                        found[type_name][name] = read_frame(reader, reader.data[name], use.line)
-                    except ProgramError:
-                        if needed:
-                            raise
-                elif needed:
-                    missing.setdefault((type_name, name), use)
-    if missing:
-        raise _not_defined(reader, missing)
-    return found
-
-
-def _not_defined(reader: Reader, missing: Mapping[tuple[str, str], Use]) -> ProgramError:
-    entries = sorted(missing.items(), key=lambda entry: entry[1].line)
-    texts = [f"{'tool' if type_name == 'tooldata' else 'work object'} {name}" for (type_name, name), _ in entries]
-    first = entries[0][1]
-    more = [f"{text} in line {use.line}" for text, (_, use) in zip(texts[1:], entries[1:], strict=True)]
-    also = f" (also: {', '.join(more)})" if more else ""
-    message = f"{first.instruction} uses the {texts[0]}, which this module does not define: give its frame{also}"
-    return ProgramError(message, file=reader.source, line=first.line)
 
 
 _BRANCHES = (
@@ -1322,48 +1262,6 @@ def _has_then(reader: Reader, i: int) -> bool:
     return reader.tokens[i].word == "then"
 
 
-def stops(
-    reader: Reader,
-    goals: Sequence[tuple[Move, list[tuple[list[Literal], bool]]]],
-    numbers: Mapping[int, int],
-    places: Sequence[int],
-) -> tuple[Stop, ...]:
-    """The stops of a module in the order of its text.
-
-    Parameters
-    ----------
-    reader : Reader
-    goals : sequence of (Move, list of (list of Literal, bool))
-        For each move and each of its points the literals that it may stand for, and whether it may be another place.
-    numbers : dict of int to int
-        Number of each literal's target by its ``id``.
-    places : sequence of int
-        Of `breaks`.
-
-    Returns
-    -------
-    tuple of Stop
-    """
-    out: list[Stop] = []
-    before: int | None = None
-    last = 0
-    for move, points in sorted(goals, key=lambda goal: goal[0].start):
-        if bisect.bisect_left(places, move.start) > bisect.bisect_left(places, last):
-            before = None
-        last = move.start
-        line = reader.line(move.start)
-        for literals, computed in points:
-            one = len(literals) == 1 and not computed
-            for literal in literals:
-                out.append(Stop(line, numbers[id(literal)], before if one else None))
-            if not literals:
-                out.append(Stop(line, None, None))
-            before = numbers[id(literals[0])] if one else None
-        if move.name.startswith("Search"):  # it ends where something was found
-            before = None
-    return tuple(out)
-
-
 ZONES = {"fine": 0.0, "z0": 0.3 * MM} | {f"z{n}": n * MM for n in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
 """Predefined zones and their radii, metres."""
 
@@ -1375,8 +1273,6 @@ OF_THE_END = ("z", "inpos")
 _HERE = locked(np.eye(4))
 
 _STRAIGHT = re.compile("(?:Move|Trigg|Search)[LC]")
-
-Points = Sequence[tuple[Move, list[tuple[list[Literal], bool]]]]
 
 
 class PathText(NamedTuple):
@@ -1402,47 +1298,27 @@ class PathText(NamedTuple):
 
 
 def paths(
-    reader: Reader,
-    goals: Points,
-    numbers: Mapping[int, int],
-    targets: Sequence[Target],
-    tools: Mapping[str, FloatArray],
-    places: Sequence[int],
+    reader: Reader, in_order: Sequence[InOrder], targets: Sequence[Target], tools: Mapping[str, FloatArray]
 ) -> tuple[tuple[PathMove, PathText], ...]:
-    """The straight and circular moves of a module in the order of its text; arguments as for `order.stops`."""
-    out = []
-    before: tuple[Move, int] | None = None
-    last = 0
-    for move, points in sorted(goals, key=lambda goal: goal[0].start):
-        if bisect.bisect_left(places, move.start) > bisect.bisect_left(places, last):
-            before = None
-        last = move.start
-        ends = [numbers[id(found[0])] if len(found) == 1 and not computed else None for found, computed in points]
-        if _STRAIGHT.match(move.name):
-            out.append(_path(reader, move, ends, before, targets, tools))
-        known = bool(ends) and ends[-1] is not None and not move.name.startswith("Search")
-        before = (move, ends[-1]) if known and ends[-1] is not None else None
-    return tuple(out)
+    """The straight and circular moves of a module in the order of its text."""
+    numbers = {id(target): k for k, target in enumerate(targets)}
+    return tuple(_path(reader, one, numbers, tools) for one in in_order if _STRAIGHT.match(one.move.name))
 
 
 def _path(
-    reader: Reader,
-    move: Move,
-    ends: Sequence[int | None],
-    before: tuple[Move, int] | None,
-    targets: Sequence[Target],
-    tools: Mapping[str, FloatArray],
+    reader: Reader, here: InOrder, numbers: Mapping[int, int], tools: Mapping[str, FloatArray]
 ) -> tuple[PathMove, PathText]:
+    move, ends, before = here
     circular = len(ends) > 1
-    here = reader.line(move.start), reader.column(move.start)
-    uses = [use for k in ends if k is not None for use in targets[k].uses if (use.line, use.column) == here]
+    place = reader.line(move.start), reader.listing.column(move.start)
+    uses = [use for end in ends if end is not None for use in end.uses if (use.line, use.column) == place]
     use = uses[0] if uses else None
     tool, work_object = (None, None) if use is None else (use.tool, use.work_object)
     T = tools.get(tool or "")
     name = f"{move.name} {move.points[-1][1].text}"
     zones = [_zone(reader, one) for one in ([] if before is None else [before[0]]) + [move]]
     start = None if before is None else before[1]
-    why = _doubt(reader, move, T, zones, [targets[k] for k in (start, *ends) if k is not None])
+    why = _doubt(reader, move, T, zones, [target for target in (start, *ends) if target is not None])
     text = reader.text
     speed, tool_arg = move.args[len(move.points)], move.tool
     v, load = (move.options.get(option) for option in KEPT)
@@ -1456,11 +1332,11 @@ def _path(
     via = (move.points[0][1].start, move.points[0][1].end) if circular else None
     radii = tuple(0.0 if zone is None else zone for zone in zones)
     path = PathMove(
-        reader.line(move.start),
+        place[0],
         name,
-        start,
-        ends[0] if circular else None,
-        ends[-1] if None not in ends else None,
+        None if start is None else numbers[id(start)],
+        numbers[id(ends[0])] if circular and ends[0] is not None else None,
+        numbers[id(ends[-1])] if None not in ends else None,
         _HERE if T is None else T,
         (radii[0], radii[-1]),
         why,
@@ -1558,101 +1434,6 @@ def _points(cut: CutPath, to: Target, T_base_wobj: FloatArray) -> list[str]:
     return out
 
 
-MARK = "! irbcal: fake targets, calibration "
-"""Begin of the line; the fingerprint of the calibration follows."""
-
-HEADER = 500
-"""Tokens and comments among which the line with ``MODULE`` is looked for first."""
-
-_MARK = re.compile(r"!\s*irbcal: fake targets(?:, calibration (\S+))?", re.IGNORECASE)
-
-
-def mark(data: bytes, fingerprint: str, source: str = "program") -> bytes:
-    """Bytes of a module with the comment line that says what its targets are corrected for.
-
-    The line comes behind the one with ``MODULE``; all other bytes stay.
-
-    Parameters
-    ----------
-    data : bytes
-    fingerprint : str
-        Of the calibration: one word.
-    source : str
-        File name for messages.
-
-    Returns
-    -------
-    bytes
-    """
-    if not fingerprint.isascii() or not fingerprint.isprintable() or fingerprint.split() != [fingerprint]:
-        raise ValueError("expected a fingerprint of one word")
-    text, encoding = decode(data, source)
-    try:
-        reader = Reader(text, source, HEADER)
-        end = reader.tokens[reader.header() - 1].end
-    except ProgramError:
-        reader = Reader(text, source)
-        end = reader.tokens[reader.header() - 1].end
-    line_end = re.search(r"\r\n|\n|\r", text)
-    newline = line_end[0] if line_end else "\n"
-    rest = re.match(r"[ \t]*(?:![^\r\n]*)?(\r\n|\n|\r)", text[end:])
-    at, before = (end + rest.end(), "") if rest else (end, newline)
-    return (text[:at] + before + MARK + fingerprint + newline + text[at:]).encode(encoding)
-
-
-def in_comments(comments: Sequence[str]) -> str | None:
-    """Fingerprint in the first mark among comments; empty where it names none, None without mark."""
-    marks = [found[1] or "" for found in map(_MARK.match, comments) if found]
-    return marks[0] if marks else None
-
-
-def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a module; empty where it names none, None without mark.
-
-    Raises
-    ------
-    ProgramError
-        If this is no RAPID module.
-    """
-    text, _ = decode(data, source)
-    reader = Reader(text, source)
-    reader.header()
-    return in_comments(reader.comments)
-
-
-def edits(
-    program: TextProgram, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]
-) -> list[Edit]:
-    """New text of the numbers that change; see `irbcal.correction.text_program.with_targets`."""
-    out: list[Edit] = []
-    poses = [k for k in new_values if program.targets[k].kind == "pose"]
-    if poses:
-        near = np.array([program.targets[k].written[3:] for k in poses])
-        numbers = numbers_from_poses(np.array([new_values[k] for k in poses]), near)
-        for k, row in zip(poses, numbers, strict=True):
-            _edit(out, program.targets[k], row, [DECIMALS] * 3 + [QUATERNION_DECIMALS] * 4)
-    for k, value in new_values.items():
-        if program.targets[k].kind == "joint":
-            _edit(out, program.targets[k], np.asarray(value) / DEG, [DECIMALS] * 6)
-    for k, conf in configurations.items():
-        target = program.targets[k]
-        if target.configuration is None:
-            message = f"target {target.name} has no configuration in numbers to rewrite"
-            raise ProgramError(message, file=program.source, line=target.line)
-        assert isinstance(conf, ConfData)
-        assert isinstance(target.configuration, ConfData)
-        pairs = zip(conf, target.configuration, strict=True)
-        spans = target.configuration_spans
-        out.extend((*s, str(int(new))) for s, (new, old) in zip(spans, pairs, strict=True) if new != old)
-    return out
-
-
-def _edit(edits: list[Edit], target: Target, numbers: FloatArray, decimals: Sequence[int]) -> None:
-    for span, new, old, places in zip(target.spans, numbers, target.written, decimals, strict=True):
-        if not abs(new - old) <= 0.5 * 10.0**-places:
-            edits.append((*span, number_text(new, places)))
-
-
 _NOTES = {
     **dict.fromkeys(["pdispon", "pdispset"], "a program displacement moves targets that are corrected without it"),
     **dict.fromkeys(["getdataval", "setdataval", "setalldataval"], "data are reached by a name that is not followed"),
@@ -1665,15 +1446,12 @@ class Module(TextProgram):
 
     Attributes
     ----------
-    order : tuple of Stop
-        Its stops in the order of the text.
     moves : callable
         Gives its straight and circular moves in the order of the text, and their text; gathered when asked for.
     cuts : tuple of CutPath
         What is put into these; empty: nothing.
     """
 
-    order: tuple[Stop, ...] = ()
     moves: Callable[[], tuple[tuple[PathMove, PathText], ...]] = tuple
     cuts: tuple[CutPath, ...] = ()
 
@@ -1685,13 +1463,30 @@ class Module(TextProgram):
         """The module that writes points into its moves, one cut for each."""
         return replace(self, cuts=tuple(cuts))
 
-    def stops(self) -> tuple[Stop, ...]:
-        """The stops in the order of the text, see `irbcal.correction.languages.rapid`."""
-        return self.order
+    def mark(self, fingerprint: str) -> Edit:
+        """A comment behind the line with ``MODULE``."""
+        newline = self.listing.newline()
+        rest = re.match(r"[ \t]*(?:![^\r\n]*)?(\r\n|\n|\r)", self.text[self.mark_at :])
+        at, before = (self.mark_at + rest.end(), "") if rest else (self.mark_at, newline)
+        return at, at, f"{before}! irbcal: fake targets, calibration {fingerprint}{newline}"
 
-    def edits(self, new_values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
+    def number_text(self, old: Number, new: float, least: int) -> str | None:
+        """A number without needless zeros; the old text stays where it is the same within the decimals written."""
+        return None if abs(new - old.value) <= 0.5 * 10.0**-least else number_text(new, least)
+
+    def configuration_edits(self, target: Target, configuration: Configuration) -> list[Edit]:
+        """New text of the quadrants that change."""
+        if target.configuration is None:
+            message = f"target {target.name} has no configuration in numbers to rewrite"
+            raise ProgramError(message, file=self.source, line=target.line)
+        assert isinstance(configuration, ConfData)
+        assert isinstance(target.configuration, ConfData)
+        pairs = zip(target.configuration_spans, configuration, target.configuration, strict=True)
+        return [(*span, str(int(new))) for span, new, old in pairs if new != old]
+
+    def edits(self, values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
         """New text of numbers and configuration data, and points put into moves."""
-        plain = edits(self, new_values, configurations)
+        plain = super().edits(values, configurations)
         if not self.cuts:
             return plain
         inserted, replaced = insertions(self.text, self.moves(), self.cuts, self.targets, self.work_objects)
@@ -1701,14 +1496,6 @@ class Module(TextProgram):
         """Quadrants of the axes; ``cfx`` stays."""
         pairs = zip(q, (target.configuration for target in targets), strict=True)
         return [configuration_of(row, old.cfx) if isinstance(old, ConfData) else None for row, old in pairs]
-
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
-        """The module with fake targets, their configuration data and the line that says what they are corrected for."""
-        values, configurations = self.new_text(found)
-        if not values:
-            return {self.source: self.data}
-        new = with_targets(self, values, configurations)
-        return {self.source: new if fingerprint is None else mark(new, fingerprint, self.source)}
 
 
 def looks_like(data: bytes) -> bool:
@@ -1723,25 +1510,36 @@ def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[Module]:
     """
     if not arm.six_revolute:
         raise ProgramError(f"RAPID targets are of six revolute joints, {arm.name} has others", file=files[0])
-    contents = [(read_bytes(path), str(path)) for path in files]
-    shared = shared_frames(contents) if len(files) > 1 else {}
-    parsed = []
-    for data, source in contents:
-        others = [frames for name, frames in shared.items() if name != source]
-        tools = {name: T for found in others for name, T in found["tooldata"].items()}
-        work_objects = {name: T for found in others for name, T in found["wobjdata"].items()}
-        own = shared.get(source, {"tooldata": {}, "wobjdata": {}})
-        tools = {name: T for name, T in tools.items() if name not in own["tooldata"]} | {**given.tools}
-        work_objects = {name: T for name, T in work_objects.items() if name not in own["wobjdata"]}
-        parsed.append(_Parsed(data, source, tools, work_objects | {**given.work_objects}))
-    everywhere = {
-        "tooldata": given_frames("tool0", given.tools),
-        "wobjdata": given_frames("wobj0", given.work_objects),
+    modules = [Literals(_listing(read_bytes(path), str(path))) for path in files]
+    numbers = {module.source: frames_in_numbers(module.reader) for module in modules} if len(files) > 1 else {}
+    everywhere = _with_null(given.tools, given.work_objects)
+    gathered = []
+    for module in modules:
+        own = numbers.get(module.source, {"tooldata": {}, "wobjdata": {}})
+        others = [one for source, one in numbers.items() if source != module.source]
+        shared = {
+            kind: {name: T for one in others for name, T in one[kind].items() if name not in own[kind]} for kind in own
+        }
+        known = {kind: shared[kind] | everywhere[kind] for kind in shared}
+        beside = OtherModules(module, [one for one in modules if one is not module], numbers, everywhere)
+        gathered.append(Uses(module, known, beside))
+    for uses in gathered:
+        uses.gather()
+    return [uses.module() for uses in gathered]
+
+
+def _listing(data: bytes, source: str) -> Listing:
+    return Listing([(source, data)], "RAPID", ("utf-8",))
+
+
+def _with_null(
+    tools: Mapping[str, FloatArray], work_objects: Mapping[str, FloatArray]
+) -> dict[str, dict[str, FloatArray]]:
+    """Frames that the caller gives, by names in lower case, and those that are always there."""
+    return {
+        "tooldata": {"tool0": np.eye(4), **{name.lower(): T for name, T in tools.items()}},
+        "wobjdata": {"wobj0": np.eye(4), **{name.lower(): T for name, T in work_objects.items()}},
     }
-    for one in parsed:
-        seen = [other.literals for other in parsed if other is not one]
-        one.gather(Abroad(one.literals, seen, shared, everywhere))
-    return [one.module() for one in parsed]
 
 
 def read(
@@ -1780,88 +1578,20 @@ def parse(
     ProgramError
         If this is not a whole RAPID module, or a needed tool or work object is not known or not supported.
     """
-    parsed = _Parsed(data, source, tools or {}, work_objects or {})
-    parsed.gather(Abroad(parsed.literals))
-    return parsed.module()
+    uses = Uses(Literals(_listing(data, source)), _with_null(tools or {}, work_objects or {}))
+    uses.gather()
+    return uses.module()
 
 
-class _Parsed:
-    """A module on its way: its targets first, their uses when those of all modules are known."""
-
-    def __init__(
-        self, data: bytes, source: str, tools: Mapping[str, FloatArray], work_objects: Mapping[str, FloatArray]
-    ) -> None:
-        self.text, self.encoding = decode(data, source)
-        self.reader = Reader(self.text, source)
-        self.reader.read()
-        self.given = {"tooldata": given_frames("tool0", tools), "wobjdata": given_frames("wobj0", work_objects)}
-        self.literals = Literals(self.reader)
-        self.literals.collect()
-        self.uses = Uses(self.literals, self.given)
-
-    def gather(self, abroad: Abroad) -> None:
-        """Gather the uses that this module makes of its targets and of others'."""
-        self.uses = Uses(self.literals, self.given, abroad)
-        self.uses.gather()
-
-    def module(self) -> Module:
-        """The module, once the uses of all are gathered."""
-        reader, literals = self.reader, self.literals
-        self.uses.conclude()
-        numbers = {id(literal): k for k, literal in enumerate(_in_file_order(literals.found))}
-        found = needed_frames(reader, literals.found, self.given)
-        targets = _targets(reader, literals.found)
-        places = breaks(reader)
-        reader.tokens.clear()  # nothing below asks for them, and the module keeps the reader
-        return Module(
-            source=reader.source,
-            text=self.text,
-            encoding=self.encoding,
-            targets=targets,
-            tools=found["tooldata"],
-            work_objects=found["wobjdata"],
-            uncorrected=tuple(sorted(literals.uncorrected, key=lambda entry: (entry.line, entry.column))),
-            notes=_notes(reader, literals.found),
-            fingerprint=in_comments(reader.comments),
-            order=stops(reader, self.uses.goals, numbers, places),
-            moves=cache(lambda: paths(reader, self.uses.goals, numbers, targets, found["tooldata"], places)),
-        )
+def _mark_of(reader: Reader) -> str | None:
+    return mark_in([text for text in reader.comments if re.match(r"!\s*irbcal", text, re.IGNORECASE)])
 
 
-def _in_file_order(found: list[Literal]) -> list[Literal]:
-    return sorted(found, key=lambda literal: literal.start)
-
-
-def _targets(reader: Reader, found: list[Literal]) -> tuple[Target, ...]:
-    """The targets in the order of the file."""
-    literals = _in_file_order(found)
-    poses = [k for k, literal in enumerate(literals) if literal.kind == "pose" and not literal.problem]
-    values = [np.full((4, 4) if literal.kind == "pose" else 6, np.nan) for literal in literals]
-    for k, T in zip(poses, poses_from_numbers([literals[k].values for k in poses]), strict=True):
-        values[k] = T
-    out = []
-    for literal, value in zip(literals, values, strict=True):
-        if literal.kind == "joint" and not literal.problem:
-            value = np.array([number if abs(number) < ABSENT else np.nan for number in literal.values]) * DEG
-        value.setflags(write=False)
-        leaves = literal.configuration
-        out.append(
-            Target(
-                name=literal.name,
-                kind=literal.kind,
-                value=value,
-                configuration=ConfData(*(int(leaf.number or 0) for leaf in leaves)) if leaves else None,
-                external=reader.text[literal.external.start : literal.external.end],
-                line=reader.line(literal.start),
-                column=reader.column(literal.start),
-                uses=tuple(literal.uses),
-                conflicts=tuple(literal.reasons),
-                written=literal.values,
-                spans=tuple((leaf.start, leaf.end) for leaf in literal.numbers),
-                configuration_spans=tuple((leaf.start, leaf.end) for leaf in leaves),
-            )
-        )
-    return tuple(out)
+def fingerprint(data: bytes, source: str = "program") -> str | None:
+    """Fingerprint in the mark of a module; see `irbcal.correction.languages.Language`."""
+    reader = Reader(_listing(data, source))
+    reader.header()
+    return _mark_of(reader)
 
 
 def _notes(reader: Reader, found: list[Literal]) -> tuple[Note, ...]:
@@ -1871,7 +1601,7 @@ def _notes(reader: Reader, found: list[Literal]) -> tuple[Note, ...]:
         if mention.name in _NOTES:
             seen.setdefault(mention.name, Note(reader.line(mention.start), _NOTES[mention.name]))
     for literal in found:
-        axes = literal.external.items or ()
+        axes = literal.axes.items or ()
         if literal.uses and any(leaf.number is not None and abs(leaf.number) < ABSENT for leaf in axes):
             text = f"{literal.name} has external axes: where they carry the robot or the work, its place is another"
             seen.setdefault("external", Note(reader.line(literal.start), text))
@@ -1893,9 +1623,3 @@ def write_moves(moves: Moves) -> dict[str, str]:
         lines.append(f"    MoveAbsJ [[{','.join(joints)}],[{absent}]]\\NoEOffs,{speed},fine,tool0;")
         lines += [f"    WaitTime {move.wait_s:g};"] if move.wait_s else []
     return {"plan.mod": "\n".join([*lines, "  ENDPROC", "ENDMODULE", ""])}
-
-
-NAME = "RAPID"
-ENDINGS = (".mod", ".prg", ".sys", ".modx", ".sysx")
-ROBOTS = r"(^|_)(abb|irb_?\d)"
-MAKER = None

@@ -14,22 +14,19 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction import orientations
-from irbcal.correction.course import Course, State
-from irbcal.correction.listing import BOM, Edit, Listing, mark_in
+from irbcal.correction import notation
+from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in, numbers
 from irbcal.correction.maker import Maker
-from irbcal.correction.maker_program import Found, MakerProgram, frame, parts_of
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import Given, Note, read_bytes
-from irbcal.correction.text_program import Role
-from irbcal.correction.tokens import Token, Tokens, numbers
+from irbcal.correction.text_program import ControlFlow, PostureProgram, Role, State, Target
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG
 
 UNIVERSAL_ROBOTS = Maker(
     name="URScript",
-    orientation=orientations.UNIVERSAL_ROBOTS,
+    orientation=notation.UNIVERSAL_ROBOTS,
     length=1.0,
     angle=1.0,
     joint=1.0,
@@ -41,7 +38,7 @@ UNIVERSAL_ROBOTS = Maker(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ScriptProgram(MakerProgram):
+class ScriptProgram(PostureProgram):
     """A URScript program as read."""
 
     def mark(self, fingerprint: str) -> Edit:
@@ -160,15 +157,18 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> ScriptProgram:
         script.take(line)
     script.conclude()
     found = sorted([*script.variables.values(), *script.literals], key=lambda one: one.start)
-    order = script.course.order({id(one): k for k, one in enumerate(found)})
-    maker, base = UNIVERSAL_ROBOTS.of(arm), {"base": frames.transform()}
     head = _DEF.search(listing.text)
     poses = any(one.kind == "pose" and one.uses for one in found)
-    return ScriptProgram(
-        **parts_of(maker, arm, listing, found, order, given, script.tools, base, source),
-        uncorrected=tuple(script.course.uncorrected),
+    return ScriptProgram.assembled(
+        UNIVERSAL_ROBOTS,
+        arm,
+        script.flow,
+        found,
+        given,
+        script.tools,
+        {"base": frames.transform()},
         notes=(Note(1, _NOTE),) if poses and given.own_model is None else (),
-        fingerprint=mark_in(comments),
+        comments=comments,
         mark_at=listing.after_line(head.start()) if head else len(BOM) * listing.text.startswith(BOM),
     )
 
@@ -178,10 +178,10 @@ class _Script:
 
     def __init__(self, listing: Listing) -> None:
         self.listing = listing
-        self.course = Course(listing)
-        self.course.frame("base")
-        self.variables: dict[str, Found] = {}
-        self.literals: list[Found] = []
+        self.flow = ControlFlow(listing)
+        self.flow.frame("base")
+        self.variables: dict[str, Target] = {}
+        self.literals: list[Target] = []
         self.tools: dict[str, FloatArray] = {}
         self._changed: dict[str, int] = {}
         self._mentioned: list[Token] = []
@@ -208,7 +208,7 @@ class _Script:
             if value is None or self._literal(value, "") is None:
                 self._mentioned += [token for token in tokens if token.kind == "name" and token is not name]
                 if any(token.word in OTHER_MOVES or token.word in GOALS for token in tokens):
-                    self.course.stop(None, name.start)
+                    self.flow.stop(None, name.start)
         elif first in GOALS and tokens[1:2] and tokens[1].word == "(":
             self._move(tokens)
         elif first == "set_tcp" and tokens[1:2] and tokens[1].word == "(":
@@ -222,28 +222,28 @@ class _Script:
         inside = next((word for word in words if word in (*GOALS, *OTHER_MOVES)), None)
         self._mentioned += [token for token in tokens if token.kind == "name"]
         if first in ("def", "thread"):
-            self._ends.append((first, self.course.state))
+            self._ends.append((first, self.flow.state))
             if self._set_tcp != 1 and len(self._ends) > 1:
-                self.course.state = State(frame="base")
-            self.course.forget()
+                self.flow.state = State(frame="base")
+            self.flow.forget()
         elif first in ("if", "while", "for"):
-            self._ends.append((first, self.course.state))
-            self.course.open(first != "if")
+            self._ends.append((first, self.flow.state))
+            self.flow.open(first != "if")
         elif first in ("elif", "else"):
-            self.course.alternative()
+            self.flow.alternative()
         elif first == "end" and self._ends:
             kind, state = self._ends.pop()
             if kind in ("def", "thread"):
-                self.course.state = state if self._set_tcp != 1 else self.course.state
-                self.course.forget()
+                self.flow.state = state if self._set_tcp != 1 else self.flow.state
+                self.flow.forget()
             else:
-                self.course.close(at)
+                self.flow.close(at)
         elif first not in QUIET and "(" in words:
-            self.course.forget()
+            self.flow.forget()
         if inside is not None:
             text = self.listing.quote(at, tokens[-1].end)
-            self.course.left(at, inside, text, "its target is computed while the program runs")
-            self.course.stop(None, at)
+            self.flow.leave(at, inside, text, "its target is computed while the program runs")
+            self.flow.stop(None, at)
 
     def _tcp(self, tokens: list[Token]) -> None:
         """``set_tcp``."""
@@ -251,25 +251,25 @@ class _Script:
         line = self.listing.line(tokens[0].start)
         found = self._pose(given[0][1]) if given else None
         if found is None:
-            self.course.tool(None, f"the TCP of line {line} is computed")
+            self.flow.tool(None, f"the TCP of line {line} is computed")
             return
         name = f"of line {line}"
-        self.tools[name] = frame(UNIVERSAL_ROBOTS, [number.value for number in found.numbers])
-        self.course.tool(name)
+        self.tools[name] = UNIVERSAL_ROBOTS.frame([number.value for number in found.numbers])
+        self.flow.tool(name)
 
-    def _pose(self, tokens: Tokens) -> Found | None:
+    def _pose(self, tokens: Tokens) -> Target | None:
         """A pose, or one in a variable that does not change."""
         if len(tokens) == 1 and tokens[0].kind == "name":
             return None if tokens[0].word in self._changed else self.variables.get(tokens[0].word)
         return self._literal(tokens, "")
 
-    def _literal(self, tokens: Tokens, name: str) -> Found | None:
+    def _literal(self, tokens: Tokens, name: str) -> Target | None:
         """A pose ``p[…]`` or six joints ``[…]`` in numbers."""
         pose = bool(tokens) and tokens[0].word == "p"
         values = numbers(tokens[1:] if pose else tokens)
         if values is None or len(values) != 6:
             return None
-        return Found(name, "pose" if pose else "joint", tokens[0].start, values)
+        return Target(name, "pose" if pose else "joint", tokens[0].start, values)
 
     def _move(self, tokens: list[Token]) -> None:
         """Points of a move."""
@@ -277,17 +277,17 @@ class _Script:
         given = arguments(tokens[1:])
         count = GOALS[move]
         points = [value for key, value in given if not key or key in ("q", "pose", "pose_to", "pose_via")][:count]
-        stop: Found | None = None
+        stop: Target | None = None
         roles: list[Role] = ["via", "to"] if count == 2 else ["to"]
         if len(points) < count:
-            self.course.left(at, move, self.listing.quote(at, tokens[-1].end), "its target is missing")
+            self.flow.leave(at, move, self.listing.quote(at, tokens[-1].end), "its target is missing")
         for role, point in zip(roles, points, strict=False):
             stop = self._goal(move, at, point, role)
-        self.course.stop(stop, at)
+        self.flow.stop(stop, at)
         taken = {id(token) for point in points for token in point}
         self._mentioned += [token for token in tokens[1:] if token.kind == "name" and id(token) not in taken]
 
-    def _goal(self, move: str, at: int, point: Tokens, role: Role) -> Found | None:
+    def _goal(self, move: str, at: int, point: Tokens, role: Role) -> Target | None:
         near: FloatArray | None = None
         text = self.listing.quote(point[0].start, point[-1].end)
         goal = point
@@ -297,7 +297,7 @@ class _Script:
             seed = next((value for key, value in given[1:] if key in ("", "qnear")), None)
             if not given or len(given) > 2 or names[0] not in ("", "x") or (len(given) == 2 and seed is None):
                 self._mentioned += [token for token in point if token.kind == "name"]
-                self.course.left(at, move, text, "its target is computed")
+                self.flow.leave(at, move, text, "its target is computed")
                 return None
             goal = given[0][1]
             near = self._joints(seed) if seed is not None else None
@@ -308,16 +308,16 @@ class _Script:
             name = goal[0].word if len(goal) == 1 else ""
             changed = self._changed.get(name)
             where = f"{name} is computed or changed in line {self.listing.line(changed)}" if changed is not None else ""
-            self.course.left(at, move, text, where or "its target is computed")
+            self.flow.leave(at, move, text, where or "its target is computed")
             return None
         if near is not None:
             if found.near is not None and np.abs(found.near - near).max() > 0.5:
-                found.reasons.append("its moves start from different joints (qnear)")
+                found.conflicts.append("its moves start from different joints (qnear)")
             found.near = near
-        self.course.use(found, at, move, role)
+        self.flow.use(found, at, move, role)
         return found
 
-    def _target(self, tokens: Tokens, name: str) -> Found | None:
+    def _target(self, tokens: Tokens, name: str) -> Target | None:
         if len(tokens) == 1 and tokens[0].kind == "name":
             return self.variables.get(tokens[0].word)
         found = self._literal(tokens, name)
@@ -328,7 +328,7 @@ class _Script:
     def _joints(self, tokens: Tokens) -> FloatArray | None:
         """Joints in radians, or those of a variable."""
         found = self._pose(tokens)
-        if found is None or found.kind != "joint" or found.reasons:
+        if found is None or found.kind != "joint" or found.conflicts:
             return None
         return np.array([number.value for number in found.numbers])
 
@@ -337,11 +337,11 @@ class _Script:
         for name, at in self._changed.items():
             if name in self.variables:
                 line = self.listing.line(at)
-                self.variables[name].reasons.append(f"{name} is computed or changed in line {line}")
+                self.variables[name].conflicts.append(f"{name} is computed or changed in line {line}")
         for token in self._mentioned:
             if token.word in self.variables:
                 line = self.listing.line(token.start)
-                self.variables[token.word].reasons.append(f"line {line} uses it in another way")
+                self.variables[token.word].conflicts.append(f"line {line} uses it in another way")
 
 
 def _assignment(tokens: Tokens) -> tuple[Token | None, Tokens | None]:
@@ -361,13 +361,7 @@ def _assignment(tokens: Tokens) -> tuple[Token | None, Tokens | None]:
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a script; empty where it names none, None without mark.
-
-    Raises
-    ------
-    ProgramError
-        If this is no script.
-    """
+    """Fingerprint in the mark of a script; see `irbcal.correction.languages.Language`."""
     return mark_in(statements(Listing([(source, data)], "URScript"))[1])
 
 

@@ -15,13 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction import orientations
-from irbcal.correction.course import Course, State
+from irbcal.correction import notation
 from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
-from irbcal.correction.maker_program import Found, MakerProgram, frame, parts_of
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import Given, read_bytes
+from irbcal.correction.text_program import ControlFlow, PostureProgram, State, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -29,7 +28,7 @@ from irbcal.units import DEG, MM
 
 STAUBLI = Maker(
     name="VAL3",
-    orientation=orientations.STAUBLI,
+    orientation=notation.STAUBLI,
     length=MM,
     angle=DEG,
     joint=DEG,
@@ -61,7 +60,7 @@ def posture_of(attributes: Mapping[str, str]) -> tuple[Posture, str]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Val3Program(MakerProgram):
+class Val3Program(PostureProgram):
     """A VAL3 application as read."""
 
     def mark(self, fingerprint: str) -> Edit:
@@ -152,20 +151,20 @@ def numbers(value: Value, names: tuple[str, ...], absent: bool = False) -> list[
     return out
 
 
-def target(value: Value) -> Found | None:
+def target(value: Value) -> Target | None:
     """The target that an element is; None for other data."""
     if value.type not in ("pointRx", "jointRx"):
         return None
     joint = value.type == "jointRx"
     found = numbers(value, JOINTS if joint else POSE)
+    none = [Number(0.0, value.start, value.start)] * 6
+    out = Target(value.shown, "joint" if joint else "pose", value.start, found or none)
     if found is None:
-        out = Found(value.shown, "joint" if joint else "pose", value.start, [Number(0.0, value.start, value.start)] * 6)
-        out.reasons.append("not all of its numbers are written")
+        out.conflicts.append("not all of its numbers are written")
         return out
-    out = Found(value.shown, "joint" if joint else "pose", value.start, found)
     if not joint:
-        out.posture, reason = posture_of(value.attributes)
-        out.reasons += [reason] if reason else []
+        out.configuration, reason = posture_of(value.attributes)
+        out.conflicts += [reason] if reason else []
     return out
 
 
@@ -217,15 +216,18 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> Val3Pro
         application.follow(code)
     application.conclude()
     found = [one for _, one in application.targets]
-    order = application.course.order({id(one): k for k, one in enumerate(found)})
     main = next((part for part in listing.parts if part.name.lower().endswith(".dtx")), listing.parts[0])
-    tools, places = application.tools(), application.frames()
     head = _HEAD.match(listing.text, main.start, main.end)
-    return Val3Program(
-        **parts_of(STAUBLI.of(arm), arm, listing, found, order, given, tools, places, main.name),
-        uncorrected=tuple(application.course.uncorrected),
-        notes=(),
-        fingerprint=mark_in(comments),
+    return Val3Program.assembled(
+        STAUBLI,
+        arm,
+        application.flow,
+        found,
+        given,
+        application.tools(),
+        application.frames(),
+        source=main.name,
+        comments=comments,
         mark_at=head.end() if head else main.end,
     )
 
@@ -239,22 +241,22 @@ class _Application:
 
     def __init__(self, listing: Listing, values: Sequence[Value]) -> None:
         self.listing, self.values = listing, values
-        self.course = Course(listing)
+        self.flow = ControlFlow(listing)
         pairs = [(value, target(value)) for value in values]
         self.targets = [(value, one) for value, one in pairs if one is not None]
-        seen: dict[str, Found] = {}
+        seen: dict[str, Target] = {}
         for _, one in self.targets:
             if one.name in seen:
-                one.reasons.append("there are two of this name")
-                seen[one.name].reasons.append("there are two of this name")
+                one.conflicts.append("there are two of this name")
+                seen[one.name].conflicts.append("there are two of this name")
             seen[one.name] = one
-        self.named: dict[str, list[tuple[Value, Found]]] = {}
-        self.single: dict[tuple[str, str], list[tuple[Value, Found]]] = {}
+        self.named: dict[str, list[tuple[Value, Target]]] = {}
+        self.single: dict[tuple[str, str], list[tuple[Value, Target]]] = {}
         for pair in self.targets:
             self.named.setdefault(pair[0].name, []).append(pair)
             self.single.setdefault((pair[0].name, pair[0].key), []).append(pair)
         self.own = {_shown(value.name, value.key): value for value in values if value.type == "frame"}
-        self.inside: dict[str, list[Found]] = {}
+        self.inside: dict[str, list[Target]] = {}
         for value, one in self.targets:
             if value.type == "pointRx":
                 for frame_name in self._fathers(value):
@@ -265,7 +267,7 @@ class _Application:
 
     def follow(self, code: Code) -> None:
         """Take the text of a program."""
-        self.course.restart()
+        self.flow.restart()
         for line in re.finditer(r"[^\r\n]+", self.listing.text[code.start : code.end]):
             text = re.sub(r"\"[^\"]*\"", lambda found: " " * len(found[0]), line[0])
             text = _QUIET.sub(lambda found: " " * len(found[0]), text.split("//", maxsplit=1)[0])
@@ -274,7 +276,7 @@ class _Application:
     def _line(self, at: int, text: str) -> None:
         at += len(text) - len(text.lstrip())
         if _FLOW.search(text):
-            self.course.forget()
+            self.flow.forget()
         move = _MOVE.search(text)
         while move is not None:
             inside, end = _inside(text, move.end())
@@ -292,7 +294,7 @@ class _Application:
                 continue
             ones = [*(one for _, one in self.named.get(name, ())), *self.inside.get(name.lower(), ())]
             for one in {id(one): one for one in ones}.values():
-                one.reasons.append(why)
+                one.conflicts.append(why)
 
     def _fathers(self, value: Value) -> set[str]:
         """Names of all frames that a point stands in, without index."""
@@ -307,7 +309,7 @@ class _Application:
         for _, one in self.targets:
             for use in one.uses:
                 name = (use.tool or "").split("[", maxsplit=1)[0]
-                one.reasons += [self._touched[name]] if name in self._touched else []
+                one.conflicts += [self._touched[name]] if name in self._touched else []
 
     def _father(self, value: Value) -> str:
         return value.attributes.get("fatherId", "world[0]").lower()
@@ -315,26 +317,26 @@ class _Application:
     def _move(self, at: int, move: str, arguments: list[str]) -> None:
         roles = ["via", "to"] if move == "movec" else ["to"]
         if len(arguments) < len(roles) + 1:
-            self.course.left(at, move, ", ".join(arguments)[:50], "its arguments are not understood")
-            self.course.stop(None, at)
+            self.flow.leave(at, move, ", ".join(arguments)[:50], "its arguments are not understood")
+            self.flow.stop(None, at)
             return
         tool = _ITEM.match(arguments[len(roles)])
         index = (tool[2] or "0") if tool else ""
         name = _shown(tool[1], index) if tool is not None and index.isdecimal() else None
-        stop: Found | None = None
+        stop: Target | None = None
         for role, argument in zip(roles, arguments, strict=False):
             found, reason = self._goal(argument)
             if reason:
-                self.course.left(at, move, argument.strip()[:50], reason)
+                self.flow.leave(at, move, argument.strip()[:50], reason)
             for value, one in found:
                 state = State(name, self._father(value), f"the tool of line {self.listing.line(at)} is computed")
-                self.course.use(one, at, move, "via" if role == "via" else "to", state)
+                self.flow.use(one, at, move, "via" if role == "via" else "to", state)
             stop = found[0][1] if len(found) == 1 else None
             if not found:
                 self._mention(at, argument)
-        self.course.stop(stop, at)
+        self.flow.stop(stop, at)
 
-    def _goal(self, argument: str) -> tuple[list[tuple[Value, Found]], str]:
+    def _goal(self, argument: str) -> tuple[list[tuple[Value, Target]], str]:
         item = _ITEM.match(argument)
         if item is None:
             return [], "its target is computed"
@@ -368,7 +370,7 @@ class _Application:
 
     def _frame(self, value: Value) -> FloatArray | None:
         found = numbers(value, POSE, absent=True)
-        return None if found is None else frame(STAUBLI, [number.value for number in found])
+        return None if found is None else STAUBLI.frame([number.value for number in found])
 
 
 def _inside(text: str, begin: int) -> tuple[list[str], int]:
@@ -386,13 +388,7 @@ def _inside(text: str, begin: int) -> tuple[list[str], int]:
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of data; empty where it names none, None without mark.
-
-    Raises
-    ------
-    ProgramError
-        If this is no text.
-    """
+    """Fingerprint in the mark of data; see `irbcal.correction.languages.Language`."""
     return mark_in(read(Listing([(source, data)], "VAL3"))[2])
 
 

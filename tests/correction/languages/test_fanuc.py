@@ -304,7 +304,7 @@ def test_everything_is_found_in_its_place():
     one, other = points(listing, *places["POS"])
     assert [number.value for number in one.found.numbers] == [-0.07, 2, 3, 1, 2, 3]
     assert (one.user_frame, one.tool, one.found.external) == ("0", "1", "E1")
-    assert [listing.text[slice(*span)] for span in one.found.posture_spans] == ["0", "-1", "1"]
+    assert [listing.text[slice(*span)] for span in one.found.configuration_spans] == ["0", "-1", "1"]
     assert other.reason == "it is of another motion group"
 
 

@@ -354,7 +354,7 @@ def test_declarations(text):
     assert taken == [True]
     (found,) = data.lookup(0, "xp1").found.values()
     assert [number.value for number in found.numbers] == [1, 2, 3, 4, 5, 6]
-    assert found.posture.whole
+    assert found.configuration.whole
 
 
 def test_arrays_and_other_lines():
@@ -387,7 +387,7 @@ def test_components_keep_their_places():
 def test_status_and_turn(status, turn, reason):
     data, _ = read(f"DECL POS p={{X 1,Y 2,Z 3,A 4,B 5,C 6,S {status},T {turn}}}")
     (found,) = data.lookup(0, "p").found.values()
-    assert (reason in "".join(found.reasons)) if reason else not found.reasons
+    assert (reason in "".join(found.conflicts)) if reason else not found.conflicts
 
 
 def run(*lines):
@@ -410,22 +410,22 @@ def test_tools_and_bases():
         ("$TOOL=f(1)", None),
         ("$TOOL=grip", "grip"),
     ):
-        assert run(line).course.state.tool == tool, line
-    assert run("BAS(#BASE,2)").course.state.frame == "2"
-    assert run("$BASE=TOOL_DATA[2]").course.state.frame is None
+        assert run(line).flow.state.tool == tool, line
+    assert run("BAS(#BASE,2)").flow.state.frame == "2"
+    assert run("$BASE=TOOL_DATA[2]").flow.state.frame is None
     literal = run("$BASE={X 1000,Y 0,Z 0,A 90,B 0,C 0}")
-    assert literal.frames[literal.course.state.frame][0, 3] == 1.0
+    assert literal.frames[literal.flow.state.frame][0, 3] == 1.0
 
 
 def test_stops_follow_one_another_until_the_program_branches():
-    stops = run(f"PTP {P}", f"LIN {P}", "IF x THEN", f"LIN {P}", "ENDIF", f"LIN {P}", f"CIRC {P},{P}").course.stops
+    stops = run(f"PTP {P}", f"LIN {P}", "IF x THEN", f"LIN {P}", "ENDIF", f"LIN {P}", f"CIRC {P},{P}").flow.stops
     assert [before is not None for _, _, before in stops] == [False, True, False, False, True]
 
 
 def test_circles_have_a_point_on_the_way():
     done = run(f"CIRC {P},{P},CA 90")
     assert [[use.role for use in found.uses] for found in done.literals] == [["via"], ["to"]]
-    assert run("CIRC {X 1}").course.uncorrected[-1].reason == "its end point is missing"
+    assert run("CIRC {X 1}").flow.moves_left[-1].reason == "its end point is missing"
 
 
 FP1, FP2 = "DECL FDAT FP1={TOOL_NO 1,BASE_NO 5,IPO_FRAME #BASE}", "DECL FDAT FP2={TOOL_NO 2,BASE_NO 0,IPO_FRAME #BASE}"
@@ -473,7 +473,7 @@ def test_inline_forms_set_tool_and_base(lines, tool, base):
 )
 def test_moves_whose_tool_is_in_doubt_are_refused(lines, reason):
     target = run(*BEFORE, *lines_with_point(lines)).literals[-1]
-    assert any(reason in text for text in target.reasons), target.reasons
+    assert any(reason in text for text in target.conflicts), target.conflicts
 
 
 def lines_with_point(lines):

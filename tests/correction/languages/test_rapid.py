@@ -8,18 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from moves_cases import check_comments, written
-from rapid_modules import CELL, EXT, LEFT, MOVES, TOOLS, USE, J, P, module, named, pose, refused
+from rapid_modules import CELL, EXT, LEFT, MOVES, TOOLS, USE, J, P, module, named, pose, refused, rewritten, skipped
 from scipy.spatial.transform import Rotation, Slerp
 from support import arm, random_robot
 
 from irbcal.correction import notation
-from irbcal.correction import text_program as programs
 from irbcal.correction.configurations import ConfData, configuration_of
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import rapid
-from irbcal.correction.languages.rapid import Data, Literal, Node, Scanner, Walker, decode, edits, may_be
+from irbcal.correction.languages.rapid import Data, Literal, Reader, may_be
+from irbcal.correction.listing import Listing, Number, one_word
 from irbcal.correction.program import Given
-from irbcal.correction.text_program import tip_poses
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
@@ -48,11 +47,11 @@ def test_declared_targets_with_their_uses():
     assert row_1.uses == row_2.uses
     assert seen.correctable() == [1, 2, 3, 4, 5]
     assert seen.correctable("joint") == [4]
-    assert seen.skipped() == [
+    assert skipped(seen) == [
         (p10, r"line 22 uses it in another way: MoveL Offs(p10,0,0,10),v100,z10,tGrip\WObj:=wFix;")
     ]
-    (left,) = seen.uncorrected
-    assert (left.line, left.column, left.instruction, left.target) == (22, 5, "MoveL", "Offs(p10,0,0,10)")
+    (left,) = seen.moves_left
+    assert (left.line, left.target) == (22, "MoveL Offs(p10,0,0,10)")
     assert left.reason == "its target is computed: Offs(p10,0,0,10)"
     assert [note.line for note in seen.notes] == [21]  # its first external axis has a value
     with pytest.raises(ValueError, match="read-only"):
@@ -95,11 +94,11 @@ def check_rewriting(content, numbers):
     except ProgramError as error:
         assert re.fullmatch(r"m\.mod: \S[^\r\n]*", str(error))
         return False
-    assert programs.with_targets(seen, {}) == content
+    assert rewritten(seen, {}) == content
     T = pose(*numbers[:3], frames.rot_x(numbers[3]) @ frames.rot_y(numbers[4]) @ frames.rot_z(numbers[5]))
     new = {k: T if target.kind == "pose" else np.array(numbers) for k, target in enumerate(seen.targets)}
     new = {k: value for k, value in new.items() if k % 2 == 0}
-    written = programs.with_targets(seen, new)
+    written = rewritten(seen, new)
     again = rapid.parse(written, "m.mod")
     assert len(again.targets) == len(seen.targets)
     for k, (before, after) in enumerate(zip(seen.targets, again.targets, strict=True)):
@@ -112,7 +111,7 @@ def check_rewriting(content, numbers):
 
     def frame(program):
         """The text without the numbers of the changed targets."""
-        cuts = sorted(span for k in new for span in program.targets[k].spans)
+        cuts = sorted((number.start, number.end) for k in new for number in program.targets[k].numbers)
         starts, ends = [0, *(end for _, end in cuts)], [*(start for start, _ in cuts), len(program.text)]
         return [program.text[a:b] for a, b in zip(starts, ends, strict=True)]
 
@@ -168,8 +167,12 @@ def test_numbers_come_through(targets):
     assert all(check_rewriting(content, numbers) for numbers, _ in targets)
 
 
+def reader(text):
+    return Reader(Listing([("m.mod", text.encode())], "RAPID", ("utf-8",)))
+
+
 def test_tokens_are_words_in_lower_case_without_space_and_comments():
-    seen = Scanner('MoveL P10,\r\n  0x1F "a ""b"" !c" -1.5E3 ! MoveJ\n:= <>', "m.mod")
+    seen = reader('MoveL P10,\r\n  0x1F "a ""b"" !c" -1.5E3 ! MoveJ\n:= <>')
     kinds = ["name", "name", "symbol", "hex", "string", "symbol", "number", "symbol", "symbol", "end"]
     assert [token.kind for token in seen.tokens] == kinds
     assert [token.word for token in seen.tokens[:3]] == ["movel", "p10", ","]
@@ -179,25 +182,24 @@ def test_tokens_are_words_in_lower_case_without_space_and_comments():
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
 def test_places_are_counted_from_one(newline):
-    seen = Scanner(newline.join(["a", " b", "", "  c d"]), "m.mod")
-    places = [(seen.line(token.start), seen.column(token.start)) for token in seen.tokens[:-1]]
+    seen = reader(newline.join(["a", " b", "", "  c d"]))
+    places = [(seen.line(token.start), seen.listing.column(token.start)) for token in seen.tokens[:-1]]
     assert places == [(1, 1), (2, 2), (4, 3), (4, 5)]
-    assert seen.quote_line(4) == "c d"
+    assert seen.listing.quote_line(seen.tokens[3].start) == "c d"
 
 
 def test_refusals_carry_their_place():
     with pytest.raises(ProgramError) as caught:
-        Scanner("a\nb $", "m.mod")
+        reader("a\nb $")
     assert str(caught.value) == "m.mod: line 2: unexpected character '$'"
     assert (caught.value.file, caught.value.row) == ("m.mod", 2)
 
 
 def test_encodings_give_the_bytes_back():
     for data in ("é".encode(), "é".encode("latin-1"), "\ufeffa".encode()):
-        text, encoding = decode(data, "m")
-        assert text.encode(encoding) == data
+        assert Listing([("m", data)], "RAPID", ("utf-8",)).files_with([]) == {"m": data}
     with pytest.raises(ProgramError, match="binary"):
-        decode(b"MODULE\x00", "m")
+        rapid.parse(b"MODULE\x00", "m")
 
 
 @pytest.mark.parametrize(
@@ -216,7 +218,7 @@ def test_encodings_give_the_bytes_back():
         (b"MODULE m RECORD a", "line 1: RECORD has no ENDRECORD"),
         (b"MODULE m PROC MoveL(robtarget p) ENDPROC ENDMODULE", "line 1: the module makes its own MoveL: this is not supported"),
         (b"MODULE m PROC a(num b; ENDPROC ENDMODULE", "line 1: expected ')', found ';'"),
-        (b"MODULE m\x00", "expected a RAPID module in text, found binary data"),
+        (b"MODULE m\x00", "expected a program in RAPID, found binary data"),
         (module('TPWrite "abc;'), "line 4: the string is not closed in its line"),
         (module("a$b;"), "line 4: unexpected character '$'"),
         (module("f(1;"), "line 4: expected ')', found ';'"),
@@ -253,7 +255,7 @@ def test_refusals_name_the_line(content, expected):
 
 
 def value(text):
-    seen = Walker(text, "m")
+    seen = reader(text)
     node, _ = seen._list(0)
     return node, seen
 
@@ -341,12 +343,12 @@ def test_arrays():
     mixed = rapid.parse(module("MoveL p{i},v1,z1,tool0;", data=f"CONST robtarget p{{n}}:=[{P},q];"))
     assert mixed.correctable() == []
     assert mixed.targets[0].reason == "p{i} is computed or changed in line 2"
-    assert [entry.reason for entry in mixed.uncorrected] == ["p{i} is computed or changed in line 2"]
+    assert [entry.reason for entry in mixed.moves_left] == ["p{i} is computed or changed in line 2"]
     one = rapid.parse(module("MoveL p{1},v1,z1,tool0;", "f p{2};", data=f"CONST robtarget p{{2}}:=[{P},{P}];"))
     assert one.correctable() == [0]
     assert one.targets[1].reason == "line 5 uses it in another way: f p{2};"
     out = rapid.parse(module("MoveL p{3},v1,z1,tool0;", data=f"CONST robtarget p{{2}}:=[{P},{P}];"))
-    assert [entry.reason for entry in out.uncorrected] == ["p{3} has no value in this module"]
+    assert [entry.reason for entry in out.moves_left] == ["p{3} has no value in this module"]
 
 
 def test_joints_without_a_value_are_left():
@@ -356,8 +358,7 @@ def test_joints_without_a_value_are_left():
 
 
 def literal(kind, *numbers):
-    leaves = [Node(None, number, 0, 1) for number in numbers]
-    return Literal(kind, "p", 0, leaves, [], Node([], None, 0, 1))
+    return Literal("p", kind, 0, [Number(number, 0, 1) for number in numbers])
 
 
 @pytest.mark.parametrize(
@@ -372,12 +373,6 @@ def literal(kind, *numbers):
 )
 def test_numbers_that_are_no_target(kind, numbers, problem):
     assert literal(kind, *numbers).problem == problem
-
-
-def test_joints_that_are_not_there_are_a_reason_and_no_problem():
-    found = literal("joint", 1, 2, 3, 9e9, 5, 6)
-    assert found.problem is None
-    assert found.reasons == ["joint 4 has no value (9E9)"]
 
 
 def test_entries_are_looked_up_as_they_would_be_looked_through():
@@ -395,10 +390,10 @@ def test_entries_are_looked_up_as_they_would_be_looked_through():
 @pytest.mark.parametrize(("line", "role"), MOVES)
 def test_moves_and_their_arguments(line, role):
     seen = rapid.parse(module(line))
-    assert seen.correctable() == [0], seen.skipped()
+    assert seen.correctable() == [0], skipped(seen)
     (use,) = seen.targets[0].uses
     assert (use.role, use.tool, use.work_object, use.line) == (role, "tool0", "wobj0", 4)
-    assert {entry.target for entry in seen.uncorrected} <= {"q"}
+    assert all(entry.target.endswith(" q") for entry in seen.moves_left)
 
 
 @pytest.mark.parametrize(("line", "reason"), LEFT)
@@ -406,7 +401,7 @@ def test_moves_that_are_left_are_reported(line, reason):
     data = f"CONST robtarget p10:={P}; VAR num number; VAR robtarget empty;"
     seen = rapid.parse(module(line, data=data))
     assert seen.correctable() == []
-    assert [(entry.line, entry.reason) for entry in seen.uncorrected] == [(4, reason)]
+    assert [(entry.line, entry.reason) for entry in seen.moves_left] == [(4, reason)]
 
 
 CONFLICTS = [
@@ -433,8 +428,8 @@ def test_targets_that_do_more_are_not_corrected(line, reason):
     assert target.reason == reason
     assert target.uses
     assert not target.correctable
-    assert seen.skipped() == [(target, reason)]
-    changed = rapid.parse(programs.with_targets(seen, {0: pose(3, 4, 5)}))  # the caller may decide otherwise
+    assert skipped(seen) == [(target, reason)]
+    changed = rapid.parse(rewritten(seen, {0: pose(3, 4, 5)}))  # the caller may decide otherwise
     assert np.abs(changed.targets[0].value - pose(3, 4, 5)).max() < 1e-15
 
 
@@ -474,8 +469,8 @@ def test_routines_have_data_of_their_own():
     outer, inner = seen.targets
     assert [use.line for use in outer.uses] == [14, 17]
     assert outer.conflicts[0] == "the tool tool0 is a parameter of the routine"
-    assert inner.conflicts == ("p10 is computed or changed in line 9",)
-    assert [entry.reason for entry in seen.uncorrected] == [
+    assert inner.conflicts == ["p10 is computed or changed in line 9"]
+    assert [entry.reason for entry in seen.moves_left] == [
         "p10 is a parameter of the routine",
         "is a parameter of the routine",
         "p10 is computed or changed in line 9",
@@ -540,7 +535,7 @@ IN_DOUBT = [  # of the declaring module, of the using one, and what is said
 def test_in_doubt_it_is_left_with_the_reason(data, own, lines, reason, tmp_path):
     seen = read(tmp_path, Data=(data,), Work=(own, *lines))
     assert seen["Data"].correctable() == []
-    ((target, why),) = seen["Data"].skipped()
+    ((target, why),) = skipped(seen["Data"])
     assert target.uses
     assert reason in why
 
@@ -575,13 +570,13 @@ def test_a_routines_parameter_hides_it_too(tmp_path):
     (tmp_path / "b.mod").write_text(text)
     a, b = rapid.read_for(arm(), [tmp_path / "a.mod", tmp_path / "b.mod"], Given({}, {}, unknown_frames()))
     assert not a.targets[0].uses
-    assert [entry.reason for entry in b.uncorrected] == ["p is a parameter of the routine"]
+    assert [entry.reason for entry in b.moves_left] == ["p is a parameter of the routine"]
 
 
 def test_local_data_are_not_seen_and_names_declared_twice_are_left(tmp_path):
     seen = read(tmp_path, Data=(f"LOCAL CONST robtarget p:={P};",), Work=("", "MoveL p,v1,fine,tool0;"))
     assert not seen["Data"].targets[0].uses
-    assert [entry.reason for entry in seen["Work"].uncorrected] == ["p is not declared in this module"]
+    assert [entry.reason for entry in seen["Work"].moves_left] == ["p is not declared in this module"]
     one = f"CONST robtarget p:={P};"
     seen = read(tmp_path, A=(one, "MoveL p,v1,fine,tool0;"), B=(one,), C=("", "MoveL p,v1,fine,tool0;"))
     assert seen["A"].correctable() == []
@@ -609,10 +604,10 @@ def test_frames_of_tools_and_work_objects():
     assert np.abs(seen.tools["tgrip"] - tool).max() < 1e-7
     assert np.abs(seen.work_objects["wfix"] - work_object).max() < 1e-15
     chosen = [named(seen, "pRest"), named(seen, "pRow{2}")]
-    T_base_tip = programs.tip_poses(seen, chosen)
+    T_base_tip = seen.tip_poses(chosen)
     assert np.abs(T_base_tip[0] @ tool - work_object @ pose(150, -20, 3)).max() < 1e-7
     assert np.abs(T_base_tip[1] - pose(4, 5, 6)).max() < 1e-15
-    back = programs.values_for_tip_poses(seen, chosen, T_base_tip)
+    back = seen.values_for_tip_poses(chosen, T_base_tip)
     assert max(np.abs(back[k] - seen.targets[k].value).max() for k in chosen) < 1e-15
 
 
@@ -645,17 +640,16 @@ def test_frames_that_are_not_supported(data, expected):
 def test_frames_from_the_caller():
     content = module(r"MoveL p10,v1,z1,tGrip\WObj:=wFix;")
     assert refused(content) == (
-        "line 4: MoveL uses the tool tgrip, which this module does not define: give its frame (also: work object wfix in line 4)"
+        "line 4: MoveL uses the tool tgrip, which the program does not define: give it with --tool tgrip=… "
+        "(also: --frame wfix=)"
     )
     T = pose(1, 2, 3, frames.rot_y(0.3))
-    assert "uses the work object wfix, which" in refused(content, tools={"TGRIP": T})
+    assert "uses the frame wfix, which" in refused(content, tools={"TGRIP": T})
     seen = rapid.parse(content, tools={"TGRIP": T}, work_objects={"wFix": T})
     assert seen.correctable() == [0]
     assert np.array_equal(seen.tools["tgrip"], T)
     over = rapid.parse(module(USE, data=TOOLS + f"VAR robtarget p10:={P};"), tools={"ta": T})
     assert np.array_equal(over.tools["ta"], T)
-    with pytest.raises(ValueError, match="frame a: expected a transform"):
-        rapid.parse(content, tools={"a": np.eye(3)})
     # what is not corrected needs no frame
     assert rapid.parse(module("MoveL Offs(p10,0,0,1),v1,z1,tGrip;")).tools == {}
     assert rapid.parse(module("MoveL p10,v1,z1,tGrip;", "f p10;")).tools == {}
@@ -728,7 +722,7 @@ PLACES = {
     "p4": (0.7, 0.0, 1.1, 0.0),
     "p5": (0.75, -0.30, 0.85, 0.1),
 }
-MOVES = (
+PATH_MOVES = (
     r"MoveJ p1,v100,fine,tGrip\WObj:=wTable;",
     r"MoveL p2,v100\V:=50,fine,tGrip\WObj:=wTable;",
     r"MoveC p3,p4,v100,fine,tGrip\WObj:=wTable; ! round",
@@ -823,7 +817,7 @@ def away(wanted, places):
 
 def test_the_true_tool_keeps_to_the_wanted_path(robots):
     nominal, robot = robots
-    data = cell_module(nominal, *MOVES)
+    data = cell_module(nominal, *PATH_MOVES)
     wanted = run(nominal, Robot(nominal), data)
     plain = filter_program(robot, nominal, rapid.parse(data), "abc")
     found = filter_program(robot, nominal, rapid.parse(data), "abc", path_tolerance=TOLERANCE)
@@ -848,14 +842,14 @@ def test_the_true_tool_keeps_to_the_wanted_path(robots):
     assert all(line.endswith(r",v100\V:=50,z0,tGrip\WObj:=wTable;") for line in new[: found.paths[0].pieces - 1])
     # all else is as it was
     kept = [line for line in lines if line.startswith("  Move") and not line.startswith(("  MoveL [", "  MoveC"))]
-    assert kept == [f"  {MOVES[0]}", f"  {MOVES[1]}", f"  {MOVES[3]}"]
+    assert kept == [f"  {PATH_MOVES[0]}", f"  {PATH_MOVES[1]}", f"  {PATH_MOVES[3]}"]
     assert "joints that turn back" in "\n".join(map(str, found.told()))
     assert found.to_dict()["paths"][0]["pieces"] == found.paths[0].pieces
 
 
 def test_joints_that_turn_back_are_named_where_they_do(robots):
     nominal, robot = robots
-    data = cell_module(nominal, *MOVES)
+    data = cell_module(nominal, *PATH_MOVES)
     cut = filter_program(robot, nominal, rapid.parse(data), "abc", path_tolerance=1e-3).paths[0]
     ends = WOBJ @ np.array([target.value for target in rapid.parse(data).targets[:2]])
     s = np.linspace(0, 1, 2001)
@@ -871,29 +865,32 @@ def test_joints_that_turn_back_are_named_where_they_do(robots):
 
 def test_points_stay_out_of_the_zones(robots):
     nominal, robot = robots
-    moves = [move.replace("fine", "z50") for move in MOVES[:2]]
+    moves = [move.replace("fine", "z50") for move in PATH_MOVES[:2]]
     found = filter_program(robot, nominal, rapid.parse(cell_module(nominal, *moves)), "abc", path_tolerance=TOLERANCE)
     cut = found.paths[0]
     assert cut.move.zones == (0.05, 0.05)
     program = rapid.parse(found.data)
     inner = [k for k, t in enumerate(program.targets) if not t.name.startswith("p")]
     assert len(inner) == cut.pieces - 1 > 0
-    ends = tip_poses(program, [0, 1]) @ T_TOOL
-    for T in tip_poses(program, inner) @ T_TOOL:
+    ends = program.tip_poses([0, 1]) @ T_TOOL
+    for T in program.tip_poses(inner) @ T_TOOL:
         assert min(np.linalg.norm((T - end)[:3, 3]) for end in ends) > 0.099
 
 
 @pytest.mark.parametrize(
     ("moves", "words"),
     [
-        ((MOVES[1],), "the program does not tell where it starts"),
-        ((MOVES[0], "IF di1=1 THEN", MOVES[1], "ENDIF"), "the program does not tell where it starts"),
-        ((MOVES[0], "IF di1=1 " + MOVES[1]), "the program does not tell where it starts"),
-        ((MOVES[0], r"MoveL p2,v100,zMine,tGrip\WObj:=wTable;"), "a zone is not one of the predefined ones"),
-        ((MOVES[0], r"MoveL p2,v100\T:=5,fine,tGrip\WObj:=wTable;"), r"no points are put into a move with \t"),
-        ((MOVES[0], r"MoveL \Conc,p2,v100,fine,tGrip\WObj:=wTable;"), r"no points are put into a move with \conc"),
-        ((MOVES[0], r"TriggL p2,v100,trig1,fine,tGrip\WObj:=wTable;"), "no points are put into TriggL"),
-        ((MOVES[0], r"MoveL Offs(p1,0,0,1),v100,fine,tGrip\WObj:=wTable;"), "the program does not tell where it ends"),
+        ((PATH_MOVES[1],), "the program does not tell where it starts"),
+        ((PATH_MOVES[0], "IF di1=1 THEN", PATH_MOVES[1], "ENDIF"), "the program does not tell where it starts"),
+        ((PATH_MOVES[0], "IF di1=1 " + PATH_MOVES[1]), "the program does not tell where it starts"),
+        ((PATH_MOVES[0], r"MoveL p2,v100,zMine,tGrip\WObj:=wTable;"), "a zone is not one of the predefined ones"),
+        ((PATH_MOVES[0], r"MoveL p2,v100\T:=5,fine,tGrip\WObj:=wTable;"), r"no points are put into a move with \t"),
+        ((PATH_MOVES[0], r"MoveL \Conc,p2,v100,fine,tGrip\WObj:=wTable;"), r"no points are put into a move with \conc"),
+        ((PATH_MOVES[0], r"TriggL p2,v100,trig1,fine,tGrip\WObj:=wTable;"), "no points are put into TriggL"),
+        (
+            (PATH_MOVES[0], r"MoveL Offs(p1,0,0,1),v100,fine,tGrip\WObj:=wTable;"),
+            "the program does not tell where it ends",
+        ),
     ],
 )
 def test_what_may_not_be_cut_is_named(robots, moves, words):
@@ -908,7 +905,7 @@ def test_what_may_not_be_cut_is_named(robots, moves, words):
 def test_an_end_that_the_path_does_not_lead_to_is_not_cut(robots):
     """Joint 6 would come to the end a whole turn from where its configuration data say."""
     nominal, robot = robots
-    data = cell_module(nominal, *MOVES[:2]).decode()
+    data = cell_module(nominal, *PATH_MOVES[:2]).decode()
     head, tail = data.split("p2:=")
     conf = re.search(r"\],\[(-?\d,-?\d,)(\d)(,0\])", tail)
     turned = tail[: conf.start(2)] + str(int(conf[2]) - 4) + tail[conf.end(2) :]
@@ -921,7 +918,7 @@ def test_an_end_that_the_path_does_not_lead_to_is_not_cut(robots):
 @pytest.mark.parametrize("axis", [b"5", b"-", b"-.", b"track"])
 def test_moves_with_external_axes_are_not_cut(robots, axis):
     nominal, robot = robots
-    data = cell_module(nominal, *MOVES[:2])
+    data = cell_module(nominal, *PATH_MOVES[:2])
     old = FAR.encode() + b"];\r\nCONST robtarget p3"
     assert old in data
     moved = data.replace(old, old.replace(b"9E9", axis, 1))
@@ -932,6 +929,11 @@ def test_moves_with_external_axes_are_not_cut(robots, axis):
     assert [cut.pieces for cut in whole.paths] == [1]
     assert whole.left == ()
     assert b"MoveL [" not in whole.data
+
+
+def marked(content, fingerprint):
+    program = rapid.parse(content)
+    return program.listing.files_with([program.mark(one_word(fingerprint))])[program.source]
 
 
 def marked_module(line):
@@ -950,14 +952,14 @@ def marked_module(line):
 def test_the_mark(head, expected):
     content = (head + "ENDMODULE").encode()
     assert rapid.parse(content).fingerprint is None
-    marked = rapid.mark(content, "12ab-cd")
-    assert marked.decode() == expected.format("! irbcal: fake targets, calibration 12ab-cd") + "ENDMODULE"
-    seen = rapid.parse(marked)
+    new = marked(content, "12ab-cd")
+    assert new.decode() == expected.format("! irbcal: fake targets, calibration 12ab-cd") + "ENDMODULE"
+    seen = rapid.parse(new)
     assert seen.fingerprint is not None
     assert seen.fingerprint == "12ab-cd"
     for wrong in ("", "a b", "a\n"):
         with pytest.raises(ValueError, match="one word"):
-            rapid.mark(content, wrong)
+            marked(content, wrong)
 
 
 def test_other_marks():
@@ -970,7 +972,9 @@ def test_the_mark_is_found_without_reading_the_module():
     with pytest.raises(ProgramError):
         rapid.parse(content)
     assert rapid.fingerprint(content) is None
-    assert rapid.fingerprint(rapid.mark(content, "12ab-cd")) == "12ab-cd"
+    assert (
+        rapid.fingerprint(content.replace(b"m\n", b"m\n! irbcal: fake targets, calibration 12ab-cd\n", 1)) == "12ab-cd"
+    )
     assert rapid.fingerprint(marked_module("!Irbcal: fake targets")) == ""
     with pytest.raises(ProgramError, match=r"m\.mod: expected a RAPID module"):
         rapid.fingerprint(b"PROC main() ENDPROC", "m.mod")
@@ -980,7 +984,7 @@ def test_only_numbers_that_change_are_written():
     seen = rapid.parse(CELL.encode())
     k = named(seen, "jHome")
     value = np.radians([0, 10, -20, 30.25, 41.5, -90])
-    ((start, end, text),) = edits(seen, {k: value}, {})
+    ((start, end, text),) = seen.edits({k: value}, {})
     assert (CELL[start:end], text) == ("40", "41.5")
 
 

@@ -269,8 +269,8 @@ def test_speeds_and_accelerations_go_in_and_out_as_the_controller_counts():
 def test_rows_without_times_and_poses_are_no_motion():
     nominal = urdf.read("irb1600").arm
     _, data = written(nominal)
-    table = pd.read_csv(pd.io.common.BytesIO(data)).drop(columns="time_s")
-    assert not table.has_times(table.parse(table.to_csv(index=False).encode()))
+    frame = pd.read_csv(pd.io.common.BytesIO(data)).drop(columns="time_s")
+    assert not table.has_times(table.parse(frame.to_csv(index=False).encode()))
 
 
 @pytest.mark.parametrize(
@@ -293,9 +293,9 @@ def test_refusals_name_the_row_and_the_column(changed, words):
 
 def test_columns_that_are_not_whole_are_refused():
     nominal = urdf.read("irb1600").arm
-    table = pd.read_csv(pd.io.common.BytesIO(written(nominal)[1]))
+    frame = pd.read_csv(pd.io.common.BytesIO(written(nominal)[1]))
     with pytest.raises(ProgramError, match="v3_deg_s"):
-        table.along_time(table.parse(table.drop(columns="v3_deg_s").to_csv(index=False).encode()), nominal)
-    alone = table.drop(columns=[f"v{k}_deg_s" for k in range(1, 7)])
+        table.along_time(table.parse(frame.drop(columns="v3_deg_s").to_csv(index=False).encode()), nominal)
+    alone = frame.drop(columns=[f"v{k}_deg_s" for k in range(1, 7)])
     with pytest.raises(ProgramError, match="accelerations needs speeds"):
         table.along_time(table.parse(alone.to_csv(index=False).encode()), nominal)

@@ -14,7 +14,7 @@ from support import assert_same_poses, example_robot, random_robot
 from irbcal.correction.languages import urscript
 from irbcal.correction.languages.urscript import UNIVERSAL_ROBOTS, arguments, statements
 from irbcal.correction.listing import Listing
-from irbcal.correction.tokens import numbers as numbers_of
+from irbcal.correction.listing import numbers as numbers_of
 from irbcal.errors import ProgramError
 from irbcal.io import controller_model, urdf
 from irbcal.modeling import frames

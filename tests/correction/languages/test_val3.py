@@ -35,8 +35,8 @@ def test_what_is_found():
     assert [(n.value, TEXT[n.start : n.end]) for n in one.numbers] == [
         (1.5, "1.5"), (-2, "-2"), (3, "3"), (0, "0"), (0, "0"), (90, "90")
     ]  # fmt: skip
-    assert one.posture[:3] == (False, False, -1)
-    assert target(values[1]).reasons == ["not all of its numbers are written"]
+    assert one.configuration[:3] == (False, False, -1)
+    assert target(values[1]).conflicts == ["not all of its numbers are written"]
     assert target(values[2]) is None
     assert [n.value for n in numbers(values[2], POSE, absent=True)] == [0, 0, 5, 0, 0, 0]
 
@@ -44,7 +44,7 @@ def test_what_is_found():
 @pytest.mark.parametrize(("old", "reason"), [("righty", "righty"), ("xx", "not known")])
 def test_postures_that_are_not_confirmed(old, reason):
     values, _, _ = read(Listing([("a.dtx", TEXT.replace("lefty", old).encode())], "VAL3"))
-    assert reason in target(values[0]).reasons[0]
+    assert reason in target(values[0]).conflicts[0]
 
 
 LINE = '<Value key="1" j1="10.0000" j2="-60.0000" j3="95.5000" j4="20.0000" j5="30.1250" j6="-40.0000" />'
