@@ -5,11 +5,10 @@ its files, ``looks_like``, ``read_for``, ``write_moves`` and ``fingerprint``. Wh
 `irbcal.correction.program.Program`: the targets that may be corrected, and the way back into the files.
 
 A language whose targets stand as numbers in a text derives its programs from
-`irbcal.correction.text_program.TextProgram`, which replaces these numbers and keeps every other byte. Where a pose is
-three lengths and three numbers of orientation (all but ABB's), `irbcal.correction.maker_program.MakerProgram` does the
-rest, too, from a `irbcal.correction.maker.Maker`: how orientations, lengths and joints are written, where the arm's
-axes point, how joints are counted. What is left to do is to find the targets (`Found`) and to tell
-`irbcal.correction.course.Course` of each move, frame and branch. ``table`` (CSV) stands on its own.
+`irbcal.correction.text_program.TextProgram`, which replaces these numbers and keeps every other byte: with a
+`irbcal.correction.maker.Maker` (how orientations, lengths and joints are written, where the arm's axes point, how
+joints are counted) what is left to do is to find the targets (`Target`) and to tell `ControlFlow` of each move, frame
+and branch. ``table`` (CSV) and ``ros`` stand on their own.
 """
 
 from __future__ import annotations

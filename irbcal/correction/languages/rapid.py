@@ -42,7 +42,7 @@ from irbcal.correction.text_program import (
     needed_frames,
 )
 from irbcal.errors import ProgramError
-from irbcal.files import controller_frames
+from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG, MM
@@ -1093,7 +1093,7 @@ class Uses:
                 literal.conflicts.append(f"so do {len(lines) - _QUOTED} more lines")
             literal.conflicts = list(dict.fromkeys(literal.conflicts))
         declared = self._declared_frames()
-        given = Given(self.given["tooldata"], self.given["wobjdata"], controller_frames.unknown())
+        given = Given(self.given["tooldata"], self.given["wobjdata"], unknown_frames())
         tools, work_objects = needed_frames(
             literals, given, declared["tooldata"], declared["wobjdata"], listing.parts[0].name
         )
