@@ -7,10 +7,10 @@ from .calibration import report as report
 from .calibration import save as save
 from .cell.cell_file import CellFile as CellFile
 from .cell.cell_file import read_cell as read_cell
-from .cell.taught import cell_frames as cell_frames
+from .cell.cell_frames import cell_frames as cell_frames
 from .correction.filter import correct as correct
-from .correction.trajectory_files import read_trajectory as read_trajectory
-from .correction.trajectory_files import write_trajectory as write_trajectory
+from .correction.trajectories import read_trajectory as read_trajectory
+from .correction.trajectories import write_trajectory as write_trajectory
 from .errors import CalibrationError as CalibrationError
 from .errors import IdentificationError as IdentificationError
 from .errors import IrbcalError as IrbcalError

@@ -9,9 +9,9 @@ import bench_poses
 import numpy as np
 import pandas as pd
 
-from irbcal.correction import languages, write_moves
+from irbcal.correction import languages
 from irbcal.correction.moves import Move, Moves
-from irbcal.correction.trajectory_files import write_trajectory
+from irbcal.correction.trajectories import write_trajectory
 from irbcal.errors import ProgramError
 from irbcal.examples import makers
 from irbcal.io import robots, urdf
@@ -226,7 +226,7 @@ def program(name, arm, q, folder):
     language = next(one for one in languages.known() if name == one.NAME)
     moves = (Move("", 0.0, 0.5, 1.0),) * len(q)
     pulses = PULSES if "INFORM" in name else ()
-    files = write_moves.write(language, Moves(arm, q, moves, pulses=pulses))
+    files = languages.write(language, Moves(arm, q, moves, pulses=pulses))
     for file, content in files.items():
         (folder / file).write_bytes(content)
     return folder / next(iter(files)) if len(files) == 1 else folder

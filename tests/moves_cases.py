@@ -3,7 +3,7 @@
 import numpy as np
 from maker_cases import robot_of
 
-from irbcal.correction import languages, write_moves
+from irbcal.correction import languages
 from irbcal.correction.moves import Move, Moves
 from irbcal.io import urdf
 from irbcal.units import DEG
@@ -24,8 +24,8 @@ def moves(robot, text="pose 1", pulses=PULSES):
 
 
 def written(language, robot, **more):
-    """Texts of the files; `write_moves.write` has read their joints again."""
-    files = write_moves.write(languages.by_name()[language], moves(robot, **more))
+    """Texts of the files; `languages.write` has read their joints again."""
+    files = languages.write(languages.by_name()[language], moves(robot, **more))
     return {name: data.decode("ascii") for name, data in files.items()}
 
 

@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal.cell.adjustment import adjust
-from irbcal.cell.touches import read_touches
+from irbcal.cell.cell_frames import adjust, read_touches
 from irbcal.cli.main import app
 from irbcal.errors import CalibrationError
 from irbcal.examples import makers, measurements

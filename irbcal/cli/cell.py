@@ -63,7 +63,7 @@ def cell(
     json: Json = False,
 ) -> None:
     """Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."""
-    from irbcal.cell.taught import cell_frames
+    from irbcal.cell.cell_frames import cell_frames
     from irbcal.correction import languages
     from irbcal.io.calibration_folder import read
     from irbcal.io.controller_model import controller_frames

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,16 +16,14 @@ from irbcal.arrays import FloatArray
 from irbcal.atomic import write_set
 from irbcal.cell.cell_file import CellFile
 from irbcal.correction import languages
-from irbcal.correction.collecting import resting
-from irbcal.correction.corrected_goals import UNCHANGED, as_written, corrected, counted, of_arm, writable
-from irbcal.correction.cutting import CutPath, Cuttable, Ends, cut_move
+from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, writable
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.last_moves import LastMoves, with_last_moves
+from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.program import Given, Goals, Left, Program, read_bytes, refuse_filtered
-from irbcal.correction.target_frames import TargetFrames
-from irbcal.correction.timed import Timed, follow
-from irbcal.correction.true_frames import ControllerNumbers, TrueFrames, cell_of, point_origin
+from irbcal.correction.trajectories import Timed, follow
+from irbcal.correction.true_frames import ControllerNumbers, TargetFrames, TrueFrames, cell_of, point_origin
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.calibration_folder import CalibrationLike, opened, read
 from irbcal.io.controller_model import ControllerFrames, controller_frames, controller_kinematics, unknown_frames
@@ -38,6 +38,22 @@ from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
 
+@contextmanager
+def _without_garbage_collection() -> Iterator[None]:
+    """Python's search for cyclic garbage is off within, and as it was before afterwards.
+
+    Tokens and targets by the hundred thousand stay until the program is written; to look through all of them again and
+    again finds nothing and takes a fifth of the time.
+    """
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
 class NotWritten(ProgramError):
     """Files were asked for, but not everything (or nothing) could be corrected, so none was written.
 
@@ -50,7 +66,7 @@ class NotWritten(ProgramError):
     found: Filtered
 
 
-@resting()
+@_without_garbage_collection()
 def correct(
     calibration: CalibrationLike,
     program: str | Path | Sequence[str | Path],
@@ -314,7 +330,7 @@ def filter_program(
     controller : Arm, optional
         What the controller computes with where that is not the nominal arm.
     path_tolerance : float, optional
-        As for `correct`; the program must be `irbcal.correction.cutting.Cuttable`.
+        As for `correct`; the program must be `irbcal.correction.paths.Cuttable`.
     speeds : ndarray, shape (joints,), optional
         Largest speeds of the joints, which trajectories must keep to, rad/s (m/s).
     known : TrueFrames, optional

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, NameArray, lock
-from irbcal.correction.cutting import CutPath
 from irbcal.correction.fake_targets import corrected_in_words
+from irbcal.correction.paths import CutPath
 from irbcal.correction.program import Left, Note
-from irbcal.correction.target_frames import TargetFrames, UnknownFrames
-from irbcal.correction.true_frames import NULL
+from irbcal.correction.true_frames import NULL, TargetFrames, UnknownFrames
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 

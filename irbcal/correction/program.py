@@ -78,7 +78,7 @@ class Goals:
     values : ndarray, shape (n, joints) or (n, 4, 4)
         Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres.
     configurations : tuple, length n, or None
-        Of poses, each a `irbcal.correction.configurations.ConfData` or None; None in place of the tuple where the
+        Of poses, each a `irbcal.correction.maker.ConfData` or None; None in place of the tuple where the
         language knows none.
     joints : ndarray, shape (n, 6), or None
         Joints that the controller takes for poses, radians, where the language tells them; NaN where ``unknown``.

@@ -22,10 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock, locked
-from irbcal.correction.configurations import ConfData
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, number_like, one_word
-from irbcal.correction.maker import BEYOND, NO_POSTURE, Maker, Posture, Solutions
+from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions
 from irbcal.correction.notation import check_rigid
 from irbcal.correction.program import Given, Goals, Kind, Left, Note, Stop
 from irbcal.errors import ProgramError

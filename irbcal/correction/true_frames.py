@@ -9,25 +9,41 @@ model ``N`` of the controller::
 
 Tools are seen from the tip link, work objects from the base link. Tools and work objects that were taught with the
 robot hold errors of the nominal model: a correction with them in place of the true ones makes the part worse.
+
+The expected error of a part is that of robot, tool and work object together, by one covariance. The tool centre point
+in the work object is off by ``e = Ot^-1 C(q) Tt - P``. To first order, with small motions ``m`` of tool and work object
+in their own axes (rotation ``w``, translation ``v``) and errors ``d`` of the robot's parameters::
+
+    e = Ro' (J d + Rf Rt v_t) - (w_o x p + v_o),    m = touching + G d
+
+The robot's terms act in the touches as in the program, so what both have in common cancels: the variances of robot and
+frames must not be added.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
-from irbcal.cell.cell_file import CellFile, read_cell
+from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, read_cell
+from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.program import Goals, Program
 from irbcal.correction.text_program import TextProgram
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.controller_model import ControllerFrames, unknown_frames
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.certainty import HISTORY, Certainty
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import Motion
+from irbcal.summary import Told
+from irbcal.units import MM
 
 ControllerNumbers: TypeAlias = Literal["same", "from-cell"]
 """Which numbers the controller will have for tools and work objects: its own, or those of the cell file."""
@@ -230,3 +246,279 @@ def _names_of(program: TextProgram, number: int) -> tuple[str, str] | None:
     if tool is None or work_object is None or tool not in program.tools or work_object not in program.work_objects:
         return None
     return tool, work_object
+
+
+def part_errors(robot: Robot, cell: CellFile | None, q: FloatArray, at: FramesOfGoals) -> FloatArray:
+    """Mean and 95 % of the distance of the tool centre point from where it is wanted in the work object.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated, with its certainty.
+    cell : CellFile or None
+    q : ndarray, shape (n, joints)
+        Commanded, radians (metres).
+    at : FramesOfGoals
+        Of the n targets. Frames that are not of the cell file count as exact, unless their origin is unknown.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Metres; NaN where tool or work object are of unknown origin or none of them is of the cell file, and everywhere
+        if the certainty of the robot is not known or the cell was computed with another one.
+    """
+    out = np.full((len(q), 2), np.nan)
+    rows = np.flatnonzero((at.origins == CELL) & np.isfinite(q).all(axis=1))
+    if cell is None or robot.certainty is None or not len(rows):
+        return out
+    if cell.robot_gain.shape[1] not in (0, len(robot.certainty.covariance)):
+        return out
+    by_robot, by_frames, left_over = _derivatives(robot, robot.certainty, cell, q[rows], at, rows)
+    if cell.robot_gain.shape[1]:
+        by_robot = by_robot + by_frames @ cell.robot_gain
+    C = by_robot @ robot.certainty.covariance @ np.swapaxes(by_robot, 1, 2)
+    C = C + by_frames @ cell.touch_covariance @ np.swapaxes(by_frames, 1, 2) + left_over[:, None, None] * np.eye(3)
+    out[rows] = np.column_stack(lengths(C))
+    return out
+
+
+def lengths(C: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and 95 % quantile of the length of Gaussian vectors with covariances (n, 3, 3).
+
+    The squared length counts as a multiple of chi squared with the same mean and variance (Satterthwaite 1946): exact
+    for errors along one line and for those alike in all directions, within 2 % between.
+    """
+    from scipy.special import gammaln
+    from scipy.stats import chi2
+
+    trace, square = np.trace(C, axis1=1, axis2=2), np.sum(C * C, axis=(1, 2))
+    scale = np.divide(square, trace, out=np.zeros_like(trace), where=trace > 0)
+    freedom = np.divide(trace**2, square, out=np.ones_like(trace), where=square > 0)
+    mean = np.sqrt(2.0 * scale) * np.exp(gammaln((freedom + 1.0) / 2.0) - gammaln(freedom / 2.0))
+    return mean, np.sqrt(scale * chi2.ppf(0.95, freedom))
+
+
+def _derivatives(
+    robot: Robot, certainty: Certainty, cell: CellFile, q: FloatArray, at: FramesOfGoals, rows: Any
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of the errors (n, 3) in the work object by the robot's parameters and by the small motions of all frames.
+
+    And the variance of each coordinate that neither explains: what the fit leaves over, and last moves.
+    """
+    load: dict[str, Any] = {**robot.joint_map.load(len(q))}
+    motion = replace(Motion(q), **load)
+    path = robot.walk(motion)
+    T = robot.forward(q)
+    tcp = np.einsum("nij,nj->ni", T[:, :3, :3], at.T_tool[rows, :3, 3]) + T[:, :3, 3]
+    unknown = np.zeros(len(q), dtype=bool)
+    J = np.asarray(certainty.jacobian(path, tcp.T, motion, unknown, None).transpose(2, 1, 0)).copy()
+    history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + J.shape[2] - len(certainty.terms)
+    size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - J.shape[2]] ** 2
+    left_over = np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) / 3.0 + certainty.determined_left_out(None) ** 2 / 3.0
+    J[:, :, history] = 0.0
+
+    to_object = np.swapaxes(at.T_object[rows, :3, :3], 1, 2)
+    p = np.einsum("nij,nj->ni", to_object, tcp - at.T_object[rows, :3, 3])
+    F = np.zeros((len(q), 3, len(cell.touch_covariance)))
+    tools = {name.lower(): name for name in cell.tools}
+    work_objects = {name.lower(): name for name in cell.work_objects}
+    for n, row in enumerate(rows):
+        if at.tool_origins[row] == CELL:
+            name = tools[at.tools[row]]
+            here = cell.rows(TOOL, name)
+            R = cell.tools[name].T_true[:3, :3]
+            F[n, :, here.start + 3 : here.stop] = to_object[n] @ T[n, :3, :3] @ R
+        if at.object_origins[row] == CELL:
+            here = cell.rows(WORK_OBJECT, work_objects[at.work_objects[row]])
+            x, y, z = p[n]
+            F[n, :, here.start : here.start + 3] = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # -(w x p) = p x w
+            F[n, :, here.start + 3 : here.stop] = -np.eye(3)
+    return to_object @ J, F, left_over
+
+
+@dataclass(frozen=True)
+class UnknownFrames:
+    """Tools and work objects of unknown origin.
+
+    Attributes
+    ----------
+    tools, work_objects : tuple of str
+    targets : int
+        How many targets are corrected with them.
+    mean, largest : float
+        Distance between the tool centre points of the nominal and the calibrated robot at these targets, metres: errors
+        of this size are in tools and work objects that were taught with the robot.
+    """
+
+    tools: tuple[str, ...]
+    work_objects: tuple[str, ...]
+    targets: int
+    mean: float
+    largest: float
+
+    def in_words(self) -> str:
+        """What may go wrong, by how much, and what to do."""
+        what = [
+            f"{noun}{'s' if len(names) > 1 else ''} {', '.join(names)}"
+            for noun, names in (("tool", self.tools), ("work object", self.work_objects))
+            if names
+        ]
+        several = "are" if len(self.tools) + len(self.work_objects) > 1 else "is"
+        return (
+            f"{' and '.join(what)} {several} of unknown origin. If taught with the robot, the correction makes the "
+            f"part worse: at these {self.targets} targets the nominal and the calibrated robot differ by "
+            f"{self.mean / MM:.3f} mm on average and {self.largest / MM:.3f} mm at most. Compute them with irbcal cell "
+            "and give --cell; if they were measured independently of the robot (CAD, tracker), say --frames-measured"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Ready for JSON, millimetres."""
+        return {
+            "tools": list(self.tools),
+            "work_objects": list(self.work_objects),
+            "targets": self.targets,
+            "mean_mm": self.mean / MM,
+            "max_mm": self.largest / MM,
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TargetFrames:
+    """Tools and work objects of n corrected targets.
+
+    Attributes
+    ----------
+    tools, work_objects, tool_origins, object_origins : ndarray of str, shape (n,)
+        As of `irbcal.correction.true_frames.FramesOfGoals`.
+    points : ndarray of str, shape (n,)
+        ``offline`` or ``taught``.
+    at_stake : ndarray, shape (n,)
+        Distance between the tool centre points of the nominal and the calibrated robot, metres.
+    part_error : ndarray, shape (n, 2)
+        Mean and 95 % of the expected error in the work object, metres; see `irbcal.correction.true_frames`.
+    numbers : str
+        Which numbers the controller will have.
+    re_expressed : bool
+        Whether the targets are offline points of the true frames, and no fake targets.
+    """
+
+    tools: NameArray
+    work_objects: NameArray
+    tool_origins: NameArray
+    object_origins: NameArray
+    points: NameArray
+    at_stake: FloatArray
+    part_error: FloatArray
+    numbers: str
+    re_expressed: bool
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @staticmethod
+    def of(
+        robot: Robot,
+        controller: Arm,
+        found: Sequence[tuple[Goals, Corrected]],
+        at: Sequence[FramesOfGoals],
+        known: TrueFrames,
+    ) -> TargetFrames | None:
+        """Of the targets that were corrected; None of none."""
+        parts = []
+        for (goals, fake), ours in zip(found, at, strict=True):
+            ok, q = fake.ok, fake.q_nominal[fake.ok]
+            off = np.zeros((len(q), 3))
+            if len(q):
+                apart = robot.forward(q) - controller.forward(q)
+                off = np.einsum("nij,nj->ni", apart[:, :3, :3], ours.tcp[ok]) + apart[:, :3, 3]
+            points = np.where(known.points.are_taught(goals.names), "taught", "offline").astype(object)
+            expected = part_errors(robot, known.cell, fake.q, ours)[ok]
+            parts.append(
+                TargetFrames(
+                    ours.tools[ok],
+                    ours.work_objects[ok],
+                    ours.tool_origins[ok],
+                    ours.object_origins[ok],
+                    points[ok],
+                    np.linalg.norm(off, axis=1),
+                    expected,
+                    known.numbers,
+                    known.points.re_express,
+                )
+            )
+        return TargetFrames.joined(parts)
+
+    @staticmethod
+    def joined(parts: Sequence[TargetFrames]) -> TargetFrames | None:
+        """Of several programs; None of none."""
+        if not parts:
+            return None
+        return TargetFrames(
+            np.concatenate([part.tools for part in parts]),
+            np.concatenate([part.work_objects for part in parts]),
+            np.concatenate([part.tool_origins for part in parts]),
+            np.concatenate([part.object_origins for part in parts]),
+            np.concatenate([part.points for part in parts]),
+            np.concatenate([part.at_stake for part in parts]),
+            np.concatenate([part.part_error for part in parts]),
+            parts[0].numbers,
+            parts[0].re_expressed,
+        )
+
+    @property
+    def origins(self) -> NameArray:
+        """Of each target the origin of its frame that is known worst."""
+        return worst(self.tool_origins, self.object_origins)
+
+    def columns(self) -> dict[str, NameArray | FloatArray]:
+        """For tables; errors of the part in millimetres, where they are known."""
+        columns: dict[str, NameArray | FloatArray] = {
+            "tool": np.array(self.tools),
+            "work_object": np.array(self.work_objects),
+            "frames": self.origins,
+            "points": np.array(self.points),
+        }
+        if np.isfinite(self.part_error).any():
+            columns |= {"part_mean_mm": self.part_error[:, 0] / MM, "part_u95_mm": self.part_error[:, 1] / MM}
+        return columns
+
+    def unknown(self) -> UnknownFrames | None:
+        """Those of unknown origin; None where there are none."""
+        rows = self.origins == UNKNOWN
+        if not rows.any():
+            return None
+        tools = sorted(set(self.tools[self.tool_origins == UNKNOWN]))
+        work_objects = sorted(set(self.work_objects[self.object_origins == UNKNOWN]))
+        stake = self.at_stake[rows]
+        return UnknownFrames(
+            tuple(tools), tuple(work_objects), int(rows.sum()), float(stake.mean()), float(stake.max())
+        )
+
+    def told(self, unchanged: int) -> list[Told]:
+        """Which points were taken for offline points, and what the controller must have."""
+        if self.re_expressed:
+            return [
+                f"{len(self.tools)} taught points are re-expressed as offline points of the true frames, {unchanged} "
+                "stay as they are; nothing is corrected: filter the new program"
+            ]
+        told: list[Told] = []
+        in_cell = self.origins == CELL
+        if in_cell.any():
+            ours = "its own numbers" if self.numbers == "same" else "the cell file's numbers"
+            told.append(
+                f"{in_cell.sum()} targets stand for the cell file's tools and work objects; the controller must "
+                f"compute with {ours} of them"
+            )
+        if (in_cell & (self.points == "offline")).any():
+            told.append(
+                "All of them are taken for offline points: name those that were shown on the robot with --points"
+            )
+        expected = self.part_error[np.isfinite(self.part_error).all(axis=1)] / MM
+        if len(expected):
+            told.append(
+                f"Expected error of the part: {expected[:, 0].mean():.3f} mm mean, at the worst target within "
+                f"{expected[:, 1].max():.3f} mm with 95 % (robot, tools and work objects together)"
+            )
+        if unchanged:
+            told.append(f"{unchanged} targets need no change")
+        return told

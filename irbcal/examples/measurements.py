@@ -406,7 +406,7 @@ def _tracker(rng: np.random.Generator) -> Iterator[Sample]:
 
 def _ballbar(cell: VirtualCell, rng: np.random.Generator) -> Iterator[Sample]:
     """Radii of a circle that the controller runs with its nominal model, as the true robot of the cell has them."""
-    from irbcal.correction.joints_along import joint_history
+    from irbcal.correction.paths import joint_history
 
     arm = cell.arm
     centre = np.asarray(CENTER_JOINTS)

@@ -7,7 +7,7 @@ from itertools import chain
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction import languages, write_moves
+from irbcal.correction import languages
 from irbcal.correction.moves import Move, Moves
 from irbcal.errors import OptionError, ProgramError
 from irbcal.modeling.arm import Arm
@@ -95,7 +95,7 @@ def files(made: Made) -> dict[str, bytes]:
         If what was written does not hold the plan's joints.
     """
     name, _ = language_of(made.scene.setting.arm, made.wish)
-    return write_moves.write(languages.by_name()[name], moves(made)) if name else {}
+    return languages.write(languages.by_name()[name], moves(made)) if name else {}
 
 
 def moves(made: Made) -> Moves:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.correction import languages
-from irbcal.correction.commanded import commanded
+from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.fake_targets import correct_poses
 from irbcal.correction.filter import given_frames, place_pair
 from irbcal.correction.languages.table import POSE

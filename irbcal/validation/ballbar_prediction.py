@@ -12,8 +12,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.correction.fake_targets import correct_joints
-from irbcal.correction.joints_along import Reversal, joint_history, reversals
-from irbcal.correction.path import Circle
+from irbcal.correction.paths import Circle, Reversal, joint_history, reversals
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
 
     from irbcal.arrays import FloatArray, NameArray
-    from irbcal.correction.joints_along import Reversal
+    from irbcal.correction.paths import Reversal
     from irbcal.validation.ballbar_check import BallbarCheck
     from irbcal.validation.ballbar_trace import Trace
     from irbcal.validation.path_check import PathCheck

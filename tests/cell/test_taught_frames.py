@@ -8,9 +8,8 @@ import pandas as pd
 import pytest
 from support import assert_derivative, assert_same_poses
 
-from irbcal.cell.adjustment import _linearised, adjust
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
-from irbcal.cell.taught import _by_robot, _certain, _of_motions, cell_frames
+from irbcal.cell.cell_frames import _by_robot, _certain, _linearised, _of_motions, adjust, cell_frames
 from irbcal.correction.languages import krl
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io import calibration_folder

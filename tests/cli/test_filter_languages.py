@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli import main
-from irbcal.correction import languages, write_moves
+from irbcal.correction import languages
 from irbcal.correction.moves import Move, Moves
 from irbcal.errors import IrbcalError
 from irbcal.io import urdf
@@ -39,7 +39,7 @@ def job(request, tmp_path_factory):
     moves = Moves(nominal, q, (Move("", 1.0, 0.2, 0.5),) * 6, ("größe",), pulses=PULSES)
     application = folder / "application"
     application.mkdir()
-    for file, data in write_moves.write(languages.by_name()[request.param], moves).items():
+    for file, data in languages.write(languages.by_name()[request.param], moves).items():
         (application / file).write_bytes(data)
     return request.param, robot, nominal, folder, application, q, options, least
 

@@ -104,7 +104,7 @@ def module(q, moves):
 
 
 def conf(q):
-    from irbcal.correction.configurations import configuration_of
+    from irbcal.correction.maker import configuration_of
     from irbcal.modeling.inverse import closed_form
 
     branch = int(closed_form.configuration(arm("irb120"), q[None])[0])

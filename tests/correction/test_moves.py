@@ -1,10 +1,16 @@
 """Moves to be written: joints as controllers count them, and speeds."""
 
-import numpy as np
-from moves_cases import Q, moves
+from dataclasses import replace
 
+import numpy as np
+import pytest
+from moves_cases import Q, arm_of, moves
+
+from irbcal.correction import languages
+from irbcal.correction.languages import fanuc, krl, table
 from irbcal.correction.languages.fanuc import MAKER
 from irbcal.correction.moves import Move, note
+from irbcal.errors import ProgramError
 from irbcal.units import DEG
 
 
@@ -22,3 +28,35 @@ def test_speeds_are_whole_percents_above_zero():
 
 def test_notes_are_short_and_without_signs_that_end_them():
     assert note("a;b]]>\ncé" * 30, 12, ";]>") == "a,b,,, c?a,b"
+
+
+def test_a_language_without_moves_says_so():
+    with pytest.raises(ProgramError, match="CSV has no moves to write"):
+        languages.write(table, moves("m20ia"))
+
+
+def test_arms_of_other_makers_are_refused():
+    with pytest.raises(ProgramError, match="KRL programs are understood for arms whose axes point along"):
+        languages.write(krl, moves("m20ia"))
+
+
+def test_a_wrong_program_is_not_handed_out(monkeypatch):
+    run = moves("m20ia")
+    writer = fanuc.write_moves
+    assert list(languages.write(fanuc, run)) == ["plan.ls"]
+    off = lambda given: writer(replace(given, q=given.q + 1e-5))  # noqa: E731
+    monkeypatch.setattr(fanuc, "write_moves", off)
+    with pytest.raises(ProgramError, match="does not hold the joints"):
+        languages.write(fanuc, run)
+
+
+def test_a_declared_coupling_takes_the_place_of_the_assumed_one():
+    run = moves("m20ia")
+    coupled = replace(run, arm=replace(arm_of("m20ia"), coupling=np.eye(6)))
+    text = languages.write(fanuc, coupled)["plan.ls"].decode()
+    assert "J3=   95.5000 deg" in text
+
+
+def test_every_language_that_has_robots_writes_moves():
+    for language in languages.known():
+        assert (language.write_moves is None) == (language.ROBOTS == "")

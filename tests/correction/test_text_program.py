@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from rapid_modules import CELL, EXT, module, named, pose, rewritten
 
-from irbcal.correction.configurations import ConfData
 from irbcal.correction.languages import rapid
 from irbcal.correction.languages.krl import KUKA
 from irbcal.correction.listing import Listing, Number
+from irbcal.correction.maker import ConfData
 from irbcal.correction.program import Goals, read_bytes, refuse_filtered
 from irbcal.correction.text_program import UNSET, ControlFlow, Target, complete
 from irbcal.errors import ProgramError

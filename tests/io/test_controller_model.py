@@ -11,8 +11,8 @@ from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.correction import notation
-from irbcal.correction.configurations import configuration_of
 from irbcal.correction.languages import rapid
+from irbcal.correction.maker import configuration_of
 from irbcal.errors import RobotError
 from irbcal.io import robots, urdf
 from irbcal.io.controller_model import controller_frames, unknown_frames

@@ -5,8 +5,7 @@ import pytest
 from circles import small
 from support import arm, random_robot
 
-from irbcal.correction.path import Circle
-from irbcal.correction.subdivision import subdivide
+from irbcal.correction.paths import Circle, subdivide
 from irbcal.errors import RobotError
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irbcal.correction.joints_along import Reversal
+from irbcal.correction.paths import Reversal
 from irbcal.figures import colours
 from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.validation import ballbar_check, plots

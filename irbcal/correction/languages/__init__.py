@@ -14,15 +14,23 @@ and branch. ``table`` (CSV) and ``ros`` stand on their own.
 from __future__ import annotations
 
 import re
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
+from irbcal.arrays import FloatArray
+from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves
 from irbcal.correction.program import Given, Program, read_bytes
 from irbcal.errors import ProgramError
+from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.home import DECIMALS
+from irbcal.units import DEG
 
 
 class Language(Protocol):
@@ -190,3 +198,47 @@ def files_of(programs: Sequence[str | Path]) -> tuple[Language, list[Path]]:
     if doubled:
         raise ProgramError("there are two files of this name: filter them one by one", file=doubled[0])
     return languages[0], files
+
+
+def write(language: Language, moves: Moves) -> dict[str, bytes]:
+    """Joint moves as a program.
+
+    Parameters
+    ----------
+    language : Language
+    moves : Moves
+
+    Returns
+    -------
+    dict of str to bytes
+        File name -> content.
+
+    Raises
+    ------
+    ProgramError
+        If the language cannot serve this arm, or has no moves to write, or what was written does not hold the joints.
+    """
+    if language.write_moves is None:
+        raise ProgramError(f"{language.NAME} has no moves to write")
+    if language.MAKER is not None:
+        language.MAKER.check(moves.arm, moves.arm.name)
+    elif not moves.arm.six_revolute:
+        raise ProgramError(f"{language.NAME} moves are of six revolute joints, {moves.arm.name} has others")
+    contents = {name: text.encode("ascii") for name, text in language.write_moves(moves).items()}
+    given = Given({}, {}, unknown_frames(), moves.pulses)
+    with tempfile.TemporaryDirectory() as folder:
+        for name, data in contents.items():
+            (Path(folder) / name).write_bytes(data)
+        files = [path for path in sorted(Path(folder).iterdir()) if path.suffix.lower() in language.ENDINGS]
+        q = np.concatenate([commanded(one, moves.arm) for one in language.read_for(moves.arm, files, given)])
+    if q.shape != moves.q.shape or (np.abs(q - moves.q) > _printed(moves)).any():
+        raise ProgramError(f"the {language.NAME} program does not hold the joints that were to be written")
+    return contents
+
+
+def _printed(moves: Moves) -> FloatArray:
+    """By how much joints that are read may differ from those that were to be written, radians, shape (6,)."""
+    digits = np.full(6, 2.0 * 0.5 * 10.0**-DECIMALS * DEG)  # twice: a coupled joint is the sum of two
+    if not moves.pulses:
+        return digits
+    return digits + 0.5 * DEG / np.abs(np.array(moves.pulses))

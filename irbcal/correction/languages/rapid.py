@@ -24,12 +24,11 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, locked
 from irbcal.correction import notation
-from irbcal.correction.configurations import ConfData, configuration_of
-from irbcal.correction.cutting import CutPath, PathMove
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in
-from irbcal.correction.maker import Maker
+from irbcal.correction.maker import ConfData, Maker, configuration_of
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
+from irbcal.correction.paths import CutPath, PathMove
 from irbcal.correction.program import Given, Kind, Note, read_bytes
 from irbcal.correction.text_program import (
     Configuration,

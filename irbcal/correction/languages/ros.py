@@ -112,7 +112,7 @@ DECIMALS = 12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RosProgram:
-    """A trajectory as read; see `irbcal.correction.program.Program` and `irbcal.correction.timed.Timed`.
+    """A trajectory as read; see `irbcal.correction.program.Program` and `irbcal.correction.trajectories.Timed`.
 
     Attributes
     ----------

@@ -209,7 +209,7 @@ TIME = "time_s"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TimedTable(TableProgram):
-    """A CSV trajectory as read; see `irbcal.correction.timed.Timed`.
+    """A CSV trajectory as read; see `irbcal.correction.trajectories.Timed`.
 
     Attributes
     ----------

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation, Slerp
 from support import arm, random_robot
 
 from irbcal.correction import notation
-from irbcal.correction.configurations import ConfData, configuration_of
 from irbcal.correction.filter import filter_program
 from irbcal.correction.languages import rapid
 from irbcal.correction.languages.rapid import Data, Literal, Reader, may_be
 from irbcal.correction.listing import Listing, Number, one_word
+from irbcal.correction.maker import ConfData, configuration_of
 from irbcal.correction.program import Given
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import unknown_frames

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction.configurations import ConfData, seeds_of
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
+from irbcal.correction.maker import ConfData, seeds_of
 from irbcal.correction.program import Goals, Program
 from irbcal.correction.text_program import PostureProgram
 from irbcal.correction.true_frames import CELL, UNKNOWN, FramesOfGoals, TrueFrames
+from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
@@ -153,3 +154,48 @@ def refused(found: Corrected, reasons: Sequence[str]) -> Corrected:
     mask = new != ""
     ok = found.ok & ~mask
     return replace(found, q=np.where(ok[:, None], found.q, np.nan), ok=ok, reason=np.where(mask, new, found.reason))
+
+
+def commanded(program: Program, nominal: Arm) -> FloatArray:
+    """Joints that a controller commands at the stops of a program, in their order.
+
+    Parameters
+    ----------
+    program : Program
+    nominal : Arm
+        What the controller computes with.
+
+    Returns
+    -------
+    ndarray, shape (n, joints)
+        Radians (metres for prismatic joints). Points that circles pass are none.
+
+    Raises
+    ------
+    ProgramError
+        If a stop is computed by the program, or nothing tells its joints; names the line.
+    """
+    joints: dict[int, FloatArray] = {}
+    why: dict[int, str] = {}
+    order: list[int] = []
+    for goals, q, reasons in meant_joints(program, nominal):
+        for number, row, reason in zip(goals.numbers.tolist(), q, reasons, strict=True):
+            joints[number], why[number] = row, str(reason)
+        order += goals.numbers.tolist()
+    stops = [(stop.target, stop.line) for stop in program.stops()]
+    left = {item.line: item for item in program.left()}
+    out = []
+    for number, line in stops or [(number, 0) for number in sorted(order)]:
+        if number is not None and number in joints and np.isfinite(joints[number]).all():
+            out.append(joints[number])
+            continue
+        known = why.get(number, "") if number is not None else ""
+        reason = known or (left[line].reason if line in left else _of_target(program, number))
+        raise ProgramError(f"the joints of this move are not known: {reason}", file=program.source, line=line or None)
+    return np.array(out).reshape(-1, len(nominal.joint_names))
+
+
+def _of_target(program: Program, number: int | None) -> str:
+    targets: Sequence[object] = getattr(program, "targets", ())
+    reason = getattr(targets[number], "reason", "") if number is not None and number < len(targets) else ""
+    return str(reason) or "its target is computed"
