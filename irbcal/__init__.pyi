@@ -37,8 +37,8 @@ from .io.dh_table import urdf_from_dh as urdf_from_dh
 from .io.robots import robots as robots
 from .io.signature import sign as sign
 from .io.urdf import read_urdf as read_urdf
-from .joint_behaviour.behaviour import joints as joints
-from .joint_behaviour.by_circles import circles as circles
+from .joint_analysis.behaviour import joints as joints
+from .joint_analysis.by_circles import circles as circles
 from .kinematics import forward_kinematics as forward_kinematics
 from .kinematics import inverse_kinematics as inverse_kinematics
 from .measurement.charuco import corners as corners

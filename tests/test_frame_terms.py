@@ -12,7 +12,7 @@ from term_cases import framed_robot
 import irbcal
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.errors import CalibrationError, OptionError, RobotError
-from irbcal.joint_behaviour.linearised import Linearised
+from irbcal.joint_analysis.linearised import Linearised
 from irbcal.measurement.points import distances
 from irbcal.modeling.inverse import any_arm, calibrated_arm
 from irbcal.modeling.robot import Robot

@@ -28,7 +28,7 @@ FLOORS = (
     ("io",),
     ("cell",),
     ("correction",),
-    ("validation", "joint_behaviour", "simulation"),
+    ("validation", "joint_analysis", "simulation"),
     ("kinematic_results",),
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer"),

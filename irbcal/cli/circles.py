@@ -40,7 +40,7 @@ def circles(
     The base comes from axes 1 and 2, the tool from the last two, links from all six. The tool can be compared with its
     drawing. Nothing is written: calibrate --method circles makes a calibration.
     """
-    from irbcal.joint_behaviour import by_circles
+    from irbcal.joint_analysis import by_circles
     from irbcal.units import DEG
 
     with wrong_calls():

@@ -45,7 +45,7 @@ def joints(
     if calibration is not None and robot is not None:
         raise typer.BadParameter("give --calibration or --robot, not both")
     periods = _frequency(frequency)
-    from irbcal.joint_behaviour import behaviour
+    from irbcal.joint_analysis import behaviour
 
     with show.progress(3, quiet=json) as step:
         found = behaviour.joints(

@@ -38,7 +38,7 @@ PULSES = np.array([1341.4, 1341.4, 1341.4, 1000.0, 1000.0, 622.0])
 
 
 @dataclass(frozen=True)
-class Arm:
+class MakerArm:
     """A maker's arm and the stops of its program.
 
     Attributes
@@ -76,7 +76,7 @@ class Arm:
 
 
 TURN = float(np.pi / 2)
-KUKA_ARM = Arm(
+KUKA_ARM = MakerArm(
     "kuka",
     KUKA,
     (
@@ -94,7 +94,7 @@ KUKA_ARM = Arm(
     (400, 0, 200, 0, 0, 0),
     {"job.src": "--out kuka-job --tool 3=0,0,150,0,0,0 --frame 1=400,0,200,0,0,0"},
 )
-FANUC_ARM = Arm(
+FANUC_ARM = MakerArm(
     "fanuc",
     FANUC,
     (
@@ -112,7 +112,7 @@ FANUC_ARM = Arm(
     (0, 0, 0, 0, 0, 0),
     {"job.ls": "--out fanuc-job.ls --tool 1=0,0,150,0,0,0"},
 )
-YASKAWA_ARM = Arm(
+YASKAWA_ARM = MakerArm(
     "yaskawa",
     YASKAWA,
     (
@@ -132,7 +132,7 @@ YASKAWA_ARM = Arm(
         "JOB.JBI": "--out YASKAWA.JBI --pulses 1341.4,1341.4,1341.4,1000,1000,622 --tool 1=0,0,150,0,0,0",
     },
 )
-STAUBLI_ARM = Arm(
+STAUBLI_ARM = MakerArm(
     "staubli",
     STAUBLI,
     (
@@ -150,7 +150,7 @@ STAUBLI_ARM = Arm(
     (0, 0, 0, 0, 0, 0),
     {"application": "--out staubli-job"},
 )
-KAWASAKI_ARM = Arm(
+KAWASAKI_ARM = MakerArm(
     "kawasaki",
     KAWASAKI,
     (
@@ -168,7 +168,7 @@ KAWASAKI_ARM = Arm(
     (0, 0, 0, 0, 0, 0),
     {"job.as": "--out kawasaki-job.as --where {where}"},
 )
-UR_ARM = Arm(
+UR_ARM = MakerArm(
     "universal",
     UNIVERSAL_ROBOTS,
     (),
@@ -180,7 +180,7 @@ UR_ARM = Arm(
     {"job.script": "--out ur-job.script --tool active=0,0,0.15,0,0,0"},
     "ur10",
 )
-ABB_ARM = Arm(
+ABB_ARM = MakerArm(
     "abb",
     None,
     (),
@@ -195,7 +195,7 @@ ABB_ARM = Arm(
 ARMS = (ABB_ARM, KUKA_ARM, FANUC_ARM, YASKAWA_ARM, STAUBLI_ARM, KAWASAKI_ARM, UR_ARM)
 
 
-def urdf_of(arm: Arm) -> bytes:
+def urdf_of(arm: MakerArm) -> bytes:
     """The URDF of an arm that is given by its joints."""
     from lxml import etree
 
@@ -245,7 +245,7 @@ def files() -> Iterator[Sample]:
         yield from _programs(arm, data, found, calibration)
 
 
-def _programs(arm: Arm, data: bytes, found: urdf.UrdfArm, calibration: str) -> Iterator[Sample]:
+def _programs(arm: MakerArm, data: bytes, found: urdf.UrdfArm, calibration: str) -> Iterator[Sample]:
     """The maker's templates, filled in; a line that names a folder goes with the last file in it."""
     import jinja2
 
@@ -267,7 +267,7 @@ def _programs(arm: Arm, data: bytes, found: urdf.UrdfArm, calibration: str) -> I
         yield Sample(f"{arm.folder}/{file}", text.encode(), "a program" if tried else "goes with a program", tried)
 
 
-def stops(arm: Arm, data: bytes, found: urdf.UrdfArm) -> dict[str, Any]:
+def stops(arm: MakerArm, data: bytes, found: urdf.UrdfArm) -> dict[str, Any]:
     """Joints and poses of the stops as a program has them."""
     at = controller_frames(data, arm.folder, found.arm.base_link, found.arm.tip_link)
     program = np.array(arm.stops, dtype=float) * DEG

@@ -13,7 +13,7 @@ from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     from irbcal.io.schema import EvidenceSection
-    from irbcal.joint_behaviour.approach import Approach
+    from irbcal.joint_analysis.residuals import Approach
     from irbcal.reports.evidence import Evidence
 
 T = TypeVar("T")

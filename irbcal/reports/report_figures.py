@@ -14,7 +14,7 @@ from irbcal.figures.charts import Drawing, Figure, LegendEntry, Panel, Text
 from irbcal.figures.marks import Shape
 from irbcal.figures.pose_errors import before_and_after, distribution, errors_by_pose, turns_by_pose, vectors, workspace
 from irbcal.io.schema import Observability, Record
-from irbcal.joint_behaviour.approach import Approach
+from irbcal.joint_analysis.residuals import Approach
 from irbcal.reports.evidence import Evidence
 from irbcal.reports.model_figures import corrections, explained, gear_spectrum
 from irbcal.units import DEG, MM

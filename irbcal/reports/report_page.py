@@ -26,8 +26,8 @@ from irbcal.validation.verdict import verdict_of
 from irbcal.validation.worst import WorstPose, worst_poses
 
 if TYPE_CHECKING:
-    from irbcal.joint_behaviour.approach import Approach
-    from irbcal.joint_behaviour.terms import Term
+    from irbcal.joint_analysis.residuals import Approach
+    from irbcal.joint_analysis.terms import JointTerm
     from irbcal.reports.evidence import Evidence
 
 STATISTICS = (
@@ -218,7 +218,7 @@ def _seen(approach: Approach | None) -> dict[str, str]:
     return {"all": _joints(seen), "beyond": _joints([term for term in seen if term.values[0] < 0])}
 
 
-def _joints(terms: Sequence[Term]) -> str:
+def _joints(terms: Sequence[JointTerm]) -> str:
     numbers = [str(term.joint) for term in terms]
     if len(numbers) < 2:
         return "".join(f"joint {number}" for number in numbers)

@@ -13,7 +13,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.simulation import pose_list
-from irbcal.simulation.effects import Backlash, Harmonics, Lost
+from irbcal.simulation.effects import BacklashEffect, HarmonicsEffect, LostEffect
 from irbcal.simulation.pose_list import PoseList, numbered
 from irbcal.simulation.shipped_cells import open_cell
 from irbcal.simulation.virtual_cell import WAIT_S, VirtualCell
@@ -48,9 +48,9 @@ def demonstration_cell() -> VirtualCell:
     VirtualCell
     """
     cell = open_cell(ROBOT, seed=SEED).without(*WITHOUT).with_targets(pose_list.IDENTIFIED).with_payload(PAYLOAD_KG)
-    waves = tuple((joint, periods, WEAR * size, phase) for joint, periods, size, phase in Harmonics().waves)
-    gaps = tuple(WEAR * gap for gap in Backlash().peak_to_peak_deg)
-    for effect in (Harmonics(waves), Backlash(gaps), Lost(LOST_SHARE)):
+    waves = tuple((joint, periods, WEAR * size, phase) for joint, periods, size, phase in HarmonicsEffect().waves)
+    gaps = tuple(WEAR * gap for gap in BacklashEffect().peak_to_peak_deg)
+    for effect in (HarmonicsEffect(waves), BacklashEffect(gaps), LostEffect(LOST_SHARE)):
         cell = cell.with_effect(effect)
     return cell.replace(
         joint_map=replace(cell.joint_map, gain=np.array(GAIN)),

@@ -210,7 +210,7 @@ _DRIFTS = ("x_deg", "y_deg", "z_deg", "x_mm", "y_mm", "z_mm")
 
 
 @dataclass(frozen=True)
-class Tilt(Effect):
+class TiltEffect(Effect):
     """Axes that should be parallel are not (Nubiola 2011, section 3.1.3).
 
     Levels 26 and 34 have no parameter for it: theirs (``alpha``) tilts about the common normal only, Hayati's ``beta``
@@ -236,7 +236,7 @@ class Tilt(Effect):
 
 
 @dataclass(frozen=True)
-class Compliance(Effect):
+class ComplianceEffect(Effect):
     """Every joint gives way under gravity: link masses of the URDF and payload (Nubiola 2011, section 4.3.1).
 
     It takes the place of the joint map's two numbers: joints 2 and 3 have compliances of their own, the payload hangs
@@ -266,7 +266,7 @@ class Compliance(Effect):
 
 
 @dataclass(frozen=True)
-class Harmonics(Effect):
+class HarmonicsEffect(Effect):
     """Gears that run unevenly: a joint's error repeats some times a turn (Nubiola 2011, sections 4.1 and 4.2).
 
     The joint-6 series of the second order is in the 34-parameter model and not here. Joints 4 and 5 are driven
@@ -299,7 +299,7 @@ class Harmonics(Effect):
 
 
 @dataclass(frozen=True)
-class Backlash(Effect):
+class BacklashEffect(Effect):
     """A joint stops short on the side it came from (Nubiola 2011, section 4.2).
 
     0.05 degrees on joint 6 are measured there; the rest of the wrist is driven alike and gets less. Gravity loads the
@@ -326,7 +326,7 @@ class Backlash(Effect):
 
 
 @dataclass(frozen=True)
-class Repeatability(Effect):
+class RepeatabilityEffect(Effect):
     """Every move ends a little elsewhere (Nubiola 2011, annex I).
 
     Nubiola 2011, Table A I-2 has 0.009 to 0.015 mm on average for poses reached from one side.
@@ -351,7 +351,7 @@ class Repeatability(Effect):
 
 
 @dataclass(frozen=True)
-class Settling(Effect):
+class SettlingEffect(Effect):
     """The arm swings after a move and comes to rest (Nubiola 2011, annex V: after two seconds).
 
     Joints 1 to 3 overshoot in the direction of the move: ``amplitude exp(-t/tau) cos(2 pi f t)``, t since the stop.
@@ -381,7 +381,7 @@ class Settling(Effect):
 
 
 @dataclass(frozen=True)
-class WarmUp(Effect):
+class WarmUpEffect(Effect):
     """The robot grows and bends while it warms up (Nubiola 2011, section 7.1: one hour before measuring).
 
     Against the warm robot, with ``w = exp(-(t + before)/tau)``: all lengths are shorter by ``growth w``, joints 2 and 3
@@ -420,7 +420,7 @@ class WarmUp(Effect):
 
 
 @dataclass(frozen=True)
-class Noise(Effect):
+class NoiseEffect(Effect):
     """Scatter of the tracker in range and angle.
 
     Standard deviations ``a + b r`` along the beam and in each direction across it, independent of one another.
@@ -453,7 +453,7 @@ class Noise(Effect):
 
 
 @dataclass(frozen=True)
-class Drift(Effect):
+class DriftEffect(Effect):
     """The tracker shifts and turns slowly over hours (Nubiola 2011, annex IV: 0.012 mm on average).
 
     Each of three shifts and three turns is a sine of a period and phase of its own. References on the floor take it
@@ -484,7 +484,7 @@ class Drift(Effect):
 
 
 @dataclass(frozen=True)
-class Visibility(Effect):
+class VisibilityEffect(Effect):
     """A target that looks away from the tracker, or that the arm hides, is a lost point (Nubiola 2011, section 7.1).
 
     References on the floor are always seen.
@@ -519,7 +519,7 @@ class Visibility(Effect):
 
 
 @dataclass(frozen=True)
-class Lost(Effect):
+class LostEffect(Effect):
     """The tracker does not find a reflector (Nubiola 2011, section 7.7: 0.6 to 3.6 % of the points).
 
     Parameters
@@ -538,7 +538,7 @@ class Lost(Effect):
 
 
 @dataclass(frozen=True)
-class ReadingLag(Effect):
+class ReadingLagEffect(Effect):
     """The controller reads its joints before the arm stands still (Nubiola 2011, annex V, waits for that).
 
     All joints' readings lag behind by the same share of the last move, another one for each pose; the arm itself ends
@@ -572,7 +572,7 @@ class ReadingLag(Effect):
 
 
 @dataclass(frozen=True)
-class Bending(Effect):
+class BendingEffect(Effect):
     """Links and bearings bend: a joint's frame tilts about the two axes that the joint does not turn about.
 
     Beyond Nubiola 2011, whose section 4.3 lets joints give way about their own axes only. Sizes: up to 0.1 mrad on an
@@ -600,7 +600,7 @@ class Bending(Effect):
 
 
 @dataclass(frozen=True)
-class Gear(Effect):
+class GearEffect(Effect):
     """Harmonic drives swing a joint twice with every turn of their input.
 
     Not in Nubiola 2011, whose section 4.1 stops at a few periods a turn. On a measured IRB 120, waves of 100, 200, 240
@@ -625,7 +625,7 @@ class Gear(Effect):
 
 
 @dataclass(frozen=True)
-class Wobble(Effect):
+class WobbleEffect(Effect):
     """A joint's axis tilts and shifts as it turns: its bearing runs out, once and twice a turn.
 
     Not in Nubiola 2011, whose section 3.1.1 finds each axis from circles that it takes for perfect. Sizes are those
@@ -659,11 +659,11 @@ class Wobble(Effect):
 
 
 @dataclass(frozen=True)
-class Direction(Effect):
+class DirectionEffect(Effect):
     """A joint stops elsewhere when it comes from the other side, and small moves take up a part of that only.
 
-    Beside `Backlash` (Nubiola 2011, section 4.2), which knows sides only: ``size tanh(D / 0.5 degrees)`` with ``D`` the
-    joint's last move. Sizes are those that evidence shows on a measured IRB 120. Off in the shipped cells.
+    Beside `BacklashEffect` (Nubiola 2011, section 4.2), which knows sides only: ``size tanh(D / 0.5 degrees)`` with
+    ``D`` the joint's last move. Sizes are those that evidence shows on a measured IRB 120. Off in the shipped cells.
 
     Parameters
     ----------
@@ -686,7 +686,7 @@ class Direction(Effect):
 
 
 @dataclass(frozen=True)
-class Move(Effect):
+class MoveEffect(Effect):
     """Where a joint stops depends on how far it came: a share of its move, and its share of the largest move.
 
     Not in Nubiola 2011, which waits two seconds (annex V) and finds nothing left of the way. Sizes are those that
@@ -716,12 +716,12 @@ class Move(Effect):
 
 
 @dataclass(frozen=True)
-class Thaw(Effect):
+class ThawEffect(Effect):
     """All six motions of all joints' frames drift to nothing as ``exp(-t/tau)`` from the start of the run.
 
-    Where `WarmUp` (Nubiola 2011, section 7.1) grows all lengths alike and turns two joints, every joint has drifts of
-    its own here: what the error model's warm-up can describe at most. Sizes are those that evidence shows on a measured
-    IRB 120, 0.1 mrad and 0.03 mm. Off in the shipped cells.
+    Where `WarmUpEffect` (Nubiola 2011, section 7.1) grows all lengths alike and turns two joints, every joint has
+    drifts of its own here: what the error model's warm-up can describe at most. Sizes are those that evidence shows on
+    a measured IRB 120, 0.1 mrad and 0.03 mm. Off in the shipped cells.
 
     Parameters
     ----------
@@ -752,21 +752,29 @@ class Thaw(Effect):
 
 
 EFFECTS: tuple[type[Effect], ...] = (
-    Tilt,
-    Compliance,
-    Harmonics,
-    Backlash,
-    Repeatability,
-    Settling,
-    WarmUp,
-    Noise,
-    Drift,
-    Visibility,
-    Lost,
+    TiltEffect,
+    ComplianceEffect,
+    HarmonicsEffect,
+    BacklashEffect,
+    RepeatabilityEffect,
+    SettlingEffect,
+    WarmUpEffect,
+    NoiseEffect,
+    DriftEffect,
+    VisibilityEffect,
+    LostEffect,
 )
 """The effects of the shipped cells in the order in which they act."""
 
-MORE: tuple[type[Effect], ...] = (ReadingLag, Bending, Gear, Wobble, Direction, Move, Thaw)
+MORE: tuple[type[Effect], ...] = (
+    ReadingLagEffect,
+    BendingEffect,
+    GearEffect,
+    WobbleEffect,
+    DirectionEffect,
+    MoveEffect,
+    ThawEffect,
+)
 """Effects that the shipped cells leave off: `irbcal.simulation.virtual_cell.VirtualCell.also` switches them on."""
 
 ALL = EFFECTS + MORE

@@ -26,21 +26,21 @@ from irbcal.modeling.terms import direction, harmonics, move, warm_up, wobble
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.simulation.effects import (
     EFFECTS,
-    Bending,
-    Compliance,
-    Direction,
-    Drift,
+    BendingEffect,
+    ComplianceEffect,
+    DirectionEffect,
+    DriftEffect,
     Effect,
-    Gear,
-    Harmonics,
-    Lost,
-    Move,
-    Noise,
-    ReadingLag,
-    Repeatability,
-    Thaw,
-    Visibility,
-    Wobble,
+    GearEffect,
+    HarmonicsEffect,
+    LostEffect,
+    MoveEffect,
+    NoiseEffect,
+    ReadingLagEffect,
+    RepeatabilityEffect,
+    ThawEffect,
+    VisibilityEffect,
+    WobbleEffect,
     size_of,
 )
 from irbcal.simulation.tool import PAYLOAD_KG, thesis_tool
@@ -143,7 +143,7 @@ def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBO
     errors = {k: np.array(v) * unit for k, (v, unit) in LINK_ERRORS.items()} if tuned else None
     table = with_errors(arm, drawn_errors(arm, robot_seed, size) if errors is None else errors)
     parts = tuple(effect().for_arm(arm.table.prismatic, size) for effect in EFFECTS)
-    compliance = next(part for part in parts if isinstance(part, Compliance)).rad_per_Nm
+    compliance = next(part for part in parts if isinstance(part, ComplianceEffect)).rad_per_Nm
     T = np.array(T_TRACKER_BASE)
     T[:3, 3] *= size
     tracker = Tracker(T)
@@ -206,7 +206,7 @@ PART = (0.5, 1.5)
 TORQUE_POSES, LEAST_TORQUE = 400, 1e-3
 """Random poses of the mean squares, and the root mean square torque (N m) below which an axis is not turned."""
 
-SEEING = (Repeatability, Noise, Drift, Visibility, Lost)
+SEEING = (RepeatabilityEffect, NoiseEffect, DriftEffect, VisibilityEffect, LostEffect)
 """Effects that are as in the cell of the thesis."""
 
 
@@ -233,18 +233,18 @@ def realistic(cell: VirtualCell, robot_seed: int = ROBOT_SEED) -> VirtualCell:
     prismatic, n = cell.arm.table.prismatic, len(cell.arm.joint_names)
     soft = tuple(_soft(DEFLECTION * rng.uniform(*PART, n), cell, 0))
     parts: list[Effect] = [
-        Compliance(soft),
-        Bending(*(tuple(_soft(TILT * rng.uniform(*PART, n), cell, axis)) for axis in (1, 2))),
+        ComplianceEffect(soft),
+        BendingEffect(*(tuple(_soft(TILT * rng.uniform(*PART, n), cell, axis)) for axis in (1, 2))),
         _harmonics(cell.arm, rng),
         _gears(cell.arm, rng),
         _wobble(cell.arm, rng),
-        Direction(_drawn(rng, cell.arm, SHARES["direction"], direction.SIZES)),
-        Move(
+        DirectionEffect(_drawn(rng, cell.arm, SHARES["direction"], direction.SIZES)),
+        MoveEffect(
             _drawn(rng, cell.arm, SHARES["move"], move.SIZES),
             tuple(SHARES["move"] * move.GAIN_SIZE * rng.standard_normal(n)),
         ),
         _thaw(n, rng),
-        ReadingLag(),
+        ReadingLagEffect(),
         *(effect for effect in cell.effects if isinstance(effect, SEEING)),
     ]
     out = cell.replace(effects=(), compliance=soft, joint_map=ThesisMap(GAIN * rng.standard_normal(n) * ~prismatic))
@@ -278,24 +278,24 @@ def _wave(rng: np.random.Generator, size: float) -> tuple[float, float]:
     return round(float(np.hypot(cos, sin)), 6), round(float(np.degrees(np.arctan2(cos, sin))), 2)
 
 
-def _harmonics(arm: Arm, rng: np.random.Generator) -> Harmonics:
+def _harmonics(arm: Arm, rng: np.random.Generator) -> HarmonicsEffect:
     turning = int((~arm.table.prismatic).sum())
     size = SHARES["harmonics"] * harmonics.SIZE / DEG
-    return Harmonics(tuple((j, k, *_wave(rng, size)) for j in range(1, turning + 1) for k in ORDERS))
+    return HarmonicsEffect(tuple((j, k, *_wave(rng, size)) for j in range(1, turning + 1) for k in ORDERS))
 
 
-def _wobble(arm: Arm, rng: np.random.Generator) -> Wobble:
+def _wobble(arm: Arm, rng: np.random.Generator) -> WobbleEffect:
     turning, share = int((~arm.table.prismatic).sum()), SHARES["wobble"]
     sizes = {"r": share * wobble.SIZES["r"] / DEG, "t": share * wobble.SIZES["t"] / MM}
     axes = ("rx", "ry", "tx", "ty", "tz")
     waves = ((j, a, k, *_wave(rng, sizes[a[0]])) for j in range(1, turning + 1) for a in axes for k in wobble.ORDERS)
-    return Wobble(tuple(waves))
+    return WobbleEffect(tuple(waves))
 
 
-def _gears(arm: Arm, rng: np.random.Generator) -> Gear:
+def _gears(arm: Arm, rng: np.random.Generator) -> GearEffect:
     turning = int((~arm.table.prismatic).sum())
     joints = np.sort(rng.choice(np.arange(1, turning + 1), min(GEARS, turning), replace=False))
-    return Gear(
+    return GearEffect(
         tuple(
             (
                 int(j),
@@ -308,13 +308,13 @@ def _gears(arm: Arm, rng: np.random.Generator) -> Gear:
     )
 
 
-def _thaw(joints: int, rng: np.random.Generator) -> Thaw:
+def _thaw(joints: int, rng: np.random.Generator) -> ThawEffect:
     sizes = {"deg": warm_up.SIZES["r"] / DEG, "mm": warm_up.SIZES["t"] / MM}
 
     def drift(unit: str) -> tuple[float, ...]:
         values: FloatArray = SHARES["warm_up"] * sizes[unit] * rng.standard_normal(joints)
         return tuple(values.tolist())
 
-    return Thaw(
+    return ThawEffect(
         x_deg=drift("deg"), y_deg=drift("deg"), z_deg=drift("deg"), x_mm=drift("mm"), y_mm=drift("mm"), z_mm=drift("mm")
     )

@@ -32,7 +32,7 @@ from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.terms.thesis import stiffness_of
 from irbcal.modeling.thesis_map import ThesisMap, stiffness_terms
-from irbcal.simulation.effects import ALL, MORE, Effect, Shot, Stops, Visibility, check_names, size_of
+from irbcal.simulation.effects import ALL, MORE, Effect, Shot, Stops, VisibilityEffect, check_names, size_of
 from irbcal.simulation.tool import EndEffector
 from irbcal.simulation.tracker import Tracker
 from irbcal.simulation.weights import Bodies, torques
@@ -333,7 +333,7 @@ class VirtualCell:
         ndarray of bool, shape (n, targets)
             True everywhere where the effect is off.
         """
-        effect = next((item for item in self.effects if isinstance(item, Visibility)), None)
+        effect = next((item for item in self.effects if isinstance(item, VisibilityEffect)), None)
         k = len(self.tool.names)
         if effect is None:
             return np.ones((len(q), k), dtype=bool)

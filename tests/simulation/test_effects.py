@@ -8,7 +8,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.modeling import frames
 from irbcal.simulation import effects
-from irbcal.simulation.effects import ALL, EFFECTS, MORE, ReadingLag, Stops, fitted
+from irbcal.simulation.effects import ALL, EFFECTS, MORE, ReadingLagEffect, Stops, fitted
 from irbcal.simulation.virtual_cell import directions
 from irbcal.units import DEG, MM
 
@@ -135,7 +135,7 @@ def change_of_joints(cell, effect, joints, wait_s=4.0):
 def test_backlash_depends_on_where_each_joint_came_from(cell):
     # joint 1 rises, falls, stays, rises; joint 2 falls and stays; joint 3 never moves (counts as reached from below)
     joints = [[10, -5, 0, 0, 0, 0], [5, -5, 0, 0, 0, 0], [5, -5, 0, 0, 0, 0], [6, -5, 0, 0, 0, 0]]
-    gap = effects.Backlash(peak_to_peak_deg=(0.04, 0.02, 0.06, 0.0, 0.0, 0.0))
+    gap = effects.BacklashEffect(peak_to_peak_deg=(0.04, 0.02, 0.06, 0.0, 0.0, 0.0))
     found = change_of_joints(cell, gap, joints)
     np.testing.assert_allclose(found[:, 0], [-0.02, 0.02, 0.02, -0.02], atol=1e-15)
     np.testing.assert_allclose(found[:, 1], [0.01] * 4, atol=1e-15)
@@ -151,7 +151,7 @@ def test_backlash_of_a_pose_reached_from_both_sides(cell):
 
 
 def test_settling_follows_its_formula(cell):
-    swing = effects.Settling(amplitude_deg=0.012, tau_s=0.4, frequency_Hz=8.0)
+    swing = effects.SettlingEffect(amplitude_deg=0.012, tau_s=0.4, frequency_Hz=8.0)
     found = change_of_joints(cell, swing, [[10.0, -10.0, 0, 0, 0, 0]], wait_s=0.5)
     expected = 0.012 * np.exp(-0.5 / 0.4) * np.cos(2 * np.pi * 8.0 * 0.5)
     np.testing.assert_allclose(found[0], [expected, -expected, expected, 0, 0, 0], atol=1e-15)
@@ -159,7 +159,7 @@ def test_settling_follows_its_formula(cell):
 
 
 def test_repeatability_has_the_stated_sigmas(cell):
-    part = effects.Repeatability(sigma_deg=(0.001, 0.002, 0.003, 0.004, 0.005, 0.006))
+    part = effects.RepeatabilityEffect(sigma_deg=(0.001, 0.002, 0.003, 0.004, 0.005, 0.006))
     found = change_of_joints(cell, part, np.zeros((20_000, 6)))
     np.testing.assert_allclose(found.std(axis=0), part.sigma_deg, rtol=0.03)
 
@@ -177,7 +177,7 @@ def test_three_kilograms_bend_the_stretched_arm_as_table_4_3_says(cell):
 
 
 def test_tracker_noise_has_the_stated_sigmas_along_and_across_the_beam():
-    noise = effects.Noise(range_um=2.0, range_um_per_m=0.5, across_um=3.0, across_um_per_m=2.0)
+    noise = effects.NoiseEffect(range_um=2.0, range_um_per_m=0.5, across_um=3.0, across_um_per_m=2.0)
     beam = np.array([0.6, -0.64, 0.48])
     u = np.cross(beam, [0, 0, 1.0]) / np.linalg.norm(np.cross(beam, [0, 0, 1.0]))
     off = noise.points(np.tile(4.0 * beam, (40_000, 1, 1)), None, np.random.default_rng(1))[:, 0] - 4.0 * beam
@@ -218,7 +218,7 @@ def test_random_poses_are_seen_and_hidden_ones_are_lost_points(cell, q):
 
 
 def test_lost_points_are_as_many_as_stated(cell, q):
-    run = cell.only("lost").with_effect(effects.Lost(share=0.05)).measure(np.tile(q, (20, 1)))
+    run = cell.only("lost").with_effect(effects.LostEffect(share=0.05)).measure(np.tile(q, (20, 1)))
     assert run.unseen["lost"] == np.isnan(run.xyz[..., 0]).sum() == pytest.approx(0.05 * 6000 * 7, rel=0.1)
 
 
@@ -243,7 +243,7 @@ def test_the_arm_and_the_points_stay_as_they_were(cell, q):
 
 
 def test_readings_are_behind_by_one_share_of_the_last_move(cell, q):
-    exact = cell.with_effect(ReadingLag(scatter_deg=0.0)).measure(q)
+    exact = cell.with_effect(ReadingLagEffect(scatter_deg=0.0)).measure(q)
     move = np.diff(q, axis=0, prepend=np.zeros((1, 6)))
     share = (exact.q - exact.readings) / move
     np.testing.assert_allclose(share, share[:, :1] * np.ones(6), rtol=0, atol=1e-9)
@@ -258,7 +258,7 @@ def test_readings_are_behind_by_one_share_of_the_last_move(cell, q):
 def test_no_reading_is_behind_the_stop_before(cell):
     still = np.zeros((20, 6))
     still[::2, 0] = 1e-6
-    run = cell.with_effect(ReadingLag(scatter_deg=0.0)).measure(still)
+    run = cell.with_effect(ReadingLagEffect(scatter_deg=0.0)).measure(still)
     assert run.readings.min() >= 0
     assert run.readings.max() <= 1e-6
 

@@ -13,21 +13,31 @@ from irbcal.arrays import FloatArray, IntArray
 from irbcal.chance import f_beyond
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
-from irbcal.joint_behaviour.free_frequency import interval
-from irbcal.joint_behaviour.series import Series, home_poses, one_series
-from irbcal.joint_behaviour.terms import (
+from irbcal.joint_analysis.series import Series, error_size, home_poses, one_series, series_dict
+from irbcal.joint_analysis.terms import (
     HIGHEST_FREQUENCY,
+    LABELS,
+    JointTerm,
     Kind,
-    Term,
     best_frequency,
+    change_of,
     fourier_columns,
     fourier_names,
     frequencies,
+    interval,
     judged,
+    judgement_of,
+    name_of,
+    not_tested,
+    of_joints,
+    play_in_words,
     quantile,
+    term_dict,
+    terms_table,
+    worth_saying,
 )
 from irbcal.measurement.points import PointSet
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import DEG
 
 GROUP = re.compile(r"axis([1-9]\d?)(?!\d).*")
@@ -53,18 +63,18 @@ class JointMoves(Speaks):
     joint : int
         Counted from 1.
     series : tuple of Series
-    backlash, gain, fourier : Term
-    gravity : Term or None
+    backlash, gain, fourier : JointTerm
+    gravity : JointTerm or None
         For joints 2 and 3: one period a turn, cosine and sine, for each home pose its own, as the bending of an arm
         gives (Nubiola 2011, sections 4.3.2 and 5.3).
     """
 
     joint: int
     series: tuple[Series, ...]
-    backlash: Term
-    gain: Term
-    fourier: Term
-    gravity: Term | None
+    backlash: JointTerm
+    gain: JointTerm
+    fourier: JointTerm
+    gravity: JointTerm | None
 
     @property
     def play(self) -> float:
@@ -72,15 +82,12 @@ class JointMoves(Speaks):
         return sure_backlash(self.backlash)
 
     @property
-    def terms(self) -> tuple[Term, ...]:
+    def terms(self) -> tuple[JointTerm, ...]:
         """All terms."""
         return tuple(getattr(self, kind) for kind in KINDS if getattr(self, kind) is not None)
 
     def told(self) -> Sequence[Told]:
         """Errors and terms, as tables, and what they mean."""
-        from irbcal.joint_behaviour.numbers import errors_table, terms_table
-        from irbcal.joint_behaviour.verdict import of_moves
-
         return [errors_table([self]), terms_table(self.terms), *of_moves([self])]
 
     def headline(self) -> str:
@@ -165,7 +172,7 @@ def _joint_moves(joint: int, series: Sequence[Series], order: int, frequency: fl
     )
 
 
-def sure_backlash(term: Term) -> float:
+def sure_backlash(term: JointTerm) -> float:
     """Backlash in radians where its interval does not hold zero, else 0."""
     if not term.values or term.low[0] <= 0.0 <= term.high[0]:
         return 0.0
@@ -181,7 +188,7 @@ def _levels(series: Series) -> IntArray:
     return out
 
 
-def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[IntArray], lever: float) -> Term:
+def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[IntArray], lever: float) -> JointTerm:
     """Backlash of Nubiola 2011, section 4.2: about 0.05 degrees of joint 6 there.
 
     From angles that were reached from both sides: their differences do not depend on how the error runs.
@@ -197,12 +204,12 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
     n, name = len(found), ("backlash",)
     if n < SPARE:
         note = f"{n or 'no'} joint angle{'s were' if n > 1 else ' was'} reached from both sides, {SPARE} are needed"
-        return Term("backlash", joint, name, note=note)
+        return JointTerm("backlash", joint, name, note=note)
     difference = np.array(found)
     mean, std = difference.mean(), max(difference.std(ddof=1) / np.sqrt(n), 1e-12)
     half = quantile(n - 1) * std
     others = (n * mean - difference) / (n - 1)
-    return Term(
+    return JointTerm(
         "backlash",
         joint,
         name,
@@ -254,7 +261,7 @@ class _Levels:
         Typical distance between neighbouring angles, radians.
     """
 
-    def __init__(self, series: Sequence[Series], levels: Sequence[IntArray], backlash: Term) -> None:
+    def __init__(self, series: Sequence[Series], levels: Sequence[IntArray], backlash: JointTerm) -> None:
         play, unknown = sure_backlash(backlash), backlash.note != ""
         side: list[FloatArray] = []
         x: list[FloatArray] = []
@@ -313,12 +320,12 @@ class _Levels:
 
 def _term_of_levels(
     kind: Kind, joint: int, names: tuple[str, ...], X: FloatArray, data: _Levels, lever: float, fit: _Fit, **more: Any
-) -> Term:
+) -> JointTerm:
     beta = fit.beta[: len(names)]
     half = quantile(fit.freedom) * np.sqrt(np.diag(fit.covariance))[: len(names)]
     effect = X[:, : len(names)] @ beta
     effect = effect - data.own @ ((data.own.T @ effect) / data.own.sum(axis=0))
-    return Term(
+    return JointTerm(
         kind,
         joint,
         names,
@@ -333,32 +340,32 @@ def _term_of_levels(
     )
 
 
-def _gain_of_moves(joint: int, data: _Levels, lever: float) -> Term:
+def _gain_of_moves(joint: int, data: _Levels, lever: float) -> JointTerm:
     """A gain of the encoder, as Nubiola 2011, eq. 3.31, has it."""
     missing = 1 + data.beside.shape[1] + SPARE - len(data.x)
     if missing > 0:
-        return Term("gain", joint, ("gain",), note=f"{len(data.x)} joint angles are too few")
+        return JointTerm("gain", joint, ("gain",), note=f"{len(data.x)} joint angles are too few")
     X = data.x[:, None]
     return _term_of_levels("gain", joint, ("gain",), X, data, lever, data.fit(X))
 
 
-def _gravity_of_moves(joint: int, data: _Levels, lever: float) -> Term:
+def _gravity_of_moves(joint: int, data: _Levels, lever: float) -> JointTerm:
     """One period a turn for each home pose: what the elbow's angle does to the curves of Nubiola 2011, Figure 4.10."""
     count = data.own.shape[1]
     names = tuple(f"{letter}_{k}" for k in range(1, count + 1) for letter in "ab")
     if len(data.x) < 3 * count + SPARE:
         note = f"{len(data.x)} joint angles are too few: {3 * count + SPARE} are needed"
-        return Term("gravity", joint, names, note=note)
+        return JointTerm("gravity", joint, names, note=note)
     wave = fourier_columns(data.x, 1, 1.0)
     X = (data.own[:, :, None] * wave[:, None, :]).reshape(len(wave), -1)
     return _term_of_levels("gravity", joint, names, X, data, lever, data.fit(X))
 
 
-def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequency: float | None) -> Term:
+def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequency: float | None) -> JointTerm:
     """The Fourier series fitted to both directions (Nubiola 2011, section 5.2, Figure 5.2, Table 5.2).
 
     Its constant is the series' zero; omega is given, as the thesis's is in the end, or free, then with the interval of
-    `irbcal.joint_behaviour.free_frequency`.
+    `irbcal.joint_analysis.terms`.
     """
     names, free = fourier_names(order), frequency is None
     needed = data.beside.shape[1] + 2 * order + free + SPARE
@@ -367,12 +374,12 @@ def _fourier_of_moves(joint: int, data: _Levels, lever: float, order: int, frequ
     if len(data.x) < needed or places < 2 * order + 2:
         short = f"{len(data.x)} joint angles" if len(data.x) < needed else f"{places} places in the turn"
         least = needed if len(data.x) < needed else 2 * order + 2
-        return Term("fourier", joint, names, note=f"{short} are too few for order {order}: {least} are needed")
+        return JointTerm("fourier", joint, names, note=f"{short} are too few for order {order}: {least} are needed")
     highest = np.pi / data.step / order
     if frequency is not None:
         if frequency > highest * (1 + 1e-9):
             note = f"steps of {data.step / DEG:.3g} degrees are too wide for order {order} at frequency {frequency:g}"
-            return Term("fourier", joint, names, note=note)
+            return JointTerm("fourier", joint, names, note=note)
         X = fourier_columns(data.x, order, frequency)
         return _term_of_levels("fourier", joint, names, X, data, lever, data.fit(X), frequency=(float(frequency),))
     tried = frequencies(data.range, min(highest, HIGHEST_FREQUENCY))
@@ -399,6 +406,106 @@ def _judged_moves(joints: list[JointMoves]) -> list[JointMoves]:
     return joints
 
 
-def _with_term(moves: JointMoves, kind: str, term: Term) -> JointMoves:
+def _with_term(moves: JointMoves, kind: str, term: JointTerm) -> JointMoves:
     changes: dict[str, Any] = {kind: term}
     return replace(moves, **changes)
+
+
+MOSTLY = 0.8
+"""Share of the squares that a Fourier series explains from which on gravity, which explains so much, has its place."""
+
+
+def of_moves(moves: Sequence[JointMoves], alone: bool = True) -> list[str]:
+    """What one-joint moves say; ``alone``: nothing else is said, so the last sentence is what the robot needs."""
+    source = "" if alone else "by one-joint moves, "
+    out = [f"{source}{_of_moves(joint, term)}" for joint in moves for term in joint.terms if worth_saying(term)]
+    out += _beyond([joint.backlash for joint in moves])
+    out += not_tested([term for joint in moves for term in joint.terms], "one-joint moves")
+    if moves and alone:
+        out += _period_of_weight(moves)
+        out.append(_needed_by_moves(moves))
+    return out
+
+
+def _of_moves(joint: JointMoves, term: JointTerm) -> str:
+    what = "tangential rms"
+    if term.kind == "backlash":
+        said = play_in_words(term)
+        return said if term.verdict == "not seen" else f"{said}: {change_of(term, what)}: {LABELS[term.verdict]}"
+    said = f"joint {joint.joint}: {name_of(term)} {judgement_of(term, what)}"
+    arc = max(np.ptp(series.turn) for series in joint.series)
+    if term.kind == "fourier" and term.verdict == "worth it" and arc < np.pi:
+        said += f"; on an arc of {arc / DEG:.0f} degrees its coefficients hold there only"
+    if term.kind == "gravity" and term.verdict == "worth it":
+        said += "; model 34 has it as arm stiffness, joints with --robot estimates A and B"
+    return said
+
+
+def _beyond(terms: Sequence[JointTerm]) -> list[str]:
+    """Joints that do the contrary of what play does."""
+    joints = [term.joint for term in terms if term.seen and term.values[0] < 0]
+    if not joints:
+        return []
+    return [
+        f"negative backlash{of_joints(joints)}: the joint stands BEYOND its reading in the direction it came from; "
+        "play would hold it back"
+    ]
+
+
+def _best(joint: JointMoves) -> list[JointTerm]:
+    """Backlash, and of gain, series and gravity, which explain much of the same, the one that leaves least."""
+    worth = [term for term in joint.terms if term.verdict == "worth it"]
+    runs = sorted((term for term in worth if term.kind != "backlash"), key=lambda term: term.rms_with)
+    weight = [term for term in runs if term.kind == "gravity"]
+    if weight and runs[0].kind == "fourier":  # the series has gravity's one period a turn, too: whose is it?
+        rest = runs[0].rms_without ** 2 - runs[0].rms_with ** 2
+        if runs[0].rms_without ** 2 - weight[0].rms_with ** 2 > MOSTLY * rest:
+            runs = weight
+    return [term for term in worth if term.kind == "backlash"] + runs[:1]
+
+
+def _period_of_weight(moves: Sequence[JointMoves]) -> list[str]:
+    """Joints whose needed gain or series may be weight, which has one period a turn: one home pose cannot tell."""
+    joints = [
+        joint.joint
+        for joint in moves
+        for term in _best(joint)
+        if len(joint.series) == 1 and (term.kind == "gain" or (term.kind == "fourier" and term.frequency == (1.0,)))
+    ]
+    if not joints:
+        return []
+    return [
+        f"what gain error or Fourier series{of_joints(joints)} explain may be bending under weight, which has one "
+        "period a turn: moves from one home pose cannot tell these apart; poses all over the workspace can (--robot)"
+    ]
+
+
+def _needed_by_moves(moves: Sequence[JointMoves]) -> str:
+    terms = [term for joint in moves for term in joint.terms]
+    names = [f"{name_of(term)} of joint {term.joint}" for joint in moves for term in _best(joint)]
+    if names:
+        return f"This robot needs: {', '.join(names)}."
+    if not any(term.tested for term in terms if term.kind != "gain"):
+        return "What this robot needs is not known: these moves test neither backlash nor Fourier series."
+    return "This robot needs none of the terms that could be tested."
+
+
+def errors_table(moves: Sequence[JointMoves], title: str = "Errors of one-joint moves") -> Table:
+    """Radial, tangential and axial errors of each series, as Nubiola 2011, Figure 4.3, draws them."""
+    columns = ("group", "n", "range, deg", "radial", "tangential", "largest", "axial", "p-p, deg")
+    rows: list[tuple[Cell, ...]] = []
+    for s in (s for joint in moves for s in joint.series):
+        low, high = s.turn.min() / DEG, s.turn.max() / DEG
+        along = error_size(s.tangential)
+        sizes = [error_size(s.radial)["rms_mm"], along["rms_mm"], along["max_mm"], error_size(s.axial)["rms_mm"]]
+        rows.append((s.name, len(s.q), f"{low:.0f}…{high:.0f}", *sizes, f"{np.ptp(s.angle) / DEG:.4f}"))
+    return Table(f"{title}: rms (tangential: largest, too), mm", columns, tuple(rows))
+
+
+def moves_dict(joint: JointMoves) -> dict[str, Any]:
+    """Moves of one joint as plain numbers."""
+    return {
+        "joint": joint.joint,
+        "series": [series_dict(s) for s in joint.series],
+        "terms": [term_dict(term) for term in joint.terms],
+    }

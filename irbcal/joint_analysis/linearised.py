@@ -1,9 +1,4 @@
-"""A robot's residuals linearised about it, and the test of a few columns beside all that is refitted.
-
-The covariance of the estimates is the jackknife's: every pose is left out once. Residuals of one pose may depend on one
-another, and errors that no term describes count as scatter. "Left out" errors are those of each pose by the fit to all
-other poses; both follow from the hat matrix without fitting again.
-"""
+"""A robot's residuals linearised about it, what each term does to the points, and tests of a few columns."""
 
 from __future__ import annotations
 
@@ -15,12 +10,77 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.chance import f_beyond
+from irbcal.errors import IdentificationError
+from irbcal.identification import outliers
 from irbcal.identification.problem import Problem, State
-from irbcal.joint_behaviour.terms import Kind, Term, quantile
-from irbcal.measurement.points import PointSet
+from irbcal.joint_analysis.terms import JointTerm, Kind, fourier_columns, fourier_names, fourier_order, quantile
+from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.registration import base_on
 from irbcal.modeling import parameters
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.units import MM
+
+FARTHEST = 10 * MM
+"""Median miss of the robot above which its residuals say nothing about single joints."""
+
+FEWEST_POSES = 12
+
+FACTOR = 8.0
+"""Multiple of the median distance from the robot beyond which no joint explains a point."""
+
+
+def placed(
+    robot: Robot, points: PointSet, step: FloatArray
+) -> tuple[Robot, PointSet, FloatArray, tuple[tuple[str, str, float], ...]]:
+    """The robot with its base where the points say; points that no joint could explain are left out.
+
+    Parameters
+    ----------
+    robot : Robot
+        With the targets of the points.
+    points : PointSet
+    step : ndarray, shape (n, joints)
+        Of each pose.
+
+    Returns
+    -------
+    robot : Robot
+    points : PointSet
+    step : ndarray, shape (n, joints)
+        Of the poses that are left.
+    excluded : tuple of tuple
+        (pose, target, distance in metres) of the points left out.
+
+    Raises
+    ------
+    IdentificationError
+        If the points were not measured on this robot, or there are too few poses.
+    """
+    excluded: tuple[tuple[str, str, float], ...] = ()
+    while True:
+        robot = base_on(robot, points)
+        off = distances(robot, points)
+        median = np.median(off)
+        far = off > max(outliers.FLOORS["nominal"], FACTOR * median)
+        if not far.any() or median > FARTHEST:
+            break
+        names = points.names()
+        excluded += tuple((str(points.pose_ids[points.pose[k]]), names[k], float(off[k])) for k in np.flatnonzero(far))
+        used = np.zeros(points.poses, dtype=bool)
+        used[points.pose[~far]] = True
+        points, step = points.take(~far).select(used).with_seen_targets(), step[used]
+    if median > FARTHEST:
+        raise IdentificationError(
+            f"{robot.arm.name} misses the points by {median / MM:.4g} mm (median) even with its base placed anew: they "
+            "were not measured on this robot with this tool"
+        )
+    if points.poses < FEWEST_POSES:
+        raise IdentificationError(
+            f"{points.poses} poses are too few to look for effects of single joints: at least {FEWEST_POSES} are needed"
+        )
+    return robot, points, step, excluded
+
 
 UNSEEN = 1e-6
 """Share of a column that must be left beside all others for its coefficient to be seen."""
@@ -141,8 +201,8 @@ class Linearised:
         out[self.rows[there]] = r[there]
         return out
 
-    def test(self, X: FloatArray, without: Sequence[str] = (), Q: FloatArray | None = None) -> Found | None:
-        """Terms beside what is refitted.
+    def test(self, X: FloatArray, without: Sequence[str] = (), Q: FloatArray | None = None) -> TestOutcome | None:
+        """JointTerms beside what is refitted.
 
         Parameters
         ----------
@@ -155,7 +215,7 @@ class Linearised:
 
         Returns
         -------
-        Found or None
+        TestOutcome or None
             None where no coefficient can be seen.
         """
         Q = self.basis(without) if Q is None else Q
@@ -173,7 +233,7 @@ class Linearised:
         change = np.stack([np.bincount(self.flat_pose, row * after, minlength=self.poses) for row in P])
         C = (self.poses - 1) / self.poses * change @ change.T
         p = f_beyond(float(beta @ np.linalg.pinv(C) @ beta) / len(kept), len(kept), self.poses - 1)
-        return Found(kept, beta, C, p, left, self._before(y, Q), self.size(after), self.size(own @ beta))
+        return TestOutcome(kept, beta, C, p, left, self._before(y, Q), self.size(after), self.size(own @ beta))
 
     def _before(self, y: FloatArray, Q: FloatArray) -> float:
         """Root mean square of poses left out without a term, metres; many terms share one basis."""
@@ -195,7 +255,7 @@ def _without_frame_terms(robot: Robot, points: PointSet) -> PointSet:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class TestOutcome:
     """Outcome of `Linearised.test`; made by the hundred inside searches and kept by nobody, so its arrays stay open.
 
     Attributes
@@ -211,7 +271,7 @@ class Found:
     before, after : float
         Root mean square distance of poses left out, without and with the terms, metres.
     at_tool : float
-        See `irbcal.joint_behaviour.terms.Term`.
+        See `irbcal.joint_analysis.terms.Term`.
     """
 
     kept: IntArray
@@ -226,16 +286,16 @@ class Found:
 
 def term_of(
     model: Linearised,
-    found: Found,
+    found: TestOutcome,
     kind: Kind,
     joint: int | None,
     names: Sequence[str],
     frequency: float | None = None,
     tried: int = 1,
-) -> Term:
+) -> JointTerm:
     """A test's outcome as a term without a verdict; its p counts as often as ``tried`` says."""
     half = quantile(model.poses - 1) * np.sqrt(np.diag(found.C))
-    return Term(
+    return JointTerm(
         kind,
         joint,
         tuple(names[k] for k in found.kept),
@@ -278,3 +338,54 @@ def extended(Q: FloatArray, X: FloatArray) -> FloatArray:
     own = X - Q @ (Q.T @ X)
     own = own - Q @ (Q.T @ own)
     return np.hstack([Q, _independent(X, own)[1]])
+
+
+def by_play(model: Linearised) -> FloatArray:
+    """By the backlash of each joint: reached from below, half of it is missing; shape (3 rows, joints)."""
+    return -0.5 * model.per_joint(np.sign(model.step))
+
+
+def by_move(model: Linearised) -> FloatArray:
+    """By the error of each joint per radian of its last move; shape (3 rows, joints)."""
+    return model.per_joint(model.step)
+
+
+def by_gain(model: Linearised, j: int) -> tuple[FloatArray, tuple[str, ...]]:
+    """By the gain of a joint (Nubiola 2011, eq. 3.31), and what of the joint map it takes the place of."""
+    name = f"gain{j + 1}"
+    return model.maps[name][:, None], (name,)
+
+
+def by_series(model: Linearised, j: int, order: int, frequency: float) -> tuple[FloatArray, tuple[str, ...]]:
+    """By the coefficients of a joint's `fourier_columns`, and what of the joint map it replaces."""
+    own = j == 5 and model.robot.arm.six_revolute
+    X = model.turn[:, j : j + 1] * fourier_columns(model.q[:, j], order, frequency)[model.flat_pose]
+    return X, tuple(f"fourier_{name}" for name in parameters.FOURIER) if own else ()
+
+
+def by_stiffness(model: Linearised) -> tuple[FloatArray, tuple[str, ...]]:
+    """By A and B of the bending arm (`Stiffness.coefficients`), and what of the joint map they replace."""
+    names = ("stiffness_A", "stiffness_B")
+    return np.stack([model.maps[name] for name in names], axis=1), names
+
+
+def of_term(model: Linearised, term: JointTerm) -> FloatArray:
+    """Of a term that was tested, shape (3 rows, k)."""
+    if term.kind == "stiffness" or term.joint is None:
+        return by_stiffness(model)[0]
+    j = term.joint - 1
+    if term.kind == "backlash":
+        return by_play(model)[:, j : j + 1]
+    if term.kind == "move":
+        return by_move(model)[:, j : j + 1]
+    if term.kind == "gain":
+        return by_gain(model, j)[0]
+    frequency = 1.0 if term.frequency is None else term.frequency[0]
+    return by_series(model, j, fourier_order(term), frequency)[0]
+
+
+def names_of(term: JointTerm) -> tuple[str, ...]:
+    """Names of the coefficients that the columns of `of_term` belong to, seen or not."""
+    if term.kind == "stiffness":
+        return ("A", "B")
+    return fourier_names(fourier_order(term)) if term.kind == "fourier" else term.names

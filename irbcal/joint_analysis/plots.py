@@ -17,18 +17,18 @@ import numpy as np
 from irbcal.errors import OptionError
 from irbcal.figures.colours import CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, UNKNOWN
 from irbcal.figures.style import as_bytes, house_style
-from irbcal.joint_behaviour.equivalent_angle import equivalent_error, predicted_series
-from irbcal.joint_behaviour.terms import Term, fourier_columns, fourier_order
+from irbcal.joint_analysis.series import equivalent_error, predicted_series
+from irbcal.joint_analysis.terms import JointTerm, fourier_columns, fourier_order
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from irbcal.arrays import FloatArray
-    from irbcal.joint_behaviour.behaviour import JointBehaviour
-    from irbcal.joint_behaviour.moves import JointMoves
-    from irbcal.joint_behaviour.residuals import ResidualAnalysis
-    from irbcal.joint_behaviour.series import Series
+    from irbcal.joint_analysis.behaviour import JointBehaviour
+    from irbcal.joint_analysis.moves import JointMoves
+    from irbcal.joint_analysis.residuals import ResidualAnalysis
+    from irbcal.joint_analysis.series import Series
 
 LineStyle: TypeAlias = Literal["-", "--", ":", "-.", ""]
 
@@ -284,7 +284,7 @@ def _binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> FloatArray:
     return np.array(out).reshape(-1, 3).T
 
 
-def _plays(found: ResidualAnalysis) -> dict[int | None, Term]:
+def _plays(found: ResidualAnalysis) -> dict[int | None, JointTerm]:
     return {joint: term.shown for joint, term in found.of("backlash").items()}
 
 

@@ -1,11 +1,11 @@
-r"""Behaviour of each joint: what it does beyond geometry (Nubiola 2011, chapter 4 and sections 5.2 and 5.3).
+"""Behaviour of each joint: what it does beyond geometry (Nubiola 2011, chapter 4 and sections 5.2 and 5.3).
 
 Two ways of looking at a joint:
 
-- one-joint moves (`irbcal.joint_behaviour.moves`): groups ``axis1``, ``axis2``, ...; several tests of one joint may
+- one-joint moves (`irbcal.joint_analysis.moves`): groups ``axis1``, ``axis2``, ...; several tests of one joint may
   be called ``axis6_b``, ``axis6_c``. Circles alone give the axis; radial, axial and tangential errors of every point
   and the angular error of every pose follow without a robot model;
-- residuals of a robot model (`irbcal.joint_behaviour.residuals`): any poses. Effects of a joint are estimated by
+- residuals of a robot model (`irbcal.joint_analysis.residuals`): any poses. Effects of a joint are estimated by
   least squares through the analytic Jacobian, with base, targets and link geometry refitted at the same time.
 
 Backlash is the joint's angle reached from above minus the angle reached from below, for one command: twice the
@@ -23,13 +23,31 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
+import numpy as np
+
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.identification import outliers
-from irbcal.joint_behaviour import numbers, verdict
-from irbcal.joint_behaviour.moves import JointMoves, analyse_moves, has_moves
-from irbcal.joint_behaviour.payloads import PayloadEffect, payload_effects, payload_table
-from irbcal.joint_behaviour.residuals import ResidualAnalysis, analyse_residuals
+from irbcal.joint_analysis.moves import JointMoves, _best, analyse_moves, errors_table, has_moves, moves_dict, of_moves
+from irbcal.joint_analysis.residuals import (
+    ResidualAnalysis,
+    analyse_residuals,
+    of_residuals,
+    residual_terms_table,
+    residuals_dict,
+)
+from irbcal.joint_analysis.series import PayloadEffect, payload_effects, payload_table
+from irbcal.joint_analysis.terms import (
+    LABELS,
+    MOVES_TITLE,
+    JointTerm,
+    Slides,
+    name_of,
+    of_joints,
+    terms_table,
+    unit_of,
+    versions,
+)
 from irbcal.measurement import table
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.last_moves import last_moves
@@ -40,13 +58,139 @@ from irbcal.modeling import parameters
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
-from irbcal.summary import Speaks, Told
+from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from irbcal.io.calibration_folder import CalibrationLike
+
+
+def verdict(found: JointBehaviour) -> list[str]:
+    """Which non-geometric terms this robot needs, in sentences.
+
+    Nubiola 2011, section 7.2: an analysis of each axis tells whether a stiffness model and a model of joint 6 are
+    necessary.
+
+    Parameters
+    ----------
+    found : JointBehaviour
+
+    Returns
+    -------
+    list of str
+    """
+    residuals = found.residuals
+    out = of_moves(found.moves, alone=residuals is None)
+    if residuals is None:
+        return out
+    sentences = of_residuals(residuals, found.stiffness_geometry)
+    return [*out, *sentences[:-1], *_disagreements(found.moves, residuals), sentences[-1]]
+
+
+def _disagreements(moves: Sequence[JointMoves], residuals: ResidualAnalysis) -> list[str]:
+    """JointTerms that one of the two sources calls worth having and the other does not."""
+    needed = {(step.kind, step.joint) for step in residuals.needed}
+    tested = {(term.kind, term.joint) for term in residuals.terms if term.tested}
+    best = [term for joint in moves for term in _best(joint)]
+    out = []
+    for term in (term for joint in moves for term in joint.terms if term.tested):
+        key = (term.kind, term.joint)
+        name = f"{name_of(term)}{of_joints([term.joint])}"
+        if key in needed and term.verdict != "worth it":
+            out.append(
+                f"{name}: needed by the residuals, {LABELS[term.verdict]} by the one-joint moves: these stand at one "
+                "home pose, the residuals at all poses"
+            )
+        elif key in tested - needed and term in best:
+            out.append(
+                f"{name}: worth it by the one-joint moves, not needed by the residuals: it may be small beside their "
+                "other errors, or hold at that home pose only"
+            )
+    return out
+
+
+# --- plain values ----------------------------------------------------------------------------------------
+
+
+def as_dict(found: JointBehaviour) -> dict[str, Any]:
+    """The result as plain numbers and words: lengths in mm, angles in degrees.
+
+    Parameters
+    ----------
+    found : JointBehaviour
+
+    Returns
+    -------
+    dict
+        ``source``, ``simulated``, ``moves`` (by joint: series with errors, terms), ``residuals`` (terms, halves,
+        approach, needed; None without a robot), ``payloads`` (Table 4.3), ``verdict`` (sentences), ``excluded``,
+        ``notes``, ``plots`` (files); where there are programmed joints, ``reading_lag``.
+    """
+    residuals = found.residuals
+    return {
+        "source": found.source,
+        "simulated": found.simulated,
+        "moves": [moves_dict(joint) for joint in found.moves],
+        "residuals": None if residuals is None else residuals_dict(residuals),
+        "payloads": [effect.to_dict() for effect in found.payloads()],
+        "verdict": verdict(found),
+        "excluded": [{"pose": x.pose, "target": x.target, "reason": x.reason} for x in found.excluded],
+        "notes": list(found.notes),
+        "plots": list(found.plots),
+        **({} if found.reading_lag is None else {"reading_lag": found.reading_lag.to_dict()}),
+    }
+
+
+# --- tables ----------------------------------------------------------------------------------------------
+
+
+def tables(found: JointBehaviour) -> list[Table]:
+    """All tables of a result: errors and terms of one-joint moves, terms of residuals."""
+    mark = "SIMULATED data: " if found.simulated else ""
+    out = []
+    if found.moves:
+        out.append(errors_table(found.moves, f"{mark}errors of one-joint moves in {found.source}"))
+        terms = [term for joint in found.moves for term in joint.terms]
+        out.append(terms_table(terms, f"{mark}{MOVES_TITLE}"))
+    if found.residuals is not None:
+        out.append(residual_terms_table(found.residuals, mark))
+    return out
+
+
+def frame(found: JointBehaviour) -> pd.DataFrame:
+    """All coefficients of all terms, a row for each; of terms that were not tested a row without value.
+
+    A term that others had hidden has rows of its own for what it is beside these (``beside_needed``).
+
+    Returns
+    -------
+    DataFrame
+        ``source`` (moves or residuals), ``beside_needed``, ``kind``, ``joint``, ``name``, ``value``, ``low``, ``high``,
+        ``unit`` (as in `as_dict`), ``p``, ``rms_without_mm``, ``rms_with_mm``, ``verdict``, ``note``.
+    """
+    import pandas as pd
+
+    slides: Slides = () if found.residuals is None else found.residuals.robot.arm.table.prismatic
+    sources: list[tuple[str, JointTerm, Slides]] = [
+        ("moves", term, ()) for joint in found.moves for term in joint.terms
+    ]
+    if found.residuals is not None:
+        sources += [("residuals", term, slides) for term in found.residuals.terms]
+    both = [(source, t, slides, k > 0) for source, term, slides in sources for k, t in enumerate(versions(term))]
+    rows = []
+    for source, term, sliding, beside in both:
+        unit, size = unit_of(term, sliding)
+        first = (source, beside, term.kind, term.joint)
+        rest = (unit, term.p, term.rms_without / MM, term.rms_with / MM, term.verdict, term.note)
+        values = list(zip(term.names, term.values, term.low, term.high, strict=False)) if term.tested else []
+        for name, *three in values or [("", np.nan, np.nan, np.nan)]:
+            rows.append((*first, name, *(v / size for v in three), *rest))
+    columns = ("source", "beside_needed", "kind", "joint", "name", "value", "low", "high", "unit", "p")
+    table = pd.DataFrame(rows, columns=[*columns, "rms_without_mm", "rms_with_mm", "verdict", "note"])
+    return table.astype({"joint": "Int64"})
+
 
 HIGHEST_ORDER = 12
 """Of a Fourier series that is asked for."""
@@ -95,7 +239,7 @@ class JointBehaviour(Speaks):
 
     def verdict(self) -> list[str]:
         """Which non-geometric terms this robot needs, in sentences; the last one sums up."""
-        return verdict.verdict(self)
+        return verdict(self)
 
     def payloads(self) -> tuple[PayloadEffect, ...]:
         """What payloads add, where the same joint was moved from the same pose with two (Nubiola 2011, Table 4.3)."""
@@ -107,7 +251,7 @@ class JointBehaviour(Speaks):
         mark = "SIMULATED data: " if self.simulated else ""
         hidden = self.residuals is not None and any(term.beside_needed for term in self.residuals.terms)
         out: list[Told] = [
-            *numbers.tables(self),
+            *tables(self),
             *([payload_table(effects, mark)] if effects else []),
             *(
                 ["*: beside the other terms that this robot needs, which hide it when they are left out."]
@@ -132,16 +276,16 @@ class JointBehaviour(Speaks):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and words, as JSON has them; lengths in mm, angles in degrees."""
-        return numbers.as_dict(self)
+        return as_dict(self)
 
     def to_frame(self) -> pd.DataFrame:
-        """A row for each coefficient of each term, see `irbcal.joint_behaviour.numbers.frame`."""
-        return numbers.frame(self)
+        """A row for each coefficient of each term, see `irbcal.joint_analysis.behaviour.frame`."""
+        return frame(self)
 
     @property
     def figures(self) -> tuple[str, ...]:
         """Names of the figures that `plot` can draw."""
-        from irbcal.joint_behaviour import plots
+        from irbcal.joint_analysis import plots
 
         return tuple(plots.drawings(self))
 
@@ -162,7 +306,7 @@ class JointBehaviour(Speaks):
         OptionError
             If there is no such figure of these measurements.
         """
-        from irbcal.joint_behaviour import plots
+        from irbcal.joint_analysis import plots
 
         return plots.drawn(self, figure)
 
@@ -243,7 +387,7 @@ def joints(
     if plots is None:
         return found
     from irbcal.atomic import write_together
-    from irbcal.joint_behaviour import plots as drawings
+    from irbcal.joint_analysis import plots as drawings
 
     say("drawing")
     files = drawings.draw(found)

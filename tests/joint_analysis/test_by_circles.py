@@ -8,7 +8,7 @@ from one_joint import one_joint_moves, true_robot
 from support import arm, measured, write_measurements
 
 from irbcal.errors import IrbcalError, OptionError
-from irbcal.joint_behaviour.by_circles import circles
+from irbcal.joint_analysis.by_circles import circles
 from irbcal.simulation.tool import TABLE_3_1
 
 REAL = {name: np.array(real) * 1e-3 for name, (_, real) in TABLE_3_1.items()}

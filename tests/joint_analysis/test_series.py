@@ -1,4 +1,4 @@
-"""Two payloads compared: a joint that bends by known amounts, and pairs that are none."""
+"""Series of one-joint moves: circles, errors, payloads, stiffness."""
 
 from dataclasses import replace
 
@@ -6,11 +6,73 @@ import numpy as np
 import pytest
 from moving import moves, simulated, there_and_back
 
-from irbcal.joint_behaviour.behaviour import JointBehaviour
-from irbcal.joint_behaviour.moves import analyse_moves
-from irbcal.joint_behaviour.payloads import payload_effects
+from irbcal.joint_analysis.behaviour import JointBehaviour
+from irbcal.joint_analysis.moves import analyse_moves
+from irbcal.joint_analysis.series import equivalent_error, payload_effects
 from irbcal.measurement.last_moves import last_moves
 from irbcal.measurement.points import PointSet
+from irbcal.modeling.stiffness import Stiffness
+
+
+def test_a_circle_by_hand():
+    # one reflector at 0, 90, 180, 270 degrees and back; 2 um outwards and inwards in turn, 3 um up and down in turn,
+    # 40 urad behind the command on the way up, ahead on the way back: none of it bends a circle through all points
+    angle = np.radians([0, 90, 180, 270, 270, 180, 90, 0])
+    turn = np.array([1, -1, 1, -1, -1, 1, -1, 1])
+    actual = angle + 40e-6 * np.array([-1, -1, -1, -1, -1, 1, 1, 1])
+    actual[4] = angle[4] - 40e-6  # measured twice at the top: still reached from below
+    radius = 0.5 + 2e-6 * turn
+    xyz = np.column_stack([radius * np.cos(actual), radius * np.sin(actual), 1.0 + 3e-6 * turn])
+    q = moves(3, angle)
+    points = PointSet(q, np.arange(8), np.zeros(8, int), xyz, ("smr",), np.arange(8), np.full(8, "axis3", object))
+    (joint,) = analyse_moves(points, last_moves(q, points.groups))
+    (series,) = joint.series
+    assert series.direction.tolist() == [0, 1, 1, 1, 1, -1, -1, -1]
+    assert np.abs(series.radial - 2e-6 * turn).max() < 1e-9
+    assert np.abs(series.axial - 3e-6 * turn).max() < 1e-9
+    assert np.abs(series.angle - 40e-6 * np.array([-1, -1, -1, -1, -1, 1, 1, 1])).max() < 2e-8
+    assert np.abs(series.tangential - 0.5 * series.angle).max() < 1e-9
+    assert series.zero == 0.0
+    # the top was reached from below only, the start from above and from nobody knows where: two angles are not enough
+    assert joint.backlash.note == "2 joint angles were reached from both sides, 3 are needed"
+    assert joint.fourier.note == "4 joint angles are too few for order 2: 8 are needed"
+
+
+def test_a_point_far_from_its_circle_is_left_out_and_named():
+    q = moves(5, there_and_back(-90, 90, 15))
+    points, step, _ = simulated(q, np.full(len(q), "axis5", object), noise=1e-5, rng=np.random.default_rng(3))
+    xyz = points.xyz.copy()
+    xyz[10] += [0.0, 0.004, 0.003]
+    (joint,) = analyse_moves(replace(points, xyz=xyz), step)
+    ((pose, target, off),) = joint.series[0].excluded
+    assert (pose, target) == ("3", "smr2")
+    assert off > 1e-3
+    assert joint.series[0].fit.rms < 3e-5
+
+
+def test_stiffness_as_one_angle():
+    L_1, L_2 = 0.7, 0.6
+
+    def wrist(q2, q3):
+        return L_1 * np.exp(1j * q2) + L_2 * np.exp(1j * (q2 + q3 + np.pi / 2))
+
+    for guess in (Stiffness.guess(L_1, L_2), Stiffness(1.8e-3, 0.3, 0.9, 2.0, L_1, L_2)):
+        A, B = guess.coefficients
+        # stretched, all the way down: eq. 5.16
+        found = equivalent_error([np.pi / 2], -np.pi / 2, (A, B), (0, np.pi / 2), (L_1, L_2))
+        assert np.sin(found[0]) * (L_1 + L_2) == pytest.approx(guess.delta_L, rel=1e-5)
+        # any elbow: the wrist of a plane arm with both joints bent, moved along its circle about joint 2
+        for elbow in np.radians([30, 0, -60]):
+            q2 = np.radians([-70.0, 25.0, 50.0])
+
+            bent_3 = B * np.cos(q2 + elbow)
+            at_zero_3 = B * np.cos(elbow)
+            bent = wrist(q2 + A * np.sin(q2) + bent_3, elbow + bent_3) / wrist(q2, elbow)
+            at_zero = wrist(at_zero_3, elbow + at_zero_3) / wrist(0.0, elbow)
+            expected = np.angle(bent / at_zero)
+            found = equivalent_error(q2, elbow, (A, B), (0, np.pi / 2), (L_1, L_2))
+            assert found == pytest.approx(expected, abs=3e-6)
+
 
 ANGLES = there_and_back(-90, 90, 10)
 

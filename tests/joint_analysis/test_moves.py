@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from moving import BACKLASH, SERIES, moves, random_commands, refusal, simulated, there_and_back
 
-from irbcal.joint_behaviour import behaviour
-from irbcal.joint_behaviour.equivalent_angle import predicted_series
-from irbcal.joint_behaviour.moves import analyse_moves
+from irbcal.joint_analysis import behaviour
+from irbcal.joint_analysis.moves import analyse_moves
+from irbcal.joint_analysis.series import predicted_series
 from irbcal.measurement import table
 from irbcal.modeling.stiffness import Stiffness
 

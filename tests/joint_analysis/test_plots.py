@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from moving import moves, random_commands, refusal, simulated, there_and_back
 
-from irbcal.joint_behaviour import plots
-from irbcal.joint_behaviour.behaviour import JointBehaviour
-from irbcal.joint_behaviour.moves import analyse_moves
-from irbcal.joint_behaviour.residuals import analyse_residuals
+from irbcal.joint_analysis import plots
+from irbcal.joint_analysis.behaviour import JointBehaviour
+from irbcal.joint_analysis.moves import analyse_moves
+from irbcal.joint_analysis.residuals import analyse_residuals
 
 
 @pytest.fixture(scope="module")

@@ -1,18 +1,26 @@
-"""One joint moved from one home pose: its circles, and the errors along them (Nubiola 2011, section 4.1)."""
+"""One joint moved from one home pose: its circles, the errors along them, what a payload adds and stiffness predicts.
+
+Nubiola 2011, sections 4.1, 4.3.1 and 5.3.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
 from irbcal.measurement.last_moves import STILL
 from irbcal.measurement.points import PointSet
-from irbcal.summary import Speaks, Told
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import DEG, MM
 
 OFF_CIRCLE, OFF_CIRCLE_FACTOR = 0.2 * MM, 12.0
@@ -261,3 +269,208 @@ def home_poses(
 def _wrapped(angle: FloatArray) -> FloatArray:
     """Angle in (-pi, pi]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+def equivalent_error(
+    q2: ArrayLike, q3: float, stiffness: ArrayLike, phases: ArrayLike, lengths: ArrayLike
+) -> FloatArray:
+    """Angle of joint 2 that moves the wrist as both joints' bending does, zero at q2 = 0.
+
+    Nubiola 2011, section 5.3: the curves of Figure 5.5 with `irbcal.modeling.stiffness.Stiffness.guess`, those of
+    Figure 5.6 with other parameters. With both links in line it is eq. 5.17, and its sine the deflection of eq. 5.16
+    over the arm's length.
+
+    Parameters
+    ----------
+    q2 : ndarray, shape (n,)
+        Radians.
+    q3 : float
+        Radians.
+    stiffness : array_like, shape (2,)
+        A and B, radians.
+    phases : array_like, shape (2,)
+        Of upper arm and forearm, see `irbcal.modeling.thesis_map`.
+    lengths : array_like, shape (2,)
+        Of upper arm and forearm, metres.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Radians.
+    """
+    (A, B), (L_1, L_2), (phi_2, phi_3) = (np.asarray(pair, dtype=float) for pair in (stiffness, lengths, phases))
+    bend = q3 + phi_3 - phi_2
+    across = L_2**2 + L_1 * L_2 * np.cos(bend)
+    share = across / (L_1**2 + L_2**2 + 2 * L_1 * L_2 * np.cos(bend))
+
+    def at(angle: FloatArray) -> FloatArray:
+        upper, fore = A * np.sin(angle + phi_2), B * np.sin(angle + q3 + phi_3)
+        return upper + fore * (1 + share)
+
+    return at(np.asarray(q2, dtype=float)) - at(np.zeros(()))
+
+
+def predicted_series(series: Series, robot: Robot, stiffness: ArrayLike) -> FloatArray:
+    """The angular errors that stiffness alone would show in a series of one-joint moves.
+
+    The same points are computed with and without it and evaluated like measured ones, so that what the circles take of
+    the bending is taken here, too. What Nubiola 2011, section 5.3, compares with the measured curves of Figure 4.10.
+
+    Parameters
+    ----------
+    series : Series
+    robot : Robot
+    stiffness : array_like, shape (2,)
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Radians, zero where the measured ones are.
+    """
+    points = series.points
+    phases = (ThesisMap.of(robot.joint_map) or ThesisMap()).phases
+    thesis = ThesisMap(np.zeros(points.q.shape[1]), np.asarray(stiffness, dtype=float), phases)
+    bent = robot.replace(joint_map=thesis.joint_map(robot.joint_map.terms.arm))
+    modelled = replace(points, xyz=points.predicted(bent))
+    return one_series(modelled, np.full(points.poses, np.nan), series.joint, series.name).angle
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadEffect:
+    """One joint moved from one home pose with two payloads (Nubiola 2011, Table 4.3).
+
+    Attributes
+    ----------
+    joint : int
+        Counted from 1.
+    home : ndarray, shape (joints,)
+        Where the other joints stood, radians.
+    target : str
+        The farthest one from the axis that was seen with both.
+    light_kg, heavy_kg : float
+    light, heavy : float
+        Largest distance of the target's points from their circle and their angle, each payload's own, metres.
+    shift : float
+        Largest distance between the target's places with the two payloads at one joint angle, reached from the same
+        side, in the measuring frame, metres; NaN without such angles.
+    """
+
+    joint: int
+    home: FloatArray
+    target: str
+    light_kg: float
+    heavy_kg: float
+    light: float
+    heavy: float
+    shift: float
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, mm and degrees."""
+        return {
+            "joint": self.joint,
+            "home_deg": [None if k == self.joint - 1 else float(v / DEG) for k, v in enumerate(self.home)],
+            "target": self.target,
+            "light_kg": self.light_kg,
+            "heavy_kg": self.heavy_kg,
+            "light_max_mm": self.light / MM,
+            "heavy_max_mm": self.heavy / MM,
+            "difference_mm": (self.heavy - self.light) / MM,
+            "shift_max_mm": None if np.isnan(self.shift) else self.shift / MM,
+        }
+
+
+def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:
+    """Pairs of series of one joint at one home pose with different payloads, compared (Nubiola 2011, Table 4.3).
+
+    As there, each payload's errors are those from its own circle, all directions together, zero where the joint is
+    zero; what the payload does at that angle, and to the circle itself, is not in them. The shift of the points has it.
+
+    Parameters
+    ----------
+    series : sequence of Series
+
+    Returns
+    -------
+    tuple of PayloadEffect
+    """
+    out = []
+    for first, second in combinations([s for s in series if np.isfinite(s.payload_kg)], 2):
+        if first.joint != second.joint or first.payload_kg == second.payload_kg:
+            continue
+        off = np.delete(first.q[0] - second.q[0], first.joint - 1)
+        if np.abs(off - 2 * np.pi * np.round(off / (2 * np.pi))).max(initial=0.0) > STILL:
+            continue
+        light, heavy = sorted((first, second), key=lambda s: s.payload_kg)
+        names = [s.points.target_names for s in (light, heavy)]
+        radii = dict(zip((names[0][t] for t in light.fit.targets), light.fit.radii, strict=True))
+        both = [name for name in radii if name in {names[1][t] for t in heavy.fit.targets}]
+        if not both:
+            continue
+        target = max(both, key=lambda name: float(radii[name]))
+        loads, sizes = (light.payload_kg, heavy.payload_kg), (_largest(light, target), _largest(heavy, target))
+        shift = _shift(light, heavy, target)
+        out.append(PayloadEffect(first.joint, light.q[0], target, loads[0], loads[1], sizes[0], sizes[1], shift))
+    return tuple(out)
+
+
+def _largest(s: Series, target: str) -> float:
+    mine = s.points.names() == target
+    return float(np.sqrt(s.radial[mine] ** 2 + s.tangential[mine] ** 2 + s.axial[mine] ** 2).max())
+
+
+def _shift(light: Series, heavy: Series, target: str) -> float:
+    """Largest distance between places at the same angle, reached from the same side."""
+    found = []
+    here, there = (np.flatnonzero(s.points.names() == target) for s in (light, heavy))
+    poses, others = light.points.pose[here], heavy.points.pose[there]
+    for row, pose in zip(here, poses, strict=True):
+        same = np.abs(heavy.turn[others] - light.turn[pose]) < axes.SAME_ANGLE
+        same &= (heavy.direction[others] == light.direction[pose]) & (light.direction[pose] != 0)
+        if same.any():
+            found.append(float(np.linalg.norm(heavy.points.xyz[there[same]].mean(axis=0) - light.points.xyz[row])))
+    return max(found, default=float("nan"))
+
+
+def payload_table(effects: Sequence[PayloadEffect], mark: str = "") -> Table:
+    """The effects as Nubiola 2011, Table 4.3, has them."""
+    rows: list[tuple[Cell, ...]] = []
+    for e in effects:
+        home = ", ".join("–" if k == e.joint - 1 else f"{v / DEG:.4g}" for k, v in enumerate(e.home))
+        shift = None if np.isnan(e.shift) else e.shift / MM
+        loads = f"{e.light_kg:g}, {e.heavy_kg:g}"
+        rows.append((str(e.joint), home, e.target, loads, e.light / MM, e.heavy / MM, (e.heavy - e.light) / MM, shift))
+    title = f"{mark}Largest errors with two payloads, from each one's circle, and largest shift of the target, mm"
+
+    columns = ("joint", "home, deg", "target", "kg", "lighter", "heavier", "difference", "shift")
+    return Table(title, columns, tuple(rows))
+
+
+def error_size(values: ArrayLike) -> dict[str, float]:
+    """Root mean square and largest size of errors in metres, in mm."""
+    values = np.asarray(values, dtype=float) / MM
+    return {"rms_mm": float(np.sqrt(np.mean(values**2))), "max_mm": float(np.abs(values).max())}
+
+
+def series_dict(s: Series) -> dict[str, Any]:
+    """One series, as Nubiola 2011, Table 4.1, Table 4.2 and Table 4.4 describe theirs.
+
+    With the sizes of its errors, the largest as in Table 4.3.
+    """
+    names = s.points.target_names
+    return {
+        "group": s.name,
+        "poses": len(s.q),
+        "payload_kg": None if np.isnan(s.payload_kg) else s.payload_kg,
+        "from_both_sides": s.from_both_sides,
+        "home_deg": [None if k == s.joint - 1 else float(v / DEG) for k, v in enumerate(s.q[0])],
+        "range_deg": [float(s.turn.min() / DEG), float(s.turn.max() / DEG)],
+        "radius_mm": {names[t]: float(r / MM) for t, r in zip(s.fit.targets, s.fit.radii, strict=True)},
+        "radial": error_size(s.radial),
+        "tangential": error_size(s.tangential),
+        "axial": error_size(s.axial),
+        "angle_peak_to_peak_deg": float(np.ptp(s.angle) / DEG),
+        "zero_deg": s.zero / DEG,
+    }

@@ -1,0 +1,441 @@
+"""One non-geometric effect of a joint: its size with an interval, a test, whether it is worth having; frequencies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from irbcal.arrays import BoolArray, FloatArray
+from irbcal.chance import student_within
+from irbcal.summary import Cell, Speaks, Table, Told
+from irbcal.units import DEG, MM
+
+CONFIDENCE, SIGNIFICANT = 0.95, 0.05
+WORTH = 0.02
+"""Share by which a term must lower the rms of poses left out of the fit to be called worth it."""
+
+LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 0.5, 120.0
+"""Periods per turn between which a free frequency is looked for."""
+
+Kind: TypeAlias = Literal["backlash", "move", "gain", "fourier", "gravity", "stiffness"]
+Judgement: TypeAlias = Literal["worth it", "small", "not seen", "not tested"]
+Slides: TypeAlias = "BoolArray | Sequence[bool]"
+"""Of each joint, whether it is prismatic; empty where all turn."""
+
+
+@dataclass(frozen=True, repr=False)
+class JointTerm(Speaks):
+    """One non-geometric effect: its size, whether it is real, and whether it is worth having.
+
+    Attributes
+    ----------
+    kind : str
+        ``backlash`` (reached from above minus from below, Nubiola 2011, section 4.2), ``move`` (error per radian of the
+        last move), ``gain`` (eq. 3.31), ``fourier`` (section 5.2), ``gravity`` (one period a turn for each home pose of
+        joints 2 and 3) or ``stiffness`` (A and B, see `irbcal.modeling.thesis_map`).
+    joint : int or None
+        Counted from 1; None for the stiffness of joints 2 and 3.
+    names : tuple of str
+    values, low, high : tuple of float
+        Estimates and their 95 % intervals; radians (metres for prismatic joints), ``move`` and ``gain`` dimensionless.
+    p : float
+        Probability that chance alone gives as much, corrected for the number of joints and of frequencies tried.
+    rms_without, rms_with : float
+        Root mean square distance (one-joint moves: tangential, of that joint) of poses that were left out of the fit,
+        without and with the term, metres.
+    at_tool : float
+        Root mean square displacement of the targets by the term, beyond what a refit of all else takes over, metres.
+    verdict : str
+        ``worth it``, ``small`` (significant, but it lowers the error by less than `WORTH`), ``not seen`` (not
+        significant, or it does not lower the error of what was left out) or ``not tested``.
+    frequency : tuple of float, optional
+        Of a Fourier series, periods per turn; with the interval where it was free.
+    note : str
+        Why it was not tested.
+    beside_needed : JointTerm, optional
+        The same estimated and tested beside all other terms that the robot needs, where it is one of these and was not
+        called worth it when it was tested by itself: their errors had hidden it.
+    """
+
+    kind: Kind
+    joint: int | None
+    names: tuple[str, ...] = ()
+    values: tuple[float, ...] = ()
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    p: float = 1.0
+    rms_without: float = np.nan
+    rms_with: float = np.nan
+    at_tool: float = np.nan
+    verdict: Judgement = "not tested"
+    frequency: tuple[float, ...] | None = None
+    note: str = ""
+    beside_needed: JointTerm | None = None
+
+    @property
+    def tested(self) -> bool:
+        """Whether the data allowed a test."""
+        return self.verdict != "not tested"
+
+    @property
+    def seen(self) -> bool:
+        """Whether it is real, worth having or not."""
+        return self.verdict in ("worth it", "small")
+
+    @property
+    def shown(self) -> JointTerm:
+        """The term as people are told of it: beside the others that the robot needs, where these had hidden it."""
+        return self if self.beside_needed is None else self.beside_needed
+
+    def coefficients(self) -> dict[str, float]:
+        """Values by name."""
+        return dict(zip(self.names, self.values, strict=True))
+
+    def told(self) -> Sequence[Told]:
+        """Its size and its verdict in one sentence."""
+        where = "" if self.joint is None else f" of joint {self.joint}"
+        if self.note:
+            return (f"{self.kind}{where}: not tested: {self.note}",)
+        unit, size = unit_of(self)
+        values = ", ".join(
+            f"{name} {value / size:.4f} ± {(high - low) / 2 / size:.4f}"
+            for name, value, low, high in zip(self.names, self.values, self.low, self.high, strict=True)
+        )
+        unit = "" if unit == "1" else f" {unit}"
+        rms = f"left-out rms {self.rms_without / MM:.3f} mm without and {self.rms_with / MM:.3f} mm with it"
+        return (f"{self.kind}{where}: {values}{unit}, p = {self.p:.2g}, {rms}: {self.verdict}",)
+
+
+def unit_of(term: JointTerm, slides: Slides = ()) -> tuple[str, float]:
+    """Unit of a term's values outside, and its SI value."""
+    if term.kind == "gain":
+        return "1", 1.0
+    if term.kind == "move":
+        return "deg/100 deg", 0.01
+    if term.joint is not None and len(slides) and slides[term.joint - 1]:
+        return "mm", MM
+    return "deg", DEG
+
+
+def fourier_names(order: int) -> tuple[str, ...]:
+    """Names of the coefficients of `fourier_columns`: a1, b1, a2, b2, ..."""
+    return tuple(f"{letter}{k}" for k in range(1, order + 1) for letter in "ab")
+
+
+def fourier_order(term: JointTerm) -> int:
+    """Order of a series by the names of its coefficients."""
+    return max(int(name[1:]) for name in term.names)
+
+
+def fourier_columns(q: ArrayLike, order: int, frequency: float) -> FloatArray:
+    """JointTerms of Nubiola 2011, eq. 5.8: cos and sin of k times the frequency times ``q``, shape (n, 2 order)."""
+    return np.column_stack(
+        [function(k * frequency * np.asarray(q)) for k in range(1, order + 1) for function in (np.cos, np.sin)]
+    )
+
+
+def quantile(freedom: float) -> float:
+    """Half-width of the interval in standard deviations (Student)."""
+    return student_within(CONFIDENCE, freedom)
+
+
+def frequencies(extent: float, highest: float) -> FloatArray:
+    """Frequencies to try: half a period at least over the range ``extent`` (rad), a quarter of a period apart."""
+    step, lowest = np.pi / 2 / extent, max(LOWEST_FREQUENCY, np.pi / extent)
+    return np.arange(lowest, max(highest, lowest + 1.5 * step), step)
+
+
+def best_frequency(misfit: Callable[[float], float], tried: FloatArray) -> float:
+    """The frequency with the smallest misfit: the best of those tried, refined between its neighbours.
+
+    So was omega of Nubiola 2011, eq. 5.8, found before it was set to 1 (Table 5.2: 1.001).
+    """
+    from scipy.optimize import minimize_scalar
+
+    best = tried[int(np.argmin([misfit(f) for f in tried]))]
+    step = tried[1] - tried[0]
+    bounds = (max(best - step, tried[0]), best + step)
+    return float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-6}).x)
+
+
+def judged(terms: Sequence[JointTerm]) -> list[JointTerm]:
+    """JointTerms of one kind with Holm's correction and verdicts.
+
+    Of n tests, the smallest p value counts n times, the next n - 1 times and so on, none less than the one before it
+    (S. Holm, *A simple sequentially rejective multiple test procedure*, 1979).
+    """
+    tested = [term for term in terms if term.note == ""]
+    adjusted, largest = {}, 0.0
+    for rank, term in enumerate(sorted(tested, key=lambda term: term.p)):
+        largest = min(1.0, max(largest, (len(tested) - rank) * term.p))
+        adjusted[id(term)] = largest
+    return [replace(t, p=adjusted[id(t)], verdict=_verdict(t, adjusted[id(t)])) if t.note == "" else t for t in terms]
+
+
+def _verdict(term: JointTerm, p: float) -> Judgement:
+    if not p < SIGNIFICANT or term.rms_with >= term.rms_without:
+        return "not seen"
+    return "worth it" if is_worth(term.rms_without, term.rms_with) else "small"
+
+
+def is_worth(without: float, with_it: float) -> bool:
+    """Whether an rms of poses left out is lower by `WORTH`."""
+    return with_it < (1 - WORTH) * without
+
+
+LEAST = 0.05
+"""Smallest frequency that is looked at, periods per turn: below it a series is a constant and a slope."""
+
+WIDER = 1.6
+"""Factor of the steps by which the end of the interval is looked for."""
+
+
+def interval(
+    x: FloatArray,
+    y: FloatArray,
+    covariance: FloatArray,
+    beside: FloatArray,
+    order: int,
+    tried: FloatArray,
+    best: float,
+    freedom: int,
+) -> tuple[float, float, float]:
+    """The best frequency of a series and its 95 % interval by likelihood ratio.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (r,)
+        Joint angles and angular errors, radians.
+    covariance : ndarray, shape (r, r)
+        Of ``y``.
+    beside : ndarray, shape (r, k)
+        Columns that are fitted beside the series, such as its constant.
+    order : int
+    tried : ndarray
+        Frequencies among which the best was looked for, periods per turn, ascending.
+    best : float
+        Near the best.
+    freedom : int
+        Degrees of freedom of the scale of ``covariance``.
+
+    Returns
+    -------
+    found, low, high : float
+        Periods per turn. Where nothing refuses the smallest frequency, ``low`` is 0; ``high`` ends at the largest that
+        the steps between the angles allow.
+    """
+    from scipy.optimize import brentq, minimize_scalar
+
+    root = np.linalg.cholesky(covariance)
+    z, Z = np.linalg.solve(root, y), np.linalg.solve(root, beside)
+
+    def misfit(f: float) -> float:
+        M = np.column_stack([Z, np.linalg.solve(root, fourier_columns(x, order, f))])
+        Q, R = np.linalg.qr(M)
+        size = np.abs(np.diag(R))
+        Q = Q[:, size > 1e-9 * size.max()]
+        left = z - Q @ (Q.T @ z)
+        return float(left @ left)
+
+    step, highest = float(tried[1] - tried[0]), float(max(tried[-1], best))
+    bounds = (max(LEAST, best - 0.5 * step), min(highest, best + 0.5 * step))
+    nearest = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-7})
+    found = float(nearest.x) if nearest.fun <= misfit(best) else best
+    limit = misfit(found) + quantile(freedom) ** 2
+
+    def over(f: float) -> float:
+        return misfit(f) - limit
+
+    accepted = [float(f) for f in tried if over(f) <= 0.0]
+    for ratio in sorted({k / m for k in range(1, order + 1) for m in range(1, order + 1)} - {1.0}):
+        near = ratio * found  # harmonics of the one may be those of the other
+        ends = (max(LEAST, near - 0.5 * step), min(highest, near + 0.5 * step))
+        if ends[0] < ends[1]:
+            other = minimize_scalar(misfit, bounds=ends, method="bounded", options={"xatol": 1e-7})
+            accepted += [float(other.x)] if other.fun <= limit else []
+    low, high = min([found, *accepted]), max([found, *accepted])
+    first = _scale(misfit, found, limit, step)
+    return found, _end(over, low, -first, LEAST, brentq), _end(over, high, first, highest, brentq)
+
+
+def _scale(misfit: Callable[[float], float], found: float, limit: float, step: float) -> float:
+    """A step that is of the size of the interval, from the curvature at the best frequency."""
+    h = 1e-3 * step
+    bend = (misfit(found + h) + misfit(found - h) - 2 * misfit(found)) / h**2
+    return min(step, np.sqrt(2 * (limit - misfit(found)) / bend) / 2) if bend > 0 else step
+
+
+def _end(over: Callable[[float], float], start: float, step: float, last: float, root: Callable[..., float]) -> float:
+    """Where an accepted frequency's interval ends in the direction of a step, at last at ``last`` (below: 0)."""
+    inner = start
+    while True:
+        outer = inner + step
+        if (outer - last) * step >= 0:
+            return (0.0 if step < 0 else last) if over(last) <= 0 else float(root(over, inner, last, xtol=1e-9))
+        if over(outer) > 0:
+            return float(root(over, inner, outer, xtol=1e-9))
+        inner, step = outer, WIDER * step
+
+
+LABELS = {"worth it": "worth it", "small": "real, but hardly worth it", "not seen": "not worth it"}
+
+
+LEFT_OUT = "left-out rms"
+
+
+BESIDE = "the other terms that this robot needs"
+
+
+def worth_saying(term: JointTerm) -> bool:
+    """Whether people are told of a term: gains and moves only where they are real."""
+    return term.tested and (term.kind not in ("gain", "move") or term.verdict in ("worth it", "small"))
+
+
+def not_tested(terms: Sequence[JointTerm], source: str) -> list[str]:
+    """One sentence for each reason, with its joints."""
+    reasons: dict[tuple[str, str], list[int | None]] = {}
+    for term in terms:
+        if term.note and term.kind not in ("gain", "move"):
+            reasons.setdefault((name_of(term), term.note), []).append(term.joint)
+    return [f"{name}{of_joints(joints)} not tested by {source}: {note}" for (name, note), joints in reasons.items()]
+
+
+def of_joints(joints: Sequence[int | None]) -> str:
+    """Joints in words: `` of joints 1, 2 and 3``; empty for the stiffness alone."""
+    if list(joints) == [None]:
+        return ""
+    numbers = [str(joint) for joint in joints]
+    if len(numbers) == 1:
+        return f" of joint {numbers[0]}"
+    return f" of joints {', '.join(numbers[:-1])} and {numbers[-1]}"
+
+
+def p_text(p: float) -> str:
+    """A probability in words."""
+    return "p < 0.001" if p < 1e-3 else f"p = {p:.2g}"
+
+
+def plus_minus(value: float, low: float, high: float, size: float, digits: int = 4) -> str:
+    """A value with half its interval, in a unit."""
+    return f"{value / size:.{digits}f} ± {(high - low) / 2 / size:.{digits}f}"
+
+
+def change_of(term: JointTerm, what: str) -> str:
+    """What a term does to the error of what was left out, in words."""
+    return f"reduces the {what} from {term.rms_without / MM:.3f} to {term.rms_with / MM:.3f} mm"
+
+
+def judgement_of(term: JointTerm, what: str, beside: str = "") -> str:
+    """`change_of` with the test and its verdict."""
+    if term.verdict == "not seen" and term.rms_with >= term.rms_without:
+        return f"does not reduce the {what} ({p_text(term.p)}): not worth it"
+    return f"{change_of(term, what)}{beside} (F test, {p_text(term.p)}): {LABELS[term.verdict]}"
+
+
+def name_of(term: JointTerm) -> str:
+    """A term in words."""
+    if term.kind == "fourier":
+        return f"Fourier series of order {fourier_order(term)}{frequency_text(term)}"
+    names = {"backlash": "backlash", "gain": "gain error", "gravity": "bending under gravity"}
+    return names.get(term.kind, "arm stiffness")
+
+
+def frequency_text(term: JointTerm) -> str:
+    """A series's frequency in words; empty for one period a turn."""
+    if not term.frequency or term.frequency == (1.0,):
+        return ""
+    if len(term.frequency) == 1:
+        return f" at {term.frequency[0]:.4g} periods per turn"
+    found, low, high = term.frequency
+    return f" at {found:.4g} ({low:.4g} to {high:.4g}) periods per turn (free)"
+
+
+def play_in_words(term: JointTerm, slides: Slides = ()) -> str:
+    """A joint's backlash in words."""
+    unit, size = unit_of(term, slides)
+    unit = {"deg": "degrees"}.get(unit, unit)
+    amount = plus_minus(term.values[0], term.low[0], term.high[0], size)
+    if term.verdict == "not seen":
+        return f"joint {term.joint}: no backlash seen ({amount} {unit}, {p_text(term.p)})"
+    return f"backlash joint {term.joint}: {amount} {unit} ({p_text(term.p)})"
+
+
+NAMES = {"move": "per move", "fourier": "Fourier"}
+"""Kinds of terms as tables name them, where they name them otherwise."""
+
+
+MOVES_TITLE = (
+    "JointTerms from one-joint moves; without and with: tangential rms of joint angles left out of the fit, mm"
+)
+
+
+def terms_table(terms: Sequence[JointTerm], title: str = MOVES_TITLE, slides: Slides = ()) -> Table:
+    """Values, intervals, tests and verdicts of terms."""
+    columns = ("joint", "term", "value, deg", "p", "without", "with", "verdict")
+    rows: list[tuple[Cell, ...]] = []
+    for tested in terms:
+        term = tested.shown
+        unit, _ = unit_of(term, slides)
+        joint = "2, 3" if term.joint is None else str(term.joint)
+        name = NAMES.get(term.kind, term.kind) + (", mm" if unit == "mm" else "")
+        if term.note:
+            rows.append((joint, name, term.note, None, None, None, "not tested"))
+            continue
+        p = "<0.001" if term.p < 1e-3 else f"{term.p:.3f}"
+        values = "\n".join(_values(term, slides))
+        rms = (term.rms_without / MM, term.rms_with / MM)
+        rows.append(
+            (joint, name, values, p, *rms, term.verdict if tested.beside_needed is None else f"{term.verdict}*")
+        )
+    return Table(title, columns, tuple(rows))
+
+
+def _values(term: JointTerm, slides: Slides) -> list[str]:
+    """Lines with the values of a term and their intervals."""
+    unit, size = unit_of(term, slides)
+    digits = 5 if unit == "1" else 4
+    lines = []
+    for name, value, low, high in zip(term.names, term.values, term.low, term.high, strict=True):
+        label = f"{name} " if len(term.values) > 1 else ""
+        lines.append(f"{label}{value / size:.{digits}f} ± {(high - low) / 2 / size:.{digits}f}")
+    if term.frequency is not None and len(term.frequency) == 3:
+        found, low, high = term.frequency
+        lines.append(f"frequency {found:.4f} ({low:.4f} to {high:.4f})")
+    return lines
+
+
+def term_dict(term: JointTerm, slides: Slides = ()) -> dict[str, Any]:
+    """One term as plain numbers; values in degrees, millimetres, degrees per 100 degrees, or none."""
+    unit, size = unit_of(term, slides)
+    values = {
+        name: {"value": value / size, "low": low / size, "high": high / size}
+        for name, value, low, high in zip(term.names, term.values, term.low, term.high)  # noqa: B905
+    }
+    frequency = None if term.frequency is None or term.note else [float(f) for f in term.frequency]
+    return {
+        "kind": term.kind,
+        "joint": term.joint,
+        "unit": unit,
+        "values": values,
+        "p": None if term.note else term.p,
+        "rms_without_mm": finite(term.rms_without / MM),
+        "rms_with_mm": finite(term.rms_with / MM),
+        "at_tool_mm": finite(term.at_tool / MM),
+        "verdict": term.verdict,
+        "frequency": frequency,
+        "note": term.note,
+    }
+
+
+def finite(value: float) -> float | None:
+    """A number for JSON; None where it is not finite."""
+    return float(value) if np.isfinite(value) else None
+
+
+def versions(term: JointTerm) -> list[JointTerm]:
+    """A term as it was tested by itself and, where others had hidden it, beside them."""
+    return [term] if term.beside_needed is None else [term, term.beside_needed]
