@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from moving import SERIES, TARGETS, random_commands, refusal, simulated
+from support import TARGETS as TOOL
 from support import arm, measured
 
 from irbcal.joint_analysis import behaviour, linearised, residuals
