@@ -26,8 +26,8 @@ from irbcal.identification.choices import (
     TERMS,
     method_of,
 )
-from irbcal.identification.evidence import check_averaging, identify_averaged
-from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.evidence import check_averaging, identify_evidence
+from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.fit import Fit, certainty_of, identify, identify_by
 from irbcal.identification.problem import session_names
 from irbcal.identification.selection import choose_level
@@ -353,12 +353,22 @@ def _identified(
     known: Mapping[str, FloatArray] | None,
     say: Progress,
     prior: TypePrior | None,
-) -> Fit | AveragedFit:
+) -> Fit | EvidenceFit:
     """The fit of a level, or the average of error models."""
     if model == "auto":
         motion = ready.fit_motion if options.torques else replace(ready.fit_motion, torques=None)
-        load = options.payload_place, ready.usual_kg
-        return identify_averaged(arm, ready.fit, motion, known, options.seed, say, options.terms, *load, prior)
+        return identify_evidence(
+            arm,
+            ready.fit,
+            motion,
+            terms=options.terms,
+            seed=options.seed,
+            known_targets=known,
+            payload_place=options.payload_place,
+            usual_kg=ready.usual_kg,
+            prior=prior,
+            progress=say,
+        )
     fit = identify_by(
         arm,
         ready.fit,
@@ -470,12 +480,12 @@ def _check_known_targets(known: Mapping[str, FloatArray] | None, points: PointSe
         )
 
 
-def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
+def _worth_knowing(fit: Fit | EvidenceFit, ready: _Prepared) -> list[str]:
     """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     heldout = ready.heldout
     held = coverage(fit.robot, heldout)
     notes = [f"Of the poses kept aside, {coverage_in_words(held)}"] if held else []
-    if not isinstance(fit, AveragedFit):
+    if not isinstance(fit, EvidenceFit):
         return notes
     frame_terms = FrameTermsSection.of_robot(fit.robot)
     notes = [*([] if frame_terms is None else [frame_terms.in_words]), *fit.sentences(), *notes]
@@ -484,11 +494,11 @@ def _worth_knowing(fit: Fit | AveragedFit, ready: _Prepared) -> list[str]:
         return notes
     note = (
         f"The joints of this file are readings from before the arm stood still: with a share of the last move free in "
-        f"each pose residuals fall by a factor of {fit.evidence.readings_gain:.1f}. The model is right at programmed "
+        f"each pose residuals fall by a factor of {fit.readings_gain:.1f}. The model is right at programmed "
         "joints; errors at these readings are mostly theirs."
     )
     if heldout.poses:
-        at_programmed = replace(heldout, q=lag.programmed(fit.evidence, ready.heldout_motion))
+        at_programmed = replace(heldout, q=lag.programmed(fit, ready.heldout_motion))
         mean = float(distances(fit.robot, at_programmed).mean())
         note += f" At joints estimated from the readings the held-out mean is {mean / MM:.3f} mm."
     return [*notes, note]

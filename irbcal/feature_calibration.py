@@ -15,14 +15,13 @@ import pandas as pd
 from irbcal.arrays import IntArray
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification.feature_fit import (
-    FeaturedFit,
     FeatureFit,
     as_points,
     frames_of,
     identify_features,
     shape_only,
 )
-from irbcal.identification.feature_problem import ConstraintProblem, Key
+from irbcal.identification.feature_problem import FeatureProblem, Key
 from irbcal.identification.observation_kind import SHOWN
 from irbcal.io import robots
 from irbcal.io.earlier import calibrated_before
@@ -88,15 +87,14 @@ def run(
             "socket at several places, a known length, a ballbar or a string",
             file=seen.source,
         )
-    found = identify_features(urdf.arm, seen, options.terms, progress=say)
-    fit = FeaturedFit.of(found)
+    fit = identify_features(urdf.arm, seen, options.terms, progress=say)
     proof = prove(urdf.arm, seen, options.leave_out, options.terms, options.seed, say)
     before, left = fit.left_open()
     section = _section(fit, proof, before, left)
     doubts = [*_doubts(section), *fit.doubts()]
     points = as_points(seen)
     rows = len(seen)
-    missed = found.problem.residuals(found.nominal), found.problem.residuals(found.state)
+    missed = fit.problem.residuals(fit.nominal_state), fit.problem.residuals(fit.state)
     left_out = (np.zeros(0), np.zeros(0))
     aside = np.zeros(rows, dtype=bool)
     if proof is not None:
@@ -189,12 +187,11 @@ def _notes(section: FeaturesSection) -> list[str]:
     return notes
 
 
-def _section(fit: FeaturedFit, proof: FeatureProof | None, before: float, left: float) -> FeaturesSection:
-    found = fit.at_features
-    seen, problem = found.problem.seen, found.problem
+def _section(fit: FeatureFit, proof: FeatureProof | None, before: float, left: float) -> FeaturesSection:
+    seen, problem = fit.problem.seen, fit.problem
     groups = as_groups(seen)
     lengths = {} if proof is None else proof.lengths
-    fitted = problem.length_errors(found.state)
+    fitted = problem.length_errors(fit.state)
     return FeaturesSection(
         kinds=seen.kinds(),
         framed=problem.framed,
@@ -202,7 +199,7 @@ def _section(fit: FeaturedFit, proof: FeatureProof | None, before: float, left: 
         left_out=None if proof is None else proof.by,
         before_mm=before / MM,
         open_mm=left / MM,
-        features=_feature_rows(found, groups),
+        features=_feature_rows(fit, groups),
         places=[] if proof is None else _place_rows(proof),
         lengths=[
             LengthRow(
@@ -229,7 +226,7 @@ def as_groups(seen: FeatureSet) -> dict[str, str]:
 
 def _feature_rows(found: FeatureFit, places: dict[str, str]) -> list[FeatureRow]:
     problem, seen = found.problem, found.problem.seen
-    misses = [problem.residuals(state) for state in (found.nominal, found.state)]
+    misses = [problem.residuals(state) for state in (found.nominal_state, found.state)]
     tool = np.zeros((len(seen), 3))
     known: dict[str, dict[str, list[float]]] = {}
     for one in problem.misses(found.state):
@@ -246,7 +243,7 @@ def _feature_rows(found: FeatureFit, places: dict[str, str]) -> list[FeatureRow]
         std: dict[str, list[float]] = {}
         for key, unit in _unknowns(problem, name).items():
             shape = problem.layout[key][0]
-            value, deviation = found.state.own[key], found.std(key)
+            value, deviation = found.state.own[key], found.std_of(key)
             if shape in ("axis", "line"):
                 values[key[0]] = value[:, 2].tolist()
                 if shape == "line":
@@ -275,7 +272,7 @@ def _feature_rows(found: FeatureFit, places: dict[str, str]) -> list[FeatureRow]
     return out
 
 
-def _unknowns(problem: ConstraintProblem, feature: str) -> dict[Key, float]:
+def _unknowns(problem: FeatureProblem, feature: str) -> dict[Key, float]:
     """What was unknown of a feature, and numbers of what looked at it, with the units they are shown in."""
     owns = {
         key: group.kind.own[name]

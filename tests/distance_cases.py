@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from irbcal.identification.feature_fit import FeaturedFit, identify_features
+from irbcal.identification.feature_fit import identify_features
 from irbcal.identification.feature_problem import rigid
 from irbcal.measurement import features
 
@@ -33,7 +33,7 @@ def heldout(measured, stands, fitted=200, choices=None):
     count = 0 if stands is None else len(stands)
     known = pd.DataFrame([{"feature": f"stand {k}", "kind": "radius", "offset_mm": "0"} for k in range(count)])
     seen = features.read(rows(fit, stands), known if count else None, measured.model)
-    found = FeaturedFit.of(identify_features(measured.model, seen, choices=choices))
+    found = identify_features(measured.model, seen, choices=choices)
     robot = found.robot
 
     def predicted(points, motion):

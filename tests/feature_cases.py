@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.identification.feature_fit import identify_features
-from irbcal.identification.feature_problem import ConstraintProblem
+from irbcal.identification.feature_problem import FeatureProblem
 from irbcal.identification.observation_kind import LEVER, with_third
 from irbcal.identification.observations import KINDS, Seen
 from irbcal.io.opening import read_nominal
@@ -245,7 +245,7 @@ def held(kind, seed, count=120):
     all_rows = seen(kind, truth, count // spots, seed, 0.05 * MM, 15 // spots)
     fresh = np.array([str(name).startswith("fresh") for name in all_rows.pose])
     fit = identify_features(nominal, all_rows.select(~fresh), choices=[()])
-    there = ConstraintProblem(nominal, all_rows.select(fresh), fit.problem.terms)
+    there = FeatureProblem(nominal, all_rows.select(fresh), fit.problem.terms)
     assert list(there.layout) == list(fit.problem.layout)
     misses = {id(one.group): one.found.r for one in there.misses(fit.state)}
     r = np.concatenate([one.ravel() for one in misses.values()])
@@ -253,5 +253,5 @@ def held(kind, seed, count=120):
     J = np.concatenate([b.J for b in blocks], axis=1)
     J = J * MM / there.sizes[:, None] / np.repeat(1.0, J.shape[1])
     weights = there.weights[np.concatenate([b.row for b in blocks])]
-    std = np.sqrt(np.einsum("ar,ab,br->r", J, fit.covariance, J, optimize=True)) / weights
+    std = np.sqrt(np.einsum("ar,ab,br->r", J, fit.step_covariance, J, optimize=True)) / weights
     return np.abs(r) < 1.96 * std

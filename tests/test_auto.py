@@ -9,7 +9,7 @@ from support import arm, assert_derivative, assert_same_poses, measured, on_a_ra
 
 import irbcal
 from irbcal.errors import OptionError, RobotError
-from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.io import integrity
 from irbcal.io.schema import JointMapSection
 from irbcal.measurement.points import distances
@@ -52,7 +52,7 @@ def folder(made, tmp_path_factory):
 
 def test_what_was_made_is_what_is_loaded(made, folder):
     loaded = irbcal.load(folder)
-    assert isinstance(made.outcome.fit, AveragedFit)
+    assert isinstance(made.outcome.fit, EvidenceFit)
     q, previous = made.arm().random_joints(100, 1), made.arm().random_joints(100, 2)
     one, two = made.outcome.fit.robot, loaded.robot_calibrated()
     assert_same_poses(one.poses(q), two.poses(q), 1e-12, 1e-12)
@@ -152,7 +152,7 @@ def test_the_terminal_shows_what_was_averaged(program, folder, made, tmp_path):
 
 def test_uncertainty_of_a_saved_calibration_is_that_of_the_fit(made):
     q = made.arm().random_joints(30, 2)
-    seen = made.outcome.fit.evidence.predict(q, target="smr2")
+    seen = made.outcome.fit.predict(q, target="smr2")
     expected = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
     assert position_std(made.record, q, "smr2") == pytest.approx(expected, rel=1e-3)
     assert (position_std(made.record, q) > 0.0).all()

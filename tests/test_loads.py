@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support import TARGETS, arm, example_robot
 
-from irbcal.identification.evidence import identify_averaged
+from irbcal.identification.evidence import identify_evidence
 from irbcal.io import urdf
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames
@@ -83,7 +83,7 @@ def judged(robot, points, known=10):
 
 def fitted(truth, points, **options):
     motion = Motion(points.q, payload_kg=points.payload_kg, torques=points.torques)
-    return identify_averaged(truth.nominal, points, motion, payload_place=PLACE, **options)
+    return identify_evidence(truth.nominal, points, motion, payload_place=PLACE, **options)
 
 
 @pytest.fixture(scope="module", params=["irb120", "panda"])
@@ -122,12 +122,12 @@ def test_a_mass_wrong_by_a_tenth_costs_little(case):
 
 def test_compliances_are_found_with_their_uncertainty(case):
     truth, _, found = case
-    terms = found.evidence.terms
+    terms = found.terms
     rows = [k for k, term in enumerate(terms) if term.basis == "payload"]
-    off = found.evidence.coefficients[rows] - truth.compliance
+    off = found.coefficients[rows] - truth.compliance
     # a load has no lever about the first axis, which is upright, and little about those of the wrist
-    assert (found.evidence.std[rows][1:3] < 0.2e-5).all()
-    assert (np.abs(off) < 3.5 * found.evidence.std[rows]).all()
+    assert (found.std[rows][1:3] < 0.2e-5).all()
+    assert (np.abs(off) < 3.5 * found.std[rows]).all()
 
 
 def test_it_is_for_the_load_of_most_poses_and_says_so(case):

@@ -15,22 +15,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import gear_scan, leave_one_out, linear_model, term_sets
+from irbcal.identification import gear_scan as gears
+from irbcal.identification import leave_one_out, linear_model, term_sets
 from irbcal.identification.evidence_fit import (
     COMPARED,
-    AveragedFit,
     EvidenceFit,
     FamilyShown,
-    GearFound,
     GroupResult,
-    Sisters,
     TermSetResult,
+    TypePriorResult,
     families_shown,
 )
-from irbcal.identification.evidence_maximisation import Posterior, Sums, evidence_temper, fit_temper, maximise_evidence
-from irbcal.identification.linear_model import Linearisation
+from irbcal.identification.evidence_maximisation import (
+    Posterior,
+    Sums,
+    evidence_temper,
+    fit_temper,
+    maximise_evidence,
+)
+from irbcal.identification.linear_model import Linearisation, LinearModel
+from irbcal.identification.problem import Problem, State
 from irbcal.identification.term_sets import TermSet
 from irbcal.identification.type_prior import WIDE, TypePrior, chi_square_of_type, like_type, taken
 from irbcal.measurement.motions import usual_load
@@ -47,7 +53,7 @@ from irbcal.units import MM
 FEWEST = 10
 """Poses below which there is nothing to compare."""
 GIVE_UP = 80.0
-"""Nats below the best dictionary at which another one can have no weight, with room for what iterations still gain."""
+"""Nats below the best term set at which another one can have no weight, with room for what iterations still gain."""
 READINGS_GATE = 1.5
 """Factor by which the residuals must fall for readings to count as taken before the arm stood still, beyond what a few
 poses leave to chance."""
@@ -56,395 +62,239 @@ LAG_FAMILIES = ("move",)
 """Families that cannot be told from readings that lag: joints lag by somewhat different shares of their moves. Where
 readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
 
-Progress = Callable[[str], None]
-
-
-def identify_evidence(
-    arm: Arm,
-    points: PointSet,
-    motion: Motion | None = None,
-    *,
-    terms: str = term_sets.JOINT_MAP,
-    gear_scan: bool = True,
-    seed: int = 0,
-    known_targets: dict[str, FloatArray] | None = None,
-    payload_place: Sequence[float] | None = None,
-    usual_kg: float | None = None,
-    prior: TypePrior | None = None,
-    progress: Progress | None = None,
-) -> EvidenceFit:
-    """Identify base, targets and the averaged terms.
-
-    Parameters
-    ----------
-    arm : Arm
-        Nominal arm.
-    points : PointSet
-        Its joints are not used: those of the motion are.
-    motion : Motion, optional
-        Programmed joints, last moves, time and payload of the points' poses; the points' own joints without history
-        unless given.
-    terms : str
-        ``joint-map`` or ``all``, see `irbcal.identification.term_sets`.
-    gear_scan : bool
-        Look for single high harmonics, unless the best dictionary has long series of them.
-    seed : int
-        Of the poses on which dictionaries are compared where there are more than `COMPARED`.
-    known_targets : dict of str to ndarray, shape (3,), optional
-        Targets whose places in the tip link are known, metres.
-    payload_place : sequence of three float, optional
-        Centre of the payload in the tip link where the motion does not tell it, metres; the tip unless given.
-    usual_kg : float, optional
-        The load of predictions where none is given; the one of most poses unless given.
-    prior : TypePrior, optional
-        What calibrated robots of the same type show. Choices of terms with it compete by their evidence with those
-        without: a robot that is not like its sisters is identified without.
-    progress : callable, optional
-        Called with a short text at each step.
-
-    Returns
-    -------
-    EvidenceFit
-
-    Raises
-    ------
-    IdentificationError
-        If the data do not allow it, or ``terms`` is not one of the two.
-
-    Examples
-    --------
-    >>> seen = cleaning.clean(irbcal.read_measurements("m.csv")).points  # doctest: +SKIP
-    >>> identify_evidence(irbcal.read_urdf("irb120").arm, seen, Motion.in_order(seen.q))  # doctest: +SKIP
-    """
-    if terms not in (term_sets.JOINT_MAP, term_sets.ALL):
-        raise IdentificationError(f"terms are joint-map or all, not {terms!r}")
-    say = progress or (lambda text: None)
-    motion = Motion(points.q) if motion is None else motion
-    if motion.q.shape != points.q.shape:
-        raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
-    points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
-    work = _Work(arm, points, motion, terms, known_targets, payload_place, usual_kg, seed, prior)
-    say("fitting the geometry")
-    work.prepare()
-    say(f"comparing {len(work.dictionaries)} choices of terms")
-    work.compare()
-    found = work.scan(say) if gear_scan else []
-    say("averaging")
-    return work.average(found)
-
-
-def prepared(arm: Arm, points: PointSet, motion: Motion) -> _Work:
-    """Geometry solution, superset of terms and its sums, ready for comparisons."""
-    points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
-    work = _Work(arm, points, motion, term_sets.JOINT_MAP, None, None, None, 0)
-    work.prepare()
-    return work
+Progress = Callable[[str], object]
 
 
 @dataclass(eq=False)
 class Compared:
-    """A dictionary with its fits."""
+    """A term set with its fits.
 
-    dictionary: TermSet
+    Attributes
+    ----------
+    term_set : TermSet
+    by_evidence : Posterior
+        At the temper of the log evidence.
+    weight : float
+        In the average.
+    by_fit : Posterior or None
+        At the temper of a fit; of term sets with weight.
+    loo : float or None
+        Root mean square length of its leave-one-pose-out residuals, metres.
+    """
+
+    term_set: TermSet
     by_evidence: Posterior
     weight: float = 0.0
     by_fit: Posterior | None = None
     loo: float | None = None
 
 
-class _Work:
-    """The steps of an identification, in their order."""
+def fit_term_set(
+    linear: LinearModel,
+    sums: Sums,
+    term_set: TermSet,
+    t: float,
+    start: Posterior | None = None,
+    give_up: float = -np.inf,
+) -> Posterior:
+    """Coefficients and variances of a term set from the sums of its columns, tempered by ``t``.
 
-    def __init__(
-        self,
-        arm: Arm,
-        points: PointSet,
-        motion: Motion,
-        kind: str,
-        known: dict[str, FloatArray] | None,
-        payload_place: Sequence[float] | None,
-        usual_kg: float | None,
-        seed: int,
-        prior: TypePrior | None = None,
-    ) -> None:
-        self.arm, self.points, self.motion, self.kind = arm, points, motion, kind
-        self.known, self.seed, self.prior = known, seed, prior
-        self.sisters: Sisters | None = None
-        loads, places = motion.payload_kg, motion.payload_place
-        self.usual_kg = usual_load(loads) if usual_kg is None else usual_kg
-        self.payload_place = (0.0, 0.0, 0.0) if payload_place is None else tuple(float(x) for x in payload_place)
-        if loads is not None and places is not None:
-            usual = np.flatnonzero(loads == self.usual_kg)
-            self.payload_place = tuple(float(x) for x in places[usual[-1] if len(usual) else -1])
-        self.project = False
+    It starts from the variances of another fit, where one is given: new groups from one.
+    """
+    variances, s2 = None, None
+    if start is not None:
+        variances, s2 = np.ones(len(term_set.groups)), start.s2
+        variances[: len(start.variances)] = start.variances
+    return maximise_evidence(
+        sums,
+        linear.flat,
+        term_set.group,
+        term_set.caps,
+        t,
+        variances,
+        s2,
+        give_up=give_up,
+        noise=linear.noise,
+        expected=term_set.expected,
+    )
+
+
+class Averaging:
+    """Term sets compared by their evidence on one linear model, and averaged.
+
+    Parameters
+    ----------
+    linear : LinearModel
+        Of all terms that a term set may have.
+    sums : Sums
+        Of all its columns.
+
+    Attributes
+    ----------
+    superset : list of Term
+    compared : list of Compared
+    """
+
+    def __init__(self, linear: LinearModel, sums: Sums) -> None:
+        self.linear, self.sums = linear, sums
+        self.superset = list(linear.terms)
         self.compared: list[Compared] = []
-        self.spectrum: gear_scan.Spectrum | None = None
+        self.fit_temper, self.evidence_temper = fit_temper(linear.per_pose), evidence_temper(linear.per_pose)
 
-    def prepare(self) -> None:
-        """Geometry solution, superset of terms and, where there are readings only, whether they lag behind."""
-        geometry = GEOMETRY.terms(self.arm)
-        self.problem = linear_model.geometry_problem(self.arm, self.points, geometry, self.known)
-        loads = self.motion.payload_kg
-        payload = self.payload_place if loads is not None and len(np.unique(loads)) > 1 else None
-        elapsed = self.motion.elapsed
-        span = 0.0 if elapsed is None else float(np.ptp(elapsed))
-        self.taus = [share * span for share in SHARES] if span > 0.0 else []
-        self.superset: list[Term] = term_sets.superset(
-            self.arm,
-            self.kind,
-            bool(self.motion.moves.any()),
-            payload,
-            self.taus,
-            self.motion.torques is not None,
-            None if elapsed is None else float(elapsed.max()),
-        )
-        self.readings_gain: float | None = None
-        if self.motion.readings and self.motion.moves.any():
-            self.readings_gain = self._try_projection(geometry)
-        self.state = linear_model.geometry_solution(self.problem, self.motion, geometry, self.project)
-        chosen = self._compared_rows()
-        problem, motion = self.problem, self.motion
-        if chosen is not None:
-            problem = linear_model.at_poses(problem, self.points.select(chosen))
-            motion = self.motion.select(chosen)
-        self.linear = Linearisation(problem, self.state, motion, self.superset, self.project)
-        self.sums: Sums = self.linear.sums()
-        self.dictionaries = term_sets.term_sets(self.superset, self.kind, self.taus[-1] if self.taus else None)
+    def fit(self, term_set: TermSet, t: float, start: Posterior | None = None, give_up: float = -np.inf) -> Posterior:
+        """A term set's fit to the model that is compared on; see `fit_term_set`."""
+        return fit_term_set(self.linear, self.part(term_set), term_set, t, start, give_up)
 
-    def _compared_rows(self) -> np.ndarray | None:
-        if self.points.poses <= COMPARED:
-            return None
-        rows = np.zeros(self.points.poses, dtype=bool)
-        rows[np.random.default_rng(self.seed).permutation(self.points.poses)[:COMPARED]] = True
-        return rows
+    def part(self, term_set: TermSet) -> Sums:
+        """The sums of a term set's columns."""
+        return self.sums.part(term_set.columns(self.linear.flat))
 
-    def _try_projection(self, geometry: list[Term]) -> float:
-        """By how much residuals fall if a share of the last move is taken from each pose; sets ``project``."""
-        sizes, spare = [], []
-        for project in (False, True):
-            state = linear_model.geometry_solution(self.problem, self.motion, geometry, project)
-            linear = Linearisation(self.problem, state, self.motion, self.superset, project)
-            middle = term_sets.make(self.superset, ["gravity", "gain", "harmonics"], 2, None)
-            sums = linear.sums(middle.columns(linear.flat))
-            t = fit_temper(linear.per_pose)
-            found = maximise_evidence(sums, linear.flat, middle.group, middle.caps, t)
-            sizes.append(np.sqrt(found.s2))
-            spare.append(max(t * sums.equations - linear.flat - float(found.gammas.sum()), 1.0))
-        from scipy.special import fdtri
+    def weighed(
+        self, choices: Sequence[TermSet], taus: Sequence[float] = (), give_up: float = GIVE_UP
+    ) -> tuple[list[Compared], FloatArray, float]:
+        """Term sets with their log evidence, their weights among each other, and the largest log evidence.
 
-        chance = np.sqrt(fdtri(*spare, GATE_CERTAINTY))
-        self.project = bool(sizes[0] > READINGS_GATE * chance * sizes[1])
-        return float(sizes[0] / sizes[1])
-
-    def _fit(
-        self, dictionary: TermSet, sums: Sums, t: float, start: Posterior | None = None, give_up: float = -np.inf
-    ) -> Posterior:
-        part = sums.part(dictionary.columns(self.linear.flat))
-        v, s2 = (None, None) if start is None else (start.variances, start.s2)
-        d = dictionary
-        return maximise_evidence(
-            part, self.linear.flat, d.group, d.caps, t, v, s2, give_up=give_up, expected=d.expected
-        )
-
-    def compare(self) -> None:
-        """Log evidence and weight of every dictionary; fits of those with weight."""
-        self.compared, shares, best = self._weighed(self.dictionaries)
-        if self.prior is not None:
-            tau = self.taus[-1] if self.taus else None
-            others, their_shares, theirs = self._weighed(
-                term_sets.with_sisters(self.superset, tau, self.prior.expected)
-            )
-            top = max(others, key=lambda item: item.by_evidence.log_evidence)
-            part = self.sums.part(top.dictionary.columns(self.linear.flat))
-            alone = max(self.compared, key=lambda item: item.by_evidence.log_evidence).by_evidence
-            test = chi_square_of_type(part, self.linear.flat, top.dictionary, top.by_evidence, alone.s2)
-            weight = term_sets.share(theirs - best) if like_type(*test) else 0.0
-            p = self.prior
-            self.sisters = Sisters(p.type, len(p.sisters), p.simulated, theirs - best, weight, *test)
-            shares = np.concatenate([(1.0 - weight) * shares, weight * their_shares])
-            shares[shares < term_sets.LEAST_WEIGHT] = 0.0
-            shares, self.compared = shares / shares.sum(), [*self.compared, *others]
-        for item, share in zip(self.compared, shares, strict=True):
-            item.weight = float(share)
-            if share > 0.0:
-                item.by_fit = self._fit(item.dictionary, self.sums, self._temper, item.by_evidence)
-
-    def _weighed(self, choices: Sequence[TermSet]) -> tuple[list[Compared], FloatArray, float]:
-        """Choices with their log evidence, their weights among each other, and the largest log evidence."""
-        t = evidence_temper(self.linear.per_pose)
+        Parameters
+        ----------
+        choices : sequence of TermSet
+        taus : sequence of float
+            Time constants of warm-up, from short to long; of each term set the best is taken.
+        give_up : float
+            Nats below the best at which a fit is not brought to its end.
+        """
         best, out = -np.inf, list[Compared]()
-        for dictionary in choices:
-            item = Compared(dictionary, self._fit(dictionary, self.sums, t, give_up=best - GIVE_UP))
-            if item.by_evidence.log_evidence > best - GIVE_UP:
-                self._choose_tau(item, t)
+        for choice in choices:
+            item = Compared(choice, self.fit(choice, self.evidence_temper, give_up=best - give_up))
+            if item.by_evidence.log_evidence > best - give_up:
+                self._choose_tau(item, taus)
             out.append(item)
             best = max(best, item.by_evidence.log_evidence)
         evidences = np.array([item.by_evidence.log_evidence for item in out])
-        return out, term_sets.weights(evidences, [d.bands for d in choices]), float(best)
+        return out, term_sets.weights(evidences, [choice.bands for choice in choices]), float(best)
 
-    def _choose_tau(self, item: Compared, t: float) -> None:
-        """The time constant of a dictionary's warm-up with the largest log evidence, from the longest downwards."""
-        if term_sets.tau_of(item.dictionary, self.superset) is None:
+    def _choose_tau(self, item: Compared, taus: Sequence[float]) -> None:
+        """The time constant of a term set's warm-up with the largest log evidence, from the longest downwards."""
+        if term_sets.tau_of(item.term_set, self.superset) is None:
             return
-        for tau in reversed(self.taus[:-1]):
-            other = term_sets.with_tau(item.dictionary, self.superset, tau)
-            found = self._fit(other, self.sums, t, item.by_evidence)
+        for tau in reversed(taus[:-1]):
+            other = term_sets.with_tau(item.term_set, self.superset, tau)
+            found = self.fit(other, self.evidence_temper, item.by_evidence)
             if found.log_evidence <= item.by_evidence.log_evidence:
                 break
-            item.dictionary, item.by_evidence = other, found
+            item.term_set, item.by_evidence = other, found
+
+    def weigh(self, compared: list[Compared], weights: FloatArray) -> None:
+        """Give term sets their weights, and fit those that have some."""
+        self.compared = compared
+        for item, weight in zip(compared, weights, strict=True):
+            item.weight = float(weight)
+            if weight > 0.0:
+                item.by_fit = self.fit(item.term_set, self.fit_temper, item.by_evidence)
 
     @property
-    def _temper(self) -> float:
-        return fit_temper(self.linear.per_pose)
+    def kept(self) -> list[Compared]:
+        """Term sets with weight."""
+        return [item for item in self.compared if item.weight > 0.0]
 
-    def scan(self, say: Progress) -> list[gear_scan.Found]:
-        """Frequencies beyond the best dictionary; their terms join the superset and all dictionaries with weight."""
-        best = max(self.compared, key=lambda item: item.weight)
-        if best.by_fit is None or best.dictionary.bands:
-            # beside long series single harmonics are accidents: on a UR10 they took the held-out mean from 0.134 to
-            # 0.141 mm and the intervals' coverage from 96 to 92 %
-            return []
-        part = self.sums.part(best.dictionary.columns(self.linear.flat))
-        found, self.spectrum = gear_scan.scan(self.linear, best.dictionary, part, (best.by_evidence, best.by_fit), say)
-        terms = [term for item in found for term in gear_terms(item.joint, item.cycles)]
-        places = list(range(len(self.superset), len(self.superset) + len(terms)))
-        self.superset = [*self.superset, *terms]
-        for item in self.compared:
-            if item.weight > 0.0 and terms:
-                item.dictionary = item.dictionary.extended(places, [term.group for term in terms])
-        return found
+    @property
+    def union(self) -> IntArray:
+        """Terms of the term sets with weight, places in the superset."""
+        return np.unique(np.concatenate([item.term_set.terms for item in self.kept]))
 
-    def average(self, found: list[gear_scan.Found]) -> EvidenceFit:
-        """Fit the dictionaries with weight to all poses, once more with what the scan found, and average them.
+    def average(
+        self, linear: LinearModel, sums: Sums, report: bool = True
+    ) -> tuple[LinearModel, FloatArray, FloatArray, dict[str, Any]]:
+        """Average the term sets with weight: once roughly, then in the linear model that is improved there.
 
-        The linear model is straightened at the average before the last fits.
+        Parameters
+        ----------
+        linear : LinearModel
+            Of the `union` of terms.
+        sums : Sums
+        report : bool
+            Whether leave-one-out errors and what each family is worth are wanted.
+
+        Returns
+        -------
+        linear : LinearModel
+            The improved one.
+        mean, covariance : ndarray, shape (flat + terms,), (flat + terms, flat + terms)
+            In units of its columns.
+        results : dict
+            The attributes of `EvidenceFit` that say how the average came about.
         """
-        kept = [item for item in self.compared if item.weight > 0.0]
-        union = np.unique(np.concatenate([item.dictionary.terms for item in kept]))
-        linear = Linearisation(self.problem, self.state, self.motion, [self.superset[k] for k in union], self.project)
-        flat, width = linear.flat, linear.flat + len(union)
-        sums = (
-            linear.sums()
-            if found or len(self.motion) != len(self.linear.motion)
-            else self.sums.part(np.concatenate([np.arange(flat), flat + union]))
-        )
-        places = [np.concatenate([np.arange(flat), flat + np.searchsorted(union, i.dictionary.terms)]) for i in kept]
-        rough = np.zeros(width)
-        for item, columns in zip(kept, places, strict=True):
-            rough[columns] += item.weight * _refit(sums.part(columns), flat, item, self._temper).c
-        if not self.project:  # readings are not known well enough for it to matter
-            linear.straighten(rough)
-            sums = linear.sums()
-        mean, second = np.zeros(width), np.zeros((width, width))
-        u_pose, u_block = np.zeros((self.problem.rows, 3)), np.zeros((self.problem.rows, 3))
-        for item, columns in zip(kept, places, strict=True):
-            fit = _refit(sums.part(columns), flat, item, self._temper)
-            c, C = np.zeros(width), np.zeros((width, width))
-            c[columns] = fit.c
-            C[np.ix_(columns, columns)] = fit.covariance
-            mean += item.weight * c
-            second += item.weight * (C + np.outer(c, c))
-            u, _ = leave_one_out.residuals(linear, columns, fit)
-            v, _ = leave_one_out.block_residuals(linear, columns, fit)
-            item.by_fit, item.loo = fit, _of_points(u, self.points, self.project)[""]
-            u_pose, u_block = u_pose + item.weight * u, u_block + item.weight * v
-        covariance = second - np.outer(mean, mean)
+        kept, flat, union = self.kept, linear.flat, self.union
+        width = flat + len(union)
+        places = [np.concatenate([np.arange(flat), flat + np.searchsorted(union, i.term_set.terms)]) for i in kept]
+        starts: list[Posterior | None] = [item.by_fit or item.by_evidence for item in kept]
+        for last in (False, True):
+            fits = [
+                fit_term_set(linear, sums.part(columns), item.term_set, self.fit_temper, start)
+                for item, columns, start in zip(kept, places, starts, strict=True)
+            ]
+            mean, second = np.zeros(width), np.zeros((width, width))
+            for item, columns, fit in zip(kept, places, fits, strict=True):
+                c, C = np.zeros(width), np.zeros((width, width))
+                c[columns], C[np.ix_(columns, columns)] = fit.c, fit.covariance * linear.widening(fit) ** 2
+                mean += item.weight * c
+                second += item.weight * (C + np.outer(c, c))
+            better = linear if last else linear.improved(mean)
+            if better is linear:
+                break
+            linear, sums = better, better.sums()
+            starts = [*fits] if linear.restarts else starts
+        for item, fit in zip(kept, fits, strict=True):
+            item.by_fit = fit
+        loo, loo_blocks = self._left_out(linear, places, fits) if report else ({}, {})
         top = max(range(len(kept)), key=lambda k: kept[k].weight)
-        self.shown = self._shown(kept[top], sums.part(places[top]))
-        return self._result(linear, kept, mean, covariance, u_pose, u_block, found)
+        families: tuple[FamilyShown, ...] = ()
+        if report:
+            names = [self.superset[k].family for k in kept[top].term_set.terms]
+            part = sums.part(places[top])
+            families = families_shown(part, flat, names, kept[top].term_set, self.evidence_temper, fits[top])
+        results = {
+            "sigma": float(np.sqrt(sum(item.weight * fit.s2 for item, fit in zip(kept, fits, strict=True)))) * MM,
+            "loo": loo,
+            "loo_blocks": loo_blocks,
+            "term_sets": tuple(self._row(item) for item in self.compared),
+            "groups": tuple(groups_of(kept, self.superset)),
+            "families": families,
+            "tau": term_sets.tau_of(kept[top].term_set, self.superset),
+        }
+        return linear, mean, second - np.outer(mean, mean), results
 
-    def _shown(self, item: Compared, sums: Sums) -> tuple[FamilyShown, ...]:
-        """What a fitted dictionary would lose without each of its families, from the sums of its columns."""
-        if item.by_fit is None:
-            return ()
-        families = [self.superset[k].family for k in item.dictionary.terms]
-        t = evidence_temper(self.linear.per_pose)
-        return families_shown(sums, self.linear.flat, families, item.dictionary, t, item.by_fit)
+    def _left_out(
+        self, linear: LinearModel, places: Sequence[IntArray], fits: Sequence[Posterior]
+    ) -> tuple[dict[str, float | None], dict[str, float | None]]:
+        """Leave-one-pose-out and leave-a-fifth-out errors of the average, by target, metres."""
+        single, fifths = list[FloatArray](), list[FloatArray]()
+        for item, columns, fit in zip(self.kept, places, fits, strict=True):
+            u, pose, row = leave_one_out.residuals(linear, columns, fit)
+            item.loo = leave_one_out.lengths(linear, u, pose, row)[""]
+            single.append(item.weight * u)
+            if linear.sequence:
+                fifths.append(item.weight * leave_one_out.block_residuals(linear, columns, fit))
+        loo, *blocks = (leave_one_out.lengths(linear, np.sum(u, axis=0), pose, row) for u in (single, fifths) if u)
+        return loo, blocks[0] if blocks else loo
 
-    def _result(
-        self,
-        linear: Linearisation,
-        kept: list[Compared],
-        mean: FloatArray,
-        covariance: FloatArray,
-        u_pose: FloatArray,
-        u_block: FloatArray,
-        found: list[gear_scan.Found],
-    ) -> EvidenceFit:
-        state = linear.moved(mean)
-        arm, _ = self.problem.model(state)
-        flat = linear.flat
-        names = self.points.target_names
-        lagging = LAG_FAMILIES if self.project else ()
-        own = np.array([k for k, term in enumerate(linear.terms) if term.family not in lagging], dtype=int)
-        columns = np.concatenate([np.arange(flat), flat + own])
-        scale = linear.sizes[columns]
-        fits = [item.by_fit for item in kept if item.by_fit is not None]
-        shares = np.array([item.weight for item in kept])
-        return EvidenceFit(
-            nominal=self.arm,
-            arm=arm,
-            terms=tuple(linear.terms[k] for k in own),
-            coefficients=scale[flat:] * mean[columns[flat:]],
-            covariance=covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
-            T_world_base=state.T_world_base,
-            targets=dict(zip(names, state.targets, strict=True)),
-            free_targets=tuple(names[k] for k in self.problem.free),
-            framed_targets=tuple(names[k] for k in self.problem.framed),
-            target_rotations={names[k]: state.rotations[k] for k in self.problem.framed},
-            sigma=float(np.sqrt(shares @ [fit.s2 for fit in fits])) * MM,
-            loo=_of_points(u_pose, self.points, self.project),
-            loo_blocks=_of_points(u_block, self.points, self.project),
-            dictionaries=tuple(self._table()),
-            groups=tuple(groups_of(kept, self.superset)),
-            families=self.shown,
-            gears=tuple(GearFound(f.joint, f.cycles, f.chi2, f.evidence_gain) for f in found),
-            joint_ranges=np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)]),
-            kind=self.kind,
-            tau=term_sets.tau_of(max(kept, key=lambda item: item.weight).dictionary, self.superset),
-            poses=len(self.motion),
-            loads=() if self.motion.payload_kg is None else tuple(float(m) for m in np.unique(self.motion.payload_kg)),
-            usual_kg=self.usual_kg,
-            readings_gain=self.readings_gain,
-            readings_projected=self.project,
-            spectrum=self.spectrum,
-            other_bases=dict(zip(self.problem.sessions[:-1], state.others, strict=True)),
-            sisters=self.sisters,
+    def _row(self, item: Compared) -> TermSetResult:
+        return TermSetResult(
+            item.term_set.name,
+            self.linear.flat + len(item.term_set.terms),
+            item.by_evidence.log_evidence,
+            item.weight,
+            None if item.by_fit is None else float(np.sqrt(item.by_fit.s2)) * MM,
+            item.loo,
+            item.term_set.bands,
         )
-
-    def _table(self) -> list[TermSetResult]:
-        rows = []
-        for item in self.compared:
-            sigma = None if item.by_fit is None else float(np.sqrt(item.by_fit.s2)) * MM
-            rows.append(
-                TermSetResult(
-                    item.dictionary.name,
-                    self.linear.flat + len(item.dictionary.terms),
-                    item.by_evidence.log_evidence,
-                    item.weight,
-                    sigma,
-                    item.loo,
-                    item.dictionary.bands,
-                )
-            )
-        return rows
-
-
-def _refit(sums: Sums, flat: int, item: Compared, t: float) -> Posterior:
-    """The fit of a dictionary from the variances it had, new groups from one."""
-    old = item.by_fit or item.by_evidence
-    variances = np.ones(len(item.dictionary.groups))
-    variances[: len(old.variances)] = old.variances
-    d = item.dictionary
-    return maximise_evidence(sums, flat, d.group, d.caps, t, variances, old.s2, expected=d.expected)
 
 
 def groups_of(kept: list[Compared], superset: Sequence[Term]) -> list[GroupResult]:
-    """What was expected of each group and what the data show of it, averaged over the dictionaries."""
+    """What was expected of each group and what the data show of it, averaged over the term sets."""
     totals: dict[str, FloatArray] = {}
     members: dict[str, list[Term]] = {}
     for item in kept:
-        fit, d = item.by_fit, item.dictionary
+        fit, d = item.by_fit, item.term_set
         if fit is None:
             continue
         flat = len(fit.c) - len(d.terms)
@@ -468,28 +318,256 @@ def groups_of(kept: list[Compared], superset: Sequence[Term]) -> list[GroupResul
     return out
 
 
-def _of_points(u: FloatArray, points: PointSet, projected: bool) -> dict[str, float | None]:
-    """Root mean square length of leave-one-out residuals of each target and of all together (``""``), metres.
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Points linearised about the geometry solution, with all terms that a term set may have.
 
-    None where a residual is infinite: without its pose a direction that it depends on is open.
-
-    Rows are ordered by pose: positions, then orientations of a pose, which are left out. Where a direction of each pose
-    was projected out, what all its points have in common shows in two of three coordinates only; the third is as large.
+    Attributes
+    ----------
+    problem : Problem
+    state : State
+        Base, targets and constants of the geometry solution.
+    motion : Motion
+    linear : Linearisation
+        Of at most `COMPARED` poses.
+    sums : Sums
+    taus : list of float
+        Time constants of warm-up.
+    usual_kg : float or None
+    readings_gain : float or None
+        By how much residuals fall if a share of the last move is taken from each pose; None unless joints are readings.
     """
-    oriented = points.oriented()
-    pose = np.concatenate([points.pose, points.pose[oriented]])
-    kind = np.concatenate([points.target, np.full(int(oriented.sum()), -1)])
-    order = np.argsort(pose, kind="stable")
-    seen = kind[order] >= 0
-    kind, pose, u = kind[order][seen], pose[order][seen], u[seen]
-    square = np.sum(u * u, axis=1)
-    if projected:
-        count = np.bincount(pose, minlength=points.poses)
-        total = [np.bincount(pose, u[:, k], points.poses) for k in range(3)]
-        common = np.sum(np.square(total), axis=0) / np.maximum(count, 1) ** 2
-        square = square + 0.5 * common[pose]
-    figures = {"": square.mean()} | {name: square[kind == k].mean() for k, name in enumerate(points.target_names)}
-    return {name: leave_one_out.closed(float(np.sqrt(mean)) * MM) for name, mean in figures.items()}
+
+    problem: Problem
+    state: State
+    motion: Motion
+    linear: Linearisation
+    sums: Sums
+    taus: list[float]
+    usual_kg: float | None
+    readings_gain: float | None
+
+
+def prepare(
+    arm: Arm,
+    points: PointSet,
+    motion: Motion,
+    terms: str = term_sets.JOINT_MAP,
+    known_targets: Mapping[str, FloatArray] | None = None,
+    payload_place: Sequence[float] | None = None,
+    usual_kg: float | None = None,
+    seed: int = 0,
+) -> Prepared:
+    """Average repeats, solve for the geometry, and linearise all terms there; parameters as `identify_evidence`."""
+    points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
+    loads, load_places = motion.payload_kg, motion.payload_place
+    usual = usual_load(loads) if usual_kg is None else usual_kg
+    place = (0.0, 0.0, 0.0) if payload_place is None else tuple(float(x) for x in payload_place)
+    if loads is not None and load_places is not None:
+        of_usual = np.flatnonzero(loads == usual)
+        place = tuple(float(x) for x in load_places[of_usual[-1] if len(of_usual) else -1])
+    geometry = GEOMETRY.terms(arm)
+    problem = linear_model.geometry_problem(arm, points, geometry, known_targets)
+    elapsed = motion.elapsed
+    span = 0.0 if elapsed is None else float(np.ptp(elapsed))
+    taus = [share * span for share in SHARES] if span > 0.0 else []
+    superset = term_sets.superset(
+        arm,
+        terms,
+        bool(motion.moves.any()),
+        place if loads is not None and len(np.unique(loads)) > 1 else None,
+        taus,
+        motion.torques is not None,
+        None if elapsed is None else float(elapsed.max()),
+    )
+    project, gain = False, None
+    if motion.readings and motion.moves.any():
+        project, gain = _lagging(problem, motion, superset, geometry)
+    state = linear_model.geometry_solution(problem, motion, geometry, project)
+    some, some_motion = problem, motion
+    if points.poses > COMPARED:
+        chosen = np.zeros(points.poses, dtype=bool)
+        chosen[np.random.default_rng(seed).permutation(points.poses)[:COMPARED]] = True
+        some, some_motion = linear_model.at_poses(problem, points.select(chosen)), motion.select(chosen)
+    linear = Linearisation(some, state, some_motion, superset, project)
+    return Prepared(problem, state, motion, linear, linear.sums(), taus, usual, gain)
+
+
+def _lagging(
+    problem: Problem, motion: Motion, superset: Sequence[Term], geometry: Sequence[Term]
+) -> tuple[bool, float]:
+    """Whether readings lag, and by how much residuals fall if a share of the last move is taken from each pose."""
+    from scipy.special import fdtri
+
+    sizes, spare = [], []
+    for project in (False, True):
+        state = linear_model.geometry_solution(problem, motion, geometry, project)
+        linear = Linearisation(problem, state, motion, superset, project)
+        middle = term_sets.make(superset, ["gravity", "gain", "harmonics"], 2, None)
+        sums, t = linear.sums(middle.columns(linear.flat)), fit_temper(linear.per_pose)
+        found = fit_term_set(linear, sums, middle, t)
+        sizes.append(np.sqrt(found.s2))
+        spare.append(max(t * sums.equations - linear.flat - float(found.gammas.sum()), 1.0))
+    chance = np.sqrt(fdtri(*spare, GATE_CERTAINTY))
+    return bool(sizes[0] > READINGS_GATE * chance * sizes[1]), float(sizes[0] / sizes[1])
+
+
+def identify_evidence(
+    arm: Arm,
+    points: PointSet,
+    motion: Motion | None = None,
+    *,
+    terms: str = term_sets.JOINT_MAP,
+    gear_scan: bool = True,
+    seed: int = 0,
+    known_targets: Mapping[str, ArrayLike] | None = None,
+    payload_place: Sequence[float] | None = None,
+    usual_kg: float | None = None,
+    prior: TypePrior | None = None,
+    progress: Progress | None = None,
+) -> EvidenceFit:
+    """Identify base, targets and the averaged terms.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal arm.
+    points : PointSet
+        Its joints are not used: those of the motion are.
+    motion : Motion, optional
+        Programmed joints, last moves, time and payload of the points' poses; the points' own joints without history
+        unless given.
+    terms : str
+        ``joint-map``: what URDF and a joint map can carry; ``all``: frame terms, too.
+    gear_scan : bool
+        Look for single high harmonics, unless the best term set has long series of them.
+    seed : int
+        Of the poses on which term sets are compared where there are more than `COMPARED`.
+    known_targets : dict of str to array_like, shape (3,), optional
+        Targets whose places in the tip link are known, metres.
+    payload_place : sequence of three float, optional
+        Centre of the payload in the tip link where the motion does not tell it, metres; the tip unless given.
+    usual_kg : float, optional
+        The load of predictions where none is given; the one of most poses unless given.
+    prior : TypePrior, optional
+        What calibrated robots of the same type show. Term sets with it compete by their evidence with those without: a
+        robot that is not like its type is identified without.
+    progress : callable, optional
+        Called with a short text at each step.
+
+    Returns
+    -------
+    EvidenceFit
+
+    Raises
+    ------
+    IdentificationError
+        As `check_averaging`, if the data do not allow it, or ``terms`` is not one of the two.
+
+    Examples
+    --------
+    >>> seen = cleaning.clean(irbcal.read_measurements("m.csv")).points  # doctest: +SKIP
+    >>> identify_evidence(irbcal.read_urdf("irb120").arm, seen, Motion.in_order(seen.q))  # doctest: +SKIP
+    """
+    if terms not in (term_sets.JOINT_MAP, term_sets.ALL):
+        raise IdentificationError(f"terms are {term_sets.JOINT_MAP} or {term_sets.ALL}, not {terms!r}")
+    check_averaging(arm, points.poses)
+    say = progress or (lambda text: None)
+    motion = Motion(points.q) if motion is None else motion
+    if motion.q.shape != points.q.shape:
+        raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
+    known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
+    say("fitting the geometry")
+    ready = prepare(arm, points, motion, terms, known, payload_place, usual_kg, seed)
+    averaging = Averaging(ready.linear, ready.sums)
+    tau = ready.taus[-1] if ready.taus else None
+    choices = term_sets.candidates(averaging.superset, terms, tau)
+    say(f"comparing {len(choices)} choices of terms")
+    compared, weights, best = averaging.weighed(choices, ready.taus)
+    of_type = None
+    if prior is not None:
+        compared, weights, of_type = _with_type(averaging, prior, ready.taus, (compared, weights, best))
+    averaging.weigh(compared, weights)
+    harmonics, spectrum = _scan(averaging, ready.linear, say) if gear_scan else ([], None)
+    say("averaging")
+    union, flat, project = averaging.union, ready.linear.flat, ready.linear.projected
+    own = [averaging.superset[k] for k in union]
+    linear = Linearisation(ready.problem, ready.state, ready.motion, own, project)
+    if harmonics or len(ready.motion) != len(ready.linear.motion):
+        sums = linear.sums()
+    else:
+        sums = ready.sums.part(np.concatenate([np.arange(flat), flat + union]))
+    _, mean, covariance, results = averaging.average(linear, sums)
+    state, names = linear.moved(mean), points.target_names
+    lagging = LAG_FAMILIES if project else ()
+    used = np.array([k for k, term in enumerate(own) if term.family not in lagging], dtype=int)
+    columns = np.concatenate([np.arange(flat), flat + used])
+    scale = linear.sizes[columns]
+    other_bases = dict(zip(ready.problem.sessions[:-1], state.others, strict=True))
+    loads = ready.motion.payload_kg
+    return EvidenceFit(
+        nominal=arm,
+        arm=ready.problem.model(state)[0],
+        points=into_one_frame(points, state.T_world_base, other_bases),
+        motion=motion,
+        terms=tuple(own[k] for k in used),
+        coefficients=scale[flat:] * mean[columns[flat:]],
+        covariance=covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
+        T_world_base=state.T_world_base,
+        targets=dict(zip(names, state.targets, strict=True)),
+        free_targets=tuple(names[k] for k in ready.problem.free),
+        framed_targets=tuple(names[k] for k in ready.problem.framed),
+        target_rotations={names[k]: state.rotations[k] for k in ready.problem.framed},
+        gears=tuple(harmonics),
+        joint_ranges=np.array([ready.motion.q.min(axis=0), ready.motion.q.max(axis=0)]),
+        kind=terms,
+        poses=len(ready.motion),
+        loads=() if loads is None else tuple(float(m) for m in np.unique(loads)),
+        usual_kg=ready.usual_kg,
+        readings_gain=ready.readings_gain,
+        readings_projected=project,
+        spectrum=spectrum,
+        other_bases=other_bases,
+        type_prior=of_type,
+        **results,
+    )
+
+
+def _with_type(
+    averaging: Averaging, prior: TypePrior, taus: Sequence[float], alone: tuple[list[Compared], FloatArray, float]
+) -> tuple[list[Compared], FloatArray, TypePriorResult]:
+    """Term sets without and with a type's prior, their weights, and what became of the prior."""
+    compared, weights, best = alone
+    choices = term_sets.with_type(averaging.superset, taus[-1] if taus else None, prior.expected)
+    others, their_weights, theirs = averaging.weighed(choices, taus)
+    top = max(others, key=lambda item: item.by_evidence.log_evidence)
+    without = max(compared, key=lambda item: item.by_evidence.log_evidence).by_evidence
+    part = averaging.part(top.term_set)
+    test = chi_square_of_type(part, averaging.linear.flat, top.term_set, top.by_evidence, without.s2)
+    weight = term_sets.share(theirs - best) if like_type(*test) else 0.0
+    shares = np.concatenate([(1.0 - weight) * weights, weight * their_weights])
+    shares[shares < term_sets.LEAST_WEIGHT] = 0.0
+    result = TypePriorResult(prior.type, len(prior.sisters), prior.simulated, theirs - best, weight, *test)
+    return [*compared, *others], shares / shares.sum(), result
+
+
+def _scan(
+    averaging: Averaging, linear: Linearisation, say: Progress
+) -> tuple[list[gears.GearFound], gears.Spectrum | None]:
+    """Frequencies beyond the best term set; their terms join the superset and all term sets with weight."""
+    best = max(averaging.compared, key=lambda item: item.weight)
+    if best.by_fit is None or best.term_set.bands:
+        # beside long series single harmonics are accidents: on a UR10 they took the held-out mean from 0.134 to
+        # 0.141 mm and the intervals' coverage from 96 to 92 %
+        return [], None
+    fits = best.by_evidence, best.by_fit
+    found, spectrum = gears.scan(linear, best.term_set, averaging.part(best.term_set), fits, say)
+    added = [term for item in found for term in gear_terms(item.joint, item.cycles_per_turn)]
+    places = list(range(len(averaging.superset), len(averaging.superset) + len(added)))
+    averaging.superset += added
+    for item in averaging.kept if added else ():
+        item.term_set = item.term_set.extended(places, [term.group for term in added])
+    return found, spectrum
 
 
 def check_averaging(arm: Arm, poses: int) -> None:
@@ -510,64 +588,6 @@ def check_averaging(arm: Arm, poses: int) -> None:
             "all axes of this arm are parallel, so that base and tool cannot be told apart, and the evidence of error "
             "models has no meaning: choose model placement"
         )
-
-
-def identify_averaged(
-    arm: Arm,
-    points: PointSet,
-    motion: Motion,
-    known_targets: Mapping[str, ArrayLike] | None = None,
-    seed: int = 0,
-    progress: Progress | None = None,
-    terms: str = term_sets.JOINT_MAP,
-    payload_place: Sequence[float] | None = None,
-    usual_kg: float | None = None,
-    prior: TypePrior | None = None,
-) -> AveragedFit:
-    """Identify base, targets and the average of error models.
-
-    Parameters
-    ----------
-    arm : Arm
-        Nominal arm.
-    points : PointSet
-    motion : Motion
-        Of the points' poses.
-    known_targets : dict of str to array_like, shape (3,), optional
-        Targets whose places in the tip link are known, metres.
-    seed : int
-        Of the poses on which models are compared where there are very many.
-    progress : callable, optional
-        Called with a short text at each step.
-    terms : str
-        ``joint-map``: what URDF and a joint map can carry; ``all``: frame terms, too.
-    payload_place, usual_kg, prior : optional
-        See `irbcal.identification.evidence.identify_evidence`.
-
-    Returns
-    -------
-    AveragedFit
-
-    Raises
-    ------
-    IdentificationError
-        As `check_averaging`, or if the poses do not determine base and targets.
-    """
-    check_averaging(arm, points.poses)
-    known = None if known_targets is None else {k: np.asarray(v, dtype=float) for k, v in known_targets.items()}
-    found = identify_evidence(
-        arm,
-        points,
-        motion,
-        terms=terms,
-        seed=seed,
-        known_targets=known,
-        payload_place=payload_place,
-        usual_kg=usual_kg,
-        prior=prior,
-        progress=progress,
-    )
-    return AveragedFit(found, into_one_frame(points, found.T_world_base, found.other_bases), motion)
 
 
 @dataclass(frozen=True, eq=False)
@@ -609,12 +629,12 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     IdentificationError
         If the poses do not determine base and targets.
     """
-    work = prepared(arm, points, motion)
-    superset, flat = work.superset, work.linear.flat
+    ready = prepare(arm, points, motion)
+    superset, flat = ready.linear.terms, ready.linear.flat
     names = [*term_sets.TYPE_FAMILIES, "warm_up"]
-    choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, work.taus[-1] if work.taus else None)
-    sums = work.sums.part(choice.columns(flat))
-    t = evidence_temper(work.linear.per_pose)
+    choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, ready.taus[-1] if ready.taus else None)
+    sums = ready.sums.part(choice.columns(flat))
+    t = evidence_temper(ready.linear.per_pose)
     found = maximise_evidence(sums, flat, choice.group, choice.caps, t)
     terms = [superset[k] for k in choice.terms]
     mine = np.array([taken(term) for term in terms], dtype=bool)

@@ -12,11 +12,10 @@ import numpy as np
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
 from irbcal.identification.evidence_maximisation import Posterior, Sums, maximise_evidence
-from irbcal.identification.fit import ParameterReport
-from irbcal.identification.gear_scan import Spectrum
+from irbcal.identification.fit import ParameterReport, outer_reports
+from irbcal.identification.gear_scan import GearFound, Spectrum
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.points import PointSet, distances
-from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.joint_map import JointMap
@@ -28,13 +27,13 @@ from irbcal.modeling.terms.situation import LOAD, Motion, motion_at_use
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.summary import Speaks, Table, Told
-from irbcal.units import DEG, MM, UNIT_OUTSIDE
+from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pandas as pd
 
 COMPARED = 3000
-"""Poses on which dictionaries are compared at most; those with weight are fitted to all."""
+"""Poses on which term sets are compared at most; those with weight are fitted to all."""
 NATS = 5.0
 """Log evidence that a family must be worth to count as shown: odds of 150 to 1; false alarms are counted on SIMULATED
 robots by ``scripts/false_alarms``. Of families that can stand in for one another (gravity at joint 2 is a first
@@ -74,19 +73,19 @@ class FamilyShown:
 
 
 def families_shown(
-    sums: Sums, flat: int, families: Sequence[str], dictionary: TermSet, t: float, start: Posterior
+    sums: Sums, flat: int, families: Sequence[str], term_set: TermSet, t: float, start: Posterior
 ) -> tuple[FamilyShown, ...]:
-    """Fit a dictionary, and again without each of its families; geometry is always there.
+    """Fit a term set, and again without each of its families; geometry is always there.
 
     Parameters
     ----------
     sums : Sums
-        Of the dictionary's columns.
+        Of the term set's columns.
     flat : int
         Columns of base and targets.
     families : sequence of str
-        Family of each of the dictionary's terms.
-    dictionary : Dictionary
+        Family of each of the term set's terms.
+    term_set : TermSet
     t : float
         Tempering.
     start : Posterior
@@ -97,25 +96,23 @@ def families_shown(
     tuple of FamilyShown
         In the order of the terms.
     """
-    known = dictionary.expected
-    found = maximise_evidence(
-        sums, flat, dictionary.group, dictionary.caps, t, start.variances, start.s2, expected=known
-    )
+    known = term_set.expected
+    found = maximise_evidence(sums, flat, term_set.group, term_set.caps, t, start.variances, start.s2, expected=known)
     names, out = np.array(families, dtype=object), []
     for family in dict.fromkeys(families):
         if family == "geometry":
             continue
         stays = names != family
-        groups = np.unique(dictionary.group[stays])
-        group = np.searchsorted(groups, dictionary.group[stays])
+        groups = np.unique(term_set.group[stays])
+        group = np.searchsorted(groups, term_set.group[stays])
         columns = np.concatenate([np.arange(flat), flat + np.flatnonzero(stays)])
-        caps, variances = dictionary.caps[groups], found.variances[groups]
+        caps, variances = term_set.caps[groups], found.variances[groups]
         rest = None if known is None else known.part(stays)
         without = maximise_evidence(sums.part(columns), flat, group, caps, t, variances, found.s2, expected=rest)
         change = found.c.copy()
         change[columns] -= without.c
         moved = 3.0 * float(change @ sums.H @ change) / sums.equations
-        seen = float(found.gammas[np.unique(dictionary.group[~stays])].sum())
+        seen = float(found.gammas[np.unique(term_set.group[~stays])].sum())
         lost = found.log_evidence - without.log_evidence
         out.append(FamilyShown(str(family), seen, float(lost), float(np.sqrt(max(moved, 0.0))) * MM))
     return tuple(out)
@@ -138,10 +135,6 @@ def _word(family: str) -> str:
     return "the thesis's joint map" if family == "thesis" else family.replace("_", "-")
 
 
-SHOWN = 0.1
-"""Groups of which less than so much of a coefficient is seen are summed up in a sentence."""
-
-
 @dataclass(frozen=True)
 class TermSetResult:
     """A choice of terms in the comparison.
@@ -157,7 +150,7 @@ class TermSetResult:
         In the average.
     sigma, loo : float or None
         Residual standard deviation of a coordinate and root mean square length of the leave-one-pose-out residuals,
-        metres; of dictionaries with weight only, as averaged.
+        metres; of term sets with weight only, as averaged.
     bands : bool
         Whether it has long series of harmonics.
     """
@@ -182,7 +175,7 @@ class GroupResult:
     seen : float
         Number of its coefficients that the data determine (MacKay's gamma), averaged.
     size : float
-        Prior standard deviation of its coefficients, in natural sizes, over the dictionaries that have it.
+        Prior standard deviation of its coefficients, in natural sizes, over the term sets that have it.
     family : str
     natural : dict of str to float
         Natural size of its coefficients by their unit.
@@ -204,28 +197,7 @@ class GroupResult:
 
 
 @dataclass(frozen=True)
-class GearFound:
-    """A single high harmonic that the scan found.
-
-    Attributes
-    ----------
-    joint : int
-        From 0.
-    cycles_per_turn : int
-    chi2 : float
-        By how much it explained what was left, two degrees of freedom.
-    evidence_gain : float
-        Nats.
-    """
-
-    joint: int
-    cycles_per_turn: int
-    chi2: float
-    evidence_gain: float
-
-
-@dataclass(frozen=True)
-class Sisters:
+class TypePriorResult:
     """What a prior from calibrated robots of the same type did.
 
     Attributes
@@ -267,21 +239,27 @@ class Sisters:
         return f"This robot stands out of its type: w{start} is not true of it ({why}). It was identified without."
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class EvidenceFit(Speaks):
-    """An identified robot as an average over choices of terms.
+    """An identified robot as the average of error models, with what the identification knows about itself.
+
+    It has the names of `irbcal.identification.fit.Fit` that a saved calibration needs.
 
     Attributes
     ----------
+    points : PointSet
+        Those of the fit, in the measuring frame of the last session.
+    motion : Motion
+        Of their poses.
     nominal, arm : Arm
         Nominal arm, and the one with the constants in its DHM table.
     terms : tuple of Term
-        Union of the dictionaries with weight, geometry first.
+        Union of the term sets with weight, geometry first.
     coefficients : ndarray, shape (terms,)
         Averaged, in the terms' units.
     covariance : ndarray, shape (flat + terms, flat + terms)
         Of base (turn, shift in the base link), free targets, target frames and coefficients, SI units; scatter within
-        and between dictionaries.
+        and between term sets.
     T_world_base : ndarray, shape (4, 4)
     targets : dict of str to ndarray, shape (3,)
         In the tip link, metres.
@@ -294,7 +272,7 @@ class EvidenceFit(Speaks):
     loo, loo_blocks : dict of str to float
         Root mean square length of leave-one-pose-out residuals (of contiguous fifths of each session) by target, ``""``
         for all, metres; None where what is left does not determine them.
-    dictionaries : tuple of DictionaryResult
+    term_sets : tuple of TermSetResult
     groups : tuple of GroupResult
     families : tuple of FamilyShown
         What the best choice of terms would lose without each of its families.
@@ -319,12 +297,17 @@ class EvidenceFit(Speaks):
         What the gear scan saw; None where there was none.
     other_bases : dict of str to ndarray, shape (4, 4)
         Base in the measuring frame of each session but the last one; behind the target frames in the covariance.
-    sisters : Sisters or None
-        What a prior from sisters did, where there was one.
+    type_prior : TypePriorResult or None
+        What a prior of the robot's type did, where there was one.
+    level, method, objective : str
+    value, lower_bound, least_squares, history : None
+        What other ways to identify have.
     """
 
     nominal: Arm
     arm: Arm
+    points: PointSet
+    motion: Motion
     terms: tuple[Term, ...]
     coefficients: FloatArray
     covariance: FloatArray
@@ -336,10 +319,10 @@ class EvidenceFit(Speaks):
     sigma: float
     loo: Mapping[str, float | None]
     loo_blocks: Mapping[str, float | None]
-    dictionaries: tuple[TermSetResult, ...]
+    term_sets: tuple[TermSetResult, ...]
     groups: tuple[GroupResult, ...]
     families: tuple[FamilyShown, ...]
-    gears: tuple[GearFound, ...]
+    gears: tuple[GearFound, ...] = ()
     joint_ranges: FloatArray
     kind: str
     tau: float | None
@@ -350,34 +333,101 @@ class EvidenceFit(Speaks):
     readings_projected: bool = False
     spectrum: Spectrum | None = None
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
-    sisters: Sisters | None = None
+    type_prior: TypePriorResult | None = None
+    level: Literal["auto"] = "auto"
+    method: Literal["evidence"] = "evidence"
+    objective: Literal["rms"] = "rms"
+    value: None = None
+    lower_bound: None = None
+    least_squares: None = None
+    history: None = None
 
     def __post_init__(self) -> None:
         lock(self)
 
-    def told(self) -> Sequence[Told]:
-        """What was reached; the choices of terms; how much of each group is seen; gears; what intervals hold."""
-        kept = [row for row in self.dictionaries if row.weight > 0.0]
-        left_out = self.loo.get("")
-        headline = (
-            f"{self.nominal.name}, terms {self.kind}: {len(kept)} of {len(self.dictionaries)} choices averaged, "
-            f"{self.poses} poses (residual standard deviation {self.sigma / MM:.4f} mm a coordinate, "
-            f"left-out poses {'not determined by the others' if left_out is None else f'{left_out / MM:.4f} mm rms'})"
+    @cached_property
+    def robot(self) -> Robot:
+        """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
+        terms = self.term_map()
+        joint_map = JointMap(terms.part(False), self.joint_ranges, self.usual_kg)
+        frame_terms = terms.part(True)
+        return Robot(
+            self.arm,
+            joint_map,
+            self.T_world_base,
+            self.targets,
+            self.target_rotations,
+            self.certainty,
+            frame_terms if frame_terms.terms else None,
         )
-        return (
-            headline,
-            *self._readings_in_words(),
-            *([] if self.sisters is None else [self.sisters.in_words()]),
-            self._dictionary_table(),
-            self._group_table(),
-            *self._unseen_in_words(),
-            sentence(self.families),
-            *self.gear_sentences(),
-            "Intervals of predictions are made to hold 95 % of a coordinate's errors. On held-out poses of two real "
-            "robots they hold 93 to 98 %, 91 to 94 % after fits to readings, and 84 % on a warm arm of which "
-            "only 45 poses were fitted, the cold ones. They are valid for poses like those "
-            "measured; poses outside the joint ranges of the fit are marked.",
-        )
+
+    def warmth(self, points: PointSet, elapsed: FloatArray) -> FloatArray | None:
+        """By how much points lie elsewhere while the arm warms up.
+
+        Parameters
+        ----------
+        points : PointSet
+        elapsed : ndarray, shape (n,)
+            When its poses were measured, as the fit's motion counts.
+
+        Returns
+        -------
+        ndarray, shape (m, 3), or None
+            Metres, in the measuring frame; None where there are no terms of warm-up.
+        """
+        if all(term.family != "warm_up" for term in self.terms):
+            return None
+        at_use = self.motion_at(points.q, points.previous, **points.load())
+        T = self.term_map(warm=False).forward(self.arm, replace(at_use, elapsed=elapsed))
+        away = self.T_world_base @ (T - self.term_map().forward(self.arm, at_use))
+        targets = np.array([self.targets[name] for name in points.target_names])[points.target]
+        away = away[points.pose]
+        return np.asarray(np.einsum("mij,mj->mi", away[:, :3, :3], targets) + away[:, :3, 3])
+
+    @property
+    def _flat(self) -> int:
+        """Number of unknowns of base and targets."""
+        return len(self.covariance) - len(self.terms)
+
+    @property
+    def _used(self) -> list[int]:
+        """Terms that are left at use: all but the warm-up."""
+        return [k for k, term in enumerate(self.terms) if term.family != "warm_up"]
+
+    @property
+    def rank(self) -> int:
+        """Number of coefficients that the data determine, base and targets included, rounded."""
+        return self._flat + round(sum(group.seen for group in self.groups if group.name != "warm_up"))
+
+    @property
+    def parameter_count(self) -> int:
+        """Number of parameters, base and targets included, warm-up excluded."""
+        return self._flat + len(self._used)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance of the fitted points from the warm robot, metres."""
+        return float(np.sqrt(np.mean(distances(self.robot, self.points) ** 2)))
+
+    def held(self) -> list[str]:
+        """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""
+        return []
+
+    def parameters(self) -> list[ParameterReport]:
+        """Base, targets, constants of the geometry and terms of the joint map with standard deviations."""
+        bases = {"base": self.T_world_base} | {f"base@{name}": T for name, T in self.other_bases.items()}
+        places = {name: self.targets[name] for name in self.free_targets}
+        rotations = {name: self.target_rotations[name] for name in self.framed_targets}
+        rows = outer_reports(bases, places, rotations, self.covariance)
+        std, constants = self.std, iter(self.constants())
+        for k in self._used:
+            name = next(constants) if self.terms[k].family == "geometry" else self.terms[k].name
+            rows.append(ParameterReport.of(name, self.coefficients[k], self.terms[k].unit, std[k]))
+        return rows
+
+    def lag(self) -> Lag | None:
+        """How readings lag behind programmed joints, where they were found to; else None."""
+        return lag(self, self.points, self.motion) if self.readings_projected else None
 
     def _readings_in_words(self) -> list[str]:
         if self.readings_gain is None:
@@ -392,47 +442,100 @@ class EvidenceFit(Speaks):
             f"{self.readings_gain:.2f} only."
         ]
 
-    def _dictionary_table(self) -> Table:
-        rows = tuple(
-            (
-                row.name,
-                row.terms,
-                round(row.log_evidence),
-                row.weight,
-                None if row.sigma is None else row.sigma / MM,
-                None if row.loo is None else row.loo / MM,
-            )
-            for row in self.dictionaries
+    def explanation(self) -> str:
+        """Why these error models, in two sentences."""
+        rows = self.term_sets
+        kept = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
+        first = kept[0]
+        told = (
+            f"Of {len(rows)} error models the evidence of these poses supports {first.name} ({first.weight:.0%}) most"
         )
-        best = max(range(len(rows)), key=lambda k: self.dictionaries[k].weight)
-        columns = ("terms", "number", "log evidence", "weight", "sigma mm", "left out mm")
-        return Table("Choices of terms, averaged with their weights", columns, rows, 4, frozenset({best}))
+        told += f", and with it {len(kept) - 1} more" if len(kept) > 1 else ""
+        plain = rows[0]
+        gain = first.log_evidence - plain.log_evidence
+        warm = len(self._used) < len(self.terms)
+        left = " The parameters leave out the warm-up's terms." if warm else ""
+        better = "" if plain is first else f", here by {gain:.0f} nats better than {plain.name} alone"
+        return (
+            f"{told}. Their evidence says how well each foretells these measurements without knowing them{better}; all "
+            f"with weight are averaged, because the best one alone is often best by accident.{left}"
+        )
 
-    def _group_table(self) -> Table:
-        rows = tuple((row.name, row.terms, row.seen, row.size) for row in self.groups if row.seen >= SHOWN)
-        columns = ("group", "terms", "seen", "size")
-        return Table("How much of each group the data show (sizes in natural sizes)", columns, rows, 2)
+    def sentences(self) -> list[str]:
+        """What a user should know of it: gears that were found, and where it is valid."""
+        units, slides = self.nominal.joint_units, self.nominal.table.prismatic
+        low, high = self.joint_ranges / units
+        ranges = ", ".join(
+            f"joint {j + 1} {low[j]:.1f} to {high[j]:.1f} {'mm' if slides[j] else 'deg'}" for j in range(len(units))
+        )
+        warm = []
+        if self.tau is not None:
+            warm.append(
+                f"The arm drifted as it warmed up, with a time constant of {self.tau:.0f} poses: the calibration is "
+                "that of the warm arm, so that the first poses miss it by more."
+            )
+        some = []
+        if self.poses > COMPARED:
+            some.append(
+                f"Error models were compared on {COMPARED} of the {self.poses} poses, drawn at random; those that are "
+                "averaged were fitted to all."
+            )
+        return [
+            *([] if self.type_prior is None else [self.type_prior.in_words()]),
+            sentence(self.families),
+            *some,
+            *self.gear_sentences(),
+            *warm,
+            *self._load_sentences(),
+            f"Valid within the joint ranges of the fitted poses: {ranges}. Beyond them the joint map is extrapolated "
+            "and must not be trusted.",
+        ]
 
-    def _unseen_in_words(self) -> list[str]:
-        unseen = [row for row in self.groups if row.seen < SHOWN]
-        if not unseen:
-            return []
-        terms = sum(row.terms for row in unseen)
-        return [f"Of {len(unseen)} more groups with {terms} terms the data show nothing: they shrink to zero."]
+    def _load_sentences(self) -> list[str]:
+        """What loads it is valid for."""
+        torques = [
+            "It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
+            "predictions without them miss what the joints give way."
+        ]
+        torques = torques if any(term.basis == "torque" for term in self.terms) else []
+        if not self.loads:
+            return torques
+        if len(self.loads) == 1:
+            return [
+                *torques,
+                f"All poses were measured with a payload of {self.loads[0]:g} kg: the calibration is that of the "
+                "robot with this load, and does not tell what another one does.",
+            ]
+        some = ", ".join(f"{load:g}" for load in self.loads)
+        return [
+            *torques,
+            f"Measured with payloads of {some} kg: where no payload is given, predictions and corrections are for "
+            f"{self.usual_kg:g} kg, which most poses were measured with (of all loads, if as many); other loads: "
+            "--payload.",
+        ]
+
+    def told(self) -> Sequence[Told]:
+        """The models that were averaged, what the data show of each group of terms, and gears in words."""
+        headline = (
+            f"{self.nominal.name}, model auto of terms {self.kind}: {self.rank} of {self.parameter_count} parameters "
+            f"determined by {self.poses} poses (fitted rms {self.rms / MM:.3f} mm)"
+        )
+        models = [(r.name, r.terms, r.log_evidence, r.weight, _mm(r.sigma), _mm(r.loo)) for r in self.term_sets]
+        groups = [(g.name, g.terms, g.seen, g.size) for g in self.groups]
+        return (
+            headline,
+            self.explanation(),
+            models_table(models),
+            groups_table(groups),
+            *self._readings_in_words(),
+            *self.sentences(),
+        )
 
     def to_frame(self) -> pd.DataFrame:
-        """The terms, a row each: joint from 1, axis, basis, family, group, value and std in ``unit`` (deg, mm)."""
+        """The parameters, a row each: name, value, unit, std, state and reason."""
         import pandas as pd
 
-        rows = []
-        for term, value, std in zip(self.terms, self.coefficients, self.std, strict=True):
-            base, _, per = term.unit.partition("/")
-            unit, factor = UNIT_OUTSIDE[base]
-            unit = f"{unit}/{per}" if per else unit
-            place = (term.name, term.joint + 1, term.axis, term.basis, term.family, term.group)
-            rows.append((*place, float(value) / factor, float(std) / factor, unit))
-        columns = ["name", "joint", "axis", "basis", "family", "group", "value", "std", "unit"]
-        return pd.DataFrame(rows, columns=columns)
+        return pd.DataFrame([asdict(row) for row in self.parameters()])
 
     @property
     def std(self) -> FloatArray:
@@ -471,7 +574,7 @@ class EvidenceFit(Speaks):
         pair = [by_name[term.name] for term in gear_terms(gear.joint, gear.cycles_per_turn)]
         return float(np.hypot(*pair))
 
-    def motion(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> Motion:
+    def motion_at(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> Motion:
         """The motion that predictions are for: of the warm arm, with the usual load unless told otherwise.
 
         Parameters
@@ -487,8 +590,8 @@ class EvidenceFit(Speaks):
         return motion_at_use(q, before, **load, **usual)  # type: ignore[arg-type]  # by their names
 
     def poses_at(self, q: FloatArray, previous: FloatArray | None = None, **load: FloatArray | None) -> FloatArray:
-        """Tip poses in the base link at commanded joints (n, joints), shape (n, 4, 4); the load as for `motion`."""
-        return self.term_map().forward(self.arm, self.motion(q, previous, **load))
+        """Tip poses in the base link at commanded joints (n, joints), shape (n, 4, 4); the load as for `motion_at`."""
+        return self.term_map().forward(self.arm, self.motion_at(q, previous, **load))
 
     def predict(
         self,
@@ -513,7 +616,7 @@ class EvidenceFit(Speaks):
             Whether the poses of the fit are a program in an order: contiguous blocks are left out in place of single
             poses.
         load
-            Where it is not the usual one, see `motion`.
+            Where it is not the usual one, see `motion_at`.
 
         Returns
         -------
@@ -527,7 +630,7 @@ class EvidenceFit(Speaks):
         name = next(iter(self.targets)) if target is None else target
         if name not in self.targets:
             raise IdentificationError(f"unknown target {name!r}: this robot has {', '.join(self.targets)}")
-        terms, motion = self.term_map(), self.motion(q, previous, **load)
+        terms, motion = self.term_map(), self.motion_at(q, previous, **load)
         return self.certainty.predict(
             lambda motion: chain.walk(self.arm, *terms.split(motion)),
             q,
@@ -555,6 +658,33 @@ class EvidenceFit(Speaks):
             loo_blocks=self.loo_blocks,
             ranges=self.joint_ranges,
         )
+
+
+def models_table(rows: Sequence[tuple[str, int, float, float, float | None, float | None]]) -> Table:
+    """The error models compared, as a table for people.
+
+    Parameters
+    ----------
+    rows : sequence of (name, terms, log evidence, weight, sigma, leave-one-out error)
+        The errors in millimetres, None for models without weight.
+    """
+    cells = tuple(
+        (name, terms, f"{evidence:.1f}", f"{weight:.3f}", sigma, loo)
+        for name, terms, evidence, weight, sigma, loo in rows
+    )
+    columns = ("error model", "terms", "log evidence", "weight", "sigma (mm)", "leave one out (mm)")
+    bold = frozenset(k for k, row in enumerate(rows) if row[3] > 0.0)
+    return Table("Error models compared by their evidence", columns, cells, digits=4, bold=bold)
+
+
+def groups_table(rows: Sequence[tuple[str, int, float, float]]) -> Table:
+    """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
+    cells = tuple((name.replace("_", " "), terms, f"{seen:.1f}", size) for name, terms, seen, size in rows)
+    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), cells)
+
+
+def _mm(length: float | None) -> float | None:
+    return None if length is None else length / MM
 
 
 RIDGE = 1e-3
@@ -665,294 +795,3 @@ def lag(fit: EvidenceFit, points: PointSet, motion: Motion) -> Lag:
     weights = np.linalg.solve(A.T @ A + RIDGE * np.trace(A.T @ A) / len(scale) * np.eye(len(scale)), A.T @ (w * found))
     left = found - (X / scale) @ weights
     return Lag(weights, scale, found, float(np.sqrt(np.average(left**2, weights=w**2))))
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class AveragedFit(Speaks):
-    """An identified robot as the average of error models, with what the identification knows about itself.
-
-    It has the names of `irbcal.identification.fit.Fit` that a saved calibration needs.
-
-    Attributes
-    ----------
-    evidence : EvidenceFit
-    points : PointSet
-        Those of the fit, in the measuring frame of the last session.
-    motion : Motion
-        Of their poses.
-    level, method, objective : str
-    value, lower_bound, least_squares, history : None
-        What other ways to identify have.
-    """
-
-    evidence: EvidenceFit
-    points: PointSet
-    motion: Motion
-    level: Literal["auto"] = "auto"
-    method: Literal["evidence"] = "evidence"
-    objective: Literal["rms"] = "rms"
-    value: None = None
-    lower_bound: None = None
-    least_squares: None = None
-    history: None = None
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-    @cached_property
-    def robot(self) -> Robot:
-        """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
-        found, terms = self.evidence, self.evidence.term_map()
-        joint_map = JointMap(terms.part(False), found.joint_ranges, found.usual_kg)
-        frame_terms = terms.part(True)
-        return Robot(
-            found.arm,
-            joint_map,
-            found.T_world_base,
-            found.targets,
-            found.target_rotations,
-            found.certainty,
-            frame_terms if frame_terms.terms else None,
-        )
-
-    def warmth(self, points: PointSet, elapsed: FloatArray) -> FloatArray | None:
-        """By how much points lie elsewhere while the arm warms up.
-
-        Parameters
-        ----------
-        points : PointSet
-        elapsed : ndarray, shape (n,)
-            When its poses were measured, as the fit's motion counts.
-
-        Returns
-        -------
-        ndarray, shape (m, 3), or None
-            Metres, in the measuring frame; None where there are no terms of warm-up.
-        """
-        found = self.evidence
-        if all(term.family != "warm_up" for term in found.terms):
-            return None
-        at_use = found.motion(points.q, points.previous, **points.load())
-        T = found.term_map(warm=False).forward(found.arm, replace(at_use, elapsed=elapsed))
-        away = found.T_world_base @ (T - found.term_map().forward(found.arm, at_use))
-        targets = np.array([found.targets[name] for name in points.target_names])[points.target]
-        away = away[points.pose]
-        return np.asarray(np.einsum("mij,mj->mi", away[:, :3, :3], targets) + away[:, :3, 3])
-
-    @property
-    def _flat(self) -> int:
-        return len(self.evidence.covariance) - len(self.evidence.terms)
-
-    @property
-    def _used(self) -> list[int]:
-        """Terms that are left at use: all but the warm-up."""
-        return [k for k, term in enumerate(self.evidence.terms) if term.family != "warm_up"]
-
-    @property
-    def rank(self) -> int:
-        """Number of coefficients that the data determine, base and targets included, rounded."""
-        return self._flat + round(sum(group.seen for group in self.evidence.groups if group.name != "warm_up"))
-
-    @property
-    def parameter_count(self) -> int:
-        """Number of parameters, base and targets included, warm-up excluded."""
-        return self._flat + len(self._used)
-
-    @property
-    def rms(self) -> float:
-        """Root mean square distance of the fitted points from the warm robot, metres."""
-        return float(np.sqrt(np.mean(distances(self.robot, self.points) ** 2)))
-
-    def covariance(self) -> FloatArray:
-        """Of base (turn, shift in the base link), free targets, target frames and the parameters, SI units."""
-        return self.evidence.certainty.covariance
-
-    def held(self) -> list[str]:
-        """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""
-        return []
-
-    def parameters(self) -> list[ParameterReport]:
-        """Base, targets, constants of the geometry and terms of the joint map with standard deviations."""
-        found = self.evidence
-        rows = self._outer()
-        units = [term.unit for term in found.terms if term.family == "geometry"]
-        for (name, (value, deviation)), unit in zip(found.constants().items(), units, strict=True):
-            rows.append(_row(name, value, deviation, unit))
-        std = found.std
-        rows += [
-            _row(found.terms[k].name, found.coefficients[k], std[k], found.terms[k].unit)
-            for k in self._used
-            if found.terms[k].family != "geometry"
-        ]
-        return rows
-
-    def _outer(self) -> list[ParameterReport]:
-        """Base and targets, which have no nominal values."""
-        found = self.evidence
-        std = np.sqrt(np.maximum(np.diagonal(found.covariance), 0.0))
-
-        def angles(R: FloatArray, outside: bool, at: int) -> FloatArray:
-            D = frames.angles_derivative(R, outside)
-            return np.sqrt(np.maximum(np.diag(D @ found.covariance[at : at + 3, at : at + 3] @ D.T), 0.0))
-
-        def base(label: str, T: FloatArray, at: int) -> list[ParameterReport]:
-            C = found.covariance[at + 3 : at + 6, at + 3 : at + 6]
-            shift = np.sqrt(np.maximum(np.diagonal(T[:3, :3] @ C @ T[:3, :3].T), 0.0))
-            place = frames.to_xyz_angles(T)
-            turned = angles(T[:3, :3], False, at)
-            return [
-                *(_row(f"{label}_{name}", place[k], shift[k], "m") for k, name in enumerate("xyz")),
-                *(_row(f"{label}_r{name}", place[3 + k], turned[k], "rad") for k, name in enumerate("xyz")),
-            ]
-
-        rows, at = base("base", found.T_world_base, 0), 6
-        for name in found.free_targets:
-            place = found.targets[name]
-            rows += [_row(f"target_{name}_{'xyz'[k]}", place[k], std[at + k], "m") for k in range(3)]
-            at += 3
-        for name in found.framed_targets:
-            R = found.target_rotations[name]
-            found_angles, turned = frames.to_xyz_angles(frames.transform(R))[3:], angles(R, True, at)
-            rows += [_row(f"target_{name}_r{'xyz'[k]}", found_angles[k], turned[k], "rad") for k in range(3)]
-            at += 3
-        for session, T in found.other_bases.items():
-            rows += base(f"base@{session}", T, at)
-            at += 6
-        return rows
-
-    @property
-    def other_bases(self) -> Mapping[str, FloatArray]:
-        """Base (4, 4) in the measuring frame of each session but the last one."""
-        return self.evidence.other_bases
-
-    def lag(self) -> Lag | None:
-        """How readings lag behind programmed joints, where they were found to; else None."""
-        return lag(self.evidence, self.points, self.motion) if self.evidence.readings_projected else None
-
-    def explanation(self) -> str:
-        """Why these error models, in two sentences."""
-        rows = self.evidence.dictionaries
-        kept = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
-        first = kept[0]
-        told = (
-            f"Of {len(rows)} error models the evidence of these poses supports {first.name} ({first.weight:.0%}) most"
-        )
-        told += f", and with it {len(kept) - 1} more" if len(kept) > 1 else ""
-        plain = rows[0]
-        gain = first.log_evidence - plain.log_evidence
-        warm = len(self._used) < len(self.evidence.terms)
-        left = " The parameters leave out the warm-up's terms." if warm else ""
-        better = "" if plain is first else f", here by {gain:.0f} nats better than {plain.name} alone"
-        return (
-            f"{told}. Their evidence says how well each foretells these measurements without knowing them{better}; all "
-            f"with weight are averaged, because the best one alone is often best by accident.{left}"
-        )
-
-    def sentences(self) -> list[str]:
-        """What a user should know of it: gears that were found, and where it is valid."""
-        found = self.evidence
-        units, slides = found.nominal.joint_units, found.nominal.table.prismatic
-        low, high = found.joint_ranges / units
-        ranges = ", ".join(
-            f"joint {j + 1} {low[j]:.1f} to {high[j]:.1f} {'mm' if slides[j] else 'deg'}" for j in range(len(units))
-        )
-        warm = []
-        if found.tau is not None:
-            warm.append(
-                f"The arm drifted as it warmed up, with a time constant of {found.tau:.0f} poses: the calibration is "
-                "that of the warm arm, so that the first poses miss it by more."
-            )
-        some = []
-        if found.poses > COMPARED:
-            some.append(
-                f"Error models were compared on {COMPARED} of the {found.poses} poses, drawn at random; those that are "
-                "averaged were fitted to all."
-            )
-        return [
-            *([] if found.sisters is None else [found.sisters.in_words()]),
-            sentence(found.families),
-            *some,
-            *found.gear_sentences(),
-            *warm,
-            *self._loads(),
-            f"Valid within the joint ranges of the fitted poses: {ranges}. Beyond them the joint map is extrapolated "
-            "and must not be trusted.",
-        ]
-
-    def _loads(self) -> list[str]:
-        """What loads it is valid for."""
-        found = self.evidence
-        torques = [
-            "It takes the torques that the robot reports. Where none are given they count as zero, which no arm's are: "
-            "predictions without them miss what the joints give way."
-        ]
-        torques = torques if any(term.basis == "torque" for term in found.terms) else []
-        if not found.loads:
-            return torques
-        if len(found.loads) == 1:
-            return [
-                *torques,
-                f"All poses were measured with a payload of {found.loads[0]:g} kg: the calibration is that of the "
-                "robot with this load, and does not tell what another one does.",
-            ]
-        some = ", ".join(f"{load:g}" for load in found.loads)
-        return [
-            *torques,
-            f"Measured with payloads of {some} kg: where no payload is given, predictions and corrections are for "
-            f"{found.usual_kg:g} kg, which most poses were measured with (of all loads, if as many); other loads: "
-            "--payload.",
-        ]
-
-    def told(self) -> Sequence[Told]:
-        """The models that were averaged, what the data show of each group of terms, and gears in words."""
-        found = self.evidence
-        headline = (
-            f"{found.nominal.name}, model auto: {self.rank} of {self.parameter_count} parameters determined by "
-            f"{found.poses} poses (fitted rms {self.rms / MM:.3f} mm)"
-        )
-        return (headline, self.explanation(), self._models(), self._groups(), *self.sentences())
-
-    def _models(self) -> Table:
-        rows = self.evidence.dictionaries
-        return models_table([(r.name, r.terms, r.log_evidence, r.weight, _mm(r.sigma), _mm(r.loo)) for r in rows])
-
-    def _groups(self) -> Table:
-        return groups_table([(g.name, g.terms, g.seen, g.size) for g in self.evidence.groups])
-
-    def to_frame(self) -> pd.DataFrame:
-        """The parameters, a row each: name, value, unit, std, state and reason."""
-        import pandas as pd
-
-        return pd.DataFrame([asdict(row) for row in self.parameters()])
-
-
-def models_table(rows: Sequence[tuple[str, int, float, float, float | None, float | None]]) -> Table:
-    """The error models compared, as a table for people.
-
-    Parameters
-    ----------
-    rows : sequence of (name, terms, log evidence, weight, sigma, leave-one-out error)
-        The errors in millimetres, None for models without weight.
-    """
-    cells = tuple(
-        (name, terms, f"{evidence:.1f}", f"{weight:.3f}", sigma, loo)
-        for name, terms, evidence, weight, sigma, loo in rows
-    )
-    columns = ("error model", "terms", "log evidence", "weight", "sigma (mm)", "leave one out (mm)")
-    bold = frozenset(k for k, row in enumerate(rows) if row[3] > 0.0)
-    return Table("Error models compared by their evidence", columns, cells, digits=4, bold=bold)
-
-
-def groups_table(rows: Sequence[tuple[str, int, float, float]]) -> Table:
-    """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
-    cells = tuple((name.replace("_", " "), terms, f"{seen:.1f}", size) for name, terms, seen, size in rows)
-    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), cells)
-
-
-def _mm(length: float | None) -> float | None:
-    return None if length is None else length / MM
-
-
-def _row(name: str, value: float, std: float, unit: str) -> ParameterReport:
-    outside, factor = UNIT_OUTSIDE.get(unit, (unit, 1.0))
-    return ParameterReport(name, float(value) / factor, outside, float(std) / factor, "identified", "")

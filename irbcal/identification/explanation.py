@@ -14,7 +14,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.identification import leave_one_out, linear_model, term_sets
 from irbcal.identification.evidence import LAG_FAMILIES, average_repeats
-from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import fit_temper, maximise_evidence
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, TermSet
@@ -77,12 +77,12 @@ class Stage:
     timed: float | None
 
 
-def explain(fit: AveragedFit, heldout: PointSet, elapsed: FloatArray | None = None) -> tuple[Stage, ...]:
+def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = None) -> tuple[Stage, ...]:
     """Fit one family after the other and predict held-out poses.
 
     Parameters
     ----------
-    fit : AveragedFit
+    fit : EvidenceFit
         What was identified: its points, choice of gears and time constant are taken.
     heldout : PointSet
         May be empty.
@@ -93,25 +93,25 @@ def explain(fit: AveragedFit, heldout: PointSet, elapsed: FloatArray | None = No
     -------
     tuple of Stage
     """
-    found = fit.evidence
+    found = fit
     points, stops = average_repeats(replace(fit.points, q=np.array(fit.motion.q)), fit.motion)
     geometry = GEOMETRY.terms(found.nominal)
     known = {name: found.targets[name] for name in points.target_names if name not in found.free_targets}
     problem = linear_model.geometry_problem(found.nominal, points, geometry, known)
-    state = linear_model.geometry_solution(problem, stops, geometry, found.readings_projected)
+    state = linear_model.geometry_solution(problem, stops, geometry, fit.readings_projected)
     plan = _plan(fit)
     terms = [term for _, added, _ in plan for term in added]
-    linear = Linearisation(problem, state, stops, terms, found.readings_projected)
+    linear = Linearisation(problem, state, stops, terms, fit.readings_projected)
     sums, t = linear.sums(), fit_temper(linear.per_pose)
-    use = found.motion(heldout.q, heldout.previous, **heldout.load())
+    use = found.motion_at(heldout.q, heldout.previous, **heldout.load())
     count, out = 0, []
     for words, added, carried in plan:
         count += len(added)
         choice = _choice(terms[:count])
         columns = choice.columns(linear.flat)
         got = maximise_evidence(sums.part(columns), linear.flat, choice.group, choice.caps, t)
-        u, _ = leave_one_out.residuals(linear, columns, got)
-        predicted = _Predicted(linear, got.c, terms[:count], found.readings_projected)
+        u = leave_one_out.residuals(linear, columns, got)[0].reshape(-1, 3)
+        predicted = _Predicted(linear, got.c, terms[:count], fit.readings_projected)
         errors = predicted.errors(heldout, use)
         warm = any(term.family == "warm_up" for term in terms[:count])
         timed = predicted.errors(heldout, replace(use, elapsed=elapsed)) if warm and elapsed is not None else None
@@ -134,9 +134,9 @@ def _of(errors: FloatArray, statistic: object) -> float | None:
     return float(statistic(errors)) if len(errors) else None  # type: ignore[operator]
 
 
-def _plan(fit: AveragedFit) -> list[tuple[str, list[Term], bool]]:
+def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     """What each stage adds: words, terms, and whether the calibration has them."""
-    found = fit.evidence
+    found = fit
     arm, present = found.nominal, {term.family for term in found.terms}
     highest = _series(fit)
     everything = {name: family.terms(arm) for name, family in families().items()}
@@ -163,9 +163,9 @@ def _plan(fit: AveragedFit) -> list[tuple[str, list[Term], bool]]:
     return sorted(plan, key=lambda item: not item[2])  # what is only tried comes last
 
 
-def _series(fit: AveragedFit) -> int:
+def _series(fit: EvidenceFit) -> int:
     """Highest order of the harmonics of the best choice of terms, if long series have most of the weight."""
-    long = [row for row in fit.evidence.dictionaries if row.bands and row.weight > 0.0]
+    long = [row for row in fit.term_sets if row.bands and row.weight > 0.0]
     if sum(row.weight for row in long) <= 0.5:
         return LOW
     words = max(long, key=lambda row: row.weight).name.split("harmonics to ")
@@ -178,7 +178,7 @@ def _words(names: Sequence[str], everything: dict[str, list[Term]]) -> str:
 
 
 def _choice(terms: Sequence[Term]) -> TermSet:
-    """A dictionary of all of some terms; series of harmonics in bands, as those that are averaged have them."""
+    """A term set of all of some terms; series of harmonics in bands, as those that are averaged have them."""
     highest = max((order(term) for term in terms if term.family == "harmonics"), default=0)
     names = list(dict.fromkeys(term.family for term in terms))
     taus = [term.parameters["tau"] for term in terms if term.family == "warm_up"]

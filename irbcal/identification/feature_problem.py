@@ -18,6 +18,7 @@ from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import observations
 from irbcal.identification.evidence_maximisation import Sums
 from irbcal.identification.initial_guess import first_state
+from irbcal.identification.linear_model import Rows
 from irbcal.identification.observations import KINDS, Kind, Misses, Seen, Shape
 from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
@@ -98,16 +99,7 @@ class Missed:
     found: Misses
 
 
-@dataclass(frozen=True, eq=False)
-class Dense:
-    """Rows of the linear model: millimetres per unit, shape (columns, n), what is left (n,), and each one's row."""
-
-    J: FloatArray
-    y: FloatArray
-    row: IntArray
-
-
-class ConstraintProblem:
+class FeatureProblem:
     """Rows at features against an arm with terms.
 
     Parameters
@@ -176,6 +168,7 @@ class ConstraintProblem:
             arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
         )
         self.motion = seen.motion()
+        self.pose = np.unique(seen.pose_index, return_inverse=True)[1].ravel()
         u95 = np.where(np.isfinite(seen.u95), seen.u95, ROW_U95)
         self.typical = float(np.median(u95))
         self.weights: FloatArray = np.clip(self.typical / np.maximum(u95, 1e-9), 0.01, 100.0)
@@ -305,7 +298,7 @@ class ConstraintProblem:
 
     # ---------------------------------------------------------------- the linear model
 
-    def dense(self, state: FeatureState, columns: IntArray | None = None) -> Iterator[Dense]:
+    def dense(self, state: FeatureState, columns: IntArray | None = None) -> Iterator[Rows]:
         """The linear model in blocks of rows; the flat columns are steps, the terms' count from nominal.
 
         Parameters
@@ -328,7 +321,8 @@ class ConstraintProblem:
             J *= w
             J *= sizes[:, None, None]
             y = np.einsum("c,cmk->mk", values, J[self.flat :]) - r * w
-            yield Dense(J.reshape(width, r.size), y.ravel(), np.repeat(rows, r.shape[1]))
+            each = np.repeat(rows, r.shape[1])
+            yield Rows(J.reshape(width, r.size), y.ravel(), self.pose[each], each)
         if self.lengths:
             yield self._of_lengths(state, width)
         if self.expected:
@@ -397,7 +391,7 @@ class ConstraintProblem:
             J[:3] += (by @ observations.cross(c)).transpose(2, 0, 1)
             J[3:6] -= by.transpose(2, 0, 1)
 
-    def _of_lengths(self, state: FeatureState, width: int) -> Dense:
+    def _of_lengths(self, state: FeatureState, width: int) -> Rows:
         """Known lengths as rows; they belong to no row of the file."""
         J, y = np.zeros((width, len(self.lengths))), np.zeros(len(self.lengths))
         for k, one in enumerate(self.lengths):
@@ -408,16 +402,20 @@ class ConstraintProblem:
                 at = self.layout[key][1]
                 J[at : at + 3, k] = sign * by * w * self.sizes[at : at + 3]
             y[k] = -miss * w
-        return Dense(J, y, np.full(len(self.lengths), -1))
+        return self._beside(J, y, 0)
 
-    def _of_expected(self, state: FeatureState, width: int) -> Dense:
+    def _beside(self, J: FloatArray, y: FloatArray, before: int) -> Rows:
+        """Rows of no measurement, each as if of a pose of its own."""
+        return Rows(J, y, self.seen.poses + before + np.arange(len(y)), np.full(len(y), -1))
+
+    def _of_expected(self, state: FeatureState, width: int) -> Rows:
         """What is known of unknowns beforehand as rows."""
         J, y = np.zeros((width, len(self.expected))), np.zeros(len(self.expected))
         for k, (key, one) in enumerate(self.expected.items()):
             at, w = self.layout[key][1], self.typical / MM / one.u95
             J[at, k] = w * self.sizes[at]
             y[k] = w * float(one.value[0] - state.own[key][0])
-        return Dense(J, y, np.full(len(self.expected), -1))
+        return self._beside(J, y, len(self.lengths))
 
 
 def _groups(seen: FeatureSet) -> list[Group]:
@@ -469,7 +467,7 @@ def _check(seen: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> None:
             )
 
 
-def refuse_undetermined(problem: ConstraintProblem, sums: Sums) -> None:
+def refuse_undetermined(problem: FeatureProblem, sums: Sums) -> None:
     """Refuse rows that leave base, tool or features open even on the robot as it is.
 
     Raises
@@ -502,7 +500,7 @@ FALL = 1e-10
 """Relative fall of the sum of squares below which it has arrived."""
 
 
-def start(problem: ConstraintProblem) -> FeatureState:
+def start(problem: FeatureProblem) -> FeatureState:
     """The robot as it is, placed among the features: no guess is needed.
 
     Raises
@@ -531,7 +529,7 @@ def start(problem: ConstraintProblem) -> FeatureState:
     return best
 
 
-def start_of_features(problem: ConstraintProblem, state: FeatureState) -> FeatureState:
+def start_of_features(problem: FeatureProblem, state: FeatureState) -> FeatureState:
     """Features placed about a robot whose base and tool are held, at some coefficients.
 
     Raises
@@ -552,7 +550,7 @@ def start_of_features(problem: ConstraintProblem, state: FeatureState) -> Featur
     return there
 
 
-def settle(problem: ConstraintProblem, state: FeatureState, steps: int = STEPS) -> FeatureState:
+def settle(problem: FeatureProblem, state: FeatureState, steps: int = STEPS) -> FeatureState:
     """Least squares of base, tool and features, the robot held (Levenberg and Marquardt)."""
     if not problem.flat:
         return state
@@ -575,7 +573,7 @@ def settle(problem: ConstraintProblem, state: FeatureState, steps: int = STEPS) 
     return state
 
 
-def tracked(problem: ConstraintProblem) -> PointSet | None:
+def tracked(problem: FeatureProblem) -> PointSet | None:
     """The rows that a tracker measured, as points; None where there are none."""
     rows = [
         (group, k)
@@ -605,7 +603,7 @@ def points_of(seen: FeatureSet, rows: FloatArray) -> PointSet:
     )
 
 
-def _tools(problem: ConstraintProblem, zero: FeatureState) -> dict[str, FloatArray]:
+def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]:
     """Places of the targets in the tip link, each from the rows that tell it."""
     told: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
     for group in problem.groups:
@@ -621,7 +619,7 @@ def _tools(problem: ConstraintProblem, zero: FeatureState) -> dict[str, FloatArr
     }
 
 
-def _features(problem: ConstraintProblem, zero: FeatureState, tools: dict[str, FloatArray]) -> FeatureState:
+def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, FloatArray]) -> FeatureState:
     """All unknowns from the tool's places: first what a tracker saw, then features in closed form, then the base."""
     own, T = dict(zero.own), zero.T_world_base
     points = tracked(problem)

@@ -90,6 +90,15 @@ class ParameterReport:
     state: ParameterState
     reason: str
 
+    @staticmethod
+    def of(
+        name: str, value: float, unit: str, std: float | None, state: ParameterState = "identified", reason: str = ""
+    ) -> ParameterReport:
+        """A report from value and standard deviation in SI units."""
+        outside, factor = UNIT_OUTSIDE.get(unit, (unit, 1.0))
+        std = None if std is None else float(std) / factor
+        return ParameterReport(name, float(value) / factor, outside, std, state, reason)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Speaks):
@@ -244,12 +253,6 @@ class Fit(Speaks):
         return frame.astype({"value": float, "std": float})
 
 
-def _outside(value: float, unit: str) -> tuple[float, str]:
-    """Value in the surface's unit."""
-    name, factor = UNIT_OUTSIDE[unit]
-    return float(value) / factor, name
-
-
 def _held_sentences(fit: Fit) -> list[tuple[list[int], str]]:
     """(indices of the error parameters involved, sentence) for each held direction."""
     information, problem = fit.solution.information, fit.problem
@@ -280,123 +283,129 @@ def _and(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
-class _Rows:
-    """The report as it grows; values and standard deviations come in SI units."""
-
-    def __init__(self) -> None:
-        self.reports: list[ParameterReport] = []
-
-    def add(
-        self,
-        name: str,
-        value: float,
-        unit: str,
-        std: float | None,
-        state: ParameterState = "identified",
-        reason: str = "",
-    ) -> None:
-        value, outside = _outside(value, unit)
-        std = None if std is None else _outside(std, unit)[0]
-        self.reports.append(ParameterReport(name, value, outside, std, state, reason))
-
-
 def _report(fit: Fit) -> list[ParameterReport]:
-    information = fit.solution.information
+    information, state, names = fit.solution.information, fit.solution.state, fit.problem.points.target_names
     covariance = information.covariance()
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    rows = _Rows()
-    _add_outer(fit, covariance, std, rows)
+    bases = {"base": state.T_world_base} | {f"base@{session}": T for session, T in fit.other_bases.items()}
+    places = {names[j]: state.targets[j] for j in fit.problem.free}
+    rotations = {names[j]: state.rotations[j] for j in fit.problem.framed}
+    rows = outer_reports(bases, places, rotations, covariance, information.outer_null)
     b = fit.problem.outer
     held = information.held_fraction()
     sentences = _held_sentences(fit)
     for j, item in enumerate(fit.problem.parameters):
-        value = fit.solution.state.errors[j]
+        value = state.errors[j]
         reason = "; ".join(text for members, text in sentences if j in members)
-        if held[j] > HELD:
-            rows.add(item.name, value, item.unit, None, "held", reason)
-        elif held[j] > TIED:
-            rows.add(item.name, value, item.unit, None, "tied", reason)
+        if held[j] > TIED:
+            kind: ParameterState = "held" if held[j] > HELD else "tied"
+            rows.append(ParameterReport.of(item.name, value, item.unit, None, kind, reason))
         else:
-            rows.add(item.name, value, item.unit, std[b + j])
+            rows.append(ParameterReport.of(item.name, value, item.unit, std[b + j]))
     if fit.stiffness_guess is not None:
-        _add_physical_stiffness(fit, fit.stiffness_guess, covariance[b:, b:], rows)
-    return rows.reports
+        rows += _physical_stiffness(fit, fit.stiffness_guess, covariance[b:, b:])
+    return rows
 
 
-def _add_outer(fit: Fit, covariance: FloatArray, std: FloatArray, rows: _Rows) -> None:
-    """Base and targets, which have no nominal values."""
-    information, state = fit.solution.information, fit.solution.state
-    hidden = np.linalg.norm(information.outer_null, axis=1) if information.outer_null.shape[1] else np.zeros(len(std))
+def outer_reports(
+    bases: Mapping[str, FloatArray],
+    places: Mapping[str, FloatArray],
+    rotations: Mapping[str, FloatArray],
+    covariance: FloatArray,
+    null: FloatArray | None = None,
+) -> list[ParameterReport]:
+    """Base and targets, which have no nominal values, with their standard deviations.
+
+    Parameters
+    ----------
+    bases : dict of str to ndarray, shape (4, 4)
+        The base first, then those of other sessions.
+    places, rotations : dict of str to ndarray, shape (3,), (3, 3)
+        Identified places of targets, and target frames, in the tip link.
+    covariance : ndarray
+        Of base (turn, shift in the base link), places, frames (turns in the tip link), other bases, then others; SI.
+    null : ndarray, shape (outer unknowns, k), optional
+        Directions that no pose of the arm can show, unit vectors.
+
+    Returns
+    -------
+    list of ParameterReport
+    """
+    out: list[ParameterReport] = []
     reason = "base and tool cannot be told apart in all ways: all axes of this arm are parallel"
 
-    def add(name: str, value: float, unit: str, deviation: float, share: float) -> None:
-        if share <= TIED:
-            rows.add(name, value, unit, deviation)
-        else:
-            rows.add(name, value, unit, None, "tied", reason)
+    def add(names: Sequence[str], values: FloatArray, unit: str, D: FloatArray, at: int) -> None:
+        """Three numbers, and their derivative (3, 3) by the columns from ``at`` on."""
+        part = slice(at, at + 3)
+        std = np.sqrt(np.maximum(np.diagonal(D @ covariance[part, part] @ D.T), 0.0))
+        hidden = np.zeros(3)
+        if null is not None and null.shape[1]:
+            hidden = np.linalg.norm(D @ null[part], axis=1) / np.linalg.norm(D, axis=1)
+        for name, value, deviation, share in zip(names, values, std, hidden, strict=True):
+            tied = share > TIED
+            report = (None, "tied", reason) if tied else (deviation, "identified", "")
+            out.append(ParameterReport.of(name, value, unit, *report))
 
-    def _of_angles(R: FloatArray, outside: bool, at: int) -> tuple[FloatArray, FloatArray]:
-        """Standard deviations and hidden shares of the angles of a frame, from those of a rotation vector."""
-        D, part = frames.angles_derivative(R, outside), slice(at, at + 3)
-        hidden_part = np.linalg.norm(D @ information.outer_null[part], axis=1) / np.linalg.norm(D, axis=1)
-        return np.sqrt(np.maximum(np.diag(D @ covariance[part, part] @ D.T), 0.0)), hidden_part
+    def add_base(label: str, at: int) -> None:
+        T = bases[label]
+        numbers = frames.to_xyz_angles(T)
+        add([f"{label}_{axis}" for axis in "xyz"], numbers[:3], "m", T[:3, :3], at + 3)
+        turn = frames.angles_derivative(T[:3, :3], False)
+        add([f"{label}_r{axis}" for axis in "xyz"], numbers[3:], "rad", turn, at)
 
-    def add_base(label: str, T: FloatArray, at: int) -> None:
-        part = slice(at + 3, at + 6)
-        moved = T[:3, :3] @ covariance[part, part] @ T[:3, :3].T
-        moved_hidden = np.linalg.norm(T[:3, :3] @ information.outer_null[part], axis=1)
-        base = frames.to_xyz_angles(T)
-        turned, turned_hidden = _of_angles(T[:3, :3], False, at)
-        for k, name in enumerate("xyz"):
-            add(f"{label}_{name}", base[k], "m", np.sqrt(moved[k, k]), moved_hidden[k])
-        for k, name in enumerate(("rx", "ry", "rz")):
-            add(f"{label}_{name}", base[3 + k], "rad", turned[k], turned_hidden[k])
-
-    add_base("base", state.T_world_base, 0)
-    names, b = fit.problem.points.target_names, 6
-    for j in fit.problem.free:
-        for k in range(3):
-            add(f"target_{names[j]}_{'xyz'[k]}", state.targets[j, k], "m", std[b + k], hidden[b + k])
-        b += 3
-    for j in fit.problem.framed:
-        angles = frames.to_xyz_angles(frames.transform(state.rotations[j]))[3:]
-        turned, turned_hidden = _of_angles(state.rotations[j], True, b)
-        for k in range(3):
-            add(f"target_{names[j]}_r{'xyz'[k]}", angles[k], "rad", turned[k], turned_hidden[k])
-        b += 3
-    for session, T in fit.other_bases.items():
-        add_base(f"base@{session}", T, b)
-        b += 6
+    first, *others = bases
+    add_base(first, 0)
+    at = 6
+    for name, place in places.items():
+        add([f"target_{name}_{axis}" for axis in "xyz"], place, "m", np.eye(3), at)
+        at += 3
+    for name, R in rotations.items():
+        angles = frames.to_xyz_angles(frames.transform(R))[3:]
+        add([f"target_{name}_r{axis}" for axis in "xyz"], angles, "rad", frames.angles_derivative(R, True), at)
+        at += 3
+    for label in others:
+        add_base(label, at)
+        at += 6
+    return out
 
 
-def _add_physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray, rows: _Rows) -> None:
+def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> list[ParameterReport]:
     """The four named parameters of Nubiola 2011, section 5.3: two follow from A and B, two stay at their guess."""
     kinds = [p.kind for p in fit.problem.parameters]
     pair = [j for j, kind in enumerate(kinds) if kind == "stiffness"]
     A, B = fit.solution.state.errors[pair]
-    found = guess.with_coefficients(A, B)
+    found, rows = guess.with_coefficients(A, B), list[ParameterReport]()
     if found is None:
         reason = "no physical stiffness gives these A and B: the joint map uses A and B themselves"
         for name, unit in (("delta_L", "m"), ("L_G2", "m"), ("L_G1", "m"), ("m", "1")):
-            rows.add(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason)
-        return
+            rows.append(ParameterReport.of(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason))
+        return rows
     C = covariance[np.ix_(pair, pair)]
     steps = ((DIFFERENCE, 0.0), (-DIFFERENCE, 0.0), (0.0, DIFFERENCE), (0.0, -DIFFERENCE))
     around = [guess.with_coefficients(A + a, B + b) for a, b in steps]
     for name in ("delta_L", "L_G2"):
         value = getattr(found, name)
         if None in around:
-            rows.add(f"stiffness_{name}", value, "m", None, "held", "at the edge of what stiffness can be")
+            rows.append(
+                ParameterReport.of(
+                    f"stiffness_{name}", value, "m", None, "held", "at the edge of what stiffness can be"
+                )
+            )
             continue
         values = [getattr(item, name) for item in around]
         gradient = np.array([values[0] - values[1], values[2] - values[3]]) / (2 * DIFFERENCE)
         reason = "from stiffness_A and stiffness_B with L_G1 and m at their guess"
         if name == "L_G2":  # as wrong as these guesses, whatever the data say
-            rows.add(f"stiffness_{name}", value, "m", None, "tied", reason)
+            rows.append(ParameterReport.of(f"stiffness_{name}", value, "m", None, "tied", reason))
             continue
-        rows.add(f"stiffness_{name}", value, "m", float(np.sqrt(gradient @ C @ gradient)), "identified", reason)
+        rows.append(
+            ParameterReport.of(
+                f"stiffness_{name}", value, "m", float(np.sqrt(gradient @ C @ gradient)), "identified", reason
+            )
+        )
     for name, unit in (("L_G1", "m"), ("m", "1")):
-        rows.add(f"stiffness_{name}", getattr(found, name), unit, None, "held", THROUGH)
+        rows.append(ParameterReport.of(f"stiffness_{name}", getattr(found, name), unit, None, "held", THROUGH))
+    return rows
 
 
 def identify(

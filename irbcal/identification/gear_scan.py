@@ -23,15 +23,14 @@ NUMBER_S = 1e-9
 
 
 @dataclass(frozen=True)
-class Found:
-    """A frequency that the scan found.
+class GearFound:
+    """A single high harmonic that the scan found.
 
     Attributes
     ----------
     joint : int
         From 0.
-    cycles : int
-        Cycles per turn.
+    cycles_per_turn : int
     chi2 : float
         By how much it explains the residuals, two degrees of freedom.
     evidence_gain : float
@@ -39,7 +38,7 @@ class Found:
     """
 
     joint: int
-    cycles: int
+    cycles_per_turn: int
     chi2: float
     evidence_gain: float
 
@@ -79,7 +78,7 @@ class _Reduced:
     def __init__(self, linear: Linearisation, columns: IntArray, joints: list[int]) -> None:
         self.joints, self.q = joints, linear.motion.q
         probes = [gear_terms(j, 0)[0] for j in joints]  # cos 0: the axis column itself, times the natural size
-        wide = Linearisation(linear.problem, linear.state, linear.motion, [*linear.terms, *probes], linear.project)
+        wide = Linearisation(linear.problem, linear.state, linear.motion, [*linear.terms, *probes], linear.projected)
         start = linear.flat + len(linear.terms)
         n, m, k = len(self.q), len(columns), len(joints)
         self.KJ, self.Ky, self.KK = np.zeros((k, n, m)), np.zeros((k, n)), np.zeros((k, k, n))
@@ -135,11 +134,11 @@ class _Reduced:
 
 def scan(
     linear: Linearisation,
-    dictionary: TermSet,
+    term_set: TermSet,
     sums: Sums,
     start: tuple[Posterior, Posterior],
-    progress: Callable[[str], None] | None = None,
-) -> tuple[list[Found], Spectrum]:
+    progress: Callable[[str], object] | None = None,
+) -> tuple[list[GearFound], Spectrum]:
     """Take the strongest frequency while it is beyond chance and the log evidence grows.
 
     Beyond chance: ``chi2 > 2 ln(frequencies x joints) + 4``, of the residuals of the fit, a pose counted as one vector
@@ -148,29 +147,29 @@ def scan(
     Parameters
     ----------
     linear : Linearisation
-    dictionary : Dictionary
+    term_set : TermSet
         Terms of the fit whose residuals are scanned.
     sums : Sums
-        Of the dictionary's columns.
+        Of the term set's columns.
     start : (Posterior, Posterior)
-        The dictionary's fits at the temper of the evidence and at that of the fit.
+        The term set's fits at the temper of the evidence and at that of the fit.
     progress : callable, optional
 
     Returns
     -------
-    found : list of Found
+    found : list of GearFound
         In the order in which they were found.
     spectrum : Spectrum
     """
     joints = revolute(linear.problem.arm)
     cycles = np.arange(LOWEST, HIGHEST + 1)
-    reduced = _Reduced(linear, dictionary.columns(linear.flat), joints)
+    reduced = _Reduced(linear, term_set.columns(linear.flat), joints)
     limit = 2.0 * np.log(len(joints) * len(cycles)) + 4.0
     by_evidence, by_fit = start
     pairs: list[tuple[int, int]] = []
-    out: list[Found] = []
+    out: list[GearFound] = []
     first: FloatArray | None = None
-    group, caps, expected = dictionary.group, dictionary.caps, dictionary.expected
+    group, caps, expected = term_set.group, term_set.caps, term_set.expected
     while len(out) < MOST:
         strength = (by_evidence.temper / by_fit.temper) * reduced.chi2(cycles.astype(float), pairs, by_fit)
         first = strength.copy() if first is None else first
@@ -193,9 +192,9 @@ def scan(
         if gain <= 0.0:
             break
         pairs, (by_evidence, by_fit) = trial, fits
-        found = Found(joints[place], int(cycles[column]), float(strength[place, column]), float(gain))
+        found = GearFound(joints[place], int(cycles[column]), float(strength[place, column]), float(gain))
         out.append(found)
         if progress is not None:
-            progress(f"joint {found.joint + 1}: {found.cycles} per turn (log evidence +{gain:.1f})")
+            progress(f"joint {found.joint + 1}: {found.cycles_per_turn} per turn (log evidence +{gain:.1f})")
     assert first is not None
     return out, Spectrum(tuple(joints), cycles, first, float(limit))

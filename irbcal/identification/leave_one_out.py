@@ -20,8 +20,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.identification.evidence_maximisation import Posterior
-from irbcal.identification.linear_model import Linearisation
-from irbcal.measurement.places import places
+from irbcal.identification.linear_model import LinearModel
+from irbcal.units import MM
 
 BLOCKS = 5
 """Contiguous blocks of poses in an order."""
@@ -29,59 +29,56 @@ OPEN = 1e-6
 """Share of the information about a direction below which, without the poses left out, it is open: rounding decides."""
 
 
-def residuals(linear: Linearisation, columns: IntArray, found: Posterior) -> tuple[FloatArray, IntArray]:
-    """Leave-one-pose-out residuals; repeats of one place (`irbcal.measurement.places.places`) are left out together.
+def residuals(linear: LinearModel, columns: IntArray, found: Posterior) -> tuple[FloatArray, IntArray, IntArray]:
+    """Leave-one-pose-out residuals; repeats of one place (`LinearModel.place`) are left out together.
 
     Parameters
     ----------
-    linear : Linearisation
+    linear : LinearModel
     columns : ndarray of int
         Columns of the fit.
     found : Posterior
 
     Returns
     -------
-    u : ndarray, shape (rows, 3)
-        Millimetres, in the base link, the rows in order of the poses: positions of a pose, then its orientations.
-        Infinite where a row depends on a direction that is open without its pose.
-    pose : ndarray of int, shape (rows,)
+    u : ndarray, shape (equations,)
+        Millimetres, in the order of `LinearModel.blocks`; infinite where one depends on a direction that is open
+        without its pose.
+    pose, row : ndarray of int, shape (equations,)
     """
     a = found.temper / found.s2
-    place = places(linear.problem.points)
+    place = linear.place
     repeated = np.bincount(place)[place] > 1
-    out, poses, kept = [], [], []
+    out, kept = [], []
     for block in linear.blocks(columns):
         e = block.y - found.c @ block.J
-        u = single(block.J, e, block.pose, found.covariance, a)
         mine = repeated[block.pose]
         kept.append((block.J[:, mine], e[mine]))
-        out.append(u.reshape(-1, 3))
-        poses.append(block.pose[::3])
-    u, pose = np.concatenate(out), np.concatenate(poses)
+        out.append((single(block.J, e, block.pose, found.covariance, a), block.pose, block.row))
+    u, pose, row = (np.concatenate(parts) for parts in zip(*out, strict=True))
     if repeated.any():
         u[repeated[pose]] = _together(kept, place[pose[repeated[pose]]], found)
-    return u, pose
+    return u, pose, row
 
 
 def _together(kept: list[tuple[FloatArray, FloatArray]], place: IntArray, found: Posterior) -> FloatArray:
-    """Residuals (rows, 3) of poses that are left out with all poses of their place.
+    """Residuals (rows,) of poses that are left out with all poses of their place.
 
     Parameters
     ----------
     kept : list of (ndarray, ndarray)
-        Derivatives (columns, 3 rows) and residuals (3 rows,), in parts.
+        Derivatives (columns, rows) and residuals (rows,), in parts.
     place : ndarray of int, shape (rows,)
     found : Posterior
     """
     a = found.temper / found.s2
     J, e = np.concatenate([part for part, _ in kept], axis=1), np.concatenate([part for _, part in kept])
     u = np.empty_like(e)
-    of_row = np.repeat(place, 3)
-    order = np.argsort(of_row, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(of_row[order])) + 1):
+    order = np.argsort(place, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
         share = J[:, rows].T @ (found.covariance @ J[:, rows])
         u[rows] = _without(a * share, e[rows])
-    return u.reshape(-1, 3)
+    return u
 
 
 def _without(share: FloatArray, e: FloatArray) -> FloatArray:
@@ -196,13 +193,10 @@ def block_numbers(place: IntArray, session: NameArray | None, blocks: int = BLOC
     return number[rank]
 
 
-def block_residuals(
-    linear: Linearisation, columns: IntArray, found: Posterior, blocks: int = BLOCKS
-) -> tuple[FloatArray, IntArray]:
-    """As `residuals`, leaving out contiguous blocks of poses in place of single ones."""
+def block_residuals(linear: LinearModel, columns: IntArray, found: Posterior, blocks: int = BLOCKS) -> FloatArray:
+    """As `residuals`, leaving out contiguous blocks of poses in place of single ones, shape (equations,)."""
     a = found.temper / found.s2
-    points = linear.problem.points
-    number = block_numbers(places(points), points.session, blocks)
+    number = block_numbers(linear.place, linear.session, blocks)
     k = len(columns)
     H, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for block in linear.blocks(columns):
@@ -213,16 +207,33 @@ def block_residuals(
             H[part] += a * (J @ J.T)
             b[part] += a * (J @ e[mine])
     without = Without.of(found.covariance, list(H), list(b))
-    out, pose = [], []
+    out = []
     for block in linear.blocks(columns):
         e = block.y - found.c @ block.J
-        u = np.empty_like(e)
+        out.append(np.empty_like(e))
         for part in np.unique(number[block.pose]):
             mine = number[block.pose] == part
-            u[mine] = without[part].residuals(block.J[:, mine], e[mine], a)
-        out.append(u.reshape(-1, 3))
-        pose.append(block.pose[::3])
-    return np.concatenate(out), np.concatenate(pose)
+            out[-1][mine] = without[part].residuals(block.J[:, mine], e[mine], a)
+    return np.concatenate(out)
+
+
+def lengths(linear: LinearModel, u: FloatArray, pose: IntArray, row: IntArray) -> dict[str, float | None]:
+    """Root mean square length of left-out residuals of each target and of all together (``""``), metres.
+
+    A residual of one equation tells one direction; the others are taken for as large. None where one is infinite:
+    without its pose a direction that it depends on is open. Where a direction of each pose was projected out, what all
+    its points have in common shows in two of three coordinates only; the third is as large.
+    """
+    mine = row >= 0
+    mine[mine] = linear.target[row[mine]] >= 0
+    target, square = linear.target[row[mine]], u[mine] ** 2
+    if linear.projected:
+        of = pose[mine][::3]
+        total = [np.bincount(of, u[mine][k::3], of.max() + 1) for k in range(3)]
+        common = np.sum(np.square(total), axis=0) / np.maximum(np.bincount(of), 1) ** 2
+        square = square + np.repeat(common[of] / 6.0, 3)
+    figures = {"": square} | {name: square[target == k] for k, name in enumerate(linear.target_names)}
+    return {name: closed(float(np.sqrt(3.0 * part.mean())) * MM) for name, part in figures.items()}
 
 
 def rms_length(u: FloatArray) -> float:

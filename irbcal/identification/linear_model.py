@@ -8,18 +8,28 @@ the coefficients of the geometry are counted from the nominal arm, as its prior 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
 from irbcal import parallel
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.errors import IdentificationError
-from irbcal.identification.evidence_maximisation import GEOMETRY_CAP, Sums, fit_temper, maximise_evidence
+from irbcal.identification.evidence_maximisation import (
+    GEOMETRY_CAP,
+    NOISE,
+    Posterior,
+    Sums,
+    fit_temper,
+    maximise_evidence,
+)
 from irbcal.identification.initial_guess import MIN_POSES, first_state
 from irbcal.identification.problem import Problem, State
+from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import parameter
@@ -55,15 +65,99 @@ class Rows:
         Millimetres.
     pose : ndarray of int, shape (rows,)
         Pose of each row, ascending; the coordinates of a point stand side by side.
+    row : ndarray of int, shape (rows,)
+        Which measurement each is of; -1 for what is known besides measurements.
     """
 
     J: FloatArray
     y: FloatArray
     pose: IntArray
+    row: IntArray
 
 
-class Linearisation:
-    """The linear model of all terms at one state.
+class LinearModel(ABC):
+    """Measurements linearised at one state: what evidence and leave-one-out errors need of them, whatever their kind.
+
+    Attributes
+    ----------
+    flat : int
+        Unknowns without prior; their columns stand first.
+    terms : list of Term
+    sizes : ndarray, shape (flat + terms,)
+        SI value of one unit of each column.
+    per_pose : float
+        Measured vectors in a pose, on average.
+    noise : float
+        Standard deviation of a coordinate that is plausible before anything is measured, mm.
+    target_names : tuple of str
+    target : ndarray of int, shape (measurements,)
+        Number of the target of each measurement; -1 of those that are no places.
+    session : ndarray of str, shape (poses,), or None
+    projected : bool
+        Whether one free number a pose was projected out.
+    restarts : bool
+        Whether fits at an improved model start from those before it.
+    sequence : bool
+        Whether poses are a sequence, of which contiguous parts are left out, too.
+    """
+
+    flat: int
+    terms: list[Term]
+    sizes: FloatArray
+    per_pose: float
+    noise: float = NOISE
+    target_names: tuple[str, ...]
+    target: IntArray
+    session: NameArray | None = None
+    projected: bool = False
+    restarts: bool = False
+    sequence: bool = True
+
+    @abstractmethod
+    def blocks(self, columns: IntArray | None = None) -> Iterator[Rows]:
+        """The linear model, a block of whole poses at a time.
+
+        Parameters
+        ----------
+        columns : ndarray of int, optional
+            Numbers of the columns wanted, flat ones first; all unless given.
+        """
+
+    @abstractmethod
+    def improved(self, coefficients: FloatArray) -> LinearModel:
+        """The model nearer to some coefficients (flat + terms,), in units of the columns."""
+
+    @property
+    @abstractmethod
+    def place(self) -> IntArray:
+        """Poses with one number are left out together, shape (poses,)."""
+
+    def widening(self, fit: Posterior) -> float:
+        """Factor on a fit's standard deviations."""
+        return 1.0
+
+    def sums(self, columns: IntArray | None = None) -> Sums:
+        """Sums over all poses of some columns, all unless given."""
+        k = self.flat + len(self.terms) if columns is None else len(columns)
+        H, g, yy, equations = np.zeros((k, k)), np.zeros(k), 0.0, 0
+        for part in self._block_sums(columns):
+            H += part.H
+            g += part.g
+            yy += part.yy
+            equations += part.equations
+        return Sums(H, g, yy, equations)
+
+    def _block_sums(self, columns: IntArray | None) -> Iterator[Sums]:
+        return (self._sums(block) for block in self.blocks(columns))
+
+    def _sums(self, block: Rows) -> Sums:
+        """Of a block of poses."""
+        free = len(np.unique(block.pose)) if self.projected else 0
+        return Sums(block.J @ block.J.T, block.J @ block.y, float(block.y @ block.y), len(block.y) - free)
+
+
+class Linearisation(LinearModel):
+    """Measured points linearised at one state.
 
     Parameters
     ----------
@@ -76,7 +170,7 @@ class Linearisation:
     terms : sequence of Term
         Geometry first.
     project : bool
-        Project the last move out of each pose: one free number a pose, see `irbcal.identification.evidence_fit`.
+        Project the last move out of each pose: one free number a pose, see `irbcal.identification.evidence_fit.Lag`.
     """
 
     def __init__(
@@ -84,27 +178,25 @@ class Linearisation:
     ) -> None:
         self.problem, self.state, self.motion = problem, state, motion
         self.terms = list(terms)
-        self.project = project
-        self.flat: int = problem.outer
-        sizes = np.array([t.size for t in self.terms])
-        self.sizes: FloatArray = np.concatenate([flat_units(problem), sizes])
-        """SI value of one unit of each column."""
+        self.projected = project
+        self.flat = problem.outer
+        self.sizes = np.concatenate([flat_units(problem), np.array([t.size for t in self.terms])])
+        self.per_pose = float(problem.rows / motion.q.shape[0])
+        self.target_names, self.session = problem.points.target_names, problem.points.session
+        self.target = np.concatenate([problem.points.target, np.full(problem.rows - len(problem.points), -1)])
         self.bend: FloatArray | None = None
 
     @property
-    def per_pose(self) -> float:
-        """Measured vectors (positions and orientations) in a pose, on average."""
-        return float(self.problem.rows / self.motion.q.shape[0])
+    def place(self) -> IntArray:
+        """Repeats of one place have one number."""
+        return places(self.problem.points)
 
     def blocks(self, columns: IntArray | None = None) -> Iterator[Rows]:
-        """The linear model, a block of poses at a time.
-
-        Parameters
-        ----------
-        columns : ndarray of int, optional
-            Numbers of the columns wanted, flat ones first; all unless given.
-        """
+        """The linear model, a block of poses at a time; see `LinearModel.blocks`."""
         return self._of_blocks(lambda block: block, columns)
+
+    def _block_sums(self, columns: IntArray | None) -> Iterator[Sums]:
+        return self._of_blocks(self._sums, columns)
 
     def _of_blocks(self, taken: Callable[[Rows], T], columns: IntArray | None) -> Iterator[T]:
         """What is taken from each block, in their order; large problems in threads."""
@@ -188,7 +280,7 @@ class Linearisation:
         y = residuals * weights / MM
         J[:-1] *= self.sizes[columns][:, None, None]
         order = np.argsort(pose, kind="stable")
-        J, y, pose = J[:, :, order], y[:, order], np.repeat(pose[order], 3)
+        J, y, pose, rows = J[:, :, order], y[:, order], np.repeat(pose[order], 3), np.repeat(rows[order], 3)
         flat = np.ascontiguousarray(J.transpose(0, 2, 1)).reshape(len(J), -1)
         y = y.T.ravel()
         # counted from the nominal constants: all geometry columns are in every choice
@@ -198,51 +290,37 @@ class Linearisation:
                 constants[k] = self.state.errors[column] / self.terms[column].size
         y = y + constants @ flat[:-1]
         move, flat = flat[-1], flat[:-1]
-        if self.project:
+        if self.projected:
             first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])
             each = np.diff(np.r_[first, len(pose)])
             length = np.add.reduceat(move * move, first)
             share = np.where(length > 0.0, 1.0 / np.where(length > 0.0, length, 1.0), 0.0)
             flat = flat - np.repeat(np.add.reduceat(flat * move, first, axis=1) * share, each, axis=1) * move
             y = y - np.repeat(np.add.reduceat(y * move, first) * share, each) * move
-        return Rows(flat, y, pose)
+        return Rows(flat, y, pose, rows)
 
-    def sums(self, columns: IntArray | None = None) -> Sums:
-        """Sums over all poses of some columns, all unless given."""
-        k = self.flat + len(self.terms) if columns is None else len(columns)
-        H, g, yy, equations = np.zeros((k, k)), np.zeros(k), 0.0, 0
-        for part in self._of_blocks(self._sums, columns):
-            H += part.H
-            g += part.g
-            yy += part.yy
-            equations += part.equations
-        return Sums(H, g, yy, equations)
-
-    def _sums(self, block: Rows) -> Sums:
-        """Of a block of poses."""
-        free = len(np.unique(block.pose)) if self.project else 0
-        return Sums(block.J @ block.J.T, block.J @ block.y, float(block.y @ block.y), len(block.y) - free)
-
-    def straighten(self, coefficients: FloatArray) -> None:
-        """Make the linear model exact at some coefficients: what it misses there is taken from the measurements.
+    def improved(self, coefficients: FloatArray) -> Linearisation:
+        """The linear model made exact at some coefficients: what it misses there is taken from the measurements.
 
         Derivatives stay as they are. On robots without other errors than the model's, what the linear model misses is
-        some 0.003 mm.
+        some 0.003 mm. With the last move projected out the model itself is returned: readings are not known well
+        enough for it to matter.
 
         Parameters
         ----------
         coefficients : ndarray, shape (flat + terms,)
             In units of the columns.
         """
-        points = self.problem.points
-        self.bend = None
-        linear = np.empty((len(points), 3))
-        order = np.argsort(np.concatenate([points.pose, points.pose[points.oriented()]]), kind="stable")
-        rows = np.concatenate([(block.y - coefficients @ block.J).reshape(-1, 3) for block in self.blocks()])
-        places = order < len(points)
-        linear[order[places]] = rows[places] * MM / self.problem.weights[order[places], None]
-        self.bend = np.zeros((self.problem.rows, 3))
-        self.bend[: len(points)] = self._misses(coefficients) - linear
+        if self.projected:
+            return self
+        out, count = copy(self), len(self.problem.points)
+        out.bend = np.zeros((self.problem.rows, 3))
+        linear = np.empty((self.problem.rows, 3))
+        for block in self.blocks():
+            linear[block.row[::3]] = (block.y - coefficients @ block.J).reshape(-1, 3)
+        linear = linear[:count] * MM / self.problem.weights[:count, None]
+        out.bend[:count] = self._misses(coefficients) - linear
+        return out
 
     def _misses(self, coefficients: FloatArray) -> FloatArray:
         """Measured minus predicted points in the base link with all terms, not linearised, shape (points, 3)."""
@@ -309,7 +387,7 @@ def flat_columns(problem: Problem, tip: FloatArray, p: FloatArray, target: IntAr
 
 
 def geometry_problem(
-    arm: Arm, points: PointSet, geometry: Sequence[Term], known: dict[str, FloatArray] | None
+    arm: Arm, points: PointSet, geometry: Sequence[Term], known: Mapping[str, FloatArray] | None
 ) -> Problem:
     """The problem whose error parameters are the geometry's terms.
 

@@ -1,4 +1,4 @@
-"""Dictionaries: choices of terms that are compared by evidence and averaged.
+"""Term sets: choices of terms that are compared by evidence and averaged.
 
 All of them are parts of one *superset* of terms. The thesis's level (geometry, A, B, joint 6's Fourier series) is among
 them: on arms that have its errors only, the average without it is a third to a half worse.
@@ -81,7 +81,7 @@ class TermSet:
     highest : int
         Order of harmonics that it was offered.
     expected : Expected or None
-        What is known of its terms from sisters.
+        What is known of its terms from robots of its type.
     """
 
     name: str
@@ -125,7 +125,7 @@ def superset(
     torques: bool = False,
     end: float | None = None,
 ) -> list[Term]:
-    """All terms that any dictionary may have, geometry first.
+    """All terms that any term set may have, geometry first.
 
     Parameters
     ----------
@@ -154,8 +154,8 @@ def superset(
     return out
 
 
-def term_sets(terms: Sequence[Term], kind: str, tau: float | None) -> list[TermSet]:
-    """The dictionaries that are compared.
+def candidates(terms: Sequence[Term], kind: str, tau: float | None) -> list[TermSet]:
+    """The term sets that are compared.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def term_sets(terms: Sequence[Term], kind: str, tau: float | None) -> list[TermS
 
 
 def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float | None) -> TermSet:
-    """One dictionary: geometry and some families, harmonics up to an order; families without terms do not count."""
+    """One term set: geometry and some families, harmonics up to an order; families without terms do not count."""
     places, groups = [], []
     for k, term in enumerate(terms):
         if term.family != "geometry" and term.family not in names:
@@ -193,10 +193,8 @@ def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float |
     return TermSet(", ".join(words), np.array(places, dtype=int), distinct, numbers, highest > LOW, highest)
 
 
-def with_sisters(
-    terms: Sequence[Term], tau: float | None, expect: Callable[[Sequence[Term]], Expected]
-) -> list[TermSet]:
-    """The dictionaries that have all terms of which a type's prior knows, with what it knows of them.
+def with_type(terms: Sequence[Term], tau: float | None, expect: Callable[[Sequence[Term]], Expected]) -> list[TermSet]:
+    """The term sets that have all terms of which a type's prior knows, with what it knows of them.
 
     Parameters
     ----------
@@ -226,18 +224,18 @@ def with_sisters(
     return out
 
 
-def tau_of(dictionary: TermSet, terms: Sequence[Term]) -> float | None:
+def tau_of(term_set: TermSet, terms: Sequence[Term]) -> float | None:
     """Time constant of a dictionary's warm-up; None without."""
-    found = [terms[k].parameters["tau"] for k in dictionary.terms if terms[k].family == "warm_up"]
+    found = [terms[k].parameters["tau"] for k in term_set.terms if terms[k].family == "warm_up"]
     return float(str(found[0])) if found else None
 
 
-def with_tau(dictionary: TermSet, terms: Sequence[Term], tau: float) -> TermSet:
-    """The same dictionary with another time constant of warm-up."""
+def with_tau(term_set: TermSet, terms: Sequence[Term], tau: float) -> TermSet:
+    """The same term set with another time constant of warm-up."""
     warm = [k for k, term in enumerate(terms) if term.family == "warm_up" and term.parameters["tau"] == tau]
-    places = dictionary.terms.copy()
+    places = term_set.terms.copy()
     places[[terms[k].family == "warm_up" for k in places]] = warm
-    return replace(dictionary, terms=places)
+    return replace(term_set, terms=places)
 
 
 def _word(family: str, highest: int) -> str:
@@ -247,13 +245,13 @@ def _word(family: str, highest: int) -> str:
 
 
 def share(gain: float) -> float:
-    """Weight of what sisters show, by the nats that the evidence gains with it; zero or one where that is clear."""
+    """Weight of a type's prior, by the nats that the evidence gains with it; zero or one where that is clear."""
     value = float(1.0 / (1.0 + np.exp(-np.clip(gain, -50.0, 50.0))))
     return 0.0 if value < LEAST_WEIGHT else 1.0 if value > 1.0 - LEAST_WEIGHT else value
 
 
 def weights(log_evidence: FloatArray, bands: Sequence[bool]) -> FloatArray:
-    """Weight of each dictionary in the average, shape (dictionaries,); they sum to one."""
+    """Weight of each term set in the average, shape (term sets,); they sum to one."""
     score = EVIDENCE_SHARE * (log_evidence - BAND_PENALTY * np.array(bands, dtype=float))
     w = np.exp(score - score.max())
     w /= w.sum()

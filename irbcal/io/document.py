@@ -14,7 +14,7 @@ import numpy as np
 
 from irbcal import __version__
 from irbcal.arrays import FloatArray, NameArray
-from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.explanation import explain
 from irbcal.identification.fit import Fit, certainty_of
 from irbcal.identification.history import History
@@ -94,7 +94,7 @@ def _placement(robot: Robot) -> Placement:
     return Placement(base=_pose(robot.T_world_base), targets=targets, target_quaternions=quaternions)
 
 
-def _objective(fit: Fit | AveragedFit) -> Objective:
+def _objective(fit: Fit | EvidenceFit) -> Objective:
     bound = fit.lower_bound
     return Objective(
         name=fit.objective,
@@ -103,7 +103,7 @@ def _objective(fit: Fit | AveragedFit) -> Objective:
     )
 
 
-def _parameters(fit: Fit | AveragedFit) -> list[Parameter]:
+def _parameters(fit: Fit | EvidenceFit) -> list[Parameter]:
     return [
         Parameter(
             **vars(row),
@@ -114,8 +114,8 @@ def _parameters(fit: Fit | AveragedFit) -> list[Parameter]:
     ]
 
 
-def _observability(fit: Fit | AveragedFit) -> Observability:
-    if isinstance(fit, AveragedFit):  # nothing is held: how much was seen stands with the groups of terms
+def _observability(fit: Fit | EvidenceFit) -> Observability:
+    if isinstance(fit, EvidenceFit):  # nothing is held: how much was seen stands with the groups of terms
         return Observability(singular_values_mm=[], seen=fit.rank, indices={}, correlations=[])
     information = fit.solution.information
     names = [p.name for p in fit.problem.parameters]
@@ -129,8 +129,8 @@ def _observability(fit: Fit | AveragedFit) -> Observability:
     )
 
 
-def _choice(choice: LevelChoice | None, fit: Fit | AveragedFit) -> Choice | EvidenceChoice | None:
-    if isinstance(fit, AveragedFit):
+def _choice(choice: LevelChoice | None, fit: Fit | EvidenceFit) -> Choice | EvidenceChoice | None:
+    if isinstance(fit, EvidenceFit):
         return EvidenceChoice.of(fit)
     if choice is None:
         return None
@@ -140,13 +140,13 @@ def _choice(choice: LevelChoice | None, fit: Fit | AveragedFit) -> Choice | Evid
 def _evidence(outcome: Outcome) -> EvidenceSection | None:
     """Of an average, with what each family of terms explains on the held-out poses."""
     fit, heldout = outcome.fit, outcome.heldout_points
-    if not isinstance(fit, AveragedFit):
+    if not isinstance(fit, EvidenceFit):
         return None
     if outcome.features is not None:
-        return EvidenceSection.of(fit.evidence)
+        return EvidenceSection.of(fit)
     # poses of another file were not measured while the arm warmed up as in the fit
     elapsed = outcome.numbers[1] if outcome.verification is None else None
-    return EvidenceSection.of(fit.evidence, explain(fit, heldout, elapsed))
+    return EvidenceSection.of(fit, explain(fit, heldout, elapsed))
 
 
 def _history(history: History | None) -> dict[str, list[float]]:
@@ -346,7 +346,7 @@ def build(outcome: Outcome, *, world_link: bool = False, target_links: bool = Fa
         If Pinocchio disagrees with the URDF by more than 1e-9.
     """
     fit, robot = outcome.fit, outcome.fit.robot
-    known = fit.evidence.certainty if isinstance(fit, AveragedFit) else robot.certainty or certainty_of(fit)
+    known = fit.certainty if isinstance(fit, EvidenceFit) else robot.certainty or certainty_of(fit)
     files = [outcome.measurements] + ([outcome.verification] if outcome.verification else [])
     data = [DataFile(file=Path(item.source).name, sha256=item.sha256, programmed=item.programmed) for item in files]
     data += [item for record in _earlier(outcome) for item in record.data if item not in data]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.fit import Fit
 from irbcal.identification.selection import Choice
 from irbcal.io.earlier import Earlier
@@ -55,7 +55,7 @@ class Outcome:
     urdf : UrdfArm
         The nominal robot as read.
     robot_file : Path
-    fit : Fit or AveragedFit
+    fit : Fit or EvidenceFit
         The level asked for, or model ``auto``.
     nominal : Fit or PlacedRobot
         Base and tool alone, on the poses of the fit, too.
@@ -93,7 +93,7 @@ class Outcome:
 
     urdf: UrdfArm
     robot_file: Path
-    fit: Fit | AveragedFit
+    fit: Fit | EvidenceFit
     nominal: Fit | PlacedRobot
     fit_points: PointSet
     heldout_points: PointSet

@@ -13,7 +13,7 @@ from pydantic import Field, PrivateAttr, StringConstraints, field_validator, mod
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.identification.evidence_fit import AveragedFit, EvidenceFit, FamilyShown, GroupResult
+from irbcal.identification.evidence_fit import EvidenceFit, FamilyShown, GroupResult
 from irbcal.identification.explanation import Stage
 from irbcal.identification.fit import term_of
 from irbcal.identification.gear_scan import Spectrum
@@ -288,7 +288,7 @@ class EvidenceChoice(Section):
     explanation: Sentence
 
     @staticmethod
-    def of(fit: AveragedFit) -> EvidenceChoice:
+    def of(fit: EvidenceFit) -> EvidenceChoice:
         """The comparison of a fit."""
         rows = [
             Dictionary(
@@ -299,7 +299,7 @@ class EvidenceChoice(Section):
                 sigma_mm=None if row.sigma is None else row.sigma / MM,
                 leave_one_out_mm=None if row.loo is None else row.loo / MM,
             )
-            for row in fit.evidence.dictionaries
+            for row in fit.term_sets
         ]
         return EvidenceChoice(level="auto", table=rows, explanation=fit.explanation())
 

@@ -16,7 +16,7 @@ import pandas as pd
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.identification import term_sets
 from irbcal.identification.devices import BALL, Placed, rows_table, values
-from irbcal.identification.feature_problem import TOOL, ConstraintProblem, FeatureState, Key
+from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, Key
 from irbcal.identification.observation_kind import cross
 from irbcal.measurement import features
 from irbcal.measurement.features import FeatureSet
@@ -134,7 +134,7 @@ class DeviceModel:
 
     def _rated(self, seen: FeatureSet, own: Mapping[Key, FloatArray], noise: float) -> Rated:
         seen = replace(seen, u95=np.full(len(seen), 1.96 * noise))
-        problem = ConstraintProblem(self.arm, seen, self.terms)
+        problem = FeatureProblem(self.arm, seen, self.terms)
         target = str(seen.target[0])
         state = FeatureState({**own, (TOOL, target): np.array(BALL)}, np.zeros(len(self.terms)))
         blocks = list(problem.dense(state))

@@ -8,7 +8,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.identification import data_entry_errors
-from irbcal.identification.evidence_fit import AveragedFit
+from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.fit import Fit
 from irbcal.identification.outliers import spread
 from irbcal.measurement.moved import SHORTEST, moved_notes
@@ -49,7 +49,7 @@ ALIKE = 0.6
 
 def doubts(
     nominal: Fit,
-    fit: Fit | AveragedFit,
+    fit: Fit | EvidenceFit,
     fitted: PointSet,
     measured: Sequence[PointSet],
     times: Sequence[FloatArray | None] | None = None,
@@ -80,7 +80,7 @@ def doubts(
         return [*out, *_slip(nominal, fitted)]
     out = []
     for points, elapsed in zip(measured, times or [None] * len(measured), strict=True):
-        warmth = fit.warmth(points, elapsed) if isinstance(fit, AveragedFit) and elapsed is not None else None
+        warmth = fit.warmth(points, elapsed) if isinstance(fit, EvidenceFit) and elapsed is not None else None
         equations = PoseEquations(nominal.problem.arm, points)
         out += moved_notes(points, fit.robot, warmth) or contradicting_parts(equations) or mixed_poses(equations)
     left = max(LEFT[0], LEFT[1] * spread(fitted))
@@ -134,7 +134,7 @@ def _too_far(rms: float) -> list[str]:
     ]
 
 
-def cautions(nominal: Fit, fit: Fit | AveragedFit) -> list[str]:
+def cautions(nominal: Fit, fit: Fit | EvidenceFit) -> list[str]:
     """What to know of a result that may well be right, in sentences."""
     out = []
     equations = 3 * nominal.problem.rows

@@ -16,7 +16,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import feature_problem
-from irbcal.identification.feature_problem import TOOL, ConstraintProblem, FeatureState, Key
+from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, Key
 from irbcal.identification.observation_kind import with_third
 from irbcal.identification.observations import KINDS
 from irbcal.io.schema import FeatureRow, FeaturesSection, Record
@@ -323,11 +323,11 @@ def _tools(robot: Robot) -> dict[Key, FloatArray]:
     return out | {("axes", name): turn for name, turn in robot.target_rotations.items()}
 
 
-def _problem(robot: Robot, seen: FeatureSet) -> ConstraintProblem:
-    return ConstraintProblem(robot.arm, seen, [], _tools(robot), robot.T_world_base)
+def _problem(robot: Robot, seen: FeatureSet) -> FeatureProblem:
+    return FeatureProblem(robot.arm, seen, [], _tools(robot), robot.T_world_base)
 
 
-def _missed(robot: Robot, problem: ConstraintProblem, state: FeatureState) -> tuple[FloatArray, FloatArray]:
+def _missed(robot: Robot, problem: FeatureProblem, state: FeatureState) -> tuple[FloatArray, FloatArray]:
     """Ways (m, 3) from the model's points to their features, and these points, in the base link; NaN for angles."""
     way, place = np.full((2, len(problem.seen), 3), np.nan)
     for group in problem.groups:

@@ -7,7 +7,7 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.identification.evidence import identify_averaged
+from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import identify
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.situation import Motion
@@ -23,7 +23,7 @@ def cell(seed, poses=100, noise=2e-5):
 @pytest.fixture(scope="module")
 def found():
     model, points, _ = cell(4)
-    return identify_averaged(model, points, Motion.in_order(points.q))
+    return identify_evidence(model, points, Motion.in_order(points.q))
 
 
 def test_robots_of_the_thesis_keep_the_accuracy_of_its_level():
@@ -32,7 +32,7 @@ def test_robots_of_the_thesis_keep_the_accuracy_of_its_level():
         model, points, robot = cell(seed)
         test = measured(robot, model.random_joints(300, 2))
         level = distances(identify(model, points, "34").robot, test).mean()
-        average = identify_averaged(model, points, Motion.in_order(points.q))
+        average = identify_evidence(model, points, Motion.in_order(points.q))
         ratios.append(distances(average.robot, test).mean() / level)
     assert np.mean(ratios) < 1.04
     assert max(ratios) < 1.10
@@ -40,11 +40,11 @@ def test_robots_of_the_thesis_keep_the_accuracy_of_its_level():
 
 def test_parameters_are_those_of_the_covariance(found):
     rows = found.parameters()
-    assert len(rows) == found.parameter_count == len(found.covariance())
+    assert len(rows) == found.parameter_count == len(found.certainty.covariance)
     assert {row.state for row in rows} == {"identified"}
     assert len({row.name for row in rows}) == len(rows)
     std = {row.name: row.std for row in rows}
-    spread = np.sqrt(np.diagonal(found.covariance()))
+    spread = np.sqrt(np.diagonal(found.certainty.covariance))
     names = [row.name for row in rows]
     assert std["delta_a2"] == pytest.approx(1e3 * spread[names.index("delta_a2")], rel=1e-9)
     assert std["delta_alpha3"] == pytest.approx(np.degrees(spread[names.index("delta_alpha3")]), rel=1e-9)
@@ -65,7 +65,7 @@ def test_it_speaks_and_can_be_pickled(found):
     text = found.summary()
     for word in ("weight", "log evidence", "Valid within the joint ranges", "Groups of terms"):
         assert word in text
-    weights = [row.weight for row in found.evidence.dictionaries if row.weight]
+    weights = [row.weight for row in found.term_sets if row.weight]
     assert sum(weights) == pytest.approx(1.0, abs=1e-12)
     assert f"({max(weights):.0%})" in found.explanation()
     assert len(repr(found)) < 2000
@@ -79,4 +79,4 @@ def test_it_speaks_and_can_be_pickled(found):
 def test_too_few_poses_are_refused():
     model, points, _ = cell(4, poses=8)
     with pytest.raises(IdentificationError, match="8 poses are too few to weigh"):
-        identify_averaged(model, points, Motion(points.q))
+        identify_evidence(model, points, Motion(points.q))

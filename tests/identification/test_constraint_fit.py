@@ -41,17 +41,17 @@ def test_an_arm_is_found_by_its_contacts(sockets):
     found = identify_features(cases.arm(), seen)
     q = seen.q
     before = cases.apart(truth, cases.arm(), q)
-    after = cases.apart(truth, found.evidence.arm, q, found.evidence.targets["ball"])
+    after = cases.apart(truth, found.arm, q, found.targets["ball"])
     assert before.mean() > 0.5e-3
     assert after.mean() < 0.05e-3
     assert np.abs(found.problem.length_errors(found.state)).max() < 0.02e-3
-    assert found.std(("centre", "point 0")).max() < 2e-3  # with how the arm stands
+    assert found.std_of(("centre", "point 0")).max() < 2e-3  # with how the arm stands
 
 
 def test_intervals_hold_the_truth_of_points_among_the_features(sockets):
     truth, seen = sockets
     found = identify_features(cases.arm(), seen)
-    robot = found.evidence
+    robot = found
     place = robot.targets["ball"]
     from irbcal.modeling.terms import chain
     from irbcal.modeling.terms.situation import Motion

@@ -5,7 +5,7 @@ import pytest
 
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
-from irbcal.identification.feature_problem import BASE, ConstraintProblem, FeatureState, start
+from irbcal.identification.feature_problem import BASE, FeatureProblem, FeatureState, start
 from irbcal.measurement import features
 
 
@@ -31,7 +31,7 @@ def mixed():
     known = pd.concat([known, pd.DataFrame([length])]).astype(object)
     rows = pd.concat([*(one for one, _ in tables), tracked])
     seen = features.read(rows.astype(object).where(rows.notna(), ""), known.where(known.notna(), ""), nominal)
-    return ConstraintProblem(nominal, seen, term_sets.superset(nominal, "joint-map", False, None, [])[:90])
+    return FeatureProblem(nominal, seen, term_sets.superset(nominal, "joint-map", False, None, [])[:90])
 
 
 def test_the_linear_model_is_that_of_central_differences(mixed):
@@ -65,12 +65,12 @@ def test_what_a_row_lacks_is_named():
     nominal = cases.arm()
     rows = pd.DataFrame({f"q{k}_deg": [1.0, 2.0] for k in range(1, 7)} | {"pose": ["1", "2"], "feature": "s"})
     with pytest.raises(MeasurementError, match=r"row 2.*a row of kind radius needs value_mm") as raised:
-        ConstraintProblem(nominal, features.read(rows.assign(kind="radius", value_mm=["3", ""]), None, nominal), [])
+        FeatureProblem(nominal, features.read(rows.assign(kind="radius", value_mm=["3", ""]), None, nominal), [])
     assert raised.value.column == "value_mm"
     with pytest.raises(MeasurementError, match=r"unknown kind 'ball'.*point, sphere"):
-        ConstraintProblem(nominal, features.read(rows.assign(kind="ball"), None, nominal), [])
+        FeatureProblem(nominal, features.read(rows.assign(kind="ball"), None, nominal), [])
     with pytest.raises(MeasurementError, match=r"needs xyz \(or the name of the feature"):
-        ConstraintProblem(nominal, features.read(rows.assign(kind="point", feature=""), None, nominal), [])
+        FeatureProblem(nominal, features.read(rows.assign(kind="point", feature=""), None, nominal), [])
 
 
 def test_what_rows_leave_open_is_named():
@@ -80,6 +80,6 @@ def test_what_rows_leave_open_is_named():
     q[:, 0] = np.linspace(-0.5, 0.5, 20)
     table = pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)])
     table["pose"], table["feature"], table["kind"] = range(20), "s", "plane"
-    problem = ConstraintProblem(nominal, features.read(table, None, nominal), [])
+    problem = FeatureProblem(nominal, features.read(table, None, nominal), [])
     with pytest.raises(IdentificationError, match="these rows do not tell"):
         start(problem)

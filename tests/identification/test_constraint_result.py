@@ -2,12 +2,12 @@ import feature_cases as cases
 import numpy as np
 import pytest
 
-from irbcal.identification.feature_fit import FeaturedFit, as_points, identify_features, shape_only
+from irbcal.identification.feature_fit import as_points, identify_features, shape_only
 
 
 @pytest.fixture(scope="module")
 def fit():
-    return FeaturedFit.of(identify_features(cases.arm(), cases.seen("point", cases.true_arm(cases.arm(), 7), 30)))
+    return identify_features(cases.arm(), cases.seen("point", cases.true_arm(cases.arm(), 7), 30))
 
 
 def test_a_base_that_nothing_shows_is_held_and_not_counted(fit):
@@ -20,7 +20,7 @@ def test_a_base_that_nothing_shows_is_held_and_not_counted(fit):
 
 
 def test_rms_is_that_of_the_rows(fit):
-    found = fit.at_features
+    found = fit
     assert fit.rms == pytest.approx(np.sqrt(np.mean(found.problem.residuals(found.state) ** 2)))
     assert fit.rms < 0.01e-3
 

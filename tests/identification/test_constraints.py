@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from irbcal.identification import observations
-from irbcal.identification.feature_problem import ConstraintProblem, start
+from irbcal.identification.feature_problem import FeatureProblem, start
 from irbcal.identification.observations import DIMENSIONS, KINDS, Seen
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import FITTED, TARGETS, Imaging
@@ -84,7 +84,7 @@ def test_truth_without_noise_is_found_without_a_guess(name):
     metric, nominal = KINDS[name].metric, cases.arm()
     truth = cases.true_arm(nominal, 1, lengths=metric)
     terms = [term for term in GEOMETRY.terms(nominal) if metric or term.axis[0] == "r"]
-    problem = ConstraintProblem(nominal, cases.seen(name, truth, 20 if name in TARGETS else 60), terms)
+    problem = FeatureProblem(nominal, cases.seen(name, truth, 20 if name in TARGETS else 60), terms)
     state = start(problem)
     assert problem.residuals(state).max() > 0.5e-3  # of the nominal robot
     for _ in range(12):

@@ -4,7 +4,7 @@ import pytest
 
 from irbcal.errors import IdentificationError
 from irbcal.identification.devices import BALL, DEVICES, met, placed, poses, rows_table, shown
-from irbcal.identification.feature_problem import ConstraintProblem, FeatureState
+from irbcal.identification.feature_problem import FeatureProblem, FeatureState
 from irbcal.measurement import features
 
 
@@ -32,7 +32,7 @@ def test_poses_are_at_the_features(name):
     seen = features.read(rows_table(arm, found, q, which, shown(T, found, which)), found.table(), arm)
     np.testing.assert_allclose(seen.q, q, atol=1e-8)
     if name == "camera":  # the kind itself, written by other hands, sees nothing missed
-        problem = ConstraintProblem(arm, seen, [])
+        problem = FeatureProblem(arm, seen, [])
         assert problem.residuals(FeatureState(found.unknowns(), np.zeros(0))).max() < 1e-6
         assert ((seen.corners[..., 2:4] > 0) & (seen.corners[..., 2:4] < [1920, 1200])).all()
     assert len(seen.lengths) == (len(found.own) * (len(found.own) - 1) // 2 if DEVICES[name].lengths else 0)

@@ -15,10 +15,10 @@ from irbcal.identification.term_sets import (
     FRAME_FAMILIES,
     JOINT_MAP,
     LEAST_WEIGHT,
+    candidates,
     make,
     superset,
     tau_of,
-    term_sets,
     weights,
     with_tau,
 )
@@ -36,13 +36,13 @@ def test_weights_fall_with_evidence_and_bands():
 
 def test_there_are_twelve_dictionaries_for_an_arm_like_the_thesis():
     terms = superset(arm("irb120"), "all", True, None, [10.0, 20.0])
-    found = term_sets(terms, "all", 20.0)
+    found = candidates(terms, "all", 20.0)
     assert [len(d.terms) + 15 for d in found] == [45, 51, 57, 81, 178, 196, 232, 352, 298, 442, 694, 748]
     assert [d.bands for d in found] == [False] * 8 + [True] * 4
-    found = term_sets(superset(arm("irb120"), "joint-map", True, None, [20.0]), "joint-map", 20.0)
+    found = candidates(superset(arm("irb120"), "joint-map", True, None, [20.0]), "joint-map", 20.0)
     assert 159 in [len(d.terms) + 15 for d in found]
     # nothing is known of moves and time: dictionaries that would be equal appear once
-    assert len(term_sets(superset(arm("irb120"), "joint-map", False, None, []), "joint-map", None)) == 8
+    assert len(candidates(superset(arm("irb120"), "joint-map", False, None, []), "joint-map", None)) == 8
 
 
 @given(st.lists(st.tuples(st.floats(-1e4, 1e4), st.booleans()), min_size=1, max_size=14), st.floats(-1e4, 1e4))
@@ -57,7 +57,7 @@ def test_weights_sum_to_one_whatever_the_unit_of_evidence(rows, shift):
 
 def test_a_dictionary_is_its_families_and_geometry():
     terms = superset(arm("irb120"), ALL, True, None, [10.0, 20.0])
-    for d in term_sets(terms, ALL, 20.0):
+    for d in candidates(terms, ALL, 20.0):
         assert len(np.unique(d.terms)) == len(d.terms) == len(d.group)
         assert [terms[k].family for k in d.terms[:30]] == ["geometry"] * 30
         assert set(d.group) == set(range(len(d.groups)))
@@ -84,14 +84,14 @@ def test_what_is_not_known_takes_no_part():
 
 def test_arms_that_the_thesis_does_not_fit_have_no_thesis():
     panda = urdf.read(example_robot("panda_description/urdf/panda.urdf"), None, "panda_link8").arm
-    names = [d.name for d in term_sets(superset(panda, ALL, True, None, [10.0]), ALL, 10.0)]
+    names = [d.name for d in candidates(superset(panda, ALL, True, None, [10.0]), ALL, 10.0)]
     assert names[:3] == ["geometry", "geometry, gain", "geometry, gravity, gain"]
     assert "thesis" not in " ".join(names)
 
 
 def test_time_constants_are_exchanged_and_groups_added():
     terms = superset(arm("irb120"), ALL, True, None, [10.0, 20.0])
-    warm = next(d for d in term_sets(terms, ALL, 20.0) if "warm-up" in d.name)
+    warm = next(d for d in candidates(terms, ALL, 20.0) if "warm-up" in d.name)
     assert tau_of(warm, terms) == 20.0
     other = with_tau(warm, terms, 10.0)
     assert tau_of(other, terms) == 10.0
@@ -113,7 +113,7 @@ def test_a_new_family_takes_part(creep, monkeypatch):
     monkeypatch.setattr(module, "FAMILIES", (*module.FAMILIES, "creep"))
     monkeypatch.setattr(module, "CHOICES", (*module.CHOICES, (("gravity", "gain", "creep"), 0)))
     found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
-    best = max(found.dictionaries, key=lambda row: row.weight)
+    best = max(found.term_sets, key=lambda row: row.weight)
     assert best.name == "geometry, gravity, gain, creep"
     assert best.weight > 0.99
     assert found.sigma < 0.9 * without.sigma

@@ -1,6 +1,7 @@
 """Identification by evidence: simulated truth found again, and figures of real robots computed elsewhere."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,7 @@ from evidence_cases import MM, Measured, Truth, assert_documented, irb120, moves
 from support import TARGETS, arm, example_robot, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import evidence, evidence_fit
+from irbcal.identification import evidence, evidence_fit, leave_one_out
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import identify
 from irbcal.io import urdf
@@ -96,7 +97,7 @@ def test_what_cannot_be_done_is_refused():
         identify_evidence(truth.nominal, points, motion, terms="some")
     with pytest.raises(IdentificationError, match="stops"):
         identify_evidence(truth.nominal, points, Motion(motion.q[:5]))
-    with pytest.raises(IdentificationError, match="at least 3"):
+    with pytest.raises(IdentificationError, match="too few to weigh"):
         identify_evidence(truth.nominal, points.select(np.arange(20) < 2), motion.select(slice(0, 2)))
     with pytest.raises(IdentificationError, match="unknown target"):
         identify_evidence(truth.nominal, points, motion, gear_scan=False).predict(motion.q, None, "smr9")
@@ -106,13 +107,13 @@ def test_the_average_is_the_weighted_sum_of_its_dictionaries():
     truth = Truth(["gravity"], scale=0.3)
     motion = Motion(truth.nominal.random_joints(25, 3))
     found = identify_evidence(truth.nominal, truth.measured(motion, 5e-5), motion, gear_scan=False)
-    weights = [row.weight for row in found.dictionaries]
+    weights = [row.weight for row in found.term_sets]
     assert sum(weights) == pytest.approx(1.0)
     assert sum(w > 0.0 for w in weights) > 1
-    for row in found.dictionaries:
+    for row in found.term_sets:
         assert (row.sigma is None) == (row.loo is None) == (row.weight == 0.0)
     # the average of residual variances, and left-out residuals that no dictionary alone need have
-    kept = [row for row in found.dictionaries if row.weight]
+    kept = [row for row in found.term_sets if row.weight]
     assert found.sigma**2 == pytest.approx(sum(row.weight * row.sigma**2 for row in kept), rel=1e-9)
     assert found.loo[""] <= max(row.loo for row in kept)
 
@@ -124,11 +125,15 @@ def test_left_out_residuals_grow_by_the_coordinate_that_was_projected_out():
     away = rng.standard_normal((400, 3))
     away /= np.linalg.norm(away, axis=1)[:, None]
     projected = common - np.einsum("ni,ni->n", common, away)[:, None] * away
-    whole = evidence._of_points(common[points.pose], points, False)
-    seen = evidence._of_points(projected[points.pose], points, True)
+    pose, row = np.repeat(points.pose, 3), np.repeat(np.arange(len(points)), 3)
+    linear = SimpleNamespace(target=points.target, target_names=points.target_names, projected=False)
+    whole = leave_one_out.lengths(linear, common[points.pose].ravel(), pose, row)
+    not_known = leave_one_out.lengths(linear, projected[points.pose].ravel(), pose, row)
+    linear.projected = True
+    seen = leave_one_out.lengths(linear, projected[points.pose].ravel(), pose, row)
     assert seen[""] == pytest.approx(whole[""], rel=0.05)
     assert seen["smr2"] == pytest.approx(seen[""], rel=1e-9)
-    assert evidence._of_points(projected[points.pose], points, False)[""] < 0.85 * whole[""]
+    assert not_known[""] < 0.85 * whole[""]
 
 
 def test_a_known_target_stays_where_it_is():
@@ -161,7 +166,7 @@ CHECKED = {  # families of a dictionary: columns, log evidence, sigma and leave-
 
 def test_log_evidences_of_an_irb120(irb120_commands):
     found = irb120_commands.first(200, terms="all", gear_scan=False)
-    rows = {row.terms: row for row in found.dictionaries}
+    rows = {row.terms: row for row in found.term_sets}
     for columns, value, sigma, loo in CHECKED.values():
         assert rows[columns].log_evidence == pytest.approx(value, abs=6.0)
         if rows[columns].weight:
@@ -170,7 +175,7 @@ def test_log_evidences_of_an_irb120(irb120_commands):
     assert rows[352].weight == pytest.approx(0.92, abs=0.05)
     assert rows[232].weight == pytest.approx(0.07, abs=0.05)
     found = irb120_commands.first(200, terms="joint-map", gear_scan=False)
-    rows = {row.terms: row for row in found.dictionaries}
+    rows = {row.terms: row for row in found.term_sets}
     assert rows[159].log_evidence == pytest.approx(855.9, abs=4.0)
     assert rows[159].sigma / MM == pytest.approx(0.0356, rel=0.02)
     assert rows[159].loo / MM == pytest.approx(0.0700, rel=0.02)

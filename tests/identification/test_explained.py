@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from evidence_cases import Truth
 
-from irbcal.identification.evidence import identify_averaged, identify_evidence
+from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.explanation import explain
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.gear import gear_terms
@@ -36,7 +36,7 @@ def weighed():
     truth = Truth(["gravity", "gain"], extra=extra)
     points, motion = measured(truth, 120, 1)
     heldout, _ = measured(truth, 60, 2)
-    return truth, identify_averaged(truth.nominal, points, motion), heldout
+    return truth, identify_evidence(truth.nominal, points, motion), heldout
 
 
 def test_the_families_that_are_there_explain_and_others_do_not(weighed):
@@ -80,7 +80,7 @@ def test_warmth_is_told_apart_from_use():
     motion = Motion.in_order(truth.nominal.random_joints(150, 3))
     points = replace(truth.measured(motion, NOISE, 3), previous=motion.q - motion.moves)
     aside = np.arange(150) % 5 == 2
-    fit = identify_averaged(truth.nominal, points.select(~aside), motion.select(~aside))
+    fit = identify_evidence(truth.nominal, points.select(~aside), motion.select(~aside))
     stages = explain(fit, points.select(aside), motion.elapsed[aside])
     last = by_words(stages)["warm-up"]
     assert last.timed < 3 * NOISE
@@ -97,7 +97,7 @@ def test_the_time_constant_of_the_warm_up_is_found():
     values = [*truth.map.coefficients, *(term.size * rng.standard_normal() for term in warm)]
     truth.map = TermMap(truth.nominal, (*truth.map.terms, *warm), np.array(values))
     points = replace(truth.measured(motion, NOISE, 3), previous=motion.q - motion.moves)
-    assert identify_averaged(truth.nominal, points, motion).evidence.tau == pytest.approx(0.25 * span)
+    assert identify_evidence(truth.nominal, points, motion).tau == pytest.approx(0.25 * span)
 
 
 def test_nothing_held_out_leaves_the_poses_that_are_left_out_one_at_a_time(weighed):
@@ -120,7 +120,7 @@ def test_targets_that_the_fit_never_saw_do_not_count(weighed):
 def test_what_was_expected_of_a_group_and_what_was_found(weighed):
     """Root mean squares of the true coefficients are found, in natural sizes; what is not there shrinks."""
     truth, fit, *_ = weighed
-    groups = {group.name: group for group in fit.evidence.groups}
+    groups = {group.name: group for group in fit.groups}
     gain = groups["gain"]
     true = [c for term, c in zip(truth.map.terms, truth.map.coefficients, strict=True) if term.family == "gain"]
     assert gain.found == pytest.approx(float(np.sqrt(np.mean(np.square(true)))) / 5e-4, rel=0.15)
@@ -137,11 +137,11 @@ def test_what_was_expected_of_a_group_and_what_was_found(weighed):
 
 def test_the_scan_keeps_what_it_saw(weighed):
     _, fit, *_ = weighed
-    seen = fit.evidence.spectrum
+    seen = fit.spectrum
     assert seen.chi2.shape == (6, len(seen.cycles))
     joint, place = divmod(int(seen.chi2.argmax()), len(seen.cycles))
     assert (seen.joints[joint], seen.cycles[place]) == (3, 202)
-    (gear,) = fit.evidence.gears
+    (gear,) = fit.gears
     assert seen.chi2.max() == gear.chi2
     assert gear.chi2 > seen.limit
 

@@ -6,8 +6,8 @@ import feature_cases as cases
 import numpy as np
 import pytest
 
-from irbcal.identification.feature_fit import FeaturedFit, identify_features
-from irbcal.identification.feature_problem import ConstraintProblem, start
+from irbcal.identification.feature_fit import identify_features
+from irbcal.identification.feature_problem import FeatureProblem, start
 from irbcal.measurement.imaging import FITTED, TARGETS
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 
@@ -35,7 +35,7 @@ def whole(problem, state):
 @pytest.mark.parametrize("kind", TARGETS)
 def test_reduced_residuals_tell_what_all_corners_tell(kind):
     """Gradient and curvature by the tool's point, with corners that miss by tenths of a millimetre."""
-    problem = ConstraintProblem(cases.arm(), cases.seen(kind, TRUTH, 5, 1), [])
+    problem = FeatureProblem(cases.arm(), cases.seen(kind, TRUTH, 5, 1), [])
     state = start(problem)
     h = 1e-6
     for one, miss in whole(problem, state):
@@ -68,12 +68,12 @@ def test_a_lens_is_fitted_within_its_interval(fitted):
     found = fitted
     for name, true in zip(FITTED, cases.LENS_OF, strict=False):
         key = (name, "ball")
-        assert abs(found.state.own[key][0] - true) < 4.0 * found.std(key)[0]
-        assert found.std(key)[0] < 0.1 * found.problem.expected[key].u95
+        assert abs(found.state.own[key][0] - true) < 4.0 * found.std_of(key)[0]
+        assert found.std_of(key)[0] < 0.1 * found.problem.expected[key].u95
     q = cases.arm().random_joints(100, 5) * 0.7
     before, after = (
         cases.apart(TRUTH, arm, q, s.own["tool", "ball"]).mean()
-        for arm, s in ((cases.arm(), found.nominal), (found.evidence.arm, found.state))
+        for arm, s in ((cases.arm(), found.nominal_state), (found.arm, found.state))
     )
     assert after < 0.15e-3 < 1e-3 < before
 
@@ -82,7 +82,7 @@ def test_a_lens_without_noise_is_exact():
     """The oracle is the arm and the lens that made the images; the file's lens errs by a per cent, its share is let go."""
     nominal = cases.arm()
     seen = cases.seen("image", TRUTH, 14, 2, fit="fx fy cx cy k1")
-    problem = ConstraintProblem(nominal, seen, GEOMETRY.terms(nominal))
+    problem = FeatureProblem(nominal, seen, GEOMETRY.terms(nominal))
     state = start(problem)
     for _ in range(12):
         blocks = list(problem.dense(state))
@@ -98,12 +98,13 @@ def test_intervals_hold_fresh_images():
     seen = cases.seen("image-on-tool", TRUTH, 30, 5, 5e-5, 8)
     fresh = np.array([str(name).startswith("fresh") for name in seen.pose])
     fit = identify_features(cases.arm(), seen.select(~fresh), choices=[()])
-    there = ConstraintProblem(cases.arm(), seen.select(fresh), fit.problem.terms)
+    there = FeatureProblem(cases.arm(), seen.select(fresh), fit.problem.terms)
     r = np.concatenate([one.found.r.ravel() for one in there.misses(fit.state)])
     blocks = list(there.dense(fit.state))
     J = np.concatenate([b.J for b in blocks], axis=1) * 1e-3 / there.sizes[:, None]
     std = (
-        np.sqrt(np.einsum("ar,ab,br->r", J, fit.covariance, J)) / there.weights[np.concatenate([b.row for b in blocks])]
+        np.sqrt(np.einsum("ar,ab,br->r", J, fit.step_covariance, J))
+        / there.weights[np.concatenate([b.row for b in blocks])]
     )
     assert 0.86 < np.mean(np.abs(r) < 1.96 * std) <= 1.0
     assert np.median(std) < 0.02e-3
@@ -111,8 +112,8 @@ def test_intervals_hold_fresh_images():
 
 def test_a_lens_that_is_another_is_doubted(fitted):
     found = fitted
-    assert FeaturedFit.of(found).doubts() == []
-    assert FeaturedFit.of(found).scale_from == "squares of 30 mm"
+    assert found.doubts() == []
+    assert found.scale_from == "squares of 30 mm"
     table, known = cases.rows("image-on-tool", TRUTH, 14, 0, 5e-5)
     for wrong, words in (
         ({"k1": 0.12}, "px from where any place of camera and board has them"),
@@ -124,5 +125,5 @@ def test_a_lens_that_is_another_is_doubted(fitted):
         ),
     ):
         seen = cases.features.read(table, known.assign(**wrong).fillna(""), cases.arm())
-        told = " ".join(FeaturedFit.of(identify_features(cases.arm(), seen, choices=[()], bare=True)).doubts())
+        told = " ".join(identify_features(cases.arm(), seen, choices=[()], bare=True).doubts())
         assert re.search(words, told), (wrong, told)

@@ -27,8 +27,9 @@ def test_leaving_out_agrees_with_fits_without_the_poses(temper):
         c = np.linalg.solve(a * J @ J.T + np.diag(prior), a * J @ y)
         return rows.y[mine] - c @ rows.J[:, mine]
 
-    u, pose = leave_one_out.residuals(linear, columns, found)
-    v, _ = leave_one_out.block_residuals(linear, columns, found, 5)
+    u, pose, _ = leave_one_out.residuals(linear, columns, found)
+    u, pose = u.reshape(-1, 3), pose[::3]
+    v = leave_one_out.block_residuals(linear, columns, found, 5).reshape(-1, 3)
     for n in (0, 7, 29):
         np.testing.assert_allclose(u[pose == n].ravel(), without(rows.pose == n), rtol=1e-5, atol=1e-6)
     for n in (0, 3):
@@ -44,14 +45,16 @@ def test_residuals_come_in_the_order_of_the_poses_in_any_blocks(monkeypatch):
     chosen = make(terms, ["gravity"], 0, None)
     columns = chosen.columns(linear.flat)
     found = maximise_evidence(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 1.0)
-    whole = [f(linear, columns, found) for f in (leave_one_out.residuals, leave_one_out.block_residuals)]
+    whole = leave_one_out.residuals(linear, columns, found), leave_one_out.block_residuals(linear, columns, found)
     monkeypatch.setattr(linear_model, "BLOCK", 4)
-    parts = [f(linear, columns, found) for f in (leave_one_out.residuals, leave_one_out.block_residuals)]
-    for (u, pose), (v, again) in zip(whole, parts, strict=True):
-        np.testing.assert_array_equal(pose, again)
-        assert (np.diff(pose) >= 0).all()
-        assert len(u) == problem.rows
-        np.testing.assert_allclose(u, v, rtol=0, atol=1e-8)
+    parts = leave_one_out.residuals(linear, columns, found), leave_one_out.block_residuals(linear, columns, found)
+    u, pose, row = whole[0]
+    for same, again in zip((pose, row), parts[0][1:], strict=True):
+        np.testing.assert_array_equal(same, again)
+    assert (np.diff(pose) >= 0).all()
+    assert sorted(row[::3]) == list(range(problem.rows))
+    np.testing.assert_allclose(parts[0][0], u, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(parts[1], whole[1], rtol=0, atol=1e-8)
 
 
 def test_left_out_errors_are_larger_than_residuals():
@@ -62,8 +65,8 @@ def test_left_out_errors_are_larger_than_residuals():
     found = maximise_evidence(linear.sums(columns), linear.flat, chosen.group, chosen.caps, 2 / 3)
     rows = next(linear.blocks(columns))
     fitted = leave_one_out.rms_length((rows.y - found.c @ rows.J).reshape(-1, 3))
-    one = leave_one_out.rms_length(leave_one_out.residuals(linear, columns, found)[0])
-    block = leave_one_out.rms_length(leave_one_out.block_residuals(linear, columns, found)[0])
+    one = leave_one_out.rms_length(leave_one_out.residuals(linear, columns, found)[0].reshape(-1, 3))
+    block = leave_one_out.rms_length(leave_one_out.block_residuals(linear, columns, found).reshape(-1, 3))
     assert 1.1 * fitted < one < 1.1 * block
 
 
@@ -81,9 +84,10 @@ def test_repeats_of_a_place_are_left_out_together(monkeypatch):
     prior = np.r_[np.zeros(linear.flat), 1.0 / found.variances[chosen.group]]
     place = np.arange(problem.points.poses)
     place[[9, 21]] = 2
-    monkeypatch.setattr(leave_one_out, "places", lambda points: place)
+    monkeypatch.setattr(linear_model, "places", lambda points: place)
     monkeypatch.setattr(linear_model, "BLOCK", 8)
-    u, pose = leave_one_out.residuals(linear, columns, found)
+    u, pose, _ = leave_one_out.residuals(linear, columns, found)
+    u, pose = u.reshape(-1, 3), pose[::3]
     for n in ([2, 9, 21], [3]):
         mine = np.isin(rows.pose, n)
         J, y = rows.J[:, ~mine], rows.y[~mine]

@@ -73,7 +73,7 @@ def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
     assert not {"gain", "harmonics", "move"} & {name for name, row in rows.items() if row.shown}
     monkeypatch.setattr(term_sets, "HISTORY_FAMILIES", ("move",))
     still = identify_evidence(truth.nominal, points, motion, gear_scan=False)
-    best = max(row.log_evidence for row in found.dictionaries) - max(row.log_evidence for row in still.dictionaries)
+    best = max(row.log_evidence for row in found.term_sets) - max(row.log_evidence for row in still.term_sets)
     assert rows["direction"].evidence == pytest.approx(best, rel=0.05)
     before = motion.q - motion.moves
     change = np.concatenate(

@@ -72,13 +72,13 @@ def test_a_prior_that_is_right_helps_and_one_that_is_wrong_is_seen_through(robot
     alone = irbcal.identify_evidence(arm, points.select(few), motion.select(few), **options)
     known = prior(shown, shown.values, np.maximum(np.diagonal(shown.covariance) ** 0.5, 0.05 * natural))
     helped = irbcal.identify_evidence(arm, points.select(few), motion.select(few), prior=known, **options)
-    assert helped.sisters.weight == 1.0
+    assert helped.type_prior.weight == 1.0
     assert error(helped) < 0.5 * error(alone)
     assert "was taken as a prior" in helped.summary()
     wrong = replace(known, mean=-shown.values)
     found = irbcal.identify_evidence(arm, points.select(few), motion.select(few), prior=wrong, **options)
-    assert found.sisters.weight == 0.0
+    assert found.type_prior.weight == 0.0
     np.testing.assert_allclose(found.coefficients, alone.coefficients, rtol=1e-9, atol=1e-12)
-    assert found.sisters.chi2 > 5.0 * found.sisters.directions
+    assert found.type_prior.chi2 > 5.0 * found.type_prior.directions
     assert "stands out of its type" in found.summary()
-    assert "as its sisters" not in [row.name for row in found.dictionaries if row.weight > 0]
+    assert "as its sisters" not in [row.name for row in found.term_sets if row.weight > 0]

@@ -15,7 +15,7 @@ from term_cases import framed_robot
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.identification.evidence import identify_averaged
+from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.evidence_fit import FamilyShown
 from irbcal.identification.explanation import Stage
 from irbcal.identification.gear_scan import Spectrum
@@ -179,17 +179,17 @@ def test_intervals_are_as_wide_as_the_errors_where_two_families_share_a_function
 def test_an_average_is_saved_with_its_comparison():
     model, rng = arm("irb120"), np.random.default_rng(1)
     points = measured(random_robot(model, "34", rng), model.random_joints(40, 1), 2e-5, rng)
-    fit = identify_averaged(model, points, Motion.in_order(points.q))
+    fit = identify_evidence(model, points, Motion.in_order(points.q))
     choice = EvidenceChoice.of(fit)
     assert EvidenceChoice.model_validate_json(choice.model_dump_json()) == choice
     assert sum(row.weight for row in choice.table) == pytest.approx(1.0, abs=1e-12)
     assert choice.explanation == fit.explanation()
-    for row, own in zip(choice.table, fit.evidence.dictionaries, strict=True):
+    for row, own in zip(choice.table, fit.term_sets, strict=True):
         assert (row.sigma_mm is None) == (own.sigma is None) == (row.weight == 0.0)
-    section = EvidenceSection.of(fit.evidence)
+    section = EvidenceSection.of(fit)
     assert EvidenceSection.model_validate_json(section.model_dump_json()) == section
-    assert section.leave_one_out_mm[""] == pytest.approx(1e3 * fit.evidence.loo[""], rel=1e-12)
-    assert [group.name for group in section.groups] == [group.name for group in fit.evidence.groups]
+    assert section.leave_one_out_mm[""] == pytest.approx(1e3 * fit.loo[""], rel=1e-12)
+    assert [group.name for group in section.groups] == [group.name for group in fit.groups]
 
 
 def test_a_spectrum_is_thinned_but_keeps_its_peaks():

@@ -9,7 +9,7 @@ from sessions_cases import NOISE, parts, together, truth
 from support import arm, measured, write_measurements
 
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification.evidence import identify_averaged
+from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import identify, identify_by
 from irbcal.identification.selection import choose_level
 from irbcal.measurement import table
@@ -48,9 +48,9 @@ def test_one_robot_with_a_base_and_a_tool_for_each_session():
 def test_the_average_of_models_has_them_too():
     points, robots = together({"mon": 60, "wed": 30})
     del robots["tue"]
-    found = identify_averaged(arm(), points, Motion(points.q))
+    found = identify_evidence(arm(), points, Motion(points.q))
     assert_one_robot(found, points, robots, 20 * NOISE)
-    assert len(found.parameters()) == len(found.covariance())
+    assert len(found.parameters()) == len(found.certainty.covariance)
     assert [row.name for row in found.parameters()][6 + 18 : 6 + 24] == [
         f"base@mon_{a}" for a in ("x", "y", "z", "rx", "ry", "rz")
     ]

@@ -9,7 +9,7 @@ from evidence_cases import Truth, moves
 from support import arm, random_robot
 
 from irbcal.errors import RobotError
-from irbcal.identification.evidence import identify_averaged
+from irbcal.identification.evidence import identify_evidence
 from irbcal.units import DEG
 
 
@@ -17,7 +17,7 @@ from irbcal.units import DEG
 def robot():
     truth = Truth(["gravity", "direction"], scale=2.0)
     motion = replace(moves(truth.nominal, 80, 3), elapsed=None)
-    return identify_averaged(truth.nominal, truth.measured(motion, 1e-5), motion).robot
+    return identify_evidence(truth.nominal, truth.measured(motion, 1e-5), motion).robot
 
 
 def test_positions_are_forward_kinematics(robot):

@@ -8,7 +8,7 @@ from evidence_cases import Truth, irb120
 from support import arm, measured, random_robot
 
 import irbcal
-from irbcal.identification.evidence import identify_averaged
+from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import certainty_of, identify
 from irbcal.measurement.points import distances
 from irbcal.modeling.elsewhere import Elsewhere, _limits, elsewhere
@@ -29,7 +29,7 @@ def fitted(points, motion, level):
     model = arm("irb120")
     nominal = identify(model, points, "nominal").robot
     if level == "auto":
-        return identify_averaged(model, points, motion).robot, nominal
+        return identify_evidence(model, points, motion).robot, nominal
     fit = identify(model, points, level)
     return fit.robot.replace(certainty=certainty_of(fit)), nominal
 
