@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from support import random_robot
 
 from irbcal.correction.filter import filter_program
-from irbcal.correction.program import Given
+from irbcal.correction.program import ControllerSetup
 from irbcal.io import controller_model, urdf
 from irbcal.modeling.inverse import closed_form
 
@@ -63,7 +63,7 @@ def poses(numbers, name, length=1e-3):
 
 def given(at, tools=None, work_objects=None):
     """What comes with a program."""
-    return Given(tools or {}, work_objects or {}, at)
+    return ControllerSetup(tools or {}, work_objects or {}, at)
 
 
 def corrected(robot, nominal, program, fingerprint="abc123"):

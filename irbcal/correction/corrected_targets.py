@@ -10,9 +10,9 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
 from irbcal.correction.maker import ConfData, seeds_of
-from irbcal.correction.program import Goals, Program
+from irbcal.correction.program import Corrections, Program, WantedTargets
 from irbcal.correction.text_program import PostureProgram
-from irbcal.correction.true_frames import CELL, UNKNOWN, FramesOfGoals, TrueFrames
+from irbcal.correction.true_frames import CELL, UNKNOWN, TargetFrames, TrueFrames
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -26,24 +26,22 @@ UNCHANGED = frozenset({TAUGHT, OFFLINE})
 """Reasons of targets that are not corrected because nothing is wrong with them."""
 
 
-def of_arm(program: Program, nominal: Arm) -> list[Goals]:
+def of_arm(program: Program, nominal: Arm) -> list[WantedTargets]:
     """The goals of a program, in joints of the arm where it has those that its controller counts."""
-    goals = program.goals()
+    batch = program.wanted_targets()
     if isinstance(program, PostureProgram):  # a maker's program knows how its controllers count
-        return [*goals]
-    return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in goals]
+        return [*batch]
+    return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in batch]
 
 
-def counted(
-    found: Sequence[tuple[Goals, Corrected]], program: Program, nominal: Arm
-) -> Sequence[tuple[Goals, Corrected]]:
+def counted(found: Corrections, program: Program, nominal: Arm) -> Corrections:
     """Corrections as the program counts joints."""
     if nominal.coupling is None or isinstance(program, PostureProgram):
         return found
-    return [(goals, replace(fake, q=nominal.to_controller(fake.q))) for goals, fake in found]
+    return [(batch, replace(fake, q=nominal.to_controller(fake.q))) for batch, fake in found]
 
 
-def meant_joints(program: Program, nominal: Arm) -> list[tuple[Goals, FloatArray, Sequence[str]]]:
+def meant_joints(program: Program, nominal: Arm) -> list[tuple[WantedTargets, FloatArray, Sequence[str]]]:
     """Joints that a controller takes for the targets of a program.
 
     Parameters
@@ -55,38 +53,38 @@ def meant_joints(program: Program, nominal: Arm) -> list[tuple[Goals, FloatArray
 
     Returns
     -------
-    list of (Goals, ndarray of shape (n, joints), sequence of str)
+    list of (WantedTargets, ndarray of shape (n, joints), sequence of str)
         Radians; NaN where there are none, with the reason. Empty reasons where there are.
     """
-    out: list[tuple[Goals, FloatArray, Sequence[str]]] = []
-    for goals in of_arm(program, nominal):
-        if goals.kind == "joint":
-            out.append((goals, goals.values, [""] * len(goals.names)))
+    out: list[tuple[WantedTargets, FloatArray, Sequence[str]]] = []
+    for batch in of_arm(program, nominal):
+        if batch.kind == "joint":
+            out.append((batch, batch.values, [""] * len(batch.names)))
             continue
-        fake = fake_targets(Robot(nominal), nominal, goals, None)
+        fake = fake_targets(Robot(nominal), nominal, batch, None)
         known = np.isfinite(fake.q_nominal).all(axis=1)
-        out.append((goals, fake.q_nominal, [*np.where(known, "", fake.reason)]))
+        out.append((batch, fake.q_nominal, [*np.where(known, "", fake.reason)]))
     return out
 
 
-def fake_targets(robot: Robot, nominal: Arm, goals: Goals, controller: Arm | None) -> Corrected:
+def fake_targets(robot: Robot, nominal: Arm, batch: WantedTargets, controller: Arm | None) -> Corrected:
     """Fake targets of goals in the posture that the program names; tools and work objects are the controller's."""
-    if goals.kind == "joint":
-        return correct_joints(robot, nominal, goals.values, controller)
-    if goals.joints is not None:
-        return refused(correct_meant(robot, nominal, goals.values, goals.joints, controller), goals.unknown)
-    if goals.configurations is None:
-        return correct_poses(robot, nominal, goals.values, controller=controller)
-    confs = [conf if isinstance(conf, ConfData) else None for conf in goals.configurations]
-    seed, told = seeds_of(nominal, goals.values, confs, controller)
+    if batch.kind == "joint":
+        return correct_joints(robot, nominal, batch.values, controller)
+    if batch.joints is not None:
+        return refused(correct_meant(robot, nominal, batch.values, batch.joints, controller), batch.unknown)
+    if batch.configurations is None:
+        return correct_poses(robot, nominal, batch.values, controller=controller)
+    confs = [conf if isinstance(conf, ConfData) else None for conf in batch.configurations]
+    seed, told = seeds_of(nominal, batch.values, confs, controller)
     branch = closed_form.configuration(nominal, np.nan_to_num(seed))
-    found = correct_poses(robot, nominal, goals.values, seed, branch, controller)
+    found = correct_poses(robot, nominal, batch.values, seed, branch, controller)
     reason = "its configuration data fit no solution of the robot within the joint limits"
     return refused(found, ["" if known else reason for known in told])
 
 
 def corrected(
-    robot: Robot, nominal: Arm, goals: Goals, controller: Arm | None, at: FramesOfGoals, known: TrueFrames
+    robot: Robot, nominal: Arm, batch: WantedTargets, controller: Arm | None, at: TargetFrames, known: TrueFrames
 ) -> Corrected:
     """Fake targets of goals for the true tools and work objects; taught points are not corrected.
 
@@ -94,10 +92,10 @@ def corrected(
     re-expressed, the controller shall compute the pose that the true frames give where they were taught, and nothing
     else changes: ``N(q) = Oc Ot^-1 C(q0) Tt Tc^-1``.
     """
-    taught = known.points.are_taught(goals.names)
+    taught = known.points.are_taught(batch.names)
     if not taught.any() and CELL not in at.origins and not known.points.re_express:
-        return fake_targets(robot, nominal, goals, controller)
-    plain = as_programmed(nominal, goals, controller)
+        return fake_targets(robot, nominal, batch, controller)
+    plain = as_programmed(nominal, batch, controller)
     if known.points.re_express:
         q = np.nan_to_num(plain.q_nominal)
         T_wanted = frames.inverse(at.T_left) @ robot.forward(q) @ frames.inverse(at.T_right)
@@ -112,13 +110,13 @@ def corrected(
     return refused(found, [*np.where(unchanged != "", unchanged, against)])
 
 
-def as_programmed(nominal: Arm, goals: Goals, controller: Arm | None) -> Corrected:
+def as_programmed(nominal: Arm, batch: WantedTargets, controller: Arm | None) -> Corrected:
     """Where the controller goes with goals as they are: joints, and its own pose of them."""
-    return fake_targets(Robot(controller or nominal), nominal, goals, controller)
+    return fake_targets(Robot(controller or nominal), nominal, batch, controller)
 
 
 def as_written(
-    nominal: Arm, goals: Goals, fake: Corrected, controller: Arm | None, at: FramesOfGoals, known: TrueFrames
+    nominal: Arm, batch: WantedTargets, fake: Corrected, controller: Arm | None, at: TargetFrames, known: TrueFrames
 ) -> Corrected:
     """Fake targets in the numbers that the controller will have: ``P' = On^-1 N(q) Tn``.
 
@@ -127,9 +125,9 @@ def as_written(
     """
     if CELL not in at.origins and not known.points.re_express:
         return fake
-    plain = as_programmed(nominal, goals, controller)
+    plain = as_programmed(nominal, batch, controller)
     T_fake, q, ok, reason = fake.T_fake, fake.q, fake.ok, fake.reason
-    if known.numbers == "from-cell" and goals.kind == "pose" and not known.points.re_express:
+    if known.numbers == "from-cell" and batch.kind == "pose" and not known.points.re_express:
         stays = (reason == TAUGHT) & plain.ok
         ok, reason = ok | stays, np.where(stays, "", reason)
         q = np.where(stays[:, None], plain.q_nominal, q)
@@ -138,10 +136,10 @@ def as_written(
     return replace(fake, T_wanted=plain.T_wanted, T_fake=T_fake, q=q, ok=ok, reason=reason)
 
 
-def writable(program: Program, nominal: Arm, goals: Goals, fake: Corrected) -> Corrected:
+def writable(program: Program, nominal: Arm, batch: WantedTargets, fake: Corrected) -> Corrected:
     """Corrections without those that would write another configuration of the arm, or that the language refuses."""
-    kept = refused(fake, program.refused(goals, fake))
-    if goals.kind == "joint" or not closed_form.has_closed_form(nominal):
+    kept = refused(fake, program.refused(batch, fake))
+    if batch.kind == "joint" or not closed_form.has_closed_form(nominal):
         return kept
     before, after = (closed_form.configuration(nominal, np.nan_to_num(q)) for q in (kept.q_nominal, kept.q))
     changed = kept.ok & (before != after)
@@ -178,10 +176,10 @@ def commanded(program: Program, nominal: Arm) -> FloatArray:
     joints: dict[int, FloatArray] = {}
     why: dict[int, str] = {}
     order: list[int] = []
-    for goals, q, reasons in meant_joints(program, nominal):
-        for number, row, reason in zip(goals.numbers.tolist(), q, reasons, strict=True):
+    for batch, q, reasons in meant_joints(program, nominal):
+        for number, row, reason in zip(batch.numbers.tolist(), q, reasons, strict=True):
             joints[number], why[number] = row, str(reason)
-        order += goals.numbers.tolist()
+        order += batch.numbers.tolist()
     stops = [(stop.target, stop.line) for stop in program.stops()]
     left = {item.line: item for item in program.left()}
     out = []

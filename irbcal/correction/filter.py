@@ -17,11 +17,17 @@ from irbcal.atomic import write_set
 from irbcal.cell.cell_file import CellFile
 from irbcal.correction import languages
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, writable
-from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.last_moves import LastMoves, with_last_moves
 from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
-from irbcal.correction.program import Given, Goals, Left, Program, read_bytes, refuse_filtered
+from irbcal.correction.program import (
+    ControllerSetup,
+    Corrections,
+    Left,
+    Program,
+    read_bytes,
+    refuse_filtered,
+)
 from irbcal.correction.trajectories import Timed, follow
 from irbcal.correction.true_frames import ControllerNumbers, TargetFrames, TrueFrames, cell_of, point_origin
 from irbcal.errors import OptionError, ProgramError
@@ -178,7 +184,7 @@ def correct(
     known.check(path_tolerance is not None)
     frames_given = given_frames(tool, "tool"), given_frames(wobj, "wobj")
     counts, own = pulses_per_degree(pulses), None if model is None else model.arm
-    given = Given(*frames_given, ends, counts, own, place_pair(where, language))
+    given = ControllerSetup(*frames_given, ends, counts, own, place_pair(where, language))
     programs = language.read_for(nominal, sources, given)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     robot = robot if model is None else model.seen_by_it(robot)
@@ -350,23 +356,23 @@ def filter_program(
     refuse_filtered(program)
     known = known or TrueFrames()
     wanted = of_arm(program, nominal)
-    frames_of = [known.of_goals(program, goals) for goals in wanted]
+    frames_of = [known.frames_of(program, batch) for batch in wanted]
     alone = [
-        (goals, corrected(robot, nominal, goals, controller, at, known))
-        for goals, at in zip(wanted, frames_of, strict=True)
+        (batch, corrected(robot, nominal, batch, controller, at, known))
+        for batch, at in zip(wanted, frames_of, strict=True)
     ]
     moving = Robot(controller or nominal) if known.points.re_express else robot
     found, program, left, last_moves = _in_course(moving, nominal, program, alone, controller, speeds)
     found = [
-        (goals, writable(program, nominal, goals, as_written(nominal, goals, fake, controller, at, known)))
-        for (goals, fake), at in zip(found, frames_of, strict=True)
+        (batch, writable(program, nominal, batch, as_written(nominal, batch, fake, controller, at, known)))
+        for (batch, fake), at in zip(found, frames_of, strict=True)
     ]
     names: list[str] = []
     unchanged = 0
-    for goals, fake in found:
-        names += [goals.names[k] for k in np.flatnonzero(fake.ok)]
+    for batch, fake in found:
+        names += [batch.names[k] for k in np.flatnonzero(fake.ok)]
         unlike = [k for k in np.flatnonzero(~fake.ok) if fake.reason[k] not in UNCHANGED]
-        left += [Left(goals.names[k], int(goals.lines[k]), fake.reason[k]) for k in unlike]
+        left += [Left(batch.names[k], int(batch.lines[k]), fake.reason[k]) for k in unlike]
         unchanged += int((~fake.ok).sum()) - len(unlike)
     fakes = [fake for _, fake in found]
     cuts: list[CutPath] = []
@@ -386,7 +392,7 @@ def filter_program(
             counted(found, program, nominal), None if known.points.re_express else fingerprint
         ),
         targets=np.array(names, dtype=object),
-        lines=np.concatenate([np.zeros(0, dtype=int), *(goals.lines[fake.ok] for goals, fake in found)]),
+        lines=np.concatenate([np.zeros(0, dtype=int), *(batch.lines[fake.ok] for batch, fake in found)]),
         q_before=np.concatenate([none, *(fake.q_nominal[fake.ok] for fake in fakes)]),
         q=np.concatenate([none, *(fake.q[fake.ok] for fake in fakes)]),
         shift=np.concatenate([none[:, 0], *(fake.shift[fake.ok] for fake in fakes)]),
@@ -409,10 +415,10 @@ def _in_course(
     robot: Robot,
     nominal: Arm,
     program: Program,
-    alone: Sequence[tuple[Goals, Corrected]],
+    alone: Corrections,
     controller: Arm | None,
     speeds: FloatArray | None,
-) -> tuple[Sequence[tuple[Goals, Corrected]], Program, list[Left], LastMoves | None]:
+) -> tuple[Corrections, Program, list[Left], LastMoves | None]:
     """Corrections that know what comes before: in a motion as it goes, in other programs the stop before."""
     left = list(program.left())
     if not isinstance(program, Timed):
@@ -422,11 +428,11 @@ def _in_course(
     return moving, program if commands is None else program.with_motion(commands), left + passed, None
 
 
-def _ends(found: Sequence[tuple[Goals, Corrected]]) -> dict[int, Ends]:
+def _ends(found: Corrections) -> dict[int, Ends]:
     """The corrected targets by their numbers."""
     return {
-        int(goals.numbers[k]): Ends(fake.T_wanted[k], fake.q_nominal[k], fake.q[k], fake.T_fake[k])
-        for goals, fake in found
+        int(batch.numbers[k]): Ends(fake.T_wanted[k], fake.q_nominal[k], fake.q[k], fake.T_fake[k])
+        for batch, fake in found
         for k in np.flatnonzero(fake.ok)
     }
 

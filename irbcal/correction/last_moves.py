@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
-from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.program import Goals, Note, Stop
+from irbcal.correction.program import Corrections, Note, Stop
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse.closed_form import LIMIT_TOLERANCE
 from irbcal.modeling.inverse.in_order import commanded_in_order, stops_before
@@ -50,10 +49,9 @@ class LastMoves:
         lock(self)
 
 
-Found = Sequence[tuple[Goals, Corrected]]
-
-
-def with_last_moves(robot: Robot, nominal: Arm, found: Found, stops: Sequence[Stop]) -> tuple[Found, LastMoves | None]:
+def with_last_moves(
+    robot: Robot, nominal: Arm, found: Corrections, stops: Sequence[Stop]
+) -> tuple[Corrections, LastMoves | None]:
     """Corrections that take account of the last moves of a program.
 
     Parameters
@@ -62,14 +60,14 @@ def with_last_moves(robot: Robot, nominal: Arm, found: Found, stops: Sequence[St
         Calibrated.
     nominal : Arm
         What the controller computes with.
-    found : sequence of (Goals, Corrected)
+    found : sequence of (WantedTargets, Corrected)
         Corrected with unknown last moves.
     stops : sequence of Stop
         In the order of the program; targets without any are taken as stops with an unknown last move.
 
     Returns
     -------
-    found : sequence of (Goals, Corrected)
+    found : sequence of (WantedTargets, Corrected)
         With the last moves where they are known. A target that is reached from different sides gets the command in
         the middle.
     last_moves : LastMoves or None
@@ -84,9 +82,9 @@ def with_last_moves(robot: Robot, nominal: Arm, found: Found, stops: Sequence[St
         return found, None
     if not any(fake.ok.any() for _, fake in found):
         return found, LastMoves(tuple(np.full(len(fake.ok), np.nan) for _, fake in found), 0, 0, ())
-    numbers = np.concatenate([goals.numbers for goals, _ in found])
-    names = [name for goals, _ in found for name in goals.names]
-    lines = np.concatenate([goals.lines for goals, _ in found])
+    numbers = np.concatenate([batch.numbers for batch, _ in found])
+    names = [name for batch, _ in found for name in batch.names]
+    lines = np.concatenate([batch.lines for batch, _ in found])
     ok = np.concatenate([fake.ok for _, fake in found])
     T_wanted = np.concatenate([fake.T_wanted for _, fake in found])
     # what is not corrected stays as it is, which tells the last move of the stop behind it
@@ -113,12 +111,12 @@ def with_last_moves(robot: Robot, nominal: Arm, found: Found, stops: Sequence[St
     error = np.sqrt(np.bincount(target, squares, len(q)) / np.where(count, count, np.nan))
 
     new, errors, first = [], [], 0
-    for goals, fake in found:
+    for batch, fake in found:
         part = slice(first, first + len(fake.ok))
         T_fake = fake.T_fake.copy()
         if fake.ok.any():
             T_fake[fake.ok] = nominal.forward(q[part][fake.ok])
-        new.append((goals, replace(fake, q=np.where(fake.ok[:, None], q[part], np.nan), T_fake=T_fake)))
+        new.append((batch, replace(fake, q=np.where(fake.ok[:, None], q[part], np.nan), T_fake=T_fake)))
         errors.append(error[part])
         first = part.stop
     notes = _sides(names, lines, target, before, at, off)

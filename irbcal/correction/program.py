@@ -63,7 +63,7 @@ class Stop(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Goals:
+class WantedTargets:
     """The n targets of one kind that may be corrected.
 
     Attributes
@@ -99,8 +99,12 @@ class Goals:
         lock(self)
 
 
-class Given(NamedTuple):
-    """What comes with a program: frames by their names, and the controller's own.
+Corrections: TypeAlias = Sequence[tuple[WantedTargets, Corrected]]
+"""Targets of each kind with their corrections."""
+
+
+class ControllerSetup(NamedTuple):
+    """What a program does not say of its controller: frames by their names, where they count from, its own model.
 
     Attributes
     ----------
@@ -141,7 +145,7 @@ class Program(Protocol):
         """The bytes of the file."""
         ...
 
-    def goals(self) -> Sequence[Goals]:
+    def wanted_targets(self) -> Sequence[WantedTargets]:
         """The targets that may be corrected, of each kind that there is."""
         ...
 
@@ -158,11 +162,11 @@ class Program(Protocol):
         """The stops in the order of the program; empty where the language does not tell."""
         ...
 
-    def refused(self, goals: Goals, fake: Corrected) -> Sequence[str]:
+    def refused(self, batch: WantedTargets, fake: Corrected) -> Sequence[str]:
         """Why corrections that were found cannot be written, for each goal; empty where they can."""
         ...
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """Files of the program, by name, with the fake targets that were found and the fingerprint of a calibration.
 
         Without a fingerprint there is no mark: the targets are no fake targets then, but new wanted ones. Targets that

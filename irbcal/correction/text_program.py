@@ -26,7 +26,7 @@ from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, number_like, one_word
 from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions
 from irbcal.correction.notation import check_rigid
-from irbcal.correction.program import Given, Goals, Kind, Left, Note, Stop
+from irbcal.correction.program import ControllerSetup, Corrections, Kind, Left, Note, Stop, WantedTargets
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -351,30 +351,30 @@ class TextProgram(ABC):
         """Numbers of the targets that may be changed, of one kind or of both."""
         return [k for k, t in enumerate(self.targets) if t.correctable and kind in (None, t.kind)]
 
-    def goals(self) -> list[Goals]:
+    def wanted_targets(self) -> list[WantedTargets]:
         """The targets that may be corrected: joints first, then poses."""
         out = []
         if joints := self.correctable("joint"):
-            out.append(self._goals("joint", joints, np.array([self.targets[k].value for k in joints])))
+            out.append(self._batch("joint", joints, np.array([self.targets[k].value for k in joints])))
         if poses := self.correctable("pose"):
             T = self.tip_poses(poses)
-            out.append(self._goals("pose", poses, T, *self.meant_joints(poses, T)))
+            out.append(self._batch("pose", poses, T, *self.meant_joints(poses, T)))
         return out
 
     def meant_joints(self, poses: Sequence[int], T_base_tip: FloatArray) -> tuple[FloatArray | None, Sequence[str]]:
         """Joints (n, 6) that the controller takes for poses, and why there are none; None: configurations tell them."""
         return None, ()
 
-    def _goals(
+    def _batch(
         self,
         kind: Kind,
         numbers: list[int],
         values: FloatArray,
         joints: FloatArray | None = None,
         unknown: Sequence[str] = (),
-    ) -> Goals:
+    ) -> WantedTargets:
         targets = [self.targets[k] for k in numbers]
-        return Goals(
+        return WantedTargets(
             kind,
             np.array(numbers),
             tuple(target.name for target in targets),
@@ -394,9 +394,9 @@ class TextProgram(ABC):
         """The stops in the order of the program."""
         return self.order
 
-    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
+    def refused(self, batch: WantedTargets, fake: Corrected) -> list[str]:
         """Why corrections that were found cannot be written, for each goal; empty where they can."""
-        return [""] * len(goals.names)
+        return [""] * len(batch.names)
 
     def edits(self, values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
         """New text of numbers and configurations, by the number of the target.
@@ -440,14 +440,14 @@ class TextProgram(ABC):
             start -= min(max(more, 0), max(blanks - 1, 0))
         return start, end, text
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """Files of the program with fake targets, configurations and, with a fingerprint, the mark."""
         values: dict[int, FloatArray] = {}
         configurations: dict[int, Configuration] = {}
-        for goals, fake in found:
+        for batch, fake in found:
             rows = np.flatnonzero(fake.ok)
-            chosen = goals.numbers[rows].tolist()
-            if goals.kind == "joint":
+            chosen = batch.numbers[rows].tolist()
+            if batch.kind == "joint":
                 values |= dict(zip(chosen, fake.q[rows], strict=True))
                 continue
             values |= self.values_for_tip_poses(chosen, fake.T_fake[rows])
@@ -499,7 +499,7 @@ class PostureProgram(TextProgram):
         arm: Arm,
         flow: ControlFlow,
         targets: Sequence[Target],
-        given: Given,
+        setup: ControllerSetup,
         tools: Mapping[str, FloatArray],
         work_objects: Mapping[str, FloatArray],
         *,
@@ -522,8 +522,8 @@ class PostureProgram(TextProgram):
         order = flow.order(targets)
         done = complete(targets, listing, maker, units, arm)
         if any(target.kind == "pose" and target.correctable for target in done):
-            _check_ends(maker, arm, given, source)
-        on_tip, in_base = needed_frames(done, given, tools, work_objects, source)
+            _check_ends(maker, arm, setup, source)
+        on_tip, in_base = needed_frames(done, setup, tools, work_objects, source)
         return cls(
             source=source,
             listing=listing,
@@ -537,7 +537,7 @@ class PostureProgram(TextProgram):
             fingerprint=mark_in(comments),
             mark_at=mark_at,
             arm=arm,
-            own_model=given.own_model,
+            own_model=setup.own_model,
             **more,
         )
 
@@ -660,7 +660,7 @@ def _different_frames(uses: Sequence[Use]) -> list[str]:
 
 def needed_frames(
     targets: Sequence[Target],
-    given: Given,
+    setup: ControllerSetup,
     tools: Mapping[str, FloatArray],
     work_objects: Mapping[str, FloatArray],
     source: str,
@@ -672,7 +672,7 @@ def needed_frames(
     Parameters
     ----------
     targets : sequence of Target
-    given : Given
+    setup : ControllerSetup
         Frames from the caller go before those of the program.
     tools, work_objects : dict of str to ndarray, shape (4, 4)
         What the program says, in the controller's flange and world.
@@ -684,8 +684,8 @@ def needed_frames(
     ProgramError
         If one is not known.
     """
-    known = {**tools, **given.tools}, {**work_objects, **given.work_objects}
-    ends = given.controller.T_tip_flange, given.controller.T_base_world
+    known = {**tools, **setup.tools}, {**work_objects, **setup.work_objects}
+    ends = setup.controller.T_tip_flange, setup.controller.T_base_world
     missing: dict[str, tuple[str, Use]] = {}
     found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
     for target in targets:
@@ -708,13 +708,13 @@ def needed_frames(
     return found
 
 
-def _check_ends(maker: Maker, arm: Arm, given: Given, source: str) -> None:
+def _check_ends(maker: Maker, arm: Arm, setup: ControllerSetup, source: str) -> None:
     """Refuse poses where it is not known in which frames the controller counts them."""
     missing = [
         name
         for name, needed, there in (
-            ("base (the controller's world)", maker.world, given.controller.base_known),
-            ("tool0 (its flange)", arm.tip_link != "tool0", given.controller.flange_known),
+            ("base (the controller's world)", maker.world, setup.controller.base_known),
+            ("tool0 (its flange)", arm.tip_link != "tool0", setup.controller.flange_known),
         )
         if needed and not there
     ]

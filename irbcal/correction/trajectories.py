@@ -8,7 +8,7 @@ joints than a pose needs departs from the file's by as little as that takes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -19,7 +19,7 @@ from irbcal.arrays import FloatArray
 from irbcal.atomic import write_set
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.languages import ros, table
-from irbcal.correction.program import Goals, Left, Program, read_bytes
+from irbcal.correction.program import Corrections, Left, Program, WantedTargets, read_bytes
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.modeling.arm import Arm
@@ -57,10 +57,10 @@ def follow(
     robot: Robot,
     nominal: Arm,
     program: Timed,
-    found: Sequence[tuple[Goals, Corrected]],
+    found: Corrections,
     controller: Arm | None = None,
     speeds: FloatArray | None = None,
-) -> tuple[list[tuple[Goals, Corrected]], Trajectory | None, list[Left]]:
+) -> tuple[list[tuple[WantedTargets, Corrected]], Trajectory | None, list[Left]]:
     """Commands along a motion whose points are corrected one by one.
 
     Parameters
@@ -70,7 +70,7 @@ def follow(
     nominal : Arm
         Whose limits hold.
     program : Timed
-    found : sequence of (Goals, Corrected)
+    found : sequence of (WantedTargets, Corrected)
         Its points, all together, with unknown last moves.
     controller : Arm, optional
         What the controller computes with where that is not the nominal arm.
@@ -79,7 +79,7 @@ def follow(
 
     Returns
     -------
-    found : list of (Goals, Corrected)
+    found : list of (WantedTargets, Corrected)
         With what the sides do that the joints come from, where the robot depends on them; nothing is corrected where a
         point cannot be.
     commands : Trajectory or None
@@ -87,12 +87,12 @@ def follow(
     left : list of Left
         Limits that the commands pass, at the points or between them.
     """
-    ((goals, fake),) = found
+    ((batch, fake),) = found
     given = program.trajectory
     if not fake.ok.all():
         others = np.where(fake.ok, OTHERS, fake.reason).astype(object)
         none = replace(fake, q=np.full(fake.q.shape, np.nan), ok=np.zeros(len(fake.ok), dtype=bool), reason=others)
-        return [(goals, none)], None, []
+        return [(batch, none)], None, []
     computing = controller or nominal
     q, lean = fake.q, lean_along(robot.joint_map, given)
     if lean is not None:
@@ -101,18 +101,18 @@ def follow(
     limits = Limits(nominal.lower, nominal.upper, speeds)
     already = {one[:2]: one for one in check(given, limits).exceeded}
     checked = check(commands, limits)
-    left = [_left(one, already.get(one[:2]), goals, given, checked.slower) for one in checked.exceeded]
-    return [(goals, replace(fake, q=q, T_fake=computing.forward(q)))], commands, left
+    left = [_left(one, already.get(one[:2]), batch, given, checked.slower) for one in checked.exceeded]
+    return [(batch, replace(fake, q=q, T_fake=computing.forward(q)))], commands, left
 
 
-def _left(one: Exceeded, before: Exceeded | None, goals: Goals, given: Trajectory, slower: float) -> Left:
-    row = min(int(np.searchsorted(given.times, one.time, side="right")) - 1, len(goals.lines) - 1)
+def _left(one: Exceeded, before: Exceeded | None, batch: WantedTargets, given: Trajectory, slower: float) -> Left:
+    row = min(int(np.searchsorted(given.times, one.time, side="right")) - 1, len(batch.lines) - 1)
     words = one.in_words
     if before is not None:
         words += f", and so does the file at {before.time:.4g} s"
     if one.kind != "position":
         words += f"; times {np.ceil(slower * 1e4) / 1e4:.4f} times as long would hold it"
-    return Left(f"{goals.names[row]} and what follows", int(goals.lines[row]), words)
+    return Left(f"{batch.names[row]} and what follows", int(batch.lines[row]), words)
 
 
 def _moving(robot: Robot, computing: Arm, given: Trajectory, q: FloatArray, lean: Lean | None) -> Trajectory:

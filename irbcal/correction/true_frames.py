@@ -23,7 +23,7 @@ frames must not be added.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -32,8 +32,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, read_cell
-from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.program import Goals, Program
+from irbcal.correction.program import Corrections, Program, WantedTargets
 from irbcal.correction.text_program import TextProgram
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.controller_model import ControllerFrames, unknown_frames
@@ -116,226 +115,6 @@ def point_origin(points: str | None, re_express: bool) -> PointOrigin:
     return PointOrigin((pattern or "*") if kind == "taught" else None, re_express)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class FramesOfGoals:
-    """Tools and work objects of n goals.
-
-    Attributes
-    ----------
-    tools, work_objects : ndarray of str, shape (n,)
-        Names as programs have them; empty where the program does not tell one.
-    tool_origins, object_origins : ndarray of str, shape (n,)
-        `NULL`, `MEASURED`, `CELL` or `UNKNOWN`; empty where no tool and work object matter: joint targets that are
-        corrected for the robot alone, and files without frames.
-    T_left, T_right : ndarray, shape (n, 4, 4)
-        ``Ot Oc^-1`` and ``Tc Tt^-1``: between them stands the flange as the controller computes it.
-    tcp : ndarray, shape (n, 3)
-        Tool centre point of the controller's tool in the tip link, metres.
-    T_tool, T_object : ndarray, shape (n, 4, 4)
-        ``Tt`` and ``Ot``, as far as they are known.
-    """
-
-    tools: NameArray
-    work_objects: NameArray
-    tool_origins: NameArray
-    object_origins: NameArray
-    T_left: FloatArray
-    T_right: FloatArray
-    tcp: FloatArray
-    T_tool: FloatArray
-    T_object: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-    @property
-    def origins(self) -> NameArray:
-        """Of each target the origin of its frame that is known worst."""
-        return worst(self.tool_origins, self.object_origins)
-
-
-def worst(tool_origins: NameArray, object_origins: NameArray) -> NameArray:
-    """Of each target the origin of its frame that is known worst, shape (n,)."""
-    pairs = zip(tool_origins, object_origins, strict=True)
-    return np.array([max(pair, key=_ORDER.index) for pair in pairs], dtype=object)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TrueFrames:
-    """What is known of the tools and work objects of programs.
-
-    Attributes
-    ----------
-    cell : CellFile or None
-        Its tools and work objects are true; their names are compared without upper and lower case.
-    measured : bool
-        Whether all others were measured independently of the robot, and so are true as the controller has them.
-    numbers : str
-        Which numbers the controller will have.
-    points : PointOrigin
-    ends : ControllerFrames
-        Where the controller's flange and world are.
-    """
-
-    cell: CellFile | None = None
-    measured: bool = False
-    numbers: ControllerNumbers = "same"
-    points: PointOrigin = PointOrigin()
-    ends: ControllerFrames = field(default_factory=unknown_frames)
-
-    def check(self, cutting: bool) -> None:
-        """Refuse options that contradict each other; ``cutting``: points shall be put into moves.
-
-        Raises
-        ------
-        OptionError
-            If some do.
-        """
-        if self.numbers not in ("same", "from-cell"):
-            message = f"controller_frames: expected same or from-cell, found {self.numbers!r}"
-            raise OptionError(message, parameter="controller_frames")
-        if self.numbers == "from-cell" and (self.cell is None or self.points.re_express):
-            message = "controller_frames: numbers from-cell are for corrections with a cell, give cell too"
-            raise OptionError(message, parameter="controller_frames")
-        if self.points.re_express and self.cell is None and not self.measured:
-            message = (
-                "re_express: the true tools and work objects are not known: give a cell, or say frames_measured if "
-                "they were measured independently of the robot"
-            )
-            raise OptionError(message, parameter="re_express")
-        if cutting and (self.cell is not None or self.points.taught is not None):
-            message = "path_tolerance: paths are cut for the controller's own tools and work objects only, without cell"
-            raise OptionError(f"{message} and taught points", parameter="path_tolerance")
-
-    def of_goals(self, program: Program, goals: Goals) -> FramesOfGoals:
-        """Tools and work objects of the goals of a program."""
-        n = len(goals.names)
-        tools, work_objects, tool_origins, object_origins = (np.full(n, "", dtype=object) for _ in range(4))
-        T_left, T_right, T_tool, T_object = np.tile(np.eye(4), (4, n, 1, 1))
-        tcp = np.zeros((n, 3))
-        for k, number in enumerate(goals.numbers.tolist()):
-            names = _names_of(program, number) if isinstance(program, TextProgram) else None
-            if names is None or not isinstance(program, TextProgram):
-                continue  # of joint targets and of files without frames: those of other poses are known
-            tools[k], work_objects[k] = names
-            Tc, Oc = program.tools[names[0]], program.work_objects[names[1]]
-            Tt, tool_origin = self._true("tools", names[0], Tc, self.ends.T_tip_flange)
-            Ot, object_origin = self._true("work_objects", names[1], Oc, self.ends.T_base_world)
-            if goals.kind == "pose" or CELL in (tool_origin, object_origin):
-                tool_origins[k], object_origins[k] = tool_origin, object_origin
-            T_left[k], T_right[k], tcp[k] = Ot @ frames.inverse(Oc), Tc @ frames.inverse(Tt), Tc[:3, 3]
-            T_tool[k], T_object[k] = Tt, Ot
-        return FramesOfGoals(tools, work_objects, tool_origins, object_origins, T_left, T_right, tcp, T_tool, T_object)
-
-    def _true(self, kind: str, name: str, T: FloatArray, T_null: FloatArray) -> tuple[FloatArray, str]:
-        """The true frame of a name, and its origin; ``T`` is what the controller has."""
-        for one in () if self.cell is None else getattr(self.cell, kind).values():
-            if one.name.lower() == name:
-                # a tip alone tells no axes: they are the controller's
-                R = T[:3, :3] if one.position_only else one.T_true[:3, :3]
-                return frames.transform(R, one.T_true[:3, 3]), CELL
-        if min(np.abs(T - T_null).max(), np.abs(T - np.eye(4)).max()) < ROUNDING or name == "null":
-            return T, NULL
-        return T, MEASURED if self.measured else UNKNOWN
-
-
-def _names_of(program: TextProgram, number: int) -> tuple[str, str] | None:
-    """Tool and work object of a target where its uses name one of each, and their numbers are known."""
-    uses = {(use.tool, use.work_object) for use in program.targets[number].uses}
-    tool, work_object = uses.pop() if len(uses) == 1 else (None, None)
-    if tool is None or work_object is None or tool not in program.tools or work_object not in program.work_objects:
-        return None
-    return tool, work_object
-
-
-def part_errors(robot: Robot, cell: CellFile | None, q: FloatArray, at: FramesOfGoals) -> FloatArray:
-    """Mean and 95 % of the distance of the tool centre point from where it is wanted in the work object.
-
-    Parameters
-    ----------
-    robot : Robot
-        Calibrated, with its certainty.
-    cell : CellFile or None
-    q : ndarray, shape (n, joints)
-        Commanded, radians (metres).
-    at : FramesOfGoals
-        Of the n targets. Frames that are not of the cell file count as exact, unless their origin is unknown.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        Metres; NaN where tool or work object are of unknown origin or none of them is of the cell file, and everywhere
-        if the certainty of the robot is not known or the cell was computed with another one.
-    """
-    out = np.full((len(q), 2), np.nan)
-    rows = np.flatnonzero((at.origins == CELL) & np.isfinite(q).all(axis=1))
-    if cell is None or robot.certainty is None or not len(rows):
-        return out
-    if cell.robot_gain.shape[1] not in (0, len(robot.certainty.covariance)):
-        return out
-    by_robot, by_frames, left_over = _derivatives(robot, robot.certainty, cell, q[rows], at, rows)
-    if cell.robot_gain.shape[1]:
-        by_robot = by_robot + by_frames @ cell.robot_gain
-    C = by_robot @ robot.certainty.covariance @ np.swapaxes(by_robot, 1, 2)
-    C = C + by_frames @ cell.touch_covariance @ np.swapaxes(by_frames, 1, 2) + left_over[:, None, None] * np.eye(3)
-    out[rows] = np.column_stack(lengths(C))
-    return out
-
-
-def lengths(C: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and 95 % quantile of the length of Gaussian vectors with covariances (n, 3, 3).
-
-    The squared length counts as a multiple of chi squared with the same mean and variance (Satterthwaite 1946): exact
-    for errors along one line and for those alike in all directions, within 2 % between.
-    """
-    from scipy.special import gammaln
-    from scipy.stats import chi2
-
-    trace, square = np.trace(C, axis1=1, axis2=2), np.sum(C * C, axis=(1, 2))
-    scale = np.divide(square, trace, out=np.zeros_like(trace), where=trace > 0)
-    freedom = np.divide(trace**2, square, out=np.ones_like(trace), where=square > 0)
-    mean = np.sqrt(2.0 * scale) * np.exp(gammaln((freedom + 1.0) / 2.0) - gammaln(freedom / 2.0))
-    return mean, np.sqrt(scale * chi2.ppf(0.95, freedom))
-
-
-def _derivatives(
-    robot: Robot, certainty: Certainty, cell: CellFile, q: FloatArray, at: FramesOfGoals, rows: Any
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of the errors (n, 3) in the work object by the robot's parameters and by the small motions of all frames.
-
-    And the variance of each coordinate that neither explains: what the fit leaves over, and last moves.
-    """
-    load: dict[str, Any] = {**robot.joint_map.load(len(q))}
-    motion = replace(Motion(q), **load)
-    path = robot.walk(motion)
-    T = robot.forward(q)
-    tcp = np.einsum("nij,nj->ni", T[:, :3, :3], at.T_tool[rows, :3, 3]) + T[:, :3, 3]
-    unknown = np.zeros(len(q), dtype=bool)
-    J = np.asarray(certainty.jacobian(path, tcp.T, motion, unknown, None).transpose(2, 1, 0)).copy()
-    history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + J.shape[2] - len(certainty.terms)
-    size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - J.shape[2]] ** 2
-    left_over = np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) / 3.0 + certainty.determined_left_out(None) ** 2 / 3.0
-    J[:, :, history] = 0.0
-
-    to_object = np.swapaxes(at.T_object[rows, :3, :3], 1, 2)
-    p = np.einsum("nij,nj->ni", to_object, tcp - at.T_object[rows, :3, 3])
-    F = np.zeros((len(q), 3, len(cell.touch_covariance)))
-    tools = {name.lower(): name for name in cell.tools}
-    work_objects = {name.lower(): name for name in cell.work_objects}
-    for n, row in enumerate(rows):
-        if at.tool_origins[row] == CELL:
-            name = tools[at.tools[row]]
-            here = cell.rows(TOOL, name)
-            R = cell.tools[name].T_true[:3, :3]
-            F[n, :, here.start + 3 : here.stop] = to_object[n] @ T[n, :3, :3] @ R
-        if at.object_origins[row] == CELL:
-            here = cell.rows(WORK_OBJECT, work_objects[at.work_objects[row]])
-            x, y, z = p[n]
-            F[n, :, here.start : here.start + 3] = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # -(w x p) = p x w
-            F[n, :, here.start + 3 : here.stop] = -np.eye(3)
-    return to_object @ J, F, left_over
-
-
 @dataclass(frozen=True)
 class UnknownFrames:
     """Tools and work objects of unknown origin.
@@ -384,18 +163,27 @@ class UnknownFrames:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TargetFrames:
-    """Tools and work objects of n corrected targets.
+    """Tools and work objects of n targets, and what is at stake at those that were corrected.
 
     Attributes
     ----------
-    tools, work_objects, tool_origins, object_origins : ndarray of str, shape (n,)
-        As of `irbcal.correction.true_frames.FramesOfGoals`.
+    tools, work_objects : ndarray of str, shape (n,)
+        Names as programs have them; empty where the program does not tell one.
+    tool_origins, object_origins : ndarray of str, shape (n,)
+        `NULL`, `MEASURED`, `CELL` or `UNKNOWN`; empty where no tool and work object matter: joint targets that are
+        corrected for the robot alone, and files without frames.
+    T_left, T_right : ndarray, shape (n, 4, 4)
+        ``Ot Oc^-1`` and ``Tc Tt^-1``: between them stands the flange as the controller computes it.
+    tcp : ndarray, shape (n, 3)
+        Tool centre point of the controller's tool in the tip link, metres.
+    T_tool, T_object : ndarray, shape (n, 4, 4)
+        ``Tt`` and ``Ot``, as far as they are known.
     points : ndarray of str, shape (n,)
-        ``offline`` or ``taught``.
+        ``offline`` or ``taught``; this and what follows of corrected targets.
     at_stake : ndarray, shape (n,)
         Distance between the tool centre points of the nominal and the calibrated robot, metres.
     part_error : ndarray, shape (n, 2)
-        Mean and 95 % of the expected error in the work object, metres; see `irbcal.correction.true_frames`.
+        Mean and 95 % of the expected error in the work object, metres; see `part_errors`.
     numbers : str
         Which numbers the controller will have.
     re_expressed : bool
@@ -406,11 +194,16 @@ class TargetFrames:
     work_objects: NameArray
     tool_origins: NameArray
     object_origins: NameArray
-    points: NameArray
-    at_stake: FloatArray
-    part_error: FloatArray
-    numbers: str
-    re_expressed: bool
+    T_left: FloatArray
+    T_right: FloatArray
+    tcp: FloatArray
+    T_tool: FloatArray
+    T_object: FloatArray
+    points: NameArray = field(default_factory=lambda: np.zeros(0, dtype=object))
+    at_stake: FloatArray = field(default_factory=lambda: np.zeros(0))
+    part_error: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    numbers: str = "same"
+    re_expressed: bool = False
 
     def __post_init__(self) -> None:
         lock(self)
@@ -419,33 +212,23 @@ class TargetFrames:
     def of(
         robot: Robot,
         controller: Arm,
-        found: Sequence[tuple[Goals, Corrected]],
-        at: Sequence[FramesOfGoals],
+        found: Corrections,
+        at: Sequence[TargetFrames],
         known: TrueFrames,
     ) -> TargetFrames | None:
-        """Of the targets that were corrected; None of none."""
+        """Of the targets that were corrected, ``at`` being those of all; None of none."""
         parts = []
-        for (goals, fake), ours in zip(found, at, strict=True):
+        for (batch, fake), every in zip(found, at, strict=True):
             ok, q = fake.ok, fake.q_nominal[fake.ok]
             off = np.zeros((len(q), 3))
             if len(q):
                 apart = robot.forward(q) - controller.forward(q)
-                off = np.einsum("nij,nj->ni", apart[:, :3, :3], ours.tcp[ok]) + apart[:, :3, 3]
-            points = np.where(known.points.are_taught(goals.names), "taught", "offline").astype(object)
-            expected = part_errors(robot, known.cell, fake.q, ours)[ok]
-            parts.append(
-                TargetFrames(
-                    ours.tools[ok],
-                    ours.work_objects[ok],
-                    ours.tool_origins[ok],
-                    ours.object_origins[ok],
-                    points[ok],
-                    np.linalg.norm(off, axis=1),
-                    expected,
-                    known.numbers,
-                    known.points.re_express,
-                )
-            )
+                off = np.einsum("nij,nj->ni", apart[:, :3, :3], every.tcp[ok]) + apart[:, :3, 3]
+            rows: dict[str, Any] = {name: getattr(every, name)[ok] for name in _OF_FRAMES}
+            rows["points"] = np.where(known.points.are_taught(batch.names), "taught", "offline").astype(object)[ok]
+            rows["at_stake"] = np.linalg.norm(off, axis=1)
+            rows["part_error"] = part_errors(robot, known.cell, fake.q, every)[ok]
+            parts.append(replace(every, **rows, numbers=known.numbers, re_expressed=known.points.re_express))
         return TargetFrames.joined(parts)
 
     @staticmethod
@@ -453,22 +236,15 @@ class TargetFrames:
         """Of several programs; None of none."""
         if not parts:
             return None
-        return TargetFrames(
-            np.concatenate([part.tools for part in parts]),
-            np.concatenate([part.work_objects for part in parts]),
-            np.concatenate([part.tool_origins for part in parts]),
-            np.concatenate([part.object_origins for part in parts]),
-            np.concatenate([part.points for part in parts]),
-            np.concatenate([part.at_stake for part in parts]),
-            np.concatenate([part.part_error for part in parts]),
-            parts[0].numbers,
-            parts[0].re_expressed,
-        )
+        names = (*_OF_FRAMES, "points", "at_stake", "part_error")
+        arrays: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return replace(parts[0], **arrays)
 
     @property
     def origins(self) -> NameArray:
         """Of each target the origin of its frame that is known worst."""
-        return worst(self.tool_origins, self.object_origins)
+        pairs = zip(self.tool_origins, self.object_origins, strict=True)
+        return np.array([max(pair, key=_ORDER.index) for pair in pairs], dtype=object)
 
     def columns(self) -> dict[str, NameArray | FloatArray]:
         """For tables; errors of the part in millimetres, where they are known."""
@@ -522,3 +298,183 @@ class TargetFrames:
         if unchanged:
             told.append(f"{unchanged} targets need no change")
         return told
+
+
+_OF_FRAMES = tuple(one.name for one in fields(TargetFrames))[:9]
+"""Arrays that tell of tools and work objects."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrueFrames:
+    """What is known of the tools and work objects of programs.
+
+    Attributes
+    ----------
+    cell : CellFile or None
+        Its tools and work objects are true; their names are compared without upper and lower case.
+    measured : bool
+        Whether all others were measured independently of the robot, and so are true as the controller has them.
+    numbers : str
+        Which numbers the controller will have.
+    points : PointOrigin
+    ends : ControllerFrames
+        Where the controller's flange and world are.
+    """
+
+    cell: CellFile | None = None
+    measured: bool = False
+    numbers: ControllerNumbers = "same"
+    points: PointOrigin = PointOrigin()
+    ends: ControllerFrames = field(default_factory=unknown_frames)
+
+    def check(self, cutting: bool) -> None:
+        """Refuse options that contradict each other; ``cutting``: points shall be put into moves.
+
+        Raises
+        ------
+        OptionError
+            If some do.
+        """
+        if self.numbers not in ("same", "from-cell"):
+            message = f"controller_frames: expected same or from-cell, found {self.numbers!r}"
+            raise OptionError(message, parameter="controller_frames")
+        if self.numbers == "from-cell" and (self.cell is None or self.points.re_express):
+            message = "controller_frames: numbers from-cell are for corrections with a cell, give cell too"
+            raise OptionError(message, parameter="controller_frames")
+        if self.points.re_express and self.cell is None and not self.measured:
+            message = (
+                "re_express: the true tools and work objects are not known: give a cell, or say frames_measured if "
+                "they were measured independently of the robot"
+            )
+            raise OptionError(message, parameter="re_express")
+        if cutting and (self.cell is not None or self.points.taught is not None):
+            message = "path_tolerance: paths are cut for the controller's own tools and work objects only, without cell"
+            raise OptionError(f"{message} and taught points", parameter="path_tolerance")
+
+    def frames_of(self, program: Program, batch: WantedTargets) -> TargetFrames:
+        """Tools and work objects of the goals of a program."""
+        n = len(batch.names)
+        tools, work_objects, tool_origins, object_origins = (np.full(n, "", dtype=object) for _ in range(4))
+        T_left, T_right, T_tool, T_object = np.tile(np.eye(4), (4, n, 1, 1))
+        tcp = np.zeros((n, 3))
+        for k, number in enumerate(batch.numbers.tolist()):
+            names = _names_of(program, number) if isinstance(program, TextProgram) else None
+            if names is None or not isinstance(program, TextProgram):
+                continue  # of joint targets and of files without frames: those of other poses are known
+            tools[k], work_objects[k] = names
+            Tc, Oc = program.tools[names[0]], program.work_objects[names[1]]
+            Tt, tool_origin = self._true("tools", names[0], Tc, self.ends.T_tip_flange)
+            Ot, object_origin = self._true("work_objects", names[1], Oc, self.ends.T_base_world)
+            if batch.kind == "pose" or CELL in (tool_origin, object_origin):
+                tool_origins[k], object_origins[k] = tool_origin, object_origin
+            T_left[k], T_right[k], tcp[k] = Ot @ frames.inverse(Oc), Tc @ frames.inverse(Tt), Tc[:3, 3]
+            T_tool[k], T_object[k] = Tt, Ot
+        return TargetFrames(tools, work_objects, tool_origins, object_origins, T_left, T_right, tcp, T_tool, T_object)
+
+    def _true(self, kind: str, name: str, T: FloatArray, T_null: FloatArray) -> tuple[FloatArray, str]:
+        """The true frame of a name, and its origin; ``T`` is what the controller has."""
+        for one in () if self.cell is None else getattr(self.cell, kind).values():
+            if one.name.lower() == name:
+                # a tip alone tells no axes: they are the controller's
+                R = T[:3, :3] if one.position_only else one.T_true[:3, :3]
+                return frames.transform(R, one.T_true[:3, 3]), CELL
+        if min(np.abs(T - T_null).max(), np.abs(T - np.eye(4)).max()) < ROUNDING or name == "null":
+            return T, NULL
+        return T, MEASURED if self.measured else UNKNOWN
+
+
+def _names_of(program: TextProgram, number: int) -> tuple[str, str] | None:
+    """Tool and work object of a target where its uses name one of each, and their numbers are known."""
+    uses = {(use.tool, use.work_object) for use in program.targets[number].uses}
+    tool, work_object = uses.pop() if len(uses) == 1 else (None, None)
+    if tool is None or work_object is None or tool not in program.tools or work_object not in program.work_objects:
+        return None
+    return tool, work_object
+
+
+def part_errors(robot: Robot, cell: CellFile | None, q: FloatArray, at: TargetFrames) -> FloatArray:
+    """Mean and 95 % of the distance of the tool centre point from where it is wanted in the work object.
+
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated, with its certainty.
+    cell : CellFile or None
+    q : ndarray, shape (n, joints)
+        Commanded, radians (metres).
+    at : TargetFrames
+        Of the n targets. Frames that are not of the cell file count as exact, unless their origin is unknown.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        Metres; NaN where tool or work object are of unknown origin or none of them is of the cell file, and everywhere
+        if the certainty of the robot is not known or the cell was computed with another one.
+    """
+    out = np.full((len(q), 2), np.nan)
+    rows = np.flatnonzero((at.origins == CELL) & np.isfinite(q).all(axis=1))
+    if cell is None or robot.certainty is None or not len(rows):
+        return out
+    if cell.robot_gain.shape[1] not in (0, len(robot.certainty.covariance)):
+        return out
+    by_robot, by_frames, left_over = _derivatives(robot, robot.certainty, cell, q[rows], at, rows)
+    if cell.robot_gain.shape[1]:
+        by_robot = by_robot + by_frames @ cell.robot_gain
+    C = by_robot @ robot.certainty.covariance @ np.swapaxes(by_robot, 1, 2)
+    C = C + by_frames @ cell.touch_covariance @ np.swapaxes(by_frames, 1, 2) + left_over[:, None, None] * np.eye(3)
+    out[rows] = np.column_stack(lengths(C))
+    return out
+
+
+def lengths(C: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and 95 % quantile of the length of Gaussian vectors with covariances (n, 3, 3).
+
+    The squared length counts as a multiple of chi squared with the same mean and variance (Satterthwaite 1946): exact
+    for errors along one line and for those alike in all directions, within 2 % between.
+    """
+    from scipy.special import gammaln
+    from scipy.stats import chi2
+
+    trace, square = np.trace(C, axis1=1, axis2=2), np.sum(C * C, axis=(1, 2))
+    scale = np.divide(square, trace, out=np.zeros_like(trace), where=trace > 0)
+    freedom = np.divide(trace**2, square, out=np.ones_like(trace), where=square > 0)
+    mean = np.sqrt(2.0 * scale) * np.exp(gammaln((freedom + 1.0) / 2.0) - gammaln(freedom / 2.0))
+    return mean, np.sqrt(scale * chi2.ppf(0.95, freedom))
+
+
+def _derivatives(
+    robot: Robot, certainty: Certainty, cell: CellFile, q: FloatArray, at: TargetFrames, rows: Any
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of the errors (n, 3) in the work object by the robot's parameters and by the small motions of all frames.
+
+    And the variance of each coordinate that neither explains: what the fit leaves over, and last moves.
+    """
+    load: dict[str, Any] = {**robot.joint_map.load(len(q))}
+    motion = replace(Motion(q), **load)
+    path = robot.walk(motion)
+    T = robot.forward(q)
+    tcp = np.einsum("nij,nj->ni", T[:, :3, :3], at.T_tool[rows, :3, 3]) + T[:, :3, 3]
+    unknown = np.zeros(len(q), dtype=bool)
+    J = np.asarray(certainty.jacobian(path, tcp.T, motion, unknown, None).transpose(2, 1, 0)).copy()
+    history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + J.shape[2] - len(certainty.terms)
+    size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - J.shape[2]] ** 2
+    left_over = np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) / 3.0 + certainty.determined_left_out(None) ** 2 / 3.0
+    J[:, :, history] = 0.0
+
+    to_object = np.swapaxes(at.T_object[rows, :3, :3], 1, 2)
+    p = np.einsum("nij,nj->ni", to_object, tcp - at.T_object[rows, :3, 3])
+    F = np.zeros((len(q), 3, len(cell.touch_covariance)))
+    tools = {name.lower(): name for name in cell.tools}
+    work_objects = {name.lower(): name for name in cell.work_objects}
+    for n, row in enumerate(rows):
+        if at.tool_origins[row] == CELL:
+            name = tools[at.tools[row]]
+            here = cell.rows(TOOL, name)
+            R = cell.tools[name].T_true[:3, :3]
+            F[n, :, here.start + 3 : here.stop] = to_object[n] @ T[n, :3, :3] @ R
+        if at.object_origins[row] == CELL:
+            here = cell.rows(WORK_OBJECT, work_objects[at.work_objects[row]])
+            x, y, z = p[n]
+            F[n, :, here.start : here.start + 3] = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])  # -(w x p) = p x w
+            F[n, :, here.start + 3 : here.stop] = -np.eye(3)
+    return to_object @ J, F, left_over

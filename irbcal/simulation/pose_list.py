@@ -19,7 +19,7 @@ from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.fake_targets import correct_poses
 from irbcal.correction.filter import given_frames, place_pair
 from irbcal.correction.languages.table import POSE
-from irbcal.correction.program import Given, read_bytes
+from irbcal.correction.program import ControllerSetup, read_bytes
 from irbcal.errors import MeasurementError, ProgramError
 from irbcal.io.controller_model import controller_frames, unknown_frames
 from irbcal.io.opening import open_robot
@@ -147,7 +147,7 @@ def given_for(
     pulses: Sequence[float] | None = None,
     where: tuple[ArrayLike, ArrayLike] | None = None,
     program: str | Path | None = None,
-) -> Given:
+) -> ControllerSetup:
     """What comes with the programs of a robot; arguments as for `irbcal.correct`, ``program`` is one of them.
 
     Raises
@@ -161,10 +161,10 @@ def given_for(
     if opened.urdf_bytes is not None:
         at = controller_frames(opened.urdf_bytes, str(robot), arm.base_link, arm.tip_link)
     pair = None if where is None or program is None else place_pair(where, languages.files_of([program])[0])
-    return Given(*frames, at, pulses_per_degree(pulses), where=pair)
+    return ControllerSetup(*frames, at, pulses_per_degree(pulses), where=pair)
 
 
-def read_program(program: str | Path, arm: Arm, given: Given) -> tuple[FloatArray, str | None]:
+def read_program(program: str | Path, arm: Arm, given: ControllerSetup) -> tuple[FloatArray, str | None]:
     """Joints at the stops of a program.
 
     Parameters
@@ -173,7 +173,7 @@ def read_program(program: str | Path, arm: Arm, given: Given) -> tuple[FloatArra
         A file, or a folder with the files of one program.
     arm : Arm
         What the controller computes with.
-    given : Given
+    given : ControllerSetup
 
     Returns
     -------
@@ -274,7 +274,7 @@ def numbered(n: int) -> NameArray:
     return np.arange(1, n + 1).astype(str).astype(object)
 
 
-def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: Given | None = None) -> PoseList:
+def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: ControllerSetup | None = None) -> PoseList:
     """Poses by whatever holds them.
 
     Parameters
@@ -285,7 +285,7 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: Given | Non
     arm : Arm
     wait_s : float
         Seconds between stop and measurement where the poses do not say.
-    given : Given, optional
+    given : ControllerSetup, optional
         What comes with a robot program, see `irbcal.simulation.pose_list.given_for`.
 
     Returns
@@ -302,7 +302,7 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, given: Given | Non
     if hasattr(poses, "to_frame") and not isinstance(poses, pd.DataFrame):
         poses = poses.to_frame()
     if isinstance(poses, (str, Path)) and is_program(poses):
-        q, digest = read_program(poses, arm, given or Given({}, {}, unknown_frames()))
+        q, digest = read_program(poses, arm, given or ControllerSetup({}, {}, unknown_frames()))
         n = len(q)
         return PoseList(q, numbered(n), None, np.full(n, float(wait_s)), {}, str(poses), digest)
     if isinstance(poses, (str, Path, pd.DataFrame)):

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from irbcal import atomic
 from irbcal.arrays import FloatArray, lock
-from irbcal.correction.program import Given
+from irbcal.correction.program import ControllerSetup
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import CalibrationLike
@@ -366,7 +366,7 @@ def _changed(cell: VirtualCell, only: Sequence[str] | None, without: Sequence[st
 
 
 def _poses(
-    cell: VirtualCell, plan: PosesLike | None, random: int | None, seed: int, wait: float, given: Given | None
+    cell: VirtualCell, plan: PosesLike | None, random: int | None, seed: int, wait: float, given: ControllerSetup | None
 ) -> PoseList:
     if (plan is None) == (random is None):
         raise OptionError("give either a plan or a number of random poses", parameter="plan")

@@ -16,7 +16,7 @@ from irbcal.correction.filter import NotWritten, _without_garbage_collection, co
 from irbcal.correction.filtered import Filtered
 from irbcal.correction.languages import rapid, table
 from irbcal.correction.maker import configuration_of, seeds_of
-from irbcal.correction.program import Given, Left, Note
+from irbcal.correction.program import ControllerSetup, Left, Note
 from irbcal.errors import CalibrationError, OptionError, ProgramError, RobotError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
@@ -246,7 +246,7 @@ def test_what_is_read_is_not_overwritten(calibration, job, tmp_path):
 
 def test_rapid_is_for_six_revolute_joints(job):
     with pytest.raises(ProgramError, match=r"job\.mod: RAPID targets are of six revolute joints"):
-        rapid.read_for(seven_joints(), [job], Given({}, {}, unknown_frames()))
+        rapid.read_for(seven_joints(), [job], ControllerSetup({}, {}, unknown_frames()))
 
 
 def seven_joints():

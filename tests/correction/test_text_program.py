@@ -10,7 +10,7 @@ from irbcal.correction.languages import rapid
 from irbcal.correction.languages.krl import KUKA
 from irbcal.correction.listing import Listing, Number
 from irbcal.correction.maker import ConfData
-from irbcal.correction.program import Goals, read_bytes, refuse_filtered
+from irbcal.correction.program import WantedTargets, read_bytes, refuse_filtered
 from irbcal.correction.text_program import UNSET, ControlFlow, Target, complete
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -160,6 +160,6 @@ def test_marked_programs_are_refused(mark, which):
 
 
 def test_goals_are_locked():
-    goals = Goals("joint", np.arange(2), ("a", "b"), np.arange(2), np.zeros((2, 6)))
+    goals = WantedTargets("joint", np.arange(2), ("a", "b"), np.arange(2), np.zeros((2, 6)))
     with pytest.raises(ValueError, match="read-only"):
         goals.values[0, 0] = 1.0

@@ -17,8 +17,8 @@ from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.correction.true_frames import (
     CELL,
-    FramesOfGoals,
     PointOrigin,
+    TargetFrames,
     TrueFrames,
     lengths,
     part_errors,
@@ -320,7 +320,7 @@ def situation(gain):
     cell = CellFile("x", "robot", True, tools, work_objects, touching, whole, gain)
     n = 4
     names = [np.full(n, name, dtype=object) for name in ("t", "w", CELL, CELL)]
-    at = FramesOfGoals(
+    at = TargetFrames(
         *names,
         *np.tile(np.eye(4), (2, n, 1, 1)),
         np.zeros((n, 3)),

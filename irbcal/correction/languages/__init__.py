@@ -25,7 +25,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves
-from irbcal.correction.program import Given, Program, read_bytes
+from irbcal.correction.program import ControllerSetup, Program, read_bytes
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling.arm import Arm
@@ -65,7 +65,7 @@ class Language(Protocol):
         """Whether a file looks as if it were of this language."""
         ...
 
-    def read_for(self, arm: Arm, files: Sequence[Path], given: Given) -> Sequence[Program]:
+    def read_for(self, arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> Sequence[Program]:
         """Read programs for an arm.
 
         Parameters
@@ -74,7 +74,7 @@ class Language(Protocol):
             What the controller computes with.
         files : sequence of Path
             One at least; they may be several programs, or one that lies in several files.
-        given : Given
+        setup : ControllerSetup
             Frames that the programs do not define, and the controller's own.
 
         Returns
@@ -225,12 +225,12 @@ def write(language: Language, moves: Moves) -> dict[str, bytes]:
     elif not moves.arm.six_revolute:
         raise ProgramError(f"{language.NAME} moves are of six revolute joints, {moves.arm.name} has others")
     contents = {name: text.encode("ascii") for name, text in language.write_moves(moves).items()}
-    given = Given({}, {}, unknown_frames(), moves.pulses)
+    setup = ControllerSetup({}, {}, unknown_frames(), moves.pulses)
     with tempfile.TemporaryDirectory() as folder:
         for name, data in contents.items():
             (Path(folder) / name).write_bytes(data)
         files = [path for path in sorted(Path(folder).iterdir()) if path.suffix.lower() in language.ENDINGS]
-        q = np.concatenate([commanded(one, moves.arm) for one in language.read_for(moves.arm, files, given)])
+        q = np.concatenate([commanded(one, moves.arm) for one in language.read_for(moves.arm, files, setup)])
     if q.shape != moves.q.shape or (np.abs(q - moves.q) > _printed(moves)).any():
         raise ProgramError(f"the {language.NAME} program does not hold the joints that were to be written")
     return contents

@@ -20,7 +20,7 @@ from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import Given, Goals, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, Note, WantedTargets, read_bytes
 from irbcal.correction.text_program import ControlFlow, PostureProgram, State, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -89,12 +89,12 @@ class JobProgram(PostureProgram):
                 low[joint], high[joint] = -HALF, HALF
         return Posture(back, bent, -1 if negative else 1, tuple(low), tuple(high))
 
-    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
+    def refused(self, batch: WantedTargets, fake: Corrected) -> list[str]:
         """Corrections that would need another RCONF, turns among them: several points share one."""
-        out = [""] * len(goals.names)
-        rows = np.flatnonzero(fake.ok) if goals.kind == "pose" else np.zeros(0, dtype=int)
+        out = [""] * len(batch.names)
+        rows = np.flatnonzero(fake.ok) if batch.kind == "pose" else np.zeros(0, dtype=int)
         for row, new in zip(rows.tolist(), self.postures(fake.q[rows]), strict=True):
-            if new != self.targets[int(goals.numbers[row])].configuration:
+            if new != self.targets[int(batch.numbers[row])].configuration:
                 out[row] = "its correction would need another RCONF, which other points share"
         return out
 
@@ -113,13 +113,13 @@ def looks_like(data: bytes) -> bool:
     return re.match(rb"(?:\xef\xbb\xbf)?\s*/JOB\b", data) is not None
 
 
-def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[JobProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[JobProgram]:
     """Read Yaskawa jobs for an arm, each a program; see `irbcal.correction.languages.Language`."""
     YASKAWA.check(arm, str(files[0]))
-    return [parse(arm, read_bytes(file), str(file), given) for file in files]
+    return [parse(arm, read_bytes(file), str(file), setup) for file in files]
 
 
-def parse(arm: Arm, data: bytes, source: str, given: Given) -> JobProgram:
+def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> JobProgram:
     """Read a Yaskawa job.
 
     Raises
@@ -130,7 +130,7 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> JobProgram:
     listing = Listing([(source, data)], "Yaskawa INFORM")
     if not looks_like(data):
         raise ProgramError("expected a Yaskawa job that begins with /JOB", file=source)
-    job = _Job(listing, given.pulses)
+    job = _Job(listing, setup.pulses)
     job.read()
     found = list(job.points.values())
     return JobProgram.assembled(
@@ -138,14 +138,14 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> JobProgram:
         arm,
         job.flow,
         found,
-        given,
+        setup,
         {},
         {WORLD: frames.transform()},
-        units=np.array([DEG / value for value in given.pulses]) if given.pulses else None,
+        units=np.array([DEG / value for value in setup.pulses]) if setup.pulses else None,
         notes=job.notes.values(),
         comments=_joined(job.comments),
         mark_at=job.nop,
-        pulses=tuple(given.pulses),
+        pulses=tuple(setup.pulses),
     )
 
 

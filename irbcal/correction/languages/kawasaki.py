@@ -21,7 +21,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import Edit, Listing, Number, Token, Tokens, mark_in, numbers
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import Given, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, Note, read_bytes
 from irbcal.correction.text_program import ControlFlow, PostureProgram, Role, State, Target
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import ControllerFrames
@@ -255,13 +255,13 @@ def looks_like(data: bytes) -> bool:
     return _BEGIN.search(data) is not None
 
 
-def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[AsProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[AsProgram]:
     """Read Kawasaki files for an arm: all are one program; see `irbcal.correction.languages.Language`."""
     KAWASAKI.check(arm, str(files[0]))
-    return [parse(arm, [(str(file), read_bytes(file)) for file in files], given)]
+    return [parse(arm, [(str(file), read_bytes(file)) for file in files], setup)]
 
 
-def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> AsProgram:
+def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) -> AsProgram:
     """Read Kawasaki AS from the names and contents of files.
 
     Raises
@@ -281,18 +281,18 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> AsProgr
         reader.take(line)
     reader.conclude()
     found = sorted([*sections.locations.values(), *reader.literals], key=lambda one: one.start)
-    if given.where is None:
+    if setup.where is None:
         for one in found:
             one.conflicts += [NO_WHERE] if one.kind == "pose" and one.uses else []
     else:
-        given = given._replace(controller=ends(arm, *given.where))
+        setup = setup._replace(controller=ends(arm, *setup.where))
     known = {**reader.frames(), NULL: frames.transform()}
     return AsProgram.assembled(
         KAWASAKI,
         arm,
         reader.flow,
         found,
-        given,
+        setup,
         known,
         known,
         notes=_notes(listing, found),

@@ -20,7 +20,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import BOM, Edit, Listing, Number, Token, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import Given, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, Note, read_bytes
 from irbcal.correction.text_program import Configuration, ControlFlow, PostureProgram, Role, State, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -799,17 +799,17 @@ def looks_like(data: bytes) -> bool:
     return data.lstrip(b"\xef\xbb\xbf \r\n\t").upper().startswith(b"&ACCESS") or _BEGIN.search(data) is not None
 
 
-def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[KrlProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[KrlProgram]:
     """Read KRL for an arm: all files are one program; see `irbcal.correction.languages.Language`."""
     KUKA.check(arm, str(files[0]))
     files = list(files)
     for file in [file for file in files if file.suffix.lower() in (".src", ".sub")]:
         beside = [path for path in sorted(file.parent.glob("*")) if path.name.lower() == file.stem.lower() + ".dat"]
         files += [path for path in beside if path not in files]
-    return [parse(arm, [(str(file), read_bytes(file)) for file in files], given)]
+    return [parse(arm, [(str(file), read_bytes(file)) for file in files], setup)]
 
 
-def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given, maker: Maker = KUKA) -> KrlProgram:
+def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, maker: Maker = KUKA) -> KrlProgram:
     """Read KRL from the names and contents of files.
 
     Raises
@@ -834,7 +834,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given, maker: Mak
         statements.statement(line)
     statements.conclude()
     found = [one for variable in data.variables.values() for one in variable.found.values()]
-    return _program(arm, maker, listing, given, statements, [*found, *statements.literals], comments)
+    return _program(arm, maker, listing, setup, statements, [*found, *statements.literals], comments)
 
 
 def _values_first(statements: Statements, data: Data, lines: list[Line]) -> list[Line]:
@@ -857,19 +857,19 @@ def _is_value(line: Line, data: Data) -> bool:
     line.at = 1
     index = line.index()
     member = line.word() == "." and line.word(2) == "="
-    given = line.take("=") and line.word() != ""
+    setup = line.take("=") and line.word() != ""
     line.at = 0
     if name in ("tool_data", "base_data"):
-        return given and bool(index)
+        return setup and bool(index)
     variable = data.lookup(line.part, name)
-    return (given or member) and variable is not None and variable.type in TYPES
+    return (setup or member) and variable is not None and variable.type in TYPES
 
 
 def _program(
     arm: Arm,
     maker: Maker,
     listing: Listing,
-    given: Given,
+    setup: ControllerSetup,
     statements: Statements,
     found: list[Target],
     comments: list[str],
@@ -886,7 +886,7 @@ def _program(
         text = f"{moved.name} has external axes: where they carry the robot or the work, its place is another"
         notes.append(Note(listing.line(moved.start), text))
     status = [integer(listing.text[slice(*one.configuration_spans[0])]) for one in found if one.configuration_spans]
-    if any((value or 0) & 16 for value in status) and given.own_model is None:
+    if any((value or 0) & 16 for value in status) and setup.own_model is None:
         text = (
             "points say (S, bit 4) that the robot was absolutely accurate: it must not be corrected twice; what such a "
             "controller computes with is given with --controller-model"
@@ -897,7 +897,7 @@ def _program(
         arm,
         statements.flow,
         found,
-        given,
+        setup,
         {**statements.tools, **eye},
         {**statements.frames, **eye},
         source=main.name,

@@ -29,7 +29,7 @@ from irbcal.correction.maker import ConfData, Maker, configuration_of
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
 from irbcal.correction.paths import CutPath, PathMove
-from irbcal.correction.program import Given, Kind, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, Kind, Note, read_bytes
 from irbcal.correction.text_program import (
     Configuration,
     ControlFlow,
@@ -1092,7 +1092,7 @@ class Uses:
                 literal.conflicts.append(f"so do {len(lines) - _QUOTED} more lines")
             literal.conflicts = list(dict.fromkeys(literal.conflicts))
         declared = self._declared_frames()
-        given = Given(self.given["tooldata"], self.given["wobjdata"], unknown_frames())
+        given = ControllerSetup(self.given["tooldata"], self.given["wobjdata"], unknown_frames())
         tools, work_objects = needed_frames(
             literals, given, declared["tooldata"], declared["wobjdata"], listing.parts[0].name
         )
@@ -1502,7 +1502,7 @@ def looks_like(data: bytes) -> bool:
     return re.search(rb"^\s*(?:%%%[\s\S]{0,200}?)?MODULE\s+\w+", data, re.IGNORECASE | re.MULTILINE) is not None
 
 
-def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[Module]:
+def read_for(arm: Arm, files: Sequence[Path], given: ControllerSetup) -> list[Module]:
     """Read RAPID modules for an arm; see `irbcal.correction.languages.Language`.
 
     Tools and work objects that one of them defines in numbers serve all others.

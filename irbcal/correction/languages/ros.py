@@ -20,7 +20,7 @@ import yaml
 from irbcal.arrays import FloatArray, lock
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Number, Span, mark_in, number_like
-from irbcal.correction.program import Given, Goals, Left, Note, Stop, read_bytes
+from irbcal.correction.program import ControllerSetup, Corrections, Left, Note, Stop, WantedTargets, read_bytes
 from irbcal.errors import OptionError, ProgramError, RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory
@@ -150,11 +150,13 @@ class RosProgram:
     def __post_init__(self) -> None:
         lock(self)
 
-    def goals(self) -> list[Goals]:
+    def wanted_targets(self) -> list[WantedTargets]:
         """All points, in joints as a controller counts them: what the filter takes joints for."""
         n = len(self.trajectory)
         names = tuple(f"point {k + 1}" for k in range(n))
-        return [Goals("joint", np.arange(n), names, np.array(self.lines), self.arm.to_controller(self.trajectory.q))]
+        return [
+            WantedTargets("joint", np.arange(n), names, np.array(self.lines), self.arm.to_controller(self.trajectory.q))
+        ]
 
     def left(self) -> tuple[Left, ...]:
         """Nothing: a motion is corrected as a whole."""
@@ -164,15 +166,15 @@ class RosProgram:
         """A point a stop, for who takes it as a list of poses."""
         return [Stop(line, k, k - 1 if k else None) for k, line in enumerate(self.lines)]
 
-    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
+    def refused(self, batch: WantedTargets, fake: Corrected) -> list[str]:
         """Everything can be written into a trajectory."""
-        return [""] * len(goals.names)
+        return [""] * len(batch.names)
 
     def with_motion(self, commands: Trajectory) -> RosProgram:
         """The program with speeds and accelerations to write."""
         return replace(self, commands=commands)
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """The file with the numbers of the commands and a comment at its end."""
         ((_, fake),) = found
         if not fake.ok.all():
@@ -205,9 +207,9 @@ def looks_like(data: bytes) -> bool:
     return re.search(rb"^[ \t-]*joint_names[ \t]*:", data, re.MULTILINE) is not None and b"points" in data
 
 
-def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[RosProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[RosProgram]:
     """Read trajectories for an arm; see `irbcal.correction.languages.Language`."""
-    for parameter, frames in (("tool", given.tools), ("wobj", given.work_objects)):
+    for parameter, frames in (("tool", setup.tools), ("wobj", setup.work_objects)):
         if frames:
             message = f"{parameter}: a trajectory holds joints: there is no frame to give"
             raise OptionError(message, file=files[0], parameter=parameter)

@@ -26,7 +26,7 @@ from irbcal.correction.notation import (
     numbers_from_poses,
     poses_from_numbers,
 )
-from irbcal.correction.program import Given, Goals, Kind, Left, Note, Stop, read_bytes
+from irbcal.correction.program import ControllerSetup, Corrections, Kind, Left, Note, Stop, WantedTargets, read_bytes
 from irbcal.errors import MeasurementError, OptionError, ProgramError, RobotError
 from irbcal.measurement import plain_csv
 from irbcal.measurement.columns import (
@@ -101,20 +101,20 @@ class TableProgram:
         """Every row is to be corrected."""
         return ()
 
-    def goals(self) -> list[Goals]:
+    def wanted_targets(self) -> list[WantedTargets]:
         """All rows."""
         names = tuple(f"row {row}" for row in self.rows.tolist())
-        return [Goals(self.kind, np.arange(len(names)), names, self.rows, self.values)]
+        return [WantedTargets(self.kind, np.arange(len(names)), names, self.rows, self.values)]
 
     def stops(self) -> list[Stop]:
         """A row a stop, in the order of the file."""
         return [Stop(row, k, k - 1 if k else None) for k, row in enumerate(self.rows.tolist())]
 
-    def refused(self, goals: Goals, fake: Corrected) -> list[str]:
+    def refused(self, batch: WantedTargets, fake: Corrected) -> list[str]:
         """Everything can be written into a table."""
-        return [""] * len(goals.names)
+        return [""] * len(batch.names)
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """The table with the joints or poses of the rows that are corrected, marked in a column."""
         ((_, fake),) = found
         values = fake.q if self.kind == "joint" else fake.T_fake
@@ -233,7 +233,7 @@ class TimedTable(TableProgram):
         """The program with speeds and accelerations to write."""
         return replace(self, commands=commands)
 
-    def with_fake_targets(self, found: Sequence[tuple[Goals, Corrected]], fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """The table with the joints of the commands, their speeds and accelerations, marked in a column."""
         ((_, fake),) = found
         if not fake.ok.all() or self.commands is None:
@@ -304,9 +304,9 @@ def looks_like(data: bytes) -> bool:
     return bool(header) and (b"q1_" in header[0] or b"x_mm" in header[0]) and b"," in header[0]
 
 
-def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[TableProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[TableProgram]:
     """Read CSV programs for an arm; see `irbcal.correction.languages.Language`."""
-    for parameter, frames in (("tool", given.tools), ("wobj", given.work_objects)):
+    for parameter, frames in (("tool", setup.tools), ("wobj", setup.work_objects)):
         if frames:
             message = "the poses of a CSV program are those of the tip in the base link: there is no frame to give"
             raise OptionError(f"{parameter}: {message}", file=files[0], parameter=parameter)

@@ -18,7 +18,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in, numbers
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import Given, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, Note, read_bytes
 from irbcal.correction.text_program import ControlFlow, PostureProgram, Role, State, Target
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -134,13 +134,13 @@ def looks_like(data: bytes) -> bool:
     )
 
 
-def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[ScriptProgram]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[ScriptProgram]:
     """Read URScript for an arm, each file a program; see `irbcal.correction.languages.Language`."""
     UNIVERSAL_ROBOTS.check(arm, str(files[0]))
-    return [parse(arm, read_bytes(file), str(file), given) for file in files]
+    return [parse(arm, read_bytes(file), str(file), setup) for file in files]
 
 
-def parse(arm: Arm, data: bytes, source: str, given: Given) -> ScriptProgram:
+def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> ScriptProgram:
     """Read a script.
 
     Raises
@@ -164,10 +164,10 @@ def parse(arm: Arm, data: bytes, source: str, given: Given) -> ScriptProgram:
         arm,
         script.flow,
         found,
-        given,
+        setup,
         script.tools,
         {"base": frames.transform()},
-        notes=(Note(1, _NOTE),) if poses and given.own_model is None else (),
+        notes=(Note(1, _NOTE),) if poses and setup.own_model is None else (),
         comments=comments,
         mark_at=listing.after_line(head.start()) if head else len(BOM) * listing.text.startswith(BOM),
     )
@@ -247,9 +247,9 @@ class _Script:
 
     def _tcp(self, tokens: list[Token]) -> None:
         """``set_tcp``."""
-        given = arguments(tokens[1:])
+        setup = arguments(tokens[1:])
         line = self.listing.line(tokens[0].start)
-        found = self._pose(given[0][1]) if given else None
+        found = self._pose(setup[0][1]) if setup else None
         if found is None:
             self.flow.tool(None, f"the TCP of line {line} is computed")
             return
@@ -274,9 +274,9 @@ class _Script:
     def _move(self, tokens: list[Token]) -> None:
         """Points of a move."""
         move, at = tokens[0].word, tokens[0].start
-        given = arguments(tokens[1:])
+        setup = arguments(tokens[1:])
         count = GOALS[move]
-        points = [value for key, value in given if not key or key in ("q", "pose", "pose_to", "pose_via")][:count]
+        points = [value for key, value in setup if not key or key in ("q", "pose", "pose_to", "pose_via")][:count]
         stop: Target | None = None
         roles: list[Role] = ["via", "to"] if count == 2 else ["to"]
         if len(points) < count:
@@ -292,14 +292,14 @@ class _Script:
         text = self.listing.quote(point[0].start, point[-1].end)
         goal = point
         if point[0].word == "get_inverse_kin" and point[1:2] and point[1].word == "(":
-            given = arguments(point[1:])
-            names = [key for key, _ in given]
-            seed = next((value for key, value in given[1:] if key in ("", "qnear")), None)
-            if not given or len(given) > 2 or names[0] not in ("", "x") or (len(given) == 2 and seed is None):
+            setup = arguments(point[1:])
+            names = [key for key, _ in setup]
+            seed = next((value for key, value in setup[1:] if key in ("", "qnear")), None)
+            if not setup or len(setup) > 2 or names[0] not in ("", "x") or (len(setup) == 2 and seed is None):
                 self._mentioned += [token for token in point if token.kind == "name"]
                 self.flow.leave(at, move, text, "its target is computed")
                 return None
-            goal = given[0][1]
+            goal = setup[0][1]
             near = self._joints(seed) if seed is not None else None
         elif len(point) > 1 and point[0].kind == "name" and point[0].word != "p":
             self._mentioned += [token for token in point if token.kind == "name"]

@@ -19,7 +19,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import Given, read_bytes
+from irbcal.correction.program import ControllerSetup, read_bytes
 from irbcal.correction.text_program import ControlFlow, PostureProgram, State, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -185,17 +185,17 @@ def looks_like(data: bytes) -> bool:
     return b"/VAL3/" in data[:2000] and b"<" in data[:10]
 
 
-def read_for(arm: Arm, files: Sequence[Path], given: Given) -> list[Val3Program]:
+def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Val3Program]:
     """Read a VAL3 application for an arm, with all files beside those named."""
     STAUBLI.check(arm, str(files[0]))
     if len({file.parent for file in files}) > 1:
         raise ProgramError("these are files of several VAL3 applications: filter them one by one", file=files[-1])
     beside = [path for path in sorted(files[0].parent.glob("*")) if path.suffix.lower() in (".dtx", ".pgx", ".pjx")]
     every = list(dict.fromkeys([*files, *beside]))
-    return [parse(arm, [(str(file), read_bytes(file)) for file in every], given)]
+    return [parse(arm, [(str(file), read_bytes(file)) for file in every], setup)]
 
 
-def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> Val3Program:
+def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) -> Val3Program:
     """Read a VAL3 application.
 
     Raises
@@ -223,7 +223,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], given: Given) -> Val3Pro
         arm,
         application.flow,
         found,
-        given,
+        setup,
         application.tools(),
         application.frames(),
         source=main.name,

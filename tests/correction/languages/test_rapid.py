@@ -18,7 +18,7 @@ from irbcal.correction.languages import rapid
 from irbcal.correction.languages.rapid import Data, Literal, Reader, may_be
 from irbcal.correction.listing import Listing, Number, one_word
 from irbcal.correction.maker import ConfData, configuration_of
-from irbcal.correction.program import Given
+from irbcal.correction.program import ControllerSetup
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
@@ -490,7 +490,7 @@ def read(folder, given=None, **modules):
         body = "\n".join(lines)
         path.write_text(f"MODULE {name}\n{data}\nPROC r{name}()\n{body}\nENDPROC\nENDMODULE\n")
         paths.append(path)
-    found = rapid.read_for(arm(), paths, Given(given or {}, {}, unknown_frames()))
+    found = rapid.read_for(arm(), paths, ControllerSetup(given or {}, {}, unknown_frames()))
     return dict(zip(modules, found, strict=True))
 
 
@@ -568,7 +568,7 @@ def test_a_routines_parameter_hides_it_too(tmp_path):
     (tmp_path / "a.mod").write_text(f"MODULE a\nCONST robtarget p:={P};\nENDMODULE\n")
     text = "MODULE b\nPROC go(robtarget p)\nMoveL p,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
     (tmp_path / "b.mod").write_text(text)
-    a, b = rapid.read_for(arm(), [tmp_path / "a.mod", tmp_path / "b.mod"], Given({}, {}, unknown_frames()))
+    a, b = rapid.read_for(arm(), [tmp_path / "a.mod", tmp_path / "b.mod"], ControllerSetup({}, {}, unknown_frames()))
     assert not a.targets[0].uses
     assert [entry.reason for entry in b.moves_left] == ["p is a parameter of the routine"]
 

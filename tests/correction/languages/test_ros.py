@@ -10,7 +10,7 @@ from ros_cases import ECHO, NAMES, message
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.languages import ros
 from irbcal.correction.languages.ros import Reader, document, line
-from irbcal.correction.program import Given
+from irbcal.correction.program import ControllerSetup
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io import urdf
 from irbcal.io.controller_model import unknown_frames
@@ -43,7 +43,7 @@ def test_numbers_of_the_arm_change_and_nothing_else(newline, mark):
     nominal = urdf.read("irb1600").arm
     data = (mark + ECHO.replace("\n", newline)).encode()
     program = ros.parse(nominal, data, "a.yaml")
-    (goals,) = program.goals()
+    (goals,) = program.wanted_targets()
     fake = correct_joints(Robot(nominal), nominal, goals.values)
     (out,) = program.with_fake_targets([(goals, fake)], "abc123").values()
     again = ros.parse(nominal, out, "a.yaml")
@@ -62,7 +62,7 @@ def test_speeds_are_written_where_they_are_and_an_uncorrected_file_stays():
     nominal = urdf.read("irb1600").arm
     data = message().encode()
     program = ros.parse(nominal, data, "a.yaml")
-    (goals,) = program.goals()
+    (goals,) = program.wanted_targets()
     fake = correct_joints(Robot(nominal), nominal, goals.values)
     moving = program.with_motion(program.trajectory.slowed(2.0).with_derivatives())
     (out,) = moving.with_fake_targets([(goals, fake)], "x").values()
@@ -134,7 +134,7 @@ def test_what_is_no_text_and_frames_are_refused(nominal, tmp_path):
     with pytest.raises(ProgramError, match=r"two points share one list of numbers \(an alias\)"):
         ros.parse(nominal, text.encode(), "a.yaml")
     with pytest.raises(OptionError, match="holds joints: there is no frame to give"):
-        ros.read_for(nominal, [tmp_path / "a.yaml"], Given({"t": frames.transform()}, {}, unknown_frames()))
+        ros.read_for(nominal, [tmp_path / "a.yaml"], ControllerSetup({"t": frames.transform()}, {}, unknown_frames()))
 
 
 def test_it_looks_like_a_trajectory():

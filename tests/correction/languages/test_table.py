@@ -13,7 +13,7 @@ from support import arm
 
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.languages import table
-from irbcal.correction.program import Given
+from irbcal.correction.program import ControllerSetup
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io import urdf
 from irbcal.io.controller_model import unknown_frames
@@ -141,11 +141,11 @@ def test_arms_name_the_columns_of_their_joints(tmp_path):
     names = ["q1_mm", *(f"q{k}_deg" for k in range(2, 8))]
     assert np.abs(table.read(path, names).values[0] - [0.1, *np.radians([10, 20, 30, 40, 50, 60])]).max() < 1e-15
     with pytest.raises(ProgramError, match=r"expected columns q1_deg … q6_deg|missing column"):
-        table.read_for(arm(), [tmp_path / "p.csv"], Given({}, {}, unknown_frames()))[0].goals()
+        table.read_for(arm(), [tmp_path / "p.csv"], ControllerSetup({}, {}, unknown_frames()))[0].wanted_targets()
 
 
 def test_all_rows_are_goals():
-    (goals,) = table.parse(data(POSES, POSE, "", POSE)).goals()
+    (goals,) = table.parse(data(POSES, POSE, "", POSE)).wanted_targets()
     assert (goals.kind, goals.names, goals.lines.tolist()) == ("pose", ("row 2", "row 4"), [2, 4])
     assert goals.configurations is None
     assert goals.values.shape == (2, 4, 4)
@@ -154,7 +154,7 @@ def test_all_rows_are_goals():
 def test_frames_mean_nothing_to_a_table(tmp_path):
     (tmp_path / "p.csv").write_bytes(data(POSES, POSE))
     with pytest.raises(OptionError, match="tool: the poses of a CSV program are those of the tip") as caught:
-        table.read_for(arm(), [tmp_path / "p.csv"], Given({"a": np.eye(4)}, {}, unknown_frames()))
+        table.read_for(arm(), [tmp_path / "p.csv"], ControllerSetup({"a": np.eye(4)}, {}, unknown_frames()))
     assert caught.value.parameter == "tool"
 
 
@@ -253,7 +253,7 @@ def test_speeds_and_accelerations_go_in_and_out_as_the_controller_counts():
     assert program.motion.dq == pytest.approx(motion.dq)
     assert program.trajectory.q[:, 2] == pytest.approx(motion.q[:, 2] - motion.q[:, 1])
     assert program.trajectory.dq == pytest.approx(nominal.from_controller(motion.dq))
-    (goals,) = program.goals()
+    (goals,) = program.wanted_targets()
     q = nominal.from_controller(goals.values)
     fake = correct_joints(Robot(nominal), nominal, q)
     fake = replace(fake, q=nominal.to_controller(fake.q))
