@@ -15,16 +15,18 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import ValidationError, model_validator
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.atomic import write_set
-from irbcal.errors import CalibrationError
+from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
 from irbcal.io.schema import Pose
 from irbcal.io.section import Date, Fingerprint, Name, Section, Sentence, Sha256
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
+from irbcal.options import shown
 from irbcal.reading import read_bytes
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
@@ -364,6 +366,32 @@ class _Document(Section):
                 if np.abs(np.subtract(lengths, 1.0)).max() > QUATERNION_TOLERANCE:
                     raise ValueError(f"{one.name}: expected a unit quaternion")
         return self
+
+
+def frames_by_name(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
+    """Frames (4, 4), metres, from the caller, by names in lower case.
+
+    Raises
+    ------
+    OptionError
+        If they are no rigid transforms by their names.
+    """
+    if given is not None and not isinstance(given, Mapping):
+        raise OptionError(
+            f"{parameter}: expected frames by their names, a dict of (4, 4), found {shown(given)}",
+            parameter=parameter,
+        )
+    out = {}
+    for name, T in (given or {}).items():
+        try:
+            frame = np.array(T, dtype=float)
+        except (TypeError, ValueError):
+            frame = np.zeros(0)
+        rigid = frame.shape == (4, 4) and np.isfinite(frame).all() and (frame[3] == [0, 0, 0, 1]).all()
+        if not rigid or np.abs(frame @ frames.inverse(frame) - np.eye(4)).max() > 1e-6:
+            raise OptionError(f"{parameter}: {name}: expected a rigid transform of shape (4, 4)", parameter=parameter)
+        out[name.lower()] = frame
+    return out
 
 
 def read_cell(path: str | PathLike[str]) -> CellFile:

@@ -32,7 +32,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray, lock
-from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch
+from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch, frames_by_name
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.io.calibration_folder import CalibrationLike, opened
 from irbcal.measurement import columns
@@ -451,8 +451,7 @@ def cell_frames(
     nominal = Robot(record.arm(calibrated=False))
     rows, source = read_touches(touches, nominal.arm)
     theirs = {TOOL: _given(tool, "tool", TOOL, rows), WORK_OBJECT: _given(wobj, "wobj", WORK_OBJECT, rows)}
-    J = _by_robot(robot, certainty, rows, source)
-    rows, J, sigma, found, left_out = _without_outliers(rows, J, robot, certainty, source)
+    rows, J, sigma, found, left_out = _without_outliers(rows, robot, certainty, source)
     by_nominal = adjust(rows, nominal.poses(_joints(rows)), sigma, source)
     touch_covariance, gain, doubt = _certain(found, J, sigma)
     cell = CellFile(
@@ -479,58 +478,65 @@ def _given(
 ) -> dict[str, FloatArray]:
     """The controller's frames by the names of the rows."""
     names = {one.name.lower(): one.name for one in rows if one.frame == frame}
-    out = {}
-    for name, value in (given or {}).items():
-        T = np.asarray(value, dtype=float)
-        if name.lower() not in names:
+    frames_given = frames_by_name(given, parameter)
+    for name in frames_given:
+        if name not in names:
             raise OptionError(f"{parameter}: no touch is of {frame.replace('_', ' ')} {name}", parameter=parameter)
-        if T.shape != (4, 4) or np.abs(frames.inverse(T) @ T - np.eye(4)).max() > 1e-6:
-            raise OptionError(f"{parameter}: {name} is no rigid transform of shape (4, 4)", parameter=parameter)
-        out[names[name.lower()]] = T
-    return out
+    return {names[name]: T for name, T in frames_given.items()}
 
 
 def _joints(rows: Sequence[Touch]) -> FloatArray:
     return np.array([one.q for one in rows])
 
 
-def _by_robot(robot: Robot, certainty: Certainty, rows: Sequence[Touch], source: str) -> FloatArray:
-    """Derivative of the tips by the robot's parameters, shape (touches, 3, parameters), in the base link.
+def point_derivatives(
+    robot: Robot, certainty: Certainty, q: FloatArray, place: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points of the tip link in the base link, and how they depend on the robot's parameters.
 
-    The tips are those of a first adjustment: millimetres of them do not matter here.
+    Parameters
+    ----------
+    robot : Robot
+        Calibrated.
+    certainty : Certainty
+        Of its parameters.
+    q : ndarray, shape (n, joints)
+        Commanded, radians (metres).
+    place : ndarray, shape (n, 3)
+        In the tip link, metres.
+
+    Returns
+    -------
+    points : ndarray, shape (n, 3)
+    jacobian : ndarray, shape (n, 3, parameters)
+        Without terms of the last move, which is not known.
+    variance : ndarray, shape (n,)
+        Of a coordinate: what the calibrated robot leaves over at poses that it was not fitted to, and terms of the last
+        move.
     """
-    q = _joints(rows)
-    tips = adjust(rows, robot.poses(q), np.array([one.u95 for one in rows]), source).tips
     load: dict[str, Any] = {**robot.joint_map.load(len(q))}
     motion = replace(Motion(q), **load)
     path = robot.walk(motion)
-    place = np.array([tips[one.tool] for one in rows])
-    p = path.tip[3] + np.einsum("acn,na->cn", path.tip[:3], place)
-    unknown = np.zeros(len(q), dtype=bool)
-    return np.asarray(certainty.jacobian(path, p, motion, unknown, None).transpose(2, 1, 0))
-
-
-def _scatter(rows: Sequence[Touch], J: FloatArray, certainty: Certainty) -> tuple[FloatArray, FloatArray]:
-    """Standard deviation of each touch, and the derivative without terms of the last move.
-
-    What varies from touch to touch: touching itself, what the calibrated robot leaves over at poses that it was not
-    fitted to, and terms of the last move, which touches do not tell.
-    """
-    J = J.copy()
+    points = path.tip[3] + np.einsum("acn,na->cn", path.tip[:3], place)
+    J = np.asarray(
+        certainty.jacobian(path, points, motion, np.zeros(len(q), dtype=bool), None).transpose(2, 1, 0)
+    ).copy()
     history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + J.shape[2] - len(certainty.terms)
     size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - J.shape[2]] ** 2
-    moves = np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) / 3.0
+    variance = (np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) + certainty.determined_left_out(None) ** 2) / 3.0
     J[:, :, history] = 0.0
-    touching = np.array([one.u95 for one in rows]) / COVERAGE
-    return np.sqrt(touching**2 + certainty.determined_left_out(None) ** 2 / 3.0 + moves), J
+    return points.T, J, variance
 
 
 def _without_outliers(
-    rows: list[Touch], J: FloatArray, robot: Robot, certainty: Certainty, source: str
+    rows: list[Touch], robot: Robot, certainty: Certainty, source: str
 ) -> tuple[list[Touch], FloatArray, FloatArray, Adjusted, list[str]]:
     """Adjust, leave out the worst touch, and again, as long as one is far out and the others are enough without it."""
     left_out: list[str] = []
-    sigma, J = _scatter(rows, J, certainty)
+    q, u95 = _joints(rows), np.array([one.u95 for one in rows])
+    tips = adjust(rows, robot.poses(q), u95, source).tips  # millimetres of them do not matter to the derivatives
+    _, J, variance = point_derivatives(robot, certainty, q, np.array([tips[one.tool] for one in rows]))
+    sigma = np.sqrt((u95 / COVERAGE) ** 2 + variance)
     most = len(rows) // MOST_OUTLIERS
     found = adjust(rows, robot.poses(_joints(rows)), sigma, source)
     while True:

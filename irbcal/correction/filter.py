@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.atomic import write_set
-from irbcal.cell.cell_file import CellFile
+from irbcal.cell.cell_file import CellFile, frames_by_name
 from irbcal.correction import languages
 from irbcal.correction.corrected_targets import UNCHANGED, as_written, corrected, counted, of_arm, writable
 from irbcal.correction.filtered import Filtered, together
@@ -35,11 +35,10 @@ from irbcal.io.calibration_folder import CalibrationLike, opened, read
 from irbcal.io.controller_model import ControllerFrames, controller_frames, controller_kinematics, unknown_frames
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
-from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot, loaded
 from irbcal.names import without_formulas
-from irbcal.options import number, pulses_per_degree, shown
+from irbcal.options import number, pulses_per_degree
 from irbcal.overwriting import refuse_overwriting
 from irbcal.units import MM
 
@@ -182,7 +181,7 @@ def correct(
         cell_of(cell, record.fingerprint), frames_measured, controller_frames, point_origin(points, re_express), ends
     )
     known.check(path_tolerance is not None)
-    frames_given = given_frames(tool, "tool"), given_frames(wobj, "wobj")
+    frames_given = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
     counts, own = pulses_per_degree(pulses), None if model is None else model.arm
     given = ControllerSetup(*frames_given, ends, counts, own, place_pair(where, language))
     programs = language.read_for(nominal, sources, given)
@@ -250,26 +249,6 @@ def _controller(data: bytes | None, record: Record) -> ControllerFrames:
     return controller_frames(data, "calibrated.urdf", record.robot.base_link, record.robot.tip_link)
 
 
-def given_frames(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
-    """Frames from the caller, by names in lower case."""
-    if given is not None and not isinstance(given, Mapping):
-        raise OptionError(
-            f"{parameter}: expected frames by their names, a dict of (4, 4), found {shown(given)}",
-            parameter=parameter,
-        )
-    out = {}
-    for name, T in (given or {}).items():
-        try:
-            frame = np.array(T, dtype=float)
-        except (TypeError, ValueError):
-            frame = np.zeros(0)
-        rigid = frame.shape == (4, 4) and np.isfinite(frame).all() and (frame[3] == [0, 0, 0, 1]).all()
-        if not rigid or np.abs(frame @ frames.inverse(frame) - np.eye(4)).max() > 1e-6:
-            raise OptionError(f"{parameter}: {name}: expected a rigid transform of shape (4, 4)", parameter=parameter)
-        out[name.lower()] = frame
-    return out
-
-
 def place_pair(
     where: tuple[ArrayLike, ArrayLike] | None, language: languages.Language
 ) -> tuple[FloatArray, FloatArray] | None:
@@ -290,7 +269,7 @@ def place_pair(
         joints, pose = np.zeros(0), np.zeros(0)
     if joints.shape != (6,) or pose.shape != (4, 4) or not (np.isfinite(joints).all() and np.isfinite(pose).all()):
         raise OptionError("where: expected joints of shape (6,) and a pose of shape (4, 4)", parameter="where")
-    return joints, given_frames({"pose": pose}, "where")["pose"]
+    return joints, frames_by_name({"pose": pose}, "where")["pose"]
 
 
 def _not_written(found: Filtered, why: str = "") -> NotWritten:

@@ -32,15 +32,15 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray, lock
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, read_cell
+from irbcal.cell.cell_frames import point_derivatives
 from irbcal.correction.program import Corrections, Program, WantedTargets
 from irbcal.correction.text_program import TextProgram
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.controller_model import ControllerFrames, unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.certainty import HISTORY, Certainty
+from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.terms.situation import Motion
 from irbcal.summary import Told
 from irbcal.units import MM
 
@@ -449,18 +449,8 @@ def _derivatives(
 
     And the variance of each coordinate that neither explains: what the fit leaves over, and last moves.
     """
-    load: dict[str, Any] = {**robot.joint_map.load(len(q))}
-    motion = replace(Motion(q), **load)
-    path = robot.walk(motion)
+    tcp, J, left_over = point_derivatives(robot, certainty, q, at.T_tool[rows, :3, 3])
     T = robot.forward(q)
-    tcp = np.einsum("nij,nj->ni", T[:, :3, :3], at.T_tool[rows, :3, 3]) + T[:, :3, 3]
-    unknown = np.zeros(len(q), dtype=bool)
-    J = np.asarray(certainty.jacobian(path, tcp.T, motion, unknown, None).transpose(2, 1, 0)).copy()
-    history = np.flatnonzero([term.basis in HISTORY for term in certainty.terms]) + J.shape[2] - len(certainty.terms)
-    size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - J.shape[2]] ** 2
-    left_over = np.sum(J[:, :, history] ** 2 * size, axis=(1, 2)) / 3.0 + certainty.determined_left_out(None) ** 2 / 3.0
-    J[:, :, history] = 0.0
-
     to_object = np.swapaxes(at.T_object[rows, :3, :3], 1, 2)
     p = np.einsum("nij,nj->ni", to_object, tcp - at.T_object[rows, :3, 3])
     F = np.zeros((len(q), 3, len(cell.touch_covariance)))

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
+from irbcal.cell.cell_file import frames_by_name
 from irbcal.correction import languages
 from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.fake_targets import correct_poses
-from irbcal.correction.filter import given_frames, place_pair
+from irbcal.correction.filter import place_pair
 from irbcal.correction.languages.table import POSE
 from irbcal.correction.program import ControllerSetup, read_bytes
 from irbcal.errors import MeasurementError, ProgramError
@@ -155,7 +156,7 @@ def given_for(
     OptionError
         If a frame is not a rigid transform, or the pulses are not six numbers.
     """
-    frames = given_frames(tool, "tool"), given_frames(wobj, "wobj")
+    frames = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
     opened = open_robot(robot, base_link=arm.base_link, tip_link=arm.tip_link)
     at = unknown_frames()
     if opened.urdf_bytes is not None:

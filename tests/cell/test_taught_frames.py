@@ -9,7 +9,7 @@ import pytest
 from support import assert_derivative, assert_same_poses
 
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
-from irbcal.cell.cell_frames import _by_robot, _certain, _linearised, _of_motions, adjust, cell_frames
+from irbcal.cell.cell_frames import _certain, _linearised, _of_motions, adjust, cell_frames, point_derivatives
 from irbcal.correction.languages import krl
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io import calibration_folder
@@ -140,7 +140,7 @@ def test_intervals_hold(robot, rows, with_robot):
     """Touches, and parameters of the robot, drawn again and again: 95 % of the errors are within 1.96 deviations."""
     rng = np.random.default_rng(5)
     q, sigma, certainty = joints(rows), np.full(len(rows), 1e-4), robot.certainty
-    T, J = robot.poses(q), _by_robot(robot, certainty, rows, "")
+    T, J = robot.poses(q), point_derivatives(robot, certainty, q, np.tile(TIP, (len(rows), 1)))[1]
     exact = adjust(rows, T, sigma, "")
     touching, gain, _ = _certain(exact, J, sigma)
     C_robot = certainty.covariance
