@@ -8,23 +8,21 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from irbcal import calibrating
 from irbcal.arrays import FloatArray
-from irbcal.calibrating import Options, Progress
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.identification.evidence_fit import groups_table
 from irbcal.identification.type_prior import TypePrior
 from irbcal.io import calibration_folder
-from irbcal.io.calibration_folder import JSON_NAME, NAMES, CalibrationLike, Saved
+from irbcal.io.calibration_folder import NAMES, CalibrationLike
 from irbcal.io.mesh_paths import MeshPaths
-from irbcal.io.outcome import Outcome
 from irbcal.io.schema import Errors, Record
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import renamed
-from irbcal.parallel import on_workers, one_thread
+from irbcal.parallel import on_workers
+from irbcal.pipeline import Options, Progress, Proven, run
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.validation.evaluation import orientation_line
 from irbcal.validation.proof import (
@@ -50,53 +48,22 @@ FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")  # of a report's fig
 class Calibration(Speaks):
     """A calibrated robot with its proof: just identified, or loaded from its folder.
 
-    All that stands in ``calibration.json`` can be read from it by the same names: ``model``, ``parameters``,
-    ``heldout``, ``placement``, ``joint_map`` and others, see `irbcal.io.schema.Record`.
-
     Attributes
     ----------
-    outcome : Outcome or None
+    record : Record
+        Content of ``calibration.json``.
+    urdf : bytes
+        The corrected URDF.
+    folder : Path or None
+        Where it was loaded from.
+    proven : Proven or None
         Of one just identified: the fits with their problems, points and measurements. None of a loaded one.
-    saved : Saved or None
-        Of a loaded one: its folder, record and URDF.
     """
 
-    outcome: Outcome | None = None
-    saved: Saved | None = None
-
-    @cached_property
-    def _built(self) -> tuple[Record, bytes]:
-        if self.saved is not None:
-            return self.saved.record, self.saved.urdf
-        return self._document()
-
-    @one_thread()
-    def _document(self, **options: bool) -> tuple[Record, bytes]:
-        from irbcal.io import document
-
-        assert self.outcome is not None
-        record, urdf = document.build(self.outcome, **options)
-        return record.model_copy(update={"doubts": list(verdict_of(record).doubts)}), urdf
-
-    @property
-    def record(self) -> Record:
-        """Content of ``calibration.json``; checked against Pinocchio and yourdfpy when it is first asked for."""
-        return self._built[0]
-
-    @property
-    def urdf(self) -> bytes:
-        """The corrected URDF."""
-        return self._built[1]
-
-    @property
-    def folder(self) -> Path | None:
-        """Where it was loaded from."""
-        return None if self.saved is None else self.saved.folder
-
-    def __getattr__(self, name: str) -> Any:  # pickle and copy ask for names before there is anything to ask
-        if name not in Record.model_fields and name not in ("used_points", "tool_shape", "reference_places"):
-            raise AttributeError(f"a calibration has no attribute {name!r}")
-        return getattr(self.record, name)
+    record: Record
+    urdf: bytes
+    folder: Path | None = None
+    proven: Proven | None = None
 
     def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints."""
@@ -292,7 +259,7 @@ def calibrate(
     holdout : float or int
         Fraction or number of poses that the fit does not see: 0.25 unless given; not with ``verify``.
     split, seed
-        Which poses, see `irbcal.calibrating.split`.
+        Which poses, see `irbcal.pipeline.held_out`.
     verify : str, Path, DataFrame or MeasurementSet, optional
         A file of its own for the held-out poses, measured with the same tool, registered to the first's references.
     base_link, tip_link : str, optional
@@ -346,7 +313,8 @@ def calibrate(
     what = model, terms, holdout, split, seed, verify, base_link, tip_link, coupling, method, objective, power, loss
     which = free, hold, targets, frame, as_poses, session_by, with_, payload_place, same_tool, torques, parallel
     options = Options(*what, *which, features, leave_out, prior)
-    return Calibration(calibrating.run(measurements, robot, options, progress))
+    record, urdf, proven = run(measurements, robot, options, progress)
+    return Calibration(record, urdf, None, proven)
 
 
 def load(folder: str | Path) -> Calibration:
@@ -357,11 +325,12 @@ def load(folder: str | Path) -> Calibration:
     CalibrationError
         If a file is missing, damaged, or the URDF is not the one the calibration was written with.
     """
-    return Calibration(saved=calibration_folder.read(folder))
+    saved = calibration_folder.read(folder)
+    return Calibration(saved.record, saved.urdf, saved.folder)
 
 
 def save(
-    calibration: Calibration | Outcome,
+    calibration: Calibration,
     folder: str | Path,
     *,
     world_link: bool = False,
@@ -372,11 +341,11 @@ def save(
 
     Parameters
     ----------
-    calibration : Calibration or Outcome
+    calibration : Calibration
     folder : str or Path
         Made if absent; other files in it are left alone.
     world_link, target_links : bool
-        Add the measuring frame and the reflectors to the URDF; of a loaded calibration the URDF stays as it is.
+        Add the measuring frame and the reflectors to the URDF.
     mesh_paths : {"package", "relative", "absolute"}
         How mesh files stand in the URDF: as they were, or as paths (from the folder, or whole) that readers without
         package folders open, such as MuJoCo, urchin and yourdfpy.
@@ -394,23 +363,21 @@ def save(
     """
     from irbcal.atomic import check_writable
     from irbcal.io import mesh_paths as paths
+    from irbcal.io import robots, urdf
     from irbcal.options import checked
     from irbcal.reports import report_page
 
     how = checked("mesh_paths", mesh_paths, paths.CHOICES)
     check_writable(folder, NAMES)
-    held = calibration if isinstance(calibration, Calibration) else Calibration(calibration)
-    if world_link or target_links:
-        if held.outcome is None:
-            raise CalibrationError(
-                "links are added to the URDF of a calibration just made, not to a loaded one", file=JSON_NAME
-            )
-        record, urdf = held._document(world_link=world_link, target_links=target_links)
-    else:
-        record, urdf = held.record, held.urdf
-    nominal = held.folder if held.outcome is None else held.outcome.robot_file.parent
-    record, urdf = paths.written(record, urdf, how, folder, nominal)
-    calibration_folder.write(folder, record, urdf, report_page.render(record))
+    record, other_sessions = calibration.record, tuple(f"@{item.name}" for item in calibration.record.sessions[:-1])
+    T_world_base, targets, _ = record.placement.parts()
+    targets = {name: xyz for name, xyz in targets.items() if target_links and not name.endswith(other_sessions)}
+    data = urdf.with_links(calibration.urdf, calibration.arm(), T_world_base if world_link else None, targets)
+    nominal = calibration.folder if calibration.proven is None else calibration.proven.robot_file.parent
+    meshes = paths.MeshFolders(nominal, robots.package_dirs())
+    data = paths.with_mesh_paths(data, how, folder, meshes, record.robot.urdf)
+    record = record.with_urdf(data)
+    calibration_folder.write(folder, record, data, report_page.render(record))
     return record
 
 

@@ -8,7 +8,7 @@ import new_family
 import numpy as np
 import pytest
 from hypothesis import settings
-from support import arm, measured, outcome_of, random_robot, write_measurements
+from support import arm, measured, random_robot, write_measurements
 from typer.testing import CliRunner
 
 import irbcal
@@ -85,21 +85,27 @@ def program():
 
 
 @pytest.fixture(scope="session")
-def outcome(tmp_path_factory):
+def calibration_34(tmp_path_factory):
     """A calibration of a simulated robot."""
     nominal = arm()
     rng = np.random.default_rng(1)
     truth = random_robot(nominal, "34", rng)
     points = measured(truth, nominal.random_joints(60, 1), 3e-5, rng)
     path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
-    return outcome_of(path, "irb1600", "34", holdout=0.3)
+    return irbcal.calibrate(path, "irb1600", "34", holdout=0.3)
 
 
 @pytest.fixture(scope="session")
-def folder(outcome, tmp_path_factory):
+def proven(calibration_34):
+    """All that came out of it: points, fits, errors."""
+    return calibration_34.proven
+
+
+@pytest.fixture(scope="session")
+def folder(calibration_34, tmp_path_factory):
     """The same, saved."""
     path = tmp_path_factory.mktemp("saved") / "calibration"
-    irbcal.save(outcome, path, world_link=True, target_links=True)
+    calibration_34.save(path, world_link=True, target_links=True)
     return path
 
 
@@ -120,5 +126,5 @@ def folders(tmp_path_factory):
     for name, seed in (("first", 1), ("second", 2)):
         rng = np.random.default_rng(seed)
         data = write_measurements(root / f"{name}.csv", measured(truth, arm().random_joints(60, seed), 3e-5, rng))
-        irbcal.save(outcome_of(data, "irb1600"), root / name)
+        irbcal.save(irbcal.calibrate(data, "irb1600"), root / name)
     return root / "first", root / "second"

@@ -143,8 +143,8 @@ def example_robot(name):
     return path
 
 
-def outcome_of(*arguments, **options):
-    """A calibration just made, with its fits, points and measurements; arguments of `irbcal.calibrate`."""
+def proven_of(*arguments, **options):
+    """What came out of all steps: fits, points and measurements; arguments of `irbcal.calibrate`."""
     import irbcal
 
-    return irbcal.calibrate(*arguments, **options).outcome
+    return irbcal.calibrate(*arguments, **options).proven

@@ -14,7 +14,7 @@ from support import (
     example_robot,
     measured,
     on_a_rail,
-    outcome_of,
+    proven_of,
     random_robot,
     random_rotation,
     write_measurements,
@@ -224,23 +224,24 @@ def test_a_scara_is_calibrated_although_its_base_and_tool_cannot_be_told_apart(n
         tmp_path / "m.csv", measured(robot, arm.random_joints(50, 4), noise, rng), columns=arm.joint_columns
     )
     with pytest.raises(IdentificationError, match="base and tool cannot be told apart"):
-        outcome_of(data, tmp_path / "scara.urdf", "auto", holdout=0.0)
-    outcome = outcome_of(data, tmp_path / "scara.urdf", holdout=0.0)
-    assert outcome.fit.level == "placement"
-    assert any("Model placement was taken, not the default" in note for note in outcome.notes)
+        proven_of(data, tmp_path / "scara.urdf", "auto", holdout=0.0)
+    calibration = irbcal.calibrate(data, tmp_path / "scara.urdf", holdout=0.0)
+    proven = calibration.proven
+    assert proven.fit.level == "placement"
+    assert any("Model placement was taken, not the default" in note for note in proven.notes)
     other = measured(robot, arm.random_joints(200, 5))
-    error = distances(outcome.fit.robot, other)
-    nominal = distances(outcome.nominal.robot, other)
+    error = distances(proven.fit.robot, other)
+    nominal = distances(proven.nominal_robot, other)
     assert nominal.mean() > 3e-4
     assert error.max() < (1e-4 if noise else 1e-8)
     # the axes of the real arm are not quite parallel, so that height is seen a little; those of the nominal one are
-    rows = {row.name: row for row in outcome.nominal.parameters()}
+    rows = {row.name: row for row in proven.nominal_fit.parameters()}
     assert rows["target_smr1_z"].state == "tied"
     assert rows["target_smr1_z"].std is None
     assert "all axes of this arm are parallel" in rows["target_smr1_z"].reason
     assert rows["target_smr1_x"].state == "identified"
-    irbcal.save(outcome, tmp_path / "cal")
-    assert irbcal.load(tmp_path / "cal").rank == outcome.fit.rank
+    calibration.save(tmp_path / "cal")
+    assert irbcal.load(tmp_path / "cal").record.rank == proven.fit.rank
 
 
 def test_arms_with_few_joints(tmp_path):
@@ -276,9 +277,9 @@ def test_arms_not_built_like_the_thesis_get_the_general_model(name, tmp_path):
     robot = random_robot(arm, "placement", rng, size=0.1)
     data = write_measurements(tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), 1e-5, rng))
     for options in ({"hold": ["gain1"]}, {"model": "best-level"}):
-        outcome = outcome_of(data, example_robot(file), base_link=base, tip_link=tip, **options)
-        assert outcome.fit.level == "placement"
-        assert distances(outcome.fit.robot, outcome.heldout_points).mean() < 4e-5
+        proven = proven_of(data, example_robot(file), base_link=base, tip_link=tip, **options)
+        assert proven.fit.level == "placement"
+        assert distances(proven.fit.robot, proven.heldout_points).mean() < 4e-5
 
 
 def test_refusals_name_what_the_arm_has(rail, tmp_path):
@@ -286,25 +287,25 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
     points = measured(random_robot(arm, "placement", np.random.default_rng(1)), arm.random_joints(40, 1))
     data = write_measurements(tmp_path / "m.csv", points, columns=arm.joint_columns)
     with pytest.raises(MeasurementError, match=r"m\.csv: row 1: missing column q1_deg: irb120_3_058 has 6 joints"):
-        outcome_of(data, "irb120")
+        proven_of(data, "irb120")
     with pytest.raises(
         IdentificationError,
         match="model 34 is for arms with six revolute joints, irb120_3_058 has 6 revolute and 1 prismatic",
     ):
-        outcome_of(data, rail, "34", base_link="rail_base")
+        proven_of(data, rail, "34", base_link="rail_base")
     with pytest.raises(IdentificationError, match="no error parameter is called 'stiffness_A'"):
-        outcome_of(data, rail, base_link="rail_base", free=["stiffness_A"])
+        proven_of(data, rail, base_link="rail_base", free=["stiffness_A"])
     with pytest.raises(
         IdentificationError,
         match="model 26 is for arms with six revolute joints, irb120_3_058 has 6 revolute and 1 prismatic",
     ):
-        outcome_of(data, rail, base_link="rail_base", method="circles")
+        proven_of(data, rail, base_link="rail_base", method="circles")
     with pytest.raises(RobotError, match="the arm-stiffness model is for six revolute joints"):
         arm.stiffness_geometry()
     degrees = [name.replace("mm", "deg") for name in arm.joint_columns]
     wrong = write_measurements(tmp_path / "deg.csv", points, columns=degrees)
     with pytest.raises(MeasurementError, match="missing column q1_mm: irb120_3_058 has 7 joints"):
-        outcome_of(wrong, rail, base_link="rail_base")
+        proven_of(wrong, rail, base_link="rail_base")
     text = data.read_text().replace("q3_deg", "angle3")
     (tmp_path / "gap.csv").write_text(text)
     with pytest.raises(MeasurementError, match="missing column q3_deg"):
@@ -337,7 +338,7 @@ def test_full_poses_on_a_grid_over_two_of_seven_joints_are_enough(tmp_path):
     data = full_poses(tmp_path / "m.csv", robot, q, rng)
     made = irbcal.calibrate(data, example_robot(ROBOTS["panda"][0]), tip_link="panda_link8")
     assert made.record.heldout.all.mean_mm < 0.1  # noise of 0.03 mm an axis
-    assert any("Calibrated only where measured" in note for note in made.outcome.notes)
+    assert any("Calibrated only where measured" in note for note in made.proven.notes)
 
 
 @pytest.mark.parametrize(("name", "moving"), [("rs007n", (0, 1)), ("gp8", (1, 2)), ("rx160", (5,))])

@@ -52,9 +52,9 @@ def folder(made, tmp_path_factory):
 
 def test_what_was_made_is_what_is_loaded(made, folder):
     loaded = irbcal.load(folder)
-    assert isinstance(made.outcome.fit, EvidenceFit)
+    assert isinstance(made.proven.fit, EvidenceFit)
     q, previous = made.arm().random_joints(100, 1), made.arm().random_joints(100, 2)
-    one, two = made.outcome.fit.robot, loaded.robot_calibrated()
+    one, two = made.proven.fit.robot, loaded.robot_calibrated()
     assert_same_poses(one.poses(q), two.poses(q), 1e-12, 1e-12)
     assert_same_poses(one.forward(q, previous), two.forward(q, previous), 1e-12, 1e-12)
     assert loaded.record.model_dump(exclude={"seal"}) == made.record.model_dump(exclude={"seal"})
@@ -69,7 +69,7 @@ def test_what_was_made_is_what_is_loaded(made, folder):
 
 
 def test_the_fingerprint_covers_the_terms(made):
-    joint_map = made.outcome.fit.robot.joint_map
+    joint_map = made.proven.fit.robot.joint_map
     other = JointMap(
         TermMap(joint_map.terms.arm, joint_map.terms.terms, 1.001 * joint_map.terms.coefficients), joint_map.ranges
     )
@@ -137,7 +137,7 @@ def test_evaluate_counts_poses_outside_the_joint_ranges(folder, tmp_path):
 
 def test_the_terminal_shows_what_was_averaged(program, folder, made, tmp_path):
     data = tmp_path / "m.csv"
-    write_measurements(data, made.outcome.fit_points)
+    write_measurements(data, made.proven.fit_points)
     out = program("calibrate", data, "--robot", "irb120", "--model", "auto", "--out", tmp_path / "o", "--holdout", "10")
     for words in ("Error models compared by their evidence", "weight", "Valid within the joint ranges"):
         assert words in out
@@ -152,7 +152,7 @@ def test_the_terminal_shows_what_was_averaged(program, folder, made, tmp_path):
 
 def test_uncertainty_of_a_saved_calibration_is_that_of_the_fit(made):
     q = made.arm().random_joints(30, 2)
-    seen = made.outcome.fit.predict(q, target="smr2")
+    seen = made.proven.fit.predict(q, target="smr2")
     expected = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
     assert position_std(made.record, q, "smr2") == pytest.approx(expected, rel=1e-3)
     assert (position_std(made.record, q) > 0.0).all()
@@ -177,14 +177,14 @@ def test_other_options_of_the_levels_are_refused(made, tmp_path):
 
 
 def test_it_is_the_default_but_where_it_cannot_serve(made, tmp_path):
-    data = write_measurements(tmp_path / "m.csv", made.outcome.fit_points)
-    assert irbcal.calibrate(data, "irb120", holdout=0).model == "auto"
+    data = write_measurements(tmp_path / "m.csv", made.proven.fit_points)
+    assert irbcal.calibrate(data, "irb120", holdout=0).record.model == "auto"
     level = irbcal.calibrate(data, "irb120", loss="huber", hold=["delta_d5"], holdout=0)
-    assert level.model == "34"
-    assert any("(auto): loss and hold belong to a level" in note for note in level.notes)
+    assert level.record.model == "34"
+    assert any("(auto): loss and hold belong to a level" in note for note in level.record.notes)
     few = irbcal.calibrate(data, "irb120", holdout=0.9)
-    assert (few.model, few.poses_fit) == ("34", 9)
-    assert any("9 poses are too few to weigh error models" in note for note in few.notes)
+    assert (few.record.model, few.record.poses_fit) == ("34", 9)
+    assert any("9 poses are too few to weigh error models" in note for note in few.record.notes)
 
 
 def test_arms_with_a_prismatic_joint(tmp_path):
@@ -217,32 +217,32 @@ def irb120(shared_data, path=None):
 
 def test_irb120_at_programmed_joints(shared_data, tmp_path):
     data = irb120(shared_data)
-    usable = irbcal.calibrate(data, "irb120", "nominal", holdout=0).poses_fit
+    usable = irbcal.calibrate(data, "irb120", "nominal", holdout=0).record.poses_fit
     made = irbcal.calibrate(data, "irb120", "auto", holdout=usable - 200, split="last")
-    assert made.poses_fit == 200
-    assert made.heldout.all.mean_mm <= 0.072
-    assert made.heldout.all.max_mm <= 0.30
-    assert any("200 cycles per turn" in note for note in made.notes)
-    assert made.evidence.readings_gain is None
+    assert made.record.poses_fit == 200
+    assert made.record.heldout.all.mean_mm <= 0.072
+    assert made.record.heldout.all.max_mm <= 0.30
+    assert any("200 cycles per turn" in note for note in made.record.notes)
+    assert made.record.evidence.readings_gain is None
     q = made.arm().random_joints(200, 1)
     made.save(tmp_path / "cal")
     loaded = irbcal.load(tmp_path / "cal").robot_calibrated()
-    assert_same_poses(loaded.poses(q), made.outcome.fit.robot.poses(q), 1e-9, 1e-9)
-    assert 0.92 < coverage(loaded, made.outcome.heldout_points)["parts"]["all"]["inside"] < 0.98
-    assert not [note for note in made.notes if "only where measured" in note]
+    assert_same_poses(loaded.poses(q), made.proven.fit.robot.poses(q), 1e-9, 1e-9)
+    assert 0.92 < coverage(loaded, made.proven.heldout_points)["parts"]["all"]["inside"] < 0.98
+    assert not [note for note in made.record.notes if "only where measured" in note]
 
 
 def test_irb120_at_readings(shared_data, tmp_path):
     data = irb120(shared_data, tmp_path / "q.csv")
     made = irbcal.calibrate(data, "irb120", "auto", holdout=296, split="last")
-    assert made.evidence.readings_lag
-    note = next(note for note in made.notes if "readings from before the arm stood still" in note)
+    assert made.record.evidence.readings_lag
+    note = next(note for note in made.record.notes if "readings from before the arm stood still" in note)
     assert float(note.split("held-out mean is ")[1].split(" mm")[0]) < 0.24
     level = irbcal.calibrate(data, "irb120", "34", holdout=296, split="last")
-    assert made.heldout.all.mean_mm < level.heldout.all.mean_mm
+    assert made.record.heldout.all.mean_mm < level.record.heldout.all.mean_mm
     # the model is right at programmed joints, which it has never seen
     programmed = irbcal.calibrate(irb120(shared_data), "irb120", "34", holdout=296, split="last")
-    assert distances(made.outcome.fit.robot, programmed.outcome.heldout_points).mean() < 0.09e-3
+    assert distances(made.proven.fit.robot, programmed.proven.heldout_points).mean() < 0.09e-3
 
 
 @pytest.mark.parametrize(("group", "mean"), [("random", 0.14), ("grid", 0.20)])
@@ -251,9 +251,9 @@ def test_ur10(shared_data, tmp_path, group, mean):
     rows = rows[rows["group"] == group].drop(columns=["qw", "qx", "qy", "qz"])
     rows.to_csv(tmp_path / "m.csv", index=False)
     made = irbcal.calibrate(tmp_path / "m.csv", "ur10", "auto", holdout=rows["pose"].nunique() - 300, split="last")
-    assert made.heldout.all.mean_mm <= mean
-    parts = coverage(made.record.robot_calibrated(), made.outcome.heldout_points)["parts"]
+    assert made.record.heldout.all.mean_mm <= mean
+    parts = coverage(made.record.robot_calibrated(), made.proven.heldout_points)["parts"]
     assert 0.92 < parts["all"]["inside"] < 0.98
     assert parts["outside"]["n"] > 100
     assert parts["outside"]["inside"] > 0.8
-    assert [note for note in made.notes if "Calibrated only where measured" in note]
+    assert [note for note in made.record.notes if "Calibrated only where measured" in note]

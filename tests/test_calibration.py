@@ -1,13 +1,11 @@
 """A calibration, just made or loaded: the same by both ways, in its folder and in memory."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import irbcal
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.io import calibration_folder, robots
+from irbcal.io import robots
 from irbcal.io.schema import Exclusion
 
 EXCLUDED = Exclusion(pose="1", target="smr1", reason="lost")
@@ -23,7 +21,7 @@ def test_what_was_made_is_what_is_loaded(made, tmp_path):
     loaded = irbcal.load(tmp_path)
     q = made.arm().random_joints(20, 1)
     assert np.abs(loaded.robot_calibrated().poses(q) - made.robot_calibrated().poses(q)).max() < 1e-14
-    assert np.abs(made.outcome.fit.robot.poses(q) - made.robot_calibrated().poses(q)).max() < 1e-12
+    assert np.abs(made.proven.fit.robot.poses(q) - made.robot_calibrated().poses(q)).max() < 1e-12
     assert loaded.urdf == made.urdf == (tmp_path / "calibrated.urdf").read_bytes()
     assert loaded.folder == tmp_path
     assert made.folder is None
@@ -36,13 +34,15 @@ def test_a_loaded_calibration_is_saved_again_as_it_was(made, tmp_path):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
-def test_links_are_added_to_what_was_just_made_only(made, tmp_path):
+def test_links_are_added_on_request(made, tmp_path):
     made.save(tmp_path / "links", world_link=True, target_links=True)
     assert b'"target_smr1"' in (tmp_path / "links" / "calibrated.urdf").read_bytes()
     made.save(tmp_path / "plain")
     assert b'"target_smr1"' not in (tmp_path / "plain" / "calibrated.urdf").read_bytes()
-    with pytest.raises(CalibrationError, match="just made"):
-        irbcal.load(tmp_path / "plain").save(tmp_path / "again", world_link=True)
+    irbcal.load(tmp_path / "plain").save(tmp_path / "loaded", world_link=True, target_links=True)
+    assert (tmp_path / "loaded" / "calibrated.urdf").read_bytes() == (
+        tmp_path / "links" / "calibrated.urdf"
+    ).read_bytes()
 
 
 def test_the_urdf_says_first_that_it_was_changed_and_from_what(made):
@@ -82,8 +82,8 @@ def test_the_report_is_written_again_with_figures_and_data(made, tmp_path):
 def test_what_a_calibration_does_not_have_is_said(made):
     with pytest.raises(AttributeError, match="no attribute 'colour'"):
         made.colour  # noqa: B018
-    assert made.model == "26"
-    assert made.used_points(True)[0].poses == made.poses_heldout
+    assert made.record.model == "26"
+    assert made.record.used_points(True)[0].poses == made.record.poses_heldout
 
 
 def test_the_report_of_a_loaded_calibration(made, tmp_path):
@@ -113,8 +113,7 @@ def test_a_folder_without_a_name_is_refused(made):
 def test_what_was_left_out_is_said_in_words(made):
     for poses, words in ((3, "Left out: 26 points (3 poses left out whole)"), (0, "Left out: 26 points")):
         record = made.record.model_copy(update={"excluded": [EXCLUDED] * 26, "poses_excluded": poses})
-        saved = calibration_folder.Saved(Path("cal"), record, made.urdf)
-        assert words in irbcal.Calibration(saved=saved).proof()
+        assert words in irbcal.Calibration(record, made.urdf).proof()
 
 
 def test_figures_show_themselves_only(made):

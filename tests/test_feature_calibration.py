@@ -35,10 +35,10 @@ def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
     assert "No length was measured: the scale rests on nominal link lengths." in words
     assert "not its accuracy in a measuring frame" in words
     found = irbcal.load(tmp_path / "robot")
-    assert found.features.left_out == "features"
-    assert any("0.3 % longer than nominal fits these rows as well" in doubt for doubt in found.doubts)
-    assert [row.rows for row in found.features.places] == [40, 40, 40]
-    assert found.heldout.all.mean_mm < 0.2 * found.heldout_nominal.all.mean_mm
+    assert found.record.features.left_out == "features"
+    assert any("0.3 % longer than nominal fits these rows as well" in doubt for doubt in found.record.doubts)
+    assert [row.rows for row in found.record.features.places] == [40, 40, 40]
+    assert found.record.heldout.all.mean_mm < 0.2 * found.record.heldout_nominal.all.mean_mm
     robot = found.robot_calibrated()
     q = cases.arm().random_joints(20, 1) * 0.5
     prediction = robot.predict(q, target="ball")
@@ -88,10 +88,10 @@ def test_a_tracker_and_sockets_in_one_fit():
     tracked[["x_mm", "y_mm", "z_mm"]] = xyz
     rows = pd.concat([table, tracked.assign(pose=[f"t{k}" for k in range(24)], feature="")]).astype(object)
     found = irbcal.calibrate(rows.where(rows.notna(), ""), "irb1600", features=known.fillna(""))
-    assert [row.name for row in found.features.places][:3] == ["point 0", "point 1", "point 2"]
-    assert len(found.features.places) == 7
-    assert found.features.framed
-    assert found.features.scale == ""
+    assert [row.name for row in found.record.features.places][:3] == ["point 0", "point 1", "point 2"]
+    assert len(found.record.features.places) == 7
+    assert found.record.features.framed
+    assert found.record.features.scale == ""
     fresh = nominal.random_joints(50, 9) * 0.8
     away = found.robot_calibrated().points(fresh, "ball") - frames.apply(T, cases.tip(truth, fresh)[0])
     assert np.linalg.norm(away, axis=1).mean() < 0.05e-3

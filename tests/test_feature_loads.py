@@ -22,7 +22,7 @@ def test_what_a_payload_bends_is_told_by_balls(made, tmp_path):
     """SIMULATED: the oracle is the true robot with either load, however both stand."""
     nominal, truth, rows, known = made
     found = irbcal.calibrate(rows, "irb1600", features=known, leave_out="none")
-    assert any("payloads of 0, 8 kg" in text for text in found.notes)
+    assert any("payloads of 0, 8 kg" in text for text in found.record.notes)
     irbcal.save(found, tmp_path / "robot")
     robot = irbcal.load(tmp_path / "robot").robot_calibrated()
     q = nominal.random_joints(100, 3) * 0.6

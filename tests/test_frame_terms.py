@@ -60,19 +60,19 @@ def test_terms_of_the_joint_map_are_no_frame_terms():
 
 def test_they_make_held_out_poses_right(made, tmp_path):
     """The simulated robot has frame terms: without them ten times more is left."""
-    data = write_measurements(tmp_path / "m.csv", made.outcome.fit_points)
+    data = write_measurements(tmp_path / "m.csv", made.proven.fit_points)
     plain = irbcal.calibrate(data, "irb120", holdout=0)
-    assert plain.frame_terms is None
-    heldout = made.outcome.heldout_points
-    robot = made.outcome.fit.robot
-    assert distances(robot, heldout).mean() < 0.5 * distances(plain.outcome.fit.robot, heldout).mean()
+    assert plain.record.frame_terms is None
+    heldout = made.proven.heldout_points
+    robot = made.proven.fit.robot
+    assert distances(robot, heldout).mean() < 0.5 * distances(plain.proven.fit.robot, heldout).mean()
     assert distances(robot.replace(frame_terms=None), heldout).mean() > 2 * distances(robot, heldout).mean()
 
 
 def test_what_was_made_is_what_is_loaded(made, folder):
     loaded = irbcal.load(folder)
     q, previous = made.arm().random_joints(100, 1), made.arm().random_joints(100, 2)
-    one, two = made.outcome.fit.robot, loaded.robot_calibrated()
+    one, two = made.proven.fit.robot, loaded.robot_calibrated()
     assert_same_poses(one.poses(q), two.poses(q), 1e-12, 1e-12)
     assert_same_poses(one.forward(q, previous), two.forward(q, previous), 1e-12, 1e-12)
     assert json.loads((folder / "calibration.json").read_text())["frame_terms"]["schema"] == "irbcal-frame-terms-1"
@@ -83,8 +83,8 @@ def test_what_was_made_is_what_is_loaded(made, folder):
 
 
 def test_everyone_is_told_that_urdf_and_joint_map_are_not_all(made, folder):
-    words = made.frame_terms.in_words
-    assert words in made.notes
+    words = made.record.frame_terms.in_words
+    assert words in made.record.notes
     assert words.replace("-", "") in (folder / "calibrated.urdf").read_text().replace("-", "")
     for name in ("report.html", "joint_origins.yaml"):
         assert "NOT the whole truth" in (folder / name).read_text()
@@ -92,7 +92,7 @@ def test_everyone_is_told_that_urdf_and_joint_map_are_not_all(made, folder):
 
 def test_planners_are_refused_with_the_numbers(made, folder):
     pytest.importorskip("pinocchio")
-    with pytest.raises(CalibrationError, match=f"by {made.frame_terms.median_mm:.3f} mm in the median"):
+    with pytest.raises(CalibrationError, match=f"by {made.record.frame_terms.median_mm:.3f} mm in the median"):
         CalibratedModel.load(folder)
     model, q = CalibratedModel.load(folder, without_frame_terms=True), made.arm().random_joints(5, 1)
     plain = made.robot_calibrated().replace(frame_terms=None)
@@ -115,16 +115,16 @@ def test_fake_targets_reach_what_was_wanted(made, folder, program, tmp_path):
 
 
 def test_the_effects_of_joints_are_tested_on_what_frame_terms_leave(made):
-    robot, points = made.outcome.fit.robot, replace(made.outcome.heldout_points, previous=None)
+    robot, points = made.proven.fit.robot, replace(made.proven.heldout_points, previous=None)
     linear = Linearised(robot, points, np.zeros_like(points.q))
     assert linear.size(linear.r) == pytest.approx(np.sqrt(np.mean(distances(robot, points) ** 2)), rel=1e-6)
 
 
 def test_the_view_says_what_is_drawn(made, folder, tmp_path):
-    data = write_measurements(tmp_path / "m.csv", made.outcome.heldout_points)
+    data = write_measurements(tmp_path / "m.csv", made.proven.heldout_points)
     view = irbcal.view(folder, data)
     assert any("drawn from its URDF and effective joints" in note for note in view.scene.notes)
-    points, T, robot = view.scene.points, view.scene.T_scene_world, made.outcome.fit.robot
+    points, T, robot = view.scene.points, view.scene.T_scene_world, made.proven.fit.robot
     names = [list(view.scene.targets)[k] for k in points.target]
     off = [
         np.abs(model.points(view.scene.q[points.pose], names) @ T[:3, :3].T + T[:3, 3] - points.calibrated).max()
@@ -142,14 +142,14 @@ def test_they_belong_to_model_auto(tmp_path):
 def test_irb120(shared_data):
     """A real robot at its programmed joints, poses that the fit has not seen."""
     data = shared_data / "irb120_laser_tracker" / "measurements_with_commands.csv"
-    usable = irbcal.calibrate(data, "irb120", "nominal", holdout=0).poses_fit
+    usable = irbcal.calibrate(data, "irb120", "nominal", holdout=0).record.poses_fit
     for poses, terms, mean, most in (
         (200, "all", 0.053, 0.28),
         (400, "joint-map", 0.058, 0.30),
     ):
         made = irbcal.calibrate(data, "irb120", terms=terms, holdout=usable - poses, split="last")
-        assert made.heldout.all.mean_mm <= mean, (poses, terms)
-        assert made.heldout.all.max_mm <= most, (poses, terms)
+        assert made.record.heldout.all.mean_mm <= mean, (poses, terms)
+        assert made.record.heldout.all.max_mm <= most, (poses, terms)
 
 
 def test_exports_refuse_them_and_leave_them_out_if_told(folder, tmp_path):

@@ -190,16 +190,16 @@ def results(tmp_path_factory):
     return {
         "calibration": calibration,
         "loaded": loaded,
-        "outcome": calibration.outcome,
-        "fit": calibration.outcome.fit,
-        "points": calibration.outcome.fit_points,
+        "proven": calibration.proven,
+        "fit": calibration.proven.fit,
+        "points": calibration.proven.fit_points,
         "measurements": measurements,
         "evaluation": irbcal.evaluate(loaded, proof, intervals=True),
         "model": irbcal.CalibratedModel.load(folder / "cal"),
         "robot": loaded.robot_calibrated(),
         "robots": irbcal.robots(),
         "evidence": irbcal.identify_evidence(
-            irbcal.read_urdf("irb1600").arm, calibration.outcome.fit_points, gear_scan=False
+            irbcal.read_urdf("irb1600").arm, calibration.proven.fit_points, gear_scan=False
         ),
         "plan": irbcal.plan("irb1600", axis=0, cube=6, all_range=6, without=("collision", "sight", "way")),
     }
@@ -208,7 +208,7 @@ def results(tmp_path_factory):
 NAMES = ["calibration", "loaded", "fit", "points", "measurements", "evaluation", "model", "robots", "plan", "evidence"]
 
 
-@pytest.mark.parametrize("name", [*NAMES, "outcome", "robot"])
+@pytest.mark.parametrize("name", [*NAMES, "proven", "robot"])
 def test_results_are_printed_short(results, name):
     assert 10 < len(repr(results[name])) < 2000
 
@@ -239,7 +239,7 @@ def test_the_parameter_table_has_deviations_and_units(results):
     assert re.search(r"[+-]\d+\.\d+\s+\d+\.\d+\s+deg\s+identified", line)
 
 
-@pytest.mark.parametrize("name", [*NAMES, "outcome", "robot"])
+@pytest.mark.parametrize("name", [*NAMES, "proven", "robot"])
 def test_results_are_pickled(results, name):
     again = pickle.loads(pickle.dumps(results[name]))
     assert repr(again) == repr(results[name])
@@ -266,7 +266,7 @@ def arrays_in(value, path, seen):
 
 
 @pytest.mark.parametrize(
-    "name", ["fit", "points", "measurements", "evaluation", "model", "robot", "outcome", "plan", "evidence"]
+    "name", ["fit", "points", "measurements", "evaluation", "model", "robot", "proven", "plan", "evidence"]
 )
 def test_nothing_in_a_result_can_be_written_to(results, name):
     open_to_writing = []

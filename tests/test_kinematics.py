@@ -13,14 +13,13 @@ from support import (
     example_robot,
     measured,
     on_a_rail,
-    outcome_of,
     random_robot,
     write_measurements,
 )
 
 import irbcal
 from irbcal.errors import IrbcalError, MeasurementError, OptionError, RobotError
-from irbcal.io import calibration_folder, document, urdf
+from irbcal.io import calibration_folder, urdf
 from irbcal.io.opening import open_robot
 from irbcal.kinematics import forward_kinematics, inverse_kinematics, pose_table
 from irbcal.modeling.inverse import closed_form
@@ -34,9 +33,9 @@ def folder(tmp_path_factory):
     truth = random_robot(nominal, "34", rng)
     points = measured(truth, nominal.random_joints(50, 1), 3e-5, rng)
     path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
-    content, text = document.build(outcome_of(path, "irb120", "34", holdout=0.3))
+    calibration = irbcal.calibrate(path, "irb120", "34", holdout=0.3)
     out = tmp_path_factory.mktemp("saved") / "calibration"
-    calibration_folder.write(out, content, text, "")
+    calibration_folder.write(out, calibration.record, calibration.urdf, "")
     return out
 
 
@@ -58,11 +57,11 @@ def test_a_target_and_its_uncertainty(folder):
     found = forward_kinematics(folder, Q, target="smr2", uncertainty=True)
     np.testing.assert_allclose(found.points, record.robot_calibrated().points(Q, "smr2"), rtol=0, atol=1e-15)
     np.testing.assert_allclose(found.std, position_std(record, Q, "smr2"), rtol=1e-12)
-    assert found.heldout_mean == pytest.approx(record.heldout.all.mean_mm * 1e-3, rel=1e-12)
+    assert found.heldout_mean == pytest.approx(record.record.heldout.all.mean_mm * 1e-3, rel=1e-12)
     table = found.to_frame()
     assert list(table.columns) == ["x_mm", "y_mm", "z_mm", "std_x_mm", "std_y_mm", "std_z_mm"]
     np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]], found.points * 1e3, rtol=0, atol=1e-9)
-    assert f"mean {record.heldout.all.mean_mm:.3f} mm" in found.summary()
+    assert f"mean {record.record.heldout.all.mean_mm:.3f} mm" in found.summary()
     tip = forward_kinematics(record, Q, uncertainty=True)
     np.testing.assert_allclose(tip.std, position_std(record, Q), rtol=1e-12)
     assert list(tip.to_frame().columns)[3:] == ["qw", "qx", "qy", "qz", "std_x_mm", "std_y_mm", "std_z_mm"]

@@ -42,7 +42,7 @@ def test_corrected_programs_err_as_held_out_poses_do(calibrated):
     after = run(folder / "after.csv", robot, q, 9)
     verified = irbcal.evaluate(calibration, folder / "check.csv", verified=after).verified
     expected, reached = verified["expected"]["mean_mm"], verified["verified"]["mean_mm"]
-    assert expected == pytest.approx(calibration.heldout.all.mean_mm, rel=0.02)
+    assert expected == pytest.approx(calibration.record.heldout.all.mean_mm, rel=0.02)
     assert reached == pytest.approx(expected, rel=0.05)
     assert expected < 0.05
     assert found.expected_errors[0] > 2 * found.expected_errors[1:].mean()  # the first stop is not known
@@ -58,12 +58,12 @@ def test_corrected_programs_err_as_held_out_poses_do(calibrated):
 def test_held_out_errors_know_the_last_moves(calibrated):
     _, folder, calibration = calibrated
     robot = calibration.robot_calibrated()
-    points, _ = calibration.used_points(True)
+    points, _ = calibration.record.used_points(True)
     assert points.known_moves == points.poses - 1
     mean = 1e3 * distances(robot, points).mean()
-    assert calibration.heldout.all.mean_mm == pytest.approx(mean, rel=1e-4)
+    assert calibration.record.heldout.all.mean_mm == pytest.approx(mean, rel=1e-4)
     assert 1e3 * distances(robot, replace(points, previous=None)).mean() > 1.5 * mean
-    (note,) = [note for note in calibration.notes if "order of the file" in note]
+    (note,) = [note for note in calibration.record.notes if "order of the file" in note]
     assert "119 of 120 poses" in note
     found = irbcal.evaluate(calibration, folder / "check.csv")
     assert found.calibrated["mean_mm"] == pytest.approx(mean, rel=1e-4)
@@ -82,7 +82,7 @@ def test_backlash_of_the_virtual_cell_is_taken_off_in_programs(tmp_path):
     fakes = pd.DataFrame(np.degrees(found.q), columns=JOINTS)
     again = {"seed": 6, "only": only, "robot_seed": 4, "wanted": program, "calibration": calibration}
     missed = irbcal.simulate("irb120", fakes, **again).misses
-    assert 1e3 * missed.mean() == pytest.approx(calibration.heldout.all.mean_mm, rel=0.1)
+    assert 1e3 * missed.mean() == pytest.approx(calibration.record.heldout.all.mean_mm, rel=0.1)
     # corrected one by one, without the order
     robot = calibration.robot_calibrated()
     alone = robot.joint_map.commanded(robot.joint_map.effective(found.q, np.vstack([found.q[:1], found.q[:-1]])))

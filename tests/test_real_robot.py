@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from support import example_robot, outcome_of
+from support import example_robot, proven_of
 
 from irbcal.io import urdf, urdf_check
 from irbcal.measurement import cleaning, table
@@ -23,10 +23,10 @@ def irb120_file(shared_data):
 
 @pytest.mark.parametrize("level", INDEPENDENT_MEAN_MM)
 def test_held_out_accuracy(irb120_file, level):
-    outcome = outcome_of(irb120_file, "irb120", level, holdout=296, split="last")
-    assert outcome.fit_points.poses == 200
-    assert outcome.heldout_points.poses == 296
-    found = statistics(distances(outcome.fit.robot, outcome.heldout_points))
+    proven = proven_of(irb120_file, "irb120", level, holdout=296, split="last")
+    assert proven.fit_points.poses == 200
+    assert proven.heldout_points.poses == 296
+    found = statistics(distances(proven.fit.robot, proven.heldout_points))
     assert found["mean_mm"] <= 1.01 * INDEPENDENT_MEAN_MM[level]
     assert found["max_mm"] <= LARGEST_MM[level]
 
@@ -48,8 +48,8 @@ def test_registration_removes_the_drift_of_the_tracker(irb120_file):
 
 
 def test_parallel_axes_never_run_apart(irb120_file):
-    outcome = outcome_of(irb120_file, "irb120", "34", holdout=296, split="last")
-    rows = {row.name: row for row in outcome.fit.parameters()}
+    proven = proven_of(irb120_file, "irb120", "34", holdout=296, split="last")
+    rows = {row.name: row for row in proven.fit.parameters()}
     lengths = [row.value for name, row in rows.items() if name.startswith(("delta_a", "delta_d")) and row.unit == "mm"]
     assert np.abs(lengths).max() < 1.6
     assert rows["delta_d2"].state == "tied"
@@ -76,15 +76,15 @@ def test_held_out_accuracy_of_full_poses(shared_data, tmp_path, group, level):
     rows.to_csv(tmp_path / "ur10.csv", index=False)
     robot = example_robot("ur_description/urdf/ur10_robot.urdf")
     aside = int(rows["x_mm"].notna().sum()) - 300
-    outcome = outcome_of(tmp_path / "ur10.csv", robot, level, holdout=aside, split="last")
-    assert outcome.fit_points.poses == 300
+    proven = proven_of(tmp_path / "ur10.csv", robot, level, holdout=aside, split="last")
+    assert proven.fit_points.poses == 300
     mean, largest, turn = UR10[group, level]
-    found = statistics(distances(outcome.fit.robot, outcome.heldout_points))
+    found = statistics(distances(proven.fit.robot, proven.heldout_points))
     assert found["n"] == aside
     assert found["mean_mm"] <= 1.005 * mean
     assert found["max_mm"] <= largest
     if turn:
-        angles = rotation_distances(outcome.fit.robot, outcome.heldout_points)
+        angles = rotation_distances(proven.fit.robot, proven.heldout_points)
         assert np.degrees(angles.mean()) <= turn
 
 
@@ -92,8 +92,8 @@ def test_calibrated_ur10_keeps_its_links_in_place(shared_data, tmp_path):
     rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
     rows[rows["group"] == "random"].to_csv(tmp_path / "ur10.csv", index=False)
     robot = example_robot("ur_description/urdf/ur10_robot.urdf")
-    outcome = outcome_of(tmp_path / "ur10.csv", robot, "26", holdout=700, split="last")
-    assert urdf.largest_link_shift(outcome.urdf, outcome.fit.robot.arm) < 5e-3
-    written = urdf.to_bytes(outcome.urdf, outcome.fit.robot.arm)
-    check = urdf_check.check(written, outcome.fit.robot.arm)
+    proven = proven_of(tmp_path / "ur10.csv", robot, "26", holdout=700, split="last")
+    assert urdf.largest_link_shift(proven.urdf, proven.fit.robot.arm) < 5e-3
+    written = urdf.to_bytes(proven.urdf, proven.fit.robot.arm)
+    check = urdf_check.check(written, proven.fit.robot.arm)
     assert max(check["position_m"], check["rotation_rad"]) < 1e-12

@@ -32,7 +32,7 @@ FLOORS = (
     ("kinematic_results",),
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer"),
-    ("calibrating", "calibration", "feature_calibration", "gathering"),
+    ("calibration", "pipeline", "sessions"),
     ("fleet",),
     ("examples",),
     ("cli",),

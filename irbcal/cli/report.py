@@ -31,7 +31,7 @@ def report(
         folders = write(calibration, figures=figures, format=format, data=data, progress=step)
     if json:
         written = [str(folder / name) for folder, names in folders.items() for name in names]
-        show.print_json({"out": str(calibration), "simulated": load(calibration).simulated, "written": written})
+        show.print_json({"out": str(calibration), "simulated": load(calibration).record.simulated, "written": written})
         return
     for folder, names in folders.items():
         show.say(f"Written to {folder}: {', '.join(names)}")

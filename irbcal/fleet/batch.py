@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 from irbcal import parallel
 from irbcal.arrays import lock
 from irbcal.atomic import check_writable, write_together
-from irbcal.calibrating import Options
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement import columns
 from irbcal.names import check_names
+from irbcal.pipeline import Options
 from irbcal.reading import read_bytes
 from irbcal.summary import Speaks, Table, Told
 from irbcal.validation.verdict import verdict_of

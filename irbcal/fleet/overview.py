@@ -23,11 +23,11 @@ from irbcal.identification.fit import certainty_of, identify
 from irbcal.identification.type_prior import WIDE, name_of
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import JSON_NAME
-from irbcal.io.earlier import earlier_of
 from irbcal.io.schema import Record
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.parameters import default_level
 from irbcal.reading import read_bytes
+from irbcal.sessions import earlier_of
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation.verdict import verdict_of

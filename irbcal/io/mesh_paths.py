@@ -6,18 +6,14 @@ in, or the URDF's own folder are looked at.
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from irbcal.errors import RobotError
-from irbcal.io import robots, urdf_check, urdf_xml
-
-if TYPE_CHECKING:
-    from irbcal.io.schema import Record
+from irbcal.io import urdf_xml
 
 MeshPaths: TypeAlias = Literal["package", "relative", "absolute"]
 """How mesh files stand in a written URDF: as they were, from its folder, or from the root of the disk."""
@@ -196,39 +192,3 @@ def _tell_mujoco(root: urdf_xml.XmlElement) -> None:
     compiler.set("strippath", "false")
     for name in ("meshdir", "assetdir"):  # the names are whole now
         compiler.attrib.pop(name, None)
-
-
-def written(
-    record: Record, data: bytes, how: MeshPaths, folder: str | Path, own_folder: str | PathLike[str] | None
-) -> tuple[Record, bytes]:
-    """A calibration and its URDF with mesh paths of a kind, checked again by Pinocchio.
-
-    Parameters
-    ----------
-    record : Record
-    data : bytes
-        Its URDF.
-    how, folder
-        See `with_mesh_paths`.
-    own_folder : str, Path or None
-        Where the nominal URDF (or a loaded calibration) lies: relative names start there.
-
-    Returns
-    -------
-    record : Record
-        With the hash of the URDF as it is now.
-    data : bytes
-        The URDF.
-
-    Raises
-    ------
-    RobotError
-        See `with_mesh_paths`.
-    """
-    if how == "package":
-        return record, data
-    meshes = MeshFolders(own_folder, robots.package_dirs())
-    data = with_mesh_paths(data, how, folder, meshes, record.robot.urdf)
-    check = type(record.pinocchio_check)(**urdf_check.check(data, record.arm()))
-    changes = {"calibrated_urdf_sha256": hashlib.sha256(data).hexdigest(), "pinocchio_check": check}
-    return record.model_copy(update=changes), data

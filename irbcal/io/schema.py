@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import hashlib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Annotated, Any, Literal, TypeAlias
@@ -11,14 +12,16 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 from pydantic import Field, PrivateAttr, StringConstraints, field_validator, model_validator
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.identification.evidence_fit import EvidenceFit, FamilyShown, GroupResult
 from irbcal.identification.explanation import Stage
-from irbcal.identification.fit import term_of
+from irbcal.identification.fit import Fit, ParameterReport, term_of
 from irbcal.identification.gear_scan import Spectrum
+from irbcal.io import urdf_check
 from irbcal.io.section import Base64, Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
-from irbcal.measurement.points import PointSet
+from irbcal.measurement.points import PointSet, rotation_distances
+from irbcal.measurement.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
@@ -143,9 +146,9 @@ class CertaintySection(Section):
         return "" if self.elsewhere is None else self.elsewhere.found().in_words()
 
 
-def in_mm(lengths: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Lengths by name, metres, in millimetres."""
-    return {name: None if value is None else value / MM for name, value in lengths.items()}
+def in_mm(lengths: Mapping[str, Any]) -> dict[str, Any]:
+    """Lengths or positions by name, metres, in millimetres: numbers, lists or None."""
+    return {name: None if value is None else (np.asarray(value) / MM).tolist() for name, value in lengths.items()}
 
 
 def in_metres(lengths: Mapping[str, float | None]) -> dict[str, float | None]:
@@ -153,6 +156,9 @@ def in_metres(lengths: Mapping[str, float | None]) -> dict[str, float | None]:
     return {name: None if value is None else value * MM for name, value in lengths.items()}
 
 
+NORMAL_95 = 1.959964
+PLACE_DIGITS, JOINT_DIGITS, QUATERNION_DIGITS = 6, 9, 12
+"""Decimals of measured places (mm), joints (degrees, mm) and quaternions: far below what is measured."""
 THINNED = 3
 """Cycles per turn of which the file has the strongest one."""
 
@@ -682,6 +688,41 @@ class PointTable(Section):
                 raise ValueError(f"column {name} has {len(column)} values for {n} points")
         return self
 
+    @staticmethod
+    def of(fitted: PointSet, heldout: PointSet, errors: Sequence[FloatArray], placed: bool = True) -> PointTable:
+        """Fitted and held-out points.
+
+        Parameters
+        ----------
+        fitted, heldout : PointSet
+        errors : sequence of ndarray
+            Distances from the calibrated and the nominal robot, of fitted points, then of held-out ones, metres.
+        placed : bool
+            Whether the points' positions were measured.
+        """
+        sets = fitted, heldout
+        both = [points for points in sets if len(points)]
+        columns: dict[str, Any] = {
+            "pose": [name for points in sets for name in texts(points.pose_ids)[points.pose].tolist()],
+            "group": [name for points in sets for name in texts(points.groups)[points.pose].tolist()],
+            "target": [name for points in sets for name in points.names().tolist()],
+            "heldout": [False] * len(fitted) + [True] * len(heldout),
+            "row": [*fitted.pose.tolist(), *(heldout.pose + fitted.poses).tolist()],
+            "calibrated_mm": (np.concatenate([errors[0], errors[2]]) / MM).tolist(),
+            "nominal_mm": (np.concatenate([errors[1], errors[3]]) / MM).tolist(),
+        }
+        if placed and both:
+            xyz = np.concatenate([points.xyz for points in both]) / MM
+            u95 = np.concatenate([np.full(len(p), np.nan) if p.u95 is None else p.u95 for p in both]) / MM
+            R = np.concatenate([np.full((len(p), 3, 3), np.nan) if p.rotation is None else p.rotation for p in both])
+            columns |= dict(zip(("x_mm", "y_mm", "z_mm"), np.round(xyz, PLACE_DIGITS).T.tolist(), strict=True))
+            if np.isfinite(u95).any():
+                columns["u95_mm"] = _known(np.round(u95, PLACE_DIGITS))
+            if any(points.oriented().any() for points in sets):
+                quaternions = np.round(frames.quaternion_from_matrix(R), QUATERNION_DIGITS)
+                columns |= {name: _known(q) for name, q in zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True)}
+        return PointTable(**columns)
+
 
 class PoseTable(Section):
     """Every used pose, column by column; one column of ``joints`` (degrees, mm) and ``came_from`` for each joint.
@@ -714,6 +755,54 @@ class PoseTable(Section):
         if any(len(column) != n for column in columns) or len(counts) > 1:
             raise ValueError(f"every column must have {n} values, one for each pose")
         return self
+
+    @staticmethod
+    def of(fitted: PointSet, heldout: PointSet, arm: Arm, came_from: FloatArray, number: FloatArray) -> PoseTable:
+        """Poses of fitted and held-out points.
+
+        Parameters
+        ----------
+        fitted, heldout : PointSet
+        arm : Arm
+        came_from : ndarray, shape (poses, joints)
+            1: from below, -1: from above, 0: not known.
+        number : ndarray, shape (poses,)
+            Of each pose in its session; another length where it is not known.
+        """
+        sets = fitted, heldout
+        n, joints = fitted.poses + heldout.poses, len(arm.joint_names)
+        unknown = [np.full(points.q.shape, np.nan) if points.previous is None else points.previous for points in sets]
+        signs = np.frombuffer(b"-0+", dtype=np.uint8)[came_from.astype(int) + 1]
+        loads: dict[str, FloatArray | None] = {}
+        for name, width in (("payload_kg", ()), ("payload_place", (3,)), ("torques", (joints,))):
+            parts = [points.load()[name] if points.poses else np.zeros((0, *width)) for points in sets]
+            known = [part for part in parts if part is not None]
+            loads[name] = np.concatenate(known) if len(known) == len(parts) else None
+        kg, centre, torques = loads.values()
+        return PoseTable(
+            pose=[name for points in sets for name in texts(points.pose_ids).tolist()],
+            group=[name for points in sets for name in texts(points.groups).tolist()],
+            heldout=[False] * fitted.poses + [True] * heldout.poses,
+            joints=np.round(np.concatenate([points.q for points in sets]) / arm.joint_units, JOINT_DIGITS).T.tolist(),
+            number=number.tolist() if len(number) == n else [],
+            came_from=[column.tobytes().decode("ascii") for column in signs.T],
+            previous=[_known(column) for column in np.round(np.concatenate(unknown) / arm.joint_units, JOINT_DIGITS).T],
+            payload_kg=[] if kg is None else _known(kg),
+            payload_place_mm=[] if centre is None else [_known(column) for column in centre.T / MM],
+            torques_nm=[] if torques is None else torques.T.tolist(),
+        )
+
+
+def texts(names: NameArray) -> NameArray:
+    """Names as text."""
+    return np.array([str(name) for name in names.tolist()], dtype=object)
+
+
+def _known(values: FloatArray) -> list[float | None]:
+    """Numbers, None where one is not finite."""
+    if np.isfinite(values).all():
+        return values.tolist()
+    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 FileName: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z][0-9A-Za-z._-]{0,99}$")]
@@ -757,6 +846,24 @@ class Row(Section):
     beta_deg: float
     b_mm: float
 
+    @staticmethod
+    def of(table: DHMTable) -> list[Row]:
+        """The rows of a table."""
+        values = {name: getattr(table, name.partition("_")[0]) / unit for name, unit in DHM_UNITS.items()}
+        return [Row(**{name: column[i] for name, column in values.items()}) for i in range(len(table.a))]
+
+    @staticmethod
+    def table(rows: Sequence[Row], prismatic: Sequence[bool]) -> DHMTable:
+        """The table of rows."""
+        columns = {
+            name.partition("_")[0]: np.array([getattr(row, name) * unit for row in rows])
+            for name, unit in DHM_UNITS.items()
+        }
+        return DHMTable(**columns, prismatic=np.array(prismatic, dtype=bool))
+
+
+DHM_UNITS = {"alpha_deg": DEG, "a_mm": MM, "theta_deg": DEG, "d_mm": MM, "beta_deg": DEG, "b_mm": MM}
+
 
 class Pose(Section):
     """A frame: position and unit quaternion, scalar first."""
@@ -768,6 +875,17 @@ class Pose(Section):
     qx: float
     qy: float
     qz: float
+
+    @staticmethod
+    def of(T: FloatArray) -> Pose:
+        """From a transform, shape (4, 4), metres."""
+        w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
+        return Pose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
+
+    def transform(self) -> FloatArray:
+        """As a transform, shape (4, 4), metres."""
+        R = frames.matrix_from_quaternion([self.qw, self.qx, self.qy, self.qz])
+        return frames.transform(R, np.array([self.x_mm, self.y_mm, self.z_mm]) * MM)
 
 
 class RobotSection(Section):
@@ -790,6 +908,55 @@ class RobotSection(Section):
     dhm_nominal: list[Row]
     dhm_calibrated: list[Row]
     coupling: list[list[float]] | None = None
+
+    @staticmethod
+    def of(arm: Arm, calibrated: DHMTable, urdf: str, sha256: str) -> RobotSection:
+        """Of a nominal arm, with its calibrated table and name and hash of its URDF."""
+        lower, upper = (
+            [float(value) if np.isfinite(value) else None for value in limits / arm.joint_units]
+            for limits in (arm.lower, arm.upper)
+        )
+        return RobotSection(
+            name=arm.name,
+            urdf=urdf,
+            urdf_sha256=sha256,
+            base_link=arm.base_link,
+            tip_link=arm.tip_link,
+            joint_names=list(arm.joint_names),
+            joint_types=["prismatic" if slides else "revolute" for slides in arm.table.prismatic],
+            lower=lower,
+            upper=upper,
+            base_to_frame0=arm.T_base_0.tolist(),
+            last_frame_to_tip=arm.T_last_tip.tolist(),
+            dhm_nominal=Row.of(arm.table),
+            dhm_calibrated=Row.of(calibrated),
+            coupling=None if arm.coupling is None else arm.coupling.tolist(),
+        )
+
+    @property
+    def joint_units(self) -> FloatArray:
+        """Radians of a degree, or metres of a millimetre, of each joint, shape (joints,)."""
+        return np.array([MM if kind == "prismatic" else DEG for kind in self.joint_types])
+
+    def arm(self, calibrated: bool) -> Arm:
+        """The calibrated or the nominal arm."""
+        lower, upper = (
+            np.array([sign * np.inf if value is None else value for value in values]) * self.joint_units
+            for sign, values in ((-1, self.lower), (1, self.upper))
+        )
+        slides = [kind == "prismatic" for kind in self.joint_types]
+        return Arm(
+            self.name,
+            Row.table(self.dhm_calibrated if calibrated else self.dhm_nominal, slides),
+            np.array(self.base_to_frame0),
+            np.array(self.last_frame_to_tip),
+            tuple(self.joint_names),
+            lower,
+            upper,
+            self.base_link,
+            self.tip_link,
+            coupling.matrix(self.coupling, len(slides)),
+        )
 
 
 class Origin(Section):
@@ -829,6 +996,12 @@ class Parameter(Section):
     state: Literal["identified", "tied", "held"]
     reason: Sentence
 
+    @staticmethod
+    def of(row: ParameterReport) -> Parameter:
+        """A parameter of a fit, with its interval."""
+        ends = (None, None) if row.std is None else (row.value - NORMAL_95 * row.std, row.value + NORMAL_95 * row.std)
+        return Parameter(**vars(row), low=ends[0], high=ends[1])
+
 
 class Placement(Section):
     """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
@@ -836,6 +1009,21 @@ class Placement(Section):
     base: Pose
     targets: dict[Name, Three]
     target_quaternions: dict[Name, Quaternion]
+
+    @staticmethod
+    def of(robot: Robot) -> Placement:
+        """Base and targets of a robot."""
+        rotations = robot.target_rotations.items()
+        return Placement(
+            base=Pose.of(robot.T_world_base),
+            targets=in_mm(robot.targets),
+            target_quaternions={name: frames.quaternion_from_matrix(R).tolist() for name, R in rotations},
+        )
+
+    def parts(self) -> tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]:
+        """Base, targets and their orientations as a `Robot` has them, metres."""
+        rotations = {name: frames.matrix_from_quaternion(q) for name, q in self.target_quaternions.items()}
+        return self.base.transform(), {name: np.array(xyz) * MM for name, xyz in self.targets.items()}, rotations
 
 
 class RotationStatistics(Section):
@@ -854,6 +1042,23 @@ class Errors(Section):
     orientation: RotationStatistics | None
     per_target: dict[Name, Statistics]
     per_group: dict[Name, Statistics]
+
+    @staticmethod
+    def of(robot: Robot, points: PointSet, distance: FloatArray) -> Errors | None:
+        """Of points with their distances, metres, shape (points,); None of no points."""
+        overall = statistics(distance)
+        if overall is None:
+            return None
+        groups = statistics_by(distance, points.groups[points.pose])
+        turned = rotation_statistics(rotation_distances(robot, points))
+        return Errors.model_validate(
+            {
+                "all": overall,
+                "orientation": turned,
+                "per_target": statistics_by(distance, points.names()),
+                "per_group": {name: value for name, value in groups.items() if name},
+            }
+        )
 
 
 class SessionSection(Section):
@@ -901,6 +1106,21 @@ class Observability(Section):
     seen: int
     indices: dict[Word, float]
     correlations: list[Correlation]
+
+    @staticmethod
+    def of(fit: Fit | EvidenceFit) -> Observability:
+        """Of a fit; of an average how much is seen stands with the groups of terms: nothing is held."""
+        if isinstance(fit, EvidenceFit):
+            return Observability(singular_values_mm=[], seen=fit.rank, indices={}, correlations=[])
+        information, names = fit.solution.information, [p.name for p in fit.problem.parameters]
+        return Observability(
+            singular_values_mm=(information.singular_values / MM).tolist(),
+            seen=int(information.seen.sum()),
+            indices=information.indices(fit.problem.points.poses),
+            correlations=[
+                Correlation(first=names[i], second=names[j], coefficient=c) for i, j, c in information.correlations()
+            ],
+        )
 
 
 class DataFile(Section):
@@ -1027,34 +1247,29 @@ class Record(Section):
 
     def arm(self, calibrated: bool = True) -> Arm:
         """The calibrated (or nominal) arm as an `irbcal.modeling.arm.Arm`."""
-        section = self.robot
-        slides = [kind == "prismatic" for kind in section.joint_types]
-
-        def limits(sign: int, values: Sequence[float | None]) -> FloatArray:
-            units = [MM if sliding else DEG for sliding in slides]
-            pairs = zip(values, units, strict=True)
-            return np.array([sign * np.inf if value is None else value * unit for value, unit in pairs])
-
-        return Arm(
-            section.name,
-            _table(section.dhm_calibrated if calibrated else section.dhm_nominal, slides),
-            np.array(section.base_to_frame0),
-            np.array(section.last_frame_to_tip),
-            tuple(section.joint_names),
-            limits(-1, section.lower),
-            limits(1, section.upper),
-            section.base_link,
-            section.tip_link,
-            coupling.matrix(section.coupling, len(slides)),
-        )
+        return self.robot.arm(calibrated)
 
     def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints, and says how well it knows them."""
         nominal = self.arm(calibrated=False)
         frame_terms = None if self.frame_terms is None else self.frame_terms.term_map(nominal)
         joint_map = self.joint_map.joint_map(nominal)
-        robot = Robot(self.arm(), joint_map, *_placed(self.placement), frame_terms=frame_terms)
+        robot = Robot(self.arm(), joint_map, *self.placement.parts(), frame_terms=frame_terms)
         return robot.replace(certainty=self._certainty(robot))
+
+    def with_urdf(self, data: bytes) -> Record:
+        """The same with another URDF of the same geometry, checked against Pinocchio and yourdfpy.
+
+        Raises
+        ------
+        CalibrationError
+            If one of them disagrees.
+        """
+        sha256 = hashlib.sha256(data).hexdigest()
+        if sha256 == self.calibrated_urdf_sha256:
+            return self
+        check = Check.model_validate(urdf_check.check(data, self.arm()))
+        return self.model_copy(update={"calibrated_urdf_sha256": sha256, "pinocchio_check": check})
 
     def covariance_matrix(self) -> FloatArray:
         """``covariance`` as an array, shape (k, k), metres and radians."""
@@ -1084,7 +1299,7 @@ class Record(Section):
     def robot_nominal(self) -> Robot:
         """The nominal robot with base and tool identified from the same poses."""
         nominal = self.arm(calibrated=False)
-        return Robot(nominal, JointMap.identity(nominal), *_placed(self.placement_nominal))
+        return Robot(nominal, JointMap.identity(nominal), *self.placement_nominal.parts())
 
     def used_points(self, heldout: bool) -> tuple[PointSet, FloatArray] | None:
         """The used points, fitted or held out, and the directions from which their joints were reached.
@@ -1112,8 +1327,7 @@ class Record(Section):
     def _points_of(self, t: PointTable, p: PoseTable, heldout: bool) -> tuple[PointSet, FloatArray]:
         poses = np.array(p.heldout, dtype=bool) == heldout
         mine = np.array(t.heldout, dtype=bool) == heldout
-        slides = [kind == "prismatic" for kind in self.robot.joint_types]
-        units = np.where(slides, MM, DEG)
+        units = self.robot.joint_units
         labels = np.array(t.target, dtype=object)[mine]
         names = sorted(set(labels))
         target = np.zeros(len(labels), dtype=int)
@@ -1147,26 +1361,3 @@ class Record(Section):
     def reference_places(self) -> dict[str, FloatArray]:
         """Places of the reference points in the measuring frame, dict of arrays (3,), metres."""
         return {name: np.array(place) * MM for name, place in self.references_mm.items()}
-
-
-def _table(rows: Sequence[Row], prismatic: Sequence[bool]) -> DHMTable:
-    def column(name: str, unit: float) -> FloatArray:
-        return np.array([getattr(row, name) * unit for row in rows])
-
-    return DHMTable(
-        column("alpha_deg", DEG),
-        column("a_mm", MM),
-        column("theta_deg", DEG),
-        column("d_mm", MM),
-        column("beta_deg", DEG),
-        column("b_mm", MM),
-        np.array(prismatic, dtype=bool),
-    )
-
-
-def _placed(placement: Placement) -> tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]:
-    b = placement.base
-    R = frames.matrix_from_quaternion([b.qw, b.qx, b.qy, b.qz])
-    T = frames.transform(R, np.array([b.x_mm, b.y_mm, b.z_mm]) * MM)
-    rotations = {name: frames.matrix_from_quaternion(q) for name, q in placement.target_quaternions.items()}
-    return T, {name: np.array(xyz) * MM for name, xyz in placement.targets.items()}, rotations

@@ -528,8 +528,6 @@ def fingerprint(data: bytes, source: str) -> str | None:
 def to_bytes(
     urdf: UrdfArm,
     arm: Arm,
-    T_world_base: FloatArray | None = None,
-    targets: Mapping[str, FloatArray] | None = None,
     mark: str | None = None,
     words: str | None = None,
 ) -> bytes:
@@ -541,10 +539,6 @@ def to_bytes(
         As read.
     arm : Arm
         The corrected arm: same frames 0 and tip, another DHM table.
-    T_world_base : ndarray, shape (4, 4), optional
-        Adds a link ``world`` (the measuring frame) and a fixed joint to the root.
-    targets : dict of str to ndarray, shape (3,), optional
-        Adds a link ``target_NAME`` for each reflector, fixed to the tip; metres.
     mark : str, optional
         Fingerprint of the calibration, written into an element that readers of URDF pass over.
     words : str, optional
@@ -564,14 +558,6 @@ def to_bytes(
         name = elements[position].get("name")
         if not np.array_equal(nominal[name], corrected[name]):
             urdf_xml.set_origin(elements[position], corrected[name])
-    names = {element.get("name") for element in root.iter("link", "joint")}
-    if T_world_base is not None:
-        world = next(name for name in ("world", "measuring_frame", "irbcal_world") if name not in names)
-        T_world_root = T_world_base @ frames.inverse(urdf.T_root_base)
-        urdf_xml.add_fixed(root, world, urdf.root_link, world, T_world_root)
-    for name, xyz in (targets or {}).items():
-        link = f"target_{name}"
-        urdf_xml.add_fixed(root, urdf.arm.tip_link, link, link, frames.transform(None, xyz))
     if mark is not None:
         for old in root.findall(FINGERPRINT_TAG):
             root.remove(old)
@@ -582,6 +568,40 @@ def to_bytes(
     if words is not None:
         urdf_xml.begin_with(root, words)
     return urdf_xml.serialised(tree)
+
+
+def with_links(
+    data: bytes, arm: Arm, T_world_base: FloatArray | None = None, targets: Mapping[str, FloatArray] | None = None
+) -> bytes:
+    """A URDF with links more.
+
+    Parameters
+    ----------
+    data : bytes
+    arm : Arm
+        Its base and tip link.
+    T_world_base : ndarray, shape (4, 4), optional
+        Adds a link ``world`` (the measuring frame) and a fixed joint to the root.
+    targets : dict of str to ndarray, shape (3,), optional
+        Adds a link ``target_NAME`` for each reflector, fixed to the tip; metres.
+
+    Returns
+    -------
+    bytes
+    """
+    if T_world_base is None and not targets:
+        return data
+    urdf = from_bytes(data, f"URDF of {arm.name}", arm.base_link, arm.tip_link)
+    root = urdf.tree.getroot()
+    names = {element.get("name") for element in root.iter("link", "joint")}
+    if T_world_base is not None:
+        world = next(name for name in ("world", "measuring_frame", "irbcal_world") if name not in names)
+        urdf_xml.add_fixed(root, world, urdf.root_link, world, T_world_base @ frames.inverse(urdf.T_root_base))
+    for name, xyz in (targets or {}).items():
+        link = f"target_{name}"
+        if link not in names:
+            urdf_xml.add_fixed(root, arm.tip_link, link, link, frames.transform(None, xyz))
+    return urdf_xml.serialised(urdf.tree)
 
 
 def largest_link_shift(urdf: UrdfArm, arm: Arm) -> float:

@@ -58,7 +58,7 @@ def make_demo(folder):
 def is_demo(folder):
     """Whether the calibration was made from the shipped simulated measurements."""
     shipped_bytes = robots.demo_file("demo_identification.csv").read_bytes()
-    return irbcal.load(folder).data[0].sha256 == hashlib.sha256(shipped_bytes).hexdigest()
+    return irbcal.load(folder).record.data[0].sha256 == hashlib.sha256(shipped_bytes).hexdigest()
 
 
 def calibrated(folder):

@@ -158,9 +158,9 @@ def test_demo_calls_its_data_simulated(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "SIMULATED" in done.stdout
     loaded = irbcal.load(tmp_path / "demo")
-    assert loaded.simulated
-    assert loaded.poses_heldout == 1000
-    assert loaded.heldout.all.mean_mm < 0.4 < 0.9 < loaded.heldout_nominal.all.mean_mm
+    assert loaded.record.simulated
+    assert loaded.record.poses_heldout == 1000
+    assert loaded.record.heldout.all.mean_mm < 0.4 < 0.9 < loaded.record.heldout_nominal.all.mean_mm
     assert "simulated" in (tmp_path / "demo" / "report.html").read_text().lower()
 
 
@@ -266,7 +266,7 @@ def test_a_folder_without_write_permission_is_refused_before_any_work(data, tmp_
 def calibrated(data, out, *options):
     done = run("calibrate", data / "good.csv", "--robot", "irb120", "--out", out, "--json", *options)
     assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout), irbcal.load(out)
+    return json.loads(done.stdout), irbcal.load(out).record
 
 
 def test_largest_error_with_its_certificate(data, tmp_path):

@@ -57,4 +57,4 @@ def test_a_calibration_is_replaced_with_force_only(place):
     assert "replace it with --force" in str(done.exception)
     assert contents(place) == before
     assert CliRunner().invoke(app, [*line, "--force"]).exit_code == 0
-    assert irbcal.load(place / "cal").model == "11"
+    assert irbcal.load(place / "cal").record.model == "11"

@@ -8,7 +8,6 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
-from support import outcome_of
 from typer.testing import CliRunner
 
 import irbcal
@@ -101,8 +100,7 @@ def test_same_call_same_bytes_another_seed_others(tmp_path):
 def test_round_trip_plan_simulate_calibrate_filter_simulate_verify(tmp_path):
     """With the corrected program the robot's targets come to lie where the uncorrected one wanted them."""
     run("--random", 100, "--robot", "irb1600", "--out", tmp_path / "measured.csv", "--seed", 1)
-    outcome = outcome_of(tmp_path / "measured.csv", "irb1600", "34")
-    irbcal.save(outcome, tmp_path / "cal")
+    irbcal.calibrate(tmp_path / "measured.csv", "irb1600", "34").save(tmp_path / "cal")
     run("--random", 40, "--robot", "irb1600", "--out", tmp_path / "other.csv", "--seed", 2)
     joints = pd.read_csv(tmp_path / "other.csv").drop_duplicates("pose")[["pose", *columns.JOINTS]]
     joints.to_csv(tmp_path / "plan.csv", index=False)

@@ -182,11 +182,11 @@ def test_held_combinations_are_summed_up(demo_calibration, tmp_path, program):
     line = ["calibrate", robots.demo_file("demo_identification.csv"), "--robot", "irb1600", "--model", "34"]
     short = program(*line, "--out", tmp_path / "a")
     saved = irbcal.load(tmp_path / "a")
-    assert len(saved.held) == saved.parameter_count - saved.rank > 1
-    assert f"  held: {len(saved.held)} combinations" in short
+    assert len(saved.record.held) == saved.record.parameter_count - saved.record.rank > 1
+    assert f"  held: {len(saved.record.held)} combinations" in short
     assert short.count("held: ") == 1
     long = program(*line, "--out", tmp_path / "b", "--verbose")
-    for sentence in saved.held:
+    for sentence in saved.record.held:
         assert f"  held: {sentence}\n" in long
     told = program(*line, "--out", tmp_path / "c", "--json")
     assert told["parameters"] - told["rank"] == len(told["held"])
@@ -219,6 +219,6 @@ def test_a_demonstration_replaces_a_demonstration_only(monkeypatch, tmp_path, de
     done = CliRunner().invoke(app, line)
     assert done.exit_code == 1
     assert "there is a calibration in this folder already" in str(done.exception)
-    assert irbcal.load(demo.OWN).model == "16" != mine.model
+    assert irbcal.load(demo.OWN).record.model == "16" != mine.record.model
     (demo.OWN / "calibration.json").write_text("{}")
     assert CliRunner().invoke(app, line).exit_code == 1, "what cannot be read may be anything"

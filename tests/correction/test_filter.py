@@ -183,13 +183,13 @@ def test_a_program_is_corrected_without_touching_files(calibration, job):
     found = correct(record, job)
     assert sorted(job.parent.iterdir()) == before
     assert found.written is None
-    assert found.fingerprint == record.fingerprint
+    assert found.fingerprint == record.record.fingerprint
     assert found.complete
     (fake,) = [target for target in rapid.parse(found.data).targets if target.name == "j1"]
     wanted = record.arm(calibrated=False).forward(np.radians([[10, -14, 14, 0, 30, 0]]))
     assert_same_poses(record.robot_calibrated().poses(fake.value[None]), wanted, 1e-7, 2e-7)
     np.testing.assert_allclose(found.q[0], fake.value, rtol=0, atol=1e-8)
-    assert found.expected_error == pytest.approx(record.heldout.all.mean_mm * 1e-3)
+    assert found.expected_error == pytest.approx(record.record.heldout.all.mean_mm * 1e-3)
 
 
 def test_files_are_written_when_asked(calibration, job, tmp_path):
@@ -270,8 +270,10 @@ def test_the_fingerprint_is_found_in_what_was_filtered(calibration, job, tmp_pat
     assert fingerprint_of(job) is None
     new = tmp_path / f"new{job.suffix}"
     correct(calibration, job, out=new, allow_partial=True)
-    assert fingerprint_of(new) == record.fingerprint
-    with pytest.raises(ProgramError, match=f"these are fake targets already for calibration {record.fingerprint}"):
+    assert fingerprint_of(new) == record.record.fingerprint
+    with pytest.raises(
+        ProgramError, match=f"these are fake targets already for calibration {record.record.fingerprint}"
+    ):
         correct(calibration, new)
 
 

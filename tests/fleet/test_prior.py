@@ -10,7 +10,7 @@ from fleet_support import measured
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal import calibrating
+from irbcal import pipeline
 from irbcal.cli import main
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet.prior import population, type_prior
@@ -85,7 +85,9 @@ def test_from_the_store_to_a_calibration(store, tmp_path, monkeypatch):
     without = irbcal.calibrate(tmp_path / "new.csv", "irb1600")
     found = irbcal.calibrate(tmp_path / "new.csv", "irb1600", prior=out)
     assert found.record.heldout.all.mean_mm < 0.85 * without.record.heldout.all.mean_mm
-    assert any("What 6 SIMULATED robots of type irb1600_6_145 show was taken as a prior" in n for n in found.notes)
+    assert any(
+        "What 6 SIMULATED robots of type irb1600_6_145 show was taken as a prior" in n for n in found.record.notes
+    )
     for options in ({"model": 34}, {"terms": "all"}, {"loss": "huber"}):
         with pytest.raises(OptionError, match="prior: it is for model auto of terms joint-map: leave out"):
             irbcal.calibrate(tmp_path / "new.csv", "irb1600", prior=out, **options)
@@ -101,7 +103,7 @@ def test_a_prior_is_never_dropped_in_silence(tmp_path, monkeypatch):
         OptionError, match=r"prior: it is for model auto, and 8 poses are too few .*, without the prior"
     ):
         irbcal.calibrate(tmp_path / "few.csv", "irb1600", prior=own)
-    monkeypatch.setattr(calibrating, "identify", None)
+    monkeypatch.setattr(pipeline, "identify", None)
     with pytest.raises(OptionError, match="prior: it is of robot irb120"):
         irbcal.calibrate(tmp_path / "few.csv", "irb1600", prior=replace(own, type="irb120"))
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from support import arm, measured, random_robot
 
-from irbcal.calibrating import split
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification import fit, initial_guess, least_squares, minimax
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
+from irbcal.pipeline import held_out
 
 
 class Translation:
@@ -148,7 +148,7 @@ def test_real_robot(shared_data, level, least_squares_mm, certified_mm, heldout_
     """An independent cone program certified ``certified_mm``; ``heldout_mm`` is what its fit gave on unused poses."""
     points = cleaning.clean(table.read(shared_data / "irb120_laser_tracker" / "measurements.csv")).points
     nominal = urdf.read("irb120").arm
-    held = split(points, 296, "last")
+    held = held_out(points, 296, "last")
     problem, _ = fit.make_problem(nominal, points.select(~held), level)
     unused, _ = fit.make_problem(nominal, points.select(held), level)
     start = least_squares.solve(problem, initial_guess.first_state(problem))

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from irbcal.calibrating import split
 from irbcal.identification import fit, initial_guess, least_squares, minimax
 from irbcal.identification import history as history_module
 from irbcal.identification.history import History
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
+from irbcal.pipeline import held_out
 
 
 def test_it_improves_and_stays_above_the_proved_bound(case):
@@ -48,7 +48,7 @@ def test_another_objective(case):
 
 def test_two_thousand_iterations_on_a_real_robot_do_worse_than_minimax(shared_data):
     points = cleaning.clean(table.read(shared_data / "irb120_laser_tracker" / "measurements.csv")).points
-    problem, _ = fit.make_problem(urdf.read("irb120").arm, points.select(~split(points, 296, "last")), "34")
+    problem, _ = fit.make_problem(urdf.read("irb120").arm, points.select(~held_out(points, 296, "last")), "34")
     start = least_squares.solve(problem, initial_guess.first_state(problem))
     found = minimax.nelder_mead(problem, start.state)
     best = minimax.solve(problem, start)

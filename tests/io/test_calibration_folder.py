@@ -69,15 +69,15 @@ def test_values_of_a_column_are_those_of_pyarrow(chunks):
     assert calibration_folder._values(column) == column.to_pylist()
 
 
-def test_urdf_with_world_and_target_links_needs_no_other_file_than_the_joint_map(outcome, folder):
+def test_urdf_with_world_and_target_links_needs_no_other_file_than_the_joint_map(proven, folder):
     import pinocchio as pin
 
     model = pin.buildModelFromXML((folder / "calibrated.urdf").read_text())
     data = model.createData()
-    q = outcome.urdf.arm.random_joints(20, 4)
-    theta = outcome.fit.robot.joint_map.effective(q)
+    q = proven.urdf.arm.random_joints(20, 4)
+    theta = proven.fit.robot.joint_map.effective(q)
     world, target = model.getFrameId("world"), model.getFrameId("target_smr2")
-    for row, expected in zip(theta, outcome.fit.robot.points(q, "smr2"), strict=True):
+    for row, expected in zip(theta, proven.fit.robot.points(q, "smr2"), strict=True):
         pin.framesForwardKinematics(model, data, row)
         found = (data.oMf[world].inverse() * data.oMf[target]).translation
         assert np.abs(found - expected).max() < 1e-9
@@ -86,7 +86,7 @@ def test_urdf_with_world_and_target_links_needs_no_other_file_than_the_joint_map
 def test_a_changed_urdf_is_noticed(folder, tmp_path):
     for name in ("calibration.json", "calibrated.urdf"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
-    assert irbcal.load(tmp_path).model == "34"
+    assert irbcal.load(tmp_path).record.model == "34"
     (tmp_path / "calibrated.urdf").write_text("<robot/>")
     with pytest.raises(CalibrationError, match=r"calibrated\.urdf was changed after irbcal wrote it"):
         irbcal.load(tmp_path)
@@ -127,9 +127,8 @@ def content(folder):
 
 
 def test_the_file_in_the_folder_names_the_folder(folder):
-    found = irbcal.load(folder / "calibration.json")
-    assert found.folder == folder
-    assert len(repr(found.saved)) < 300
+    assert irbcal.load(folder / "calibration.json").folder == folder
+    assert len(repr(calibration_folder.read(folder))) < 300
 
 
 @pytest.mark.parametrize("calibration", [None, 5, ["my-robot"]])

@@ -121,7 +121,7 @@ def test_fake_targets_are_made_with_the_controllers_own_numbers(cell, tmp_path, 
     """From the poses that the controller reports to the corrected program: as good as held-out poses."""
     folder = cell[0]
     calibration = irbcal.load(folder / "cal")
-    heldout = calibration.heldout.all.mean_mm * 1e-3
+    heldout = calibration.record.heldout.all.mean_mm * 1e-3
     before = errors(cell, (folder / "job.mod").read_bytes())[0]
     program("controller", folder / "poses.csv", "--robot", "irb1600", "--out", tmp_path / "own.urdf")
     out = tmp_path / "with.mod"

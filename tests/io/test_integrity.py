@@ -4,11 +4,10 @@ import json
 import shutil
 
 import pytest
-from support import outcome_of
 
 import irbcal
 from irbcal.errors import CalibrationError
-from irbcal.io import calibration_folder, document, integrity, robots
+from irbcal.io import calibration_folder, integrity, robots
 from irbcal.io.integrity import contradictions
 
 
@@ -213,7 +212,7 @@ def test_absurd_numbers_are_refused_with_their_place(folder, tmp_path, place, va
 
 
 def test_what_the_program_writes_is_read(folder):
-    assert irbcal.load(folder).model == "34"
+    assert irbcal.load(folder).record.model == "34"
 
 
 @pytest.mark.parametrize("model", ["nominal", "34b", "placement", "auto"])
@@ -224,8 +223,8 @@ def test_a_fresh_calibration_agrees_with_itself(model, tmp_path):
 
 def test_another_calibrations_urdf_is_seen(tmp_path):
     file = robots.demo_file("demo_identification.csv")
-    one, other = (document.build(outcome_of(file, "irb1600", model)) for model in ("34", "26"))
-    assert "not the geometry of calibrated.urdf" in "; ".join(contradictions(one[0], other[1]))
+    one, other = (irbcal.calibrate(file, "irb1600", model) for model in ("34", "26"))
+    assert "not the geometry of calibrated.urdf" in "; ".join(contradictions(one.record, other.urdf))
 
 
 @pytest.mark.parametrize(

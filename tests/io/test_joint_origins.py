@@ -2,7 +2,7 @@
 
 import numpy as np
 import yaml
-from support import arm, assert_same_poses, example_robot, measured, outcome_of, random_robot, write_measurements
+from support import arm, assert_same_poses, example_robot, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.io import calibration_folder, joint_origins, urdf, urdf_check
@@ -12,7 +12,7 @@ from irbcal.modeling import frames
 def test_yaml_rebuilds_the_robot(folders):
     """Origins from the file, put into the nominal URDF by hand, give the calibrated robot in Pinocchio."""
     entries = yaml.safe_load((folders[0] / "joint_origins.yaml").read_text())["kinematics"]
-    assert entries.pop("hash") == f"irbcal_{irbcal.load(folders[0]).fingerprint}"
+    assert entries.pop("hash") == f"irbcal_{irbcal.load(folders[0]).record.fingerprint}"
     assert list(entries) == [f"link_{i}" for i in range(1, 7)]
     nominal = calibration_folder.read(folders[0]).nominal_urdf()
     placed = {}
@@ -32,7 +32,7 @@ def test_yaml_uses_the_keys_of_ur_description(tmp_path):
     found = urdf.read(example_robot("ur_description/urdf/ur10_robot.urdf"))
     truth = random_robot(found.arm, "26", np.random.default_rng(1))
     data = write_measurements(tmp_path / "m.csv", measured(truth, found.arm.random_joints(60, 1)))
-    irbcal.save(outcome_of(data, example_robot("ur_description/urdf/ur10_robot.urdf"), "26"), tmp_path / "cal")
+    irbcal.save(irbcal.calibrate(data, example_robot("ur_description/urdf/ur10_robot.urdf"), "26"), tmp_path / "cal")
     entries = yaml.safe_load((tmp_path / "cal/joint_origins.yaml").read_text())["kinematics"]
     assert list(entries) == ["shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3", "hash"]
     assert list(entries["forearm"]) == ["x", "y", "z", "roll", "pitch", "yaw", "joint"]

@@ -33,17 +33,17 @@ def mujoco():
 
 
 @pytest.fixture(scope="module", params=["relative", "absolute"])
-def written(request, outcome, tmp_path_factory):
+def written(request, calibration_34, tmp_path_factory):
     """A calibration folder with mesh paths, blanks and letters beyond ASCII in its own."""
     folder = tmp_path_factory.mktemp("mesh") / "a cell of Zürich" / "cal"
-    irbcal.save(outcome, folder, mesh_paths=request.param, world_link=True, target_links=True)
+    calibration_34.save(folder, mesh_paths=request.param, world_link=True, target_links=True)
     return folder
 
 
 @pytest.fixture
-def joints(outcome):
+def joints(proven):
     """Commanded and effective joints, and the tip in the base link by irbcal."""
-    robot = outcome.fit.robot
+    robot = proven.fit.robot
     q = robot.arm.random_joints(40, 4)
     return robot.joint_map.effective(q), robot.poses(q)
 
@@ -95,13 +95,13 @@ def test_the_calibration_is_whole(written):
     assert all(os.path.isabs(name) and os.path.isfile(name) for name in names)
 
 
-def test_package_leaves_the_urdf_as_it_is(outcome, tmp_path):
-    calibration = irbcal.calibration.Calibration(outcome)
+def test_package_leaves_the_urdf_as_it_is(calibration_34, tmp_path):
+    calibration = calibration_34
     calibration.save(tmp_path / "cal", mesh_paths="package")
     assert (tmp_path / "cal" / "calibrated.urdf").read_bytes() == calibration.urdf
     assert calibration.urdf.count(b"package://") == 21
     with pytest.raises(OptionError, match="mesh_paths"):
-        irbcal.save(outcome, tmp_path / "c", mesh_paths="short")
+        irbcal.save(calibration, tmp_path / "c", mesh_paths="short")
 
 
 # ---------------------------------------------------------------- what a URDF may name
@@ -191,8 +191,8 @@ def test_what_a_urdf_says_to_mujoco_is_kept(cell):
     assert root.find("mujoco/compiler").get("strippath") == "false"
 
 
-def test_the_command_writes_paths_or_nothing(outcome, tmp_path, program):
-    data = outcome.measurements.source
+def test_the_command_writes_paths_or_nothing(proven, tmp_path, program):
+    data = proven.measurements.source
     robot = tmp_path / "my_robot.urdf"
     text = robots.robot_file("irb1600").read_text()
     robot.write_text(text)

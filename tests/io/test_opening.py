@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yourdfpy
-from support import arm, assert_same_poses, measured, outcome_of, random_robot, write_measurements
+from support import arm, assert_same_poses, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.errors import CalibrationError, OptionError, RobotError
-from irbcal.io import calibration_folder, document, opening, robots, urdf
+from irbcal.io import calibration_folder, opening, robots, urdf
 from irbcal.io.opening import open_robot
 
 
@@ -91,9 +91,9 @@ def folder(tmp_path_factory):
     truth = random_robot(nominal, "34", rng)
     points = measured(truth, nominal.random_joints(40, 1), 3e-5, rng)
     path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
-    content, urdf = document.build(outcome_of(path, "irb1600", "34", holdout=0.3))
+    calibration = irbcal.calibrate(path, "irb1600", "34", holdout=0.3)
     out = tmp_path_factory.mktemp("saved") / "calibration"
-    calibration_folder.write(out, content, urdf, "")
+    calibration_folder.write(out, calibration.record, calibration.urdf, "")
     return out
 
 

@@ -148,8 +148,8 @@ def test_damage_is_refused(size, factor, words):
         CovarianceSection(layout="cholesky-rows-float32-base64", size=size, factor=factor)
 
 
-def test_a_folder_gives_the_same_predictions(outcome, folder):
-    fresh, loaded = outcome.fit.robot, irbcal.load(folder).robot_calibrated()
+def test_a_folder_gives_the_same_predictions(proven, folder):
+    fresh, loaded = proven.fit.robot, irbcal.load(folder).robot_calibrated()
     q = fresh.arm.random_joints(30, 4)
     for name in fresh.targets:
         one, two = fresh.predict(q, target=name), loaded.predict(q, target=name)
@@ -446,10 +446,10 @@ def test_loads_are_told_for_all_poses_or_none():
             PoseTable(**POSES, **change)
 
 
-def test_nominal_robot_comes_back_too(outcome, folder):
-    q = outcome.urdf.arm.random_joints(50, 5)
+def test_nominal_robot_comes_back_too(proven, folder):
+    q = proven.urdf.arm.random_joints(50, 5)
     found = irbcal.load(folder).robot_nominal().points(q, "smr1")
-    assert np.abs(found - outcome.nominal.robot.points(q, "smr1")).max() < 1e-9
+    assert np.abs(found - proven.nominal_robot.points(q, "smr1")).max() < 1e-9
 
 
 def test_a_record_and_its_parts_are_printed_short(folder):
@@ -462,60 +462,60 @@ def test_a_record_and_its_parts_are_printed_short(folder):
     assert f"n={record.fit.all.n}" in repr(record.fit.all)
 
 
-def test_three_ways_to_predict_agree(outcome, folder):
+def test_three_ways_to_predict_agree(proven, folder):
     """From the fit, from the loaded folder, and from the written URDF in Pinocchio plus the joint map."""
     loaded = irbcal.load(folder)
-    q = outcome.urdf.arm.random_joints(500, 3)
+    q = proven.urdf.arm.random_joints(500, 3)
     robot = loaded.robot_calibrated()
     theta = robot.joint_map.effective(q)
     T = urdf_check.poses((folder / "calibrated.urdf").read_bytes(), loaded.arm(), theta)
     for name in TARGETS:
-        from_fit = outcome.fit.robot.points(q, name)
+        from_fit = proven.fit.robot.points(q, name)
         base = np.einsum("nij,j->ni", T[:, :3, :3], robot.targets[name]) + T[:, :3, 3]
         from_pinocchio = base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
         assert np.abs(robot.points(q, name) - from_fit).max() < 1e-9
         assert np.abs(from_pinocchio - from_fit).max() < 1e-9
 
 
-def test_statistics_are_those_of_the_held_out_poses(outcome, folder):
+def test_statistics_are_those_of_the_held_out_poses(proven, folder):
     loaded = irbcal.load(folder)
-    robot, points = loaded.robot_calibrated(), outcome.heldout_points
+    robot, points = loaded.robot_calibrated(), proven.heldout_points
     distance = [
         np.linalg.norm(xyz - robot.points(q[None], name)[0])
         for q, xyz, name in zip(points.joints(), points.xyz, points.names(), strict=True)
     ]
-    assert loaded.heldout.all.mean_mm == pytest.approx(np.mean(distance) * 1e3, abs=1e-9)
-    assert loaded.heldout.all.max_mm == pytest.approx(np.max(distance) * 1e3, abs=1e-9)
-    assert loaded.poses_fit + loaded.poses_heldout == 60
-    assert set(outcome.fit_points.pose_ids).isdisjoint(points.pose_ids)
+    assert loaded.record.heldout.all.mean_mm == pytest.approx(np.mean(distance) * 1e3, abs=1e-9)
+    assert loaded.record.heldout.all.max_mm == pytest.approx(np.max(distance) * 1e3, abs=1e-9)
+    assert loaded.record.poses_fit + loaded.record.poses_heldout == 60
+    assert set(proven.fit_points.pose_ids).isdisjoint(points.pose_ids)
 
 
 def test_every_parameter_is_listed_with_state_and_unit(folder):
     loaded = irbcal.load(folder)
-    names = [p.name for p in loaded.parameters]
+    names = [p.name for p in loaded.record.parameters]
     assert len(names) == len(set(names))
     for expected in ("base_x", "target_smr3_z", "delta_alpha4", "stiffness_delta_L", "fourier_b2"):
         assert expected in names
-    for p in loaded.parameters:
+    for p in loaded.record.parameters:
         assert (p.std is None) == (p.state != "identified")
         assert bool(p.reason) or p.state == "identified"
-    assert loaded.parameter_count == 43
+    assert loaded.record.parameter_count == 43
 
 
-def test_it_is_printed_short(outcome):
-    assert repr(outcome) == "<Outcome of irb1600_6_145.urdf, model 34: 42 fitted and 18 held-out poses>"
+def test_it_is_printed_short(proven):
+    assert repr(proven) == "<Proven irb1600_6_145.urdf, model 34: 42 fitted and 18 held-out poses>"
 
 
-def test_its_urdf_and_fit_are_pickled(outcome):
-    again = pickle.loads(pickle.dumps(outcome))
-    q = outcome.urdf.arm.random_joints(20, 3)
-    assert np.abs(again.fit.robot.points(q, "smr1") - outcome.fit.robot.points(q, "smr1")).max() == 0.0
-    assert again.urdf.tree.getroot().get("name") == outcome.urdf.tree.getroot().get("name")
-    assert np.abs(again.urdf.T_dhm_link - outcome.urdf.T_dhm_link).max() == 0.0
+def test_its_urdf_and_fit_are_pickled(proven):
+    again = pickle.loads(pickle.dumps(proven))
+    q = proven.urdf.arm.random_joints(20, 3)
+    assert np.abs(again.fit.robot.points(q, "smr1") - proven.fit.robot.points(q, "smr1")).max() == 0.0
+    assert again.urdf.tree.getroot().get("name") == proven.urdf.tree.getroot().get("name")
+    assert np.abs(again.urdf.T_dhm_link - proven.urdf.T_dhm_link).max() == 0.0
 
 
-def test_it_cannot_be_changed(outcome):
+def test_it_cannot_be_changed(proven):
     with pytest.raises(ValueError, match="read-only"):
-        outcome.urdf.T_dhm_link[0, 0, 0] = 2.0
-    assert isinstance(outcome.notes, tuple)
-    assert isinstance(outcome.excluded, tuple)
+        proven.urdf.T_dhm_link[0, 0, 0] = 2.0
+    assert isinstance(proven.notes, tuple)
+    assert isinstance(proven.excluded, tuple)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import arm, measured, random_robot
 
-from irbcal import calibrating
+from irbcal import pipeline
 from irbcal.identification import selection
 from irbcal.identification.fit import identify
 from irbcal.measurement import places
@@ -82,7 +82,7 @@ def claimed_over_true(seed, repeats=3, n=32):
 
     q = np.repeat(nominal.random_joints(n, seed), repeats, axis=0)
     points = replace(measured(robot, reached(q), 1e-5, rng), q=q)
-    aside = calibrating.split(points, 0.25, "random", seed)
+    aside = pipeline.held_out(points, 0.25, "random", seed)
     found = identify(nominal, points.select(~aside), "34").robot
     other = nominal.random_joints(400, seed + 500)
     truth = replace(measured(robot, reached(other)), q=other)
@@ -99,7 +99,7 @@ def test_what_is_claimed_is_true_with_repeats_and_too_good_without_grouping(monk
     honest = np.mean([claimed_over_true(seed) for seed in seeds], axis=0)
     np.testing.assert_allclose(honest, 1.0, atol=0.08)
     apart = lambda points: np.arange(points.poses)  # noqa: E731
-    monkeypatch.setattr(calibrating, "places", apart)
+    monkeypatch.setattr(pipeline, "places", apart)
     monkeypatch.setattr(selection, "places", apart)
     flattered = np.mean([claimed_over_true(seed) for seed in seeds], axis=0)
     assert (flattered < 0.85 * honest).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support import outcome_of
+from support import proven_of
 
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances
@@ -173,9 +173,9 @@ def test_readings_put_for_commands_tell_nothing(real_file):
 @pytest.mark.parametrize(("level", "mean", "largest"), [("34", 0.165, 0.90), ("34b", 0.148, 0.50)])
 def test_held_out_accuracy_with_programmed_joints(real_file, level, mean, largest):
     """Readings: 0.438/2.26 and 0.430/2.08 mm."""
-    outcome = outcome_of(real_file, "irb120", level, holdout=296, split="last")
-    assert outcome.fit_points.poses == 200
-    found = statistics(distances(outcome.fit.robot, outcome.heldout_points))
+    proven = proven_of(real_file, "irb120", level, holdout=296, split="last")
+    assert proven.fit_points.poses == 200
+    found = statistics(distances(proven.fit.robot, proven.heldout_points))
     assert found["mean_mm"] <= mean
     assert found["max_mm"] <= largest
-    assert any(VERDICT in note for note in outcome.notes)
+    assert any(VERDICT in note for note in proven.notes)

@@ -18,7 +18,7 @@ def cell():
     found = urdf.read("irb1600")
     robot = random_robot(found.arm, "34", np.random.default_rng(3), size=1.0)
     robot = robot.replace(joint_map=with_thesis(robot.joint_map, gain=1e-3 * np.arange(-2, 4)))
-    content = urdf.to_bytes(found, robot.arm, robot.T_world_base)
+    content = urdf.with_links(urdf.to_bytes(found, robot.arm), robot.arm, robot.T_world_base)
     return robot, CalibratedModel(content, robot.arm, robot.joint_map, {"target_smr1": T_TIP_SMR1})
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from support import arm, assert_derivative, assert_same_poses, example_robot, motions, outcome_of
+from support import arm, assert_derivative, assert_same_poses, example_robot, motions
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
@@ -211,10 +211,10 @@ def test_wrong_input_is_refused_in_one_sentence(cell):
 
 
 def test_model_of_a_calibration_folder(tmp_path):
-    outcome = outcome_of(robots.demo_file("demo_identification.csv"), "irb1600", "34")
-    irbcal.save(outcome, tmp_path)
+    calibration = irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", "34")
+    calibration.save(tmp_path)
     model = CalibratedModel.load(tmp_path)
-    robot = outcome.fit.robot
+    robot = calibration.proven.fit.robot
     q, _ = motions(robot, 50)
     T = robot.T_world_base @ model.placement(q, "target_smr2")
     assert np.abs(T[:, :3, 3] - robot.points(q, "smr2")).max() < 1e-12

@@ -48,7 +48,7 @@ def test_planned_commands_are_as_good_as_the_calibration_on_the_simulated_robot(
     """The hidden truth of the demo moves the reflector; goals are in the tracker's frame."""
     misses = examples(name).main(demo)
     calibration = irbcal.load(demo)
-    heldout, nominal = calibration.heldout.all, calibration.heldout_nominal.all
+    heldout, nominal = calibration.record.heldout.all, calibration.record.heldout_nominal.all
     assert misses["calibrated"].mean() < 1.2 * heldout.mean_mm
     assert misses["calibrated"].max() < heldout.max_mm
     assert misses["nominal"].mean() > 0.7 * nominal.mean_mm
@@ -116,7 +116,7 @@ def test_a_way_around_the_post_touches_nothing_and_ends_where_it_should(examples
         assert distances.closest_to("post")[0] > 0.0
         assert np.abs(np.diff(q, axis=0)).max() < 0.3
     calibration = irbcal.load(demo)
-    assert misses["calibrated"].max() < calibration.heldout.all.max_mm
+    assert misses["calibrated"].max() < calibration.record.heldout.all.max_mm
     assert misses["nominal"].mean() > 2 * misses["calibrated"].mean()
     assert "commands around the post" in capsys.readouterr().out
 

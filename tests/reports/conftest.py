@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support import arm, measured, outcome_of, random_robot, write_measurements
+from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.reports import report_page
@@ -17,7 +17,7 @@ def folder(tmp_path_factory):
     points = measured(truth, nominal.random_joints(60, 1), 3e-5, rng)
     path = write_measurements(tmp_path_factory.mktemp("data") / "m.csv", points)
     out = tmp_path_factory.mktemp("saved") / "calibration"
-    irbcal.save(outcome_of(path, "irb1600", "34", holdout=0.3), out)
+    irbcal.save(irbcal.calibrate(path, "irb1600", "34", holdout=0.3), out)
     return out
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from report_cases import assert_harmless, with_points
-from support import arm, measured, outcome_of, random_robot, write_measurements
+from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.reports import report_page
@@ -25,7 +25,7 @@ def test_the_file_holds_the_points_as_measured(folder, calibration, tmp_path):
     q[12, 2] = q[11, 2]
     path = write_measurements(tmp_path / "m.csv", measured(random_robot(nominal, "26", rng), q, 3e-5, rng))
     out = tmp_path / "out"
-    irbcal.save(outcome_of(path, "irb1600", "26", holdout=0.5), out)
+    irbcal.save(irbcal.calibrate(path, "irb1600", "26", holdout=0.5), out)
     saved = irbcal.load(out).record
     rows = pd.read_csv(path).assign(order=lambda t: t["pose"].rank(method="dense").astype(int) - 1)
     joints = rows.groupby("order")[[f"q{k}_deg" for k in range(1, 7)]].first().to_numpy()

@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from support import arm, measured, outcome_of, random_robot, write_measurements
+from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 
@@ -31,7 +31,7 @@ def path(tmp_path_factory):
     file = write_measurements(folder / "m.csv", points)
     lines = file.read_text().splitlines()
     file.write_text("\n".join([f"{lines[0]},group", *(f"{line},{HOSTILE}" for line in lines[1:])]) + "\n")
-    irbcal.save(outcome_of(file, "irb1600", "26", holdout=0.5), folder / "out")
+    irbcal.save(irbcal.calibrate(file, "irb1600", "26", holdout=0.5), folder / "out")
     return folder / "out" / "report.html"
 
 

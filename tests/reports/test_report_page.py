@@ -17,14 +17,13 @@ from report_cases import (
     with_points,
     without_heldout,
 )
-from support import TARGETS, outcome_of
+from support import TARGETS
 from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
 from irbcal.figures import charts
-from irbcal.io import document
 from irbcal.io.schema import Candidate, Choice, Exclusion, RotationStatistics
 from irbcal.reports import report_page
 
@@ -220,8 +219,7 @@ def test_damaged_point_tables_are_refused(folder, calibration, tmp_path, damage,
 def test_backlash_of_a_real_robot(shared_data, tmp_path):
     """The IRB 120: its residuals depend on the direction of joint 1, and a mean by hand says so, too."""
     file = shared_data / "irb120_laser_tracker" / "measurements.csv"
-    outcome = outcome_of(file, "irb120", "34", holdout=296, split="last")
-    calibration, _ = document.build(outcome)
+    calibration = irbcal.calibrate(file, "irb120", "34", holdout=296, split="last").record
     page = report_page.render(calibration)
     assert_harmless(page)
     assert len(page.encode()) < 1_000_000

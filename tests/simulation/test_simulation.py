@@ -34,8 +34,8 @@ def test_the_table_is_the_file(simulated, tmp_path):
 
 def test_it_can_be_calibrated_without_a_file():
     measured = simulate("irb1600", random=60, seed=1).to_frame()
-    outcome = irbcal.calibrate(measured, "irb1600", "11", holdout=20).outcome
-    assert outcome.fit_points.poses == 40
+    proven = irbcal.calibrate(measured, "irb1600", "11", holdout=20).proven
+    assert proven.fit_points.poses == 40
 
 
 def test_the_result_says_what_it_is_and_cannot_be_changed(simulated):

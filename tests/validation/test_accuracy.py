@@ -4,7 +4,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from support import arm, measured, outcome_of, random_robot, random_rotation
+from support import arm, measured, proven_of, random_robot, random_rotation
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement.points import distances
@@ -227,10 +227,10 @@ def test_flange_poses_of_a_real_robot_are_those_of_scipy(shared_data):
     """IRB 120, three reflectors: tips by scipy's align_vectors, pose by pose; the flange's errors are below the points'."""
     from scipy.spatial.transform import Rotation
 
-    outcome = outcome_of(
+    proven = proven_of(
         shared_data / "irb120_laser_tracker" / "measurements.csv", "irb120", "34", holdout=296, split="last"
     )
-    robot, points = outcome.fit.robot, outcome.heldout_points
+    robot, points = proven.fit.robot, proven.heldout_points
     found = accuracy.tip_errors(robot, points)
     assert len(found.pose) == 296
     local = np.array([robot.targets[name] for name in points.target_names])

@@ -42,10 +42,10 @@ def test_a_target_is_surer_than_the_tip_where_it_was_measured(record):
     assert not np.allclose(at_target, position_std(record, q), rtol=1e-3, atol=0.0)
 
 
-def test_uncertainty_of_a_saved_calibration_is_that_of_its_fit(outcome, folder):
+def test_uncertainty_of_a_saved_calibration_is_that_of_its_fit(proven, folder):
     loaded = irbcal.load(folder)
-    q = outcome.urdf.arm.random_joints(20, 6)
-    expected = np.sqrt(np.einsum("nii->ni", outcome.fit.predicted_covariance(q, "smr2")))
+    q = proven.urdf.arm.random_joints(20, 6)
+    expected = np.sqrt(np.einsum("nii->ni", proven.fit.predicted_covariance(q, "smr2")))
     assert np.abs(position_std(loaded, q, "smr2") / expected - 1).max() < 1e-6
     tip = position_std(loaded, q)
     assert tip.shape == (20, 3)

@@ -40,7 +40,7 @@ def test_training_data_prove_nothing(made, table):
     renamed = one.assign(pose="again " + one["pose"].astype(str)).iloc[::-1]
     with pytest.raises(MeasurementError, match="they prove nothing"):
         irbcal.evaluate(made, renamed)
-    assert irbcal.evaluate(made, one, include_fitted=True).calibrated["n"] == len(made.outcome.fit_points)
+    assert irbcal.evaluate(made, one, include_fitted=True).calibrated["n"] == len(made.proven.fit_points)
 
 
 def test_of_a_mixed_file_the_rest_counts(made, table):
@@ -66,7 +66,7 @@ def test_a_load_that_was_never_fitted_is_called_so(made, table):
     fitted = irbcal.calibrate(one.assign(payload_kg=1.0), "irb1600", "26")
     loaded = irbcal.evaluate(fitted, one.assign(payload_kg=7.0), tolerance=5e-3, same_tool=True)
     assert "at fitted joints with a load that was never fitted" in loaded.verdict.words
-    assert loaded.conformity.outcome == "not proven"
+    assert loaded.conformity.proven == "not proven"
     assert "that were fitted" not in loaded.verdict.words
 
 

@@ -5,7 +5,6 @@ import subprocess
 import sys
 
 import pytest
-from support import outcome_of
 
 import irbcal
 from irbcal.errors import OptionError, ProgramError, RobotError
@@ -73,11 +72,11 @@ def test_a_cell_may_give_links_and_joints_a_prefix(folders):
 
 
 def test_calibrating_a_calibrated_urdf_again_leaves_one_fingerprint(folders, tmp_path):
-    outcome = outcome_of(folders[0].parent / "second.csv", folders[0] / "calibrated.urdf", "11")
-    irbcal.save(outcome, tmp_path / "again")
+    again = irbcal.calibrate(folders[0].parent / "second.csv", folders[0] / "calibrated.urdf", "11")
+    again.save(tmp_path / "again")
     text = (tmp_path / "again/calibrated.urdf").read_text()
     assert text.count("irbcal_calibration") == 1
-    assert irbcal.load(tmp_path / "again").fingerprint in text
+    assert irbcal.load(tmp_path / "again").record.fingerprint in text
 
 
 def test_command_line(folders):

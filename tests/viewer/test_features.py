@@ -48,7 +48,7 @@ def test_features_stand_at_their_fitted_places(touched):
     found, table = touched
     scene = building.build(found, table)
     drawn = {one.name: one for one in scene.features}
-    rows = {row.name: row.found | row.known for row in found.features.features}
+    rows = {row.name: row.found | row.known for row in found.record.features.features}
     assert list(drawn) == [*TRUTH, "50 mm"]
     for name, (kind, own) in TRUTH.items():
         T, row = drawn[name].T_scene, rows[name]

@@ -1,0 +1,1215 @@
+"""From measurements to a proven calibration: read, clean, split, fit, doubt, prove, record.
+
+Each step is a function from one frozen dataclass to the next, which has all that the one before had, and what the step
+adds. Rows at features go the same way; they are fitted and proved by their own two functions.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from importlib.metadata import version
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias, TypeVar
+
+import numpy as np
+import pandas as pd
+
+from irbcal import __version__
+from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.identification.axes import GROUPS
+from irbcal.identification.axis_calibration import PARALLELS
+from irbcal.identification.choices import ALIASES, LEVELS, LOSSES, METHODS, MODELS, OBJECTIVES, TERMS, method_of
+from irbcal.identification.evidence import check_averaging, identify_evidence
+from irbcal.identification.evidence_fit import EvidenceFit
+from irbcal.identification.explanation import explain
+from irbcal.identification.feature_fit import (
+    FeatureFit,
+    as_points,
+    frames_of,
+    identify_features,
+    shape_only,
+)
+from irbcal.identification.feature_problem import FeatureProblem, Key
+from irbcal.identification.fit import Fit, certainty_of, identify, identify_by
+from irbcal.identification.observation_kind import SHOWN
+from irbcal.identification.problem import session_names
+from irbcal.identification.selection import Choice as LevelChoice
+from irbcal.identification.selection import choose_level
+from irbcal.identification.type_prior import TypePrior
+from irbcal.io import integrity, prior_file, robots, urdf, urdf_check
+from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, CalibrationLike, Saved
+from irbcal.io.opening import calibration_at, read_nominal
+from irbcal.io.schema import (
+    CertaintySection,
+    Choice,
+    CovarianceSection,
+    DataFile,
+    Errors,
+    EvidenceChoice,
+    EvidenceSection,
+    FeatureRow,
+    FeaturesSection,
+    FrameTermsSection,
+    JointMapSection,
+    JointOrigin,
+    LengthRow,
+    Objective,
+    Observability,
+    Origin,
+    Parameter,
+    Placement,
+    PlaceRow,
+    PointTable,
+    Pose,
+    PoseTable,
+    Record,
+    RobotSection,
+    SessionSection,
+    in_mm,
+    texts,
+)
+from irbcal.io.urdf import UrdfArm
+from irbcal.measurement import cleaning, fitted, lists, near, table, tools
+from irbcal.measurement import features as feature_files
+from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.columns import TableLike
+from irbcal.measurement.features import FeatureSet
+from irbcal.measurement.last_moves import last_moves
+from irbcal.measurement.motions import motion_of, times_of
+from irbcal.measurement.order import with_last_moves
+from irbcal.measurement.own_tables import shared
+from irbcal.measurement.places import notes as repeat_notes
+from irbcal.measurement.places import places
+from irbcal.measurement.points import PointSet, distances, rotation_distances
+from irbcal.measurement.poses import as_poses
+from irbcal.measurement.reading_lag import mixed_use
+from irbcal.measurement.sessions import into_one_frame
+from irbcal.measurement.table import MeasurementSet, MeasurementsLike
+from irbcal.modeling import coupling
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.elsewhere import elsewhere
+from irbcal.modeling.parameters import default_level, selected_parameters
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.situation import Motion
+from irbcal.options import checked, names, number, place
+from irbcal.options import seed as check_seed
+from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_gross_errors
+from irbcal.units import DEG, MM
+from irbcal.validation.coverage import coverage, coverage_in_words
+from irbcal.validation.doubts import cautions, doubts
+from irbcal.validation.feature_proof import FeatureProof
+from irbcal.validation.feature_proof import prove as prove_places
+from irbcal.validation.verdict import verdict_of
+
+SPLITS = ("random", "last")
+HOLDOUT = 0.25
+"""Share of the poses that are held out unless another is asked for."""
+LARGEST_TURN = 3 * DEG
+"""Median angle from the nominal robot above which measured orientations are refused, radians."""
+OPEN = 0.5
+"""Share of what was not known of the tool's position that rows at features may leave open without a doubt."""
+LINKS = ("base_link", "tip_link", "coupling")
+FEATURE_OPTIONS = ("model", "terms", "seed", *LINKS, "features", "leave_out", "payload_place")
+"""Options that rows at features take."""
+
+Progress: TypeAlias = Callable[[str], Any]
+"""Called with a short text at each step."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """How to calibrate; see `irbcal.calibrate` for what each option means."""
+
+    model: str | int | None = None
+    terms: str = "joint-map"
+    holdout: float | None = None
+    split: str = "random"
+    seed: int = 0
+    verify: MeasurementsLike | None = None
+    base_link: str | None = None
+    tip_link: str | None = None
+    coupling: str | None = None
+    method: str = "least-squares"
+    objective: str = "rms"
+    power: float = 8.0
+    loss: str = "linear"
+    free: Sequence[str] = ()
+    hold: Sequence[str] = ()
+    targets: str | Path | Mapping[str, FloatArray] | None = None
+    frame: Sequence[str] | None = None
+    as_poses: bool = False
+    session_by: str | None = None
+    with_: CalibrationLike | None = None
+    payload_place: Sequence[float] | None = None
+    same_tool: bool = False
+    torques: bool = False
+    parallel: str = "hayati"
+    features: TableLike | None = None
+    leave_out: str | None = None
+    prior: str | Path | TypePrior | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.model, int):
+            object.__setattr__(self, "model", str(self.model))
+        for name, value, choices in (
+            ("model", self.model, (None, *MODELS)),
+            ("terms", self.terms, TERMS),
+            ("split", self.split, SPLITS),
+            ("method", self.method, (*METHODS, *ALIASES)),
+            ("objective", self.objective, OBJECTIVES),
+            ("loss", self.loss, LOSSES),
+            ("parallel", self.parallel, PARALLELS),
+        ):
+            if value not in choices:
+                raise OptionError.unknown(name, value, [choice for choice in choices if choice is not None])
+        if self.model == "auto":
+            for option in self.of_a_level:
+                raise OptionError(
+                    f"{option}: model auto averages error models by their evidence and takes no {option}: choose "
+                    "a level, such as 34, for that",
+                    parameter=option,
+                )
+        if method_of(self.method) == "circles" and self.model not in (None, "26"):
+            raise OptionError(
+                f"model: method circles takes all link geometry from the axes (model 26): leave out model {self.model}"
+                " or the method",
+                parameter="model",
+            )
+        if self.parallel != PARALLELS[0] and method_of(self.method) != "circles":
+            raise OptionError("parallel: only method circles forces parallel axes", parameter="parallel")
+        if self.terms != TERMS[0] and (self.model not in (None, "auto") or self.of_a_level):
+            level = f"model {self.model}" if self.model not in (None, "auto") else self.of_a_level[0]
+            raise OptionError(f"terms: {self.terms} are for model auto, leave out {level} or terms", parameter="terms")
+        if self.payload_place is not None:
+            place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
+        self._check_holdout()
+        own = f"model {self.model}" if self.model not in (None, "auto") else next(iter(self.of_a_level), None)
+        own = own if self.terms == TERMS[0] else f"terms {self.terms}"
+        if self.prior is not None and own is not None:
+            raise OptionError(f"prior: it is for model auto of terms joint-map: leave out {own}", parameter="prior")
+        check_seed(self.seed)
+        if self.leave_out is not None and self.features is None:
+            raise OptionError("leave_out: only rows at features have places: name --features", parameter="leave_out")
+        number("power", self.power, 2.0)
+        both = set(names("free", self.free)) & set(names("hold", self.hold))
+        if both:
+            raise OptionError(f"hold: {min(both)} is to be freed, too: choose one", parameter="hold")
+        if self.frame is not None and len(names("frame", self.frame)) != 3:
+            raise OptionError(
+                f"frame: expected the names of three reference points, found {len(self.frame)}", parameter="frame"
+            )
+
+    def _check_holdout(self) -> None:
+        share = self.share
+        if self.holdout is not None and self.verify is not None:
+            raise OptionError(
+                "holdout: the measurements of verify are the proof, none are held out: leave one out",
+                parameter="holdout",
+            )
+        try:
+            if number("holdout", share, 0, 1e9) >= 1:
+                number("holdout", share, whole=True)
+        except OptionError:
+            raise OptionError(
+                f"holdout: expected a fraction below 1 or a whole number, found {share!r}", parameter="holdout"
+            ) from None
+
+    @property
+    def of_a_level(self) -> tuple[str, ...]:
+        """Names of the given options that only a level of the error model takes."""
+        choices = (
+            ("method", method_of(self.method), "least-squares"),
+            ("objective", self.objective, "rms"),
+            ("loss", self.loss, "linear"),
+            ("free", tuple(self.free), ()),
+            ("hold", tuple(self.hold), ()),
+        )
+        return tuple(option for option, given, own in choices if given != own)
+
+    @property
+    def share(self) -> float:
+        """Share or number of the poses to hold out: `HOLDOUT` unless given."""
+        return HOLDOUT if self.holdout is None else self.holdout
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Inputs:
+    """What is read.
+
+    Attributes
+    ----------
+    options : Options
+        As given; what is left open is as in the earlier calibration, where there is one.
+    urdf : UrdfArm
+        The nominal robot.
+    robot_file : Path
+    nominal_source : (str, str)
+        Name and SHA-256 of the nominal URDF.
+    measurements : MeasurementSet
+    verification : MeasurementSet or None
+        Where the held-out poses come from a file of their own.
+    earlier : Earlier or None
+        The calibration that is added to.
+    known_targets : dict of str to ndarray, or None
+        Metres, in the tip link.
+    prior : TypePrior or None
+    feature_rows : FeatureSet or None
+        Where features were touched: the points then have no measured positions.
+    notes : tuple of str
+        What the user should know; each step adds to it.
+    """
+
+    options: Options
+    urdf: UrdfArm
+    robot_file: Path
+    nominal_source: tuple[str, str]
+    measurements: MeasurementSet
+    verification: MeasurementSet | None = None
+    earlier: Earlier | None = None
+    known_targets: Mapping[str, FloatArray] | None = None
+    prior: TypePrior | None = None
+    feature_rows: FeatureSet | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CleanInputs(Inputs):
+    """Cleaned points of all sessions, each in its own measuring frame.
+
+    Attributes
+    ----------
+    points : PointSet
+    motion : Motion
+        Of the points' poses.
+    proof : (PointSet, Motion) or None
+        Those of ``verification``.
+    excluded : tuple of Exclusion
+    references : dict of str to ndarray
+        Positions of the reference points of the last session, metres; empty without references.
+    tool_shape : dict of str to ndarray
+        Positions of the reflectors on the tool where they were turned into poses, metres; else empty.
+    poses_measured : int
+        Before cleaning, those of the earlier calibration included.
+    usual_kg : float or None
+        The payload of most poses.
+    """
+
+    points: PointSet
+    motion: Motion
+    proof: tuple[PointSet, Motion] | None = None
+    excluded: tuple[Exclusion, ...] = ()
+    references: Mapping[str, FloatArray] = field(default_factory=dict)
+    tool_shape: Mapping[str, FloatArray] = field(default_factory=dict)
+    poses_measured: int = 0
+    usual_kg: float | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SplitInputs(CleanInputs):
+    """Points to fit, and points to prove with, which may be none.
+
+    Attributes
+    ----------
+    fit_points, heldout_points : PointSet
+    fit_motion, heldout_motion : Motion
+        Of their poses; ``elapsed`` is the number of each pose in its session.
+    whole : tuple of PointSet
+        Each file's in the order of measuring.
+    """
+
+    fit_points: PointSet
+    heldout_points: PointSet
+    fit_motion: Motion
+    heldout_motion: Motion
+    whole: tuple[PointSet, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fitted(SplitInputs):
+    """The identified robot. From here on all points are in the measuring frame of the last session.
+
+    Attributes
+    ----------
+    fit : Fit or EvidenceFit
+        The level asked for, or model ``auto``.
+    nominal_robot : Robot
+        The nominal robot with base and tool from the same points.
+    nominal_fit : Fit or None
+        Base and tool alone; None where these come from no fit of points.
+    choice : LevelChoice or None
+        The comparison of levels, where the level was chosen by it.
+    sessions : tuple of str
+        Names of all sessions, the last one last; empty where there is one only.
+    """
+
+    fit: Fit | EvidenceFit
+    nominal_robot: Robot
+    nominal_fit: Fit | None = None
+    choice: LevelChoice | None = None
+    sessions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Doubted(Fitted):
+    """What speaks against the result, whatever its errors say.
+
+    Attributes
+    ----------
+    doubts : tuple of str
+        These stand among the notes, too.
+    """
+
+    doubts: tuple[str, ...] = ()
+
+
+class PointErrors(NamedTuple):
+    """Distances of points from the robot, or of rows from their features, metres, shape (points,) each."""
+
+    fit: FloatArray
+    fit_nominal: FloatArray
+    heldout: FloatArray
+    heldout_nominal: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Proven(Doubted):
+    """Everything that comes out of a calibration, ready to be recorded.
+
+    Attributes
+    ----------
+    errors : PointErrors
+    features : FeaturesSection or None
+        Where features were touched.
+    """
+
+    errors: PointErrors
+    features: FeaturesSection | None = None
+
+    def __repr__(self) -> str:
+        poses = f"{self.fit_points.poses} fitted and {self.heldout_points.poses} held-out poses"
+        return f"<Proven {self.robot_file.name}, model {self.fit.level}: {poses}>"
+
+
+def _next(kind: type[T], before: Inputs, **changes: Any) -> T:
+    """The dataclass of the next step."""
+    return kind(**vars(before) | changes)
+
+
+def run(
+    measurements: MeasurementsLike, robot: str | Path | None, options: Options, progress: Progress | None = None
+) -> tuple[Record, bytes, Proven]:
+    """All steps; parameters and errors as `irbcal.calibrate`.
+
+    Returns
+    -------
+    record : Record
+    urdf : bytes
+        The corrected URDF.
+    proven : Proven
+    """
+    started = time.perf_counter()
+    say: Progress = progress or (lambda text: None)
+    inputs = read(measurements, robot, options, say)
+    if inputs.feature_rows is not None:
+        proven = prove_features(fit_features(inputs, say), say)
+    else:
+        proven = prove(doubt(fit(split(clean(inputs)), say)))
+    return *record(proven, started), proven
+
+
+def read(measurements: MeasurementsLike, robot: str | Path | None, options: Options, say: Progress) -> Inputs:
+    """Open robot and measurements, with targets, prior, features and the earlier calibration that options name."""
+    if options.features is not None:
+        return _read_features(measurements, robot, options, say)
+    saved = calibration_at(robot)
+    if saved is not None and options.with_ is None:
+        options = replace(options, with_=saved.folder)
+    earlier = None if options.with_ is None else earlier_of(options.with_)
+    if earlier is not None:
+        robot, options = earlier.robot() if robot is None else robot, _as_earlier(options, earlier.record)
+        saved = calibration_at(robot)
+    if robot is None:
+        raise OptionError("robot: expected a URDF or the name of a robot, see irbcal robots", parameter="robot")
+    nominal = read_nominal(robot, options.base_link, options.tip_link, options.coupling)
+    if earlier is not None:
+        earlier.check(nominal.arm)
+    targets = lists.read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
+    say("reading and cleaning the measurements")
+    points = table.read(measurements).of_arm(nominal.arm)
+    file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
+    source = _source(file) if saved is None else (saved.record.robot.urdf, saved.record.robot.urdf_sha256)
+    return Inputs(
+        options=options,
+        urdf=nominal,
+        robot_file=file,
+        nominal_source=source,
+        measurements=points,
+        verification=None if options.verify is None else table.read(options.verify).of_arm(nominal.arm),
+        earlier=earlier,
+        known_targets=targets,
+        prior=prior_file.of_robot(options.prior, nominal.arm.name, source[1], points.simulated),
+        notes=tuple(_robot_notes(file, saved)),
+    )
+
+
+def _as_earlier(options: Options, record: Record) -> Options:
+    """The options of a calibration that adds to an earlier one: what is not given is as it was there."""
+    changes: dict[str, Any] = {
+        "base_link": record.robot.base_link,
+        "tip_link": record.robot.tip_link,
+        "model": record.model,
+    }
+    changes = {name: value for name, value in changes.items() if getattr(options, name) is None}
+    if record.tool_shape_mm:
+        changes["as_poses"] = True
+    matrix = record.robot.coupling
+    if options.coupling is None and matrix is not None and (np.diag(matrix) == 1.0).all():
+        changes["coupling"] = coupling.in_words(np.array(matrix))
+    if record.frame_terms is not None and changes.get("model", options.model) == "auto":
+        changes["terms"] = "all"
+    return replace(options, **changes)
+
+
+def _source(file: Path) -> tuple[str, str]:
+    """Name and SHA-256 of a file."""
+    return file.name, hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _robot_notes(file: Path, saved: Saved | None) -> list[str]:
+    """A note on a robot that is that of a calibration, or on a URDF that a calibration wrote."""
+    if saved is not None:
+        return [
+            f"The robot is the one that the calibration {saved.folder.resolve().name} began from. Its measurements are "
+            "fitted together with the new ones, so that its joint map is kept as far as they say so; held out are new "
+            "poses only."
+        ]
+    mark = urdf.fingerprint(file.read_bytes(), str(file))
+    if mark is None:
+        return []
+    return [
+        f"The URDF is that of an earlier calibration ({mark[:8]}), whose joint map is not in it: what this calibration "
+        "finds takes its place, and programs are corrected for a controller that computes with this URDF. To add "
+        "measurements to the earlier one, use --with and its folder."
+    ]
+
+
+def clean(inputs: Inputs) -> CleanInputs:
+    """Leave out what cannot be, session by session, and join it with the points of the earlier calibration."""
+    options, arm, earlier = inputs.options, inputs.urdf.arm, inputs.earlier
+    measurements, check = inputs.measurements, inputs.verification
+    tools.check(measurements, options.model in (None, "auto"), options)
+    usual = tools.usual(measurements)
+    words = tools.in_words(measurements, usual, options.same_tool)
+    if not options.same_tool:
+        measurements = tools.with_tool_per_load(measurements, usual)
+        check = None if check is None else tools.with_tool_per_load(check, usual)
+    cleaned = clean_sessions(
+        measurements,
+        arm,
+        () if earlier is None else earlier.sessions,
+        options.session_by,
+        options.frame,
+        options.as_poses,
+        several_allowed=method_of(options.method) != "circles",
+    )
+    notes = [*inputs.notes, *cleaned.notes, *words, *repeat_notes(cleaned.points)]
+    excluded, proof = cleaned.excluded, None
+    if check is not None:
+        other = cleaning.clean(check, cleaned.references or None, cleaned.target_names)
+        heldout, left_out, mixed_up = without_gross_errors(arm, other, check)
+        if options.as_poses:
+            heldout, _ = as_poses(heldout, check.source, cleaned.tool_shape)
+        heldout, fitted_too = _not_fitted(heldout, cleaned.points, arm.table.prismatic, check.source)
+        notes += [f"{Path(check.source).name}: {note}" for note in [*mixed_up, *other.notes, *fitted_too]]
+        notes += mixed_use(measurements.programmed, check.programmed, check.source)
+        proof, excluded = (_of_last_session(heldout, cleaned.points), motion_of(check, heldout)), (*excluded, *left_out)
+    return _next(
+        CleanInputs,
+        inputs,
+        measurements=measurements,
+        verification=check,
+        points=cleaned.points,
+        motion=cleaned.motion,
+        proof=proof,
+        excluded=excluded,
+        references=cleaned.references,
+        tool_shape=cleaned.tool_shape,
+        poses_measured=sum(item.poses for item in (measurements, check, earlier) if item is not None),
+        usual_kg=usual,
+        notes=tuple(notes),
+    )
+
+
+def _of_last_session(heldout: PointSet, points: PointSet) -> PointSet:
+    """Points of a file of their own: measured in the last session, where there are several."""
+    if points.session is None:
+        return heldout
+    number = {name: k for k, name in enumerate(points.target_names)}
+    target = np.array([number[name] for name in heldout.target_names], dtype=int)[heldout.target]
+    session = np.full(heldout.poses, points.session[-1], dtype=object)
+    return replace(heldout, target=target, target_names=points.target_names, session=session)
+
+
+def _not_fitted(heldout: PointSet, points: PointSet, prismatic: BoolArray, source: str) -> tuple[PointSet, list[str]]:
+    """Poses for the proof without those that are fitted."""
+    same = fitted.poses_of(heldout, points, prismatic)
+    count, n = int(same.sum()), heldout.poses
+    if not count:
+        return heldout, []
+    if count == n:
+        raise MeasurementError(
+            f"all {n} poses are at joints that are fitted (within {fitted.NEAR[0] / DEG:g} degrees, up to full turns), "
+            "so they prove nothing: measure other poses, or leave verify away and hold some of the measurements out",
+            file=source,
+        )
+    return heldout.select(~same).with_seen_targets(), [
+        f"{count} of its {n} poses are at joints that are fitted, and are counted out: no proof."
+    ]
+
+
+def split(cleaned: CleanInputs) -> SplitInputs:
+    """Hold poses out, unless they come from a file of their own; of an addition those at places of new poses."""
+    options, points, motion = cleaned.options, cleaned.points, cleaned.motion
+    moves = np.isin(points.groups.astype(str), GROUPS)
+    by_axes = method_of(options.method) == "circles" and moves.any()
+    fit = moves if by_axes else np.ones(points.poses, dtype=bool)
+    if cleaned.proof is not None:
+        heldout, heldout_motion = cleaned.proof
+    else:
+        if not by_axes:
+            new = np.arange(points.poses) >= (0 if cleaned.earlier is None else cleaned.earlier.poses)
+            of_new = held_out(points.select(new), options.share, options.split, options.seed)
+            place = places(points)
+            fit = ~np.isin(place, place[new][of_new])
+        heldout, heldout_motion = points.select(~fit), motion.select(~fit)
+    return _next(
+        SplitInputs,
+        cleaned,
+        fit_points=points.select(fit),
+        heldout_points=heldout,
+        fit_motion=motion.select(fit),
+        heldout_motion=heldout_motion,
+        whole=(points,) if cleaned.proof is None else (points, heldout),
+    )
+
+
+def held_out(points: PointSet, holdout: float, order: str = "random", seed: int = 0) -> BoolArray:
+    """Which poses are held out: places, each with all its repeats (`irbcal.measurement.places.places`).
+
+    Parameters
+    ----------
+    points : PointSet
+    holdout : float or int
+        A fraction below 1, or a number, of places; without repeats that is of poses.
+    order : {"random", "last"}
+        ``random``: drawn with the seed; ``last``: the last places of the file.
+    seed : int
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True for held-out poses.
+
+    Raises
+    ------
+    MeasurementError
+        If the wish cannot be met.
+    OptionError
+        If the order is another one.
+    """
+    checked("split", order, SPLITS)
+    place = places(points)
+    n = int(place.max(initial=-1)) + 1
+    count = round(holdout * n) if holdout < 1 else int(holdout)
+    if holdout < 0 or count >= n:
+        kind = "poses" if n == points.poses else f"places (of {points.poses} poses, repeats of one place together)"
+        raise MeasurementError(f"cannot hold out {count} of {n} usable {kind}: some must be left for the fit")
+    mask = np.zeros(n, dtype=bool)
+    if order == "last":
+        mask[n - count :] = True
+    else:
+        mask[np.random.default_rng(seed).permutation(n)[:count]] = True
+    return mask[place]
+
+
+def fit(ready: SplitInputs, say: Progress) -> Fitted:
+    """Identify base and tool with the nominal arm, then the error model that is asked for."""
+    options, arm, source = ready.options, ready.urdf.arm, ready.measurements.source
+    points, heldout, targets = ready.fit_points, ready.heldout_points, ready.known_targets
+    strange = [name for name in targets or {} if name not in points.target_names]
+    if strange:
+        raise MeasurementError(
+            f"the known target {strange[0]} was not measured; targets are {', '.join(points.target_names)}",
+            file=source,
+            parameter="targets",
+        )
+    say(f"identifying base and tool from {points.poses} poses")
+    nominal = identify(arm, points, "nominal", known_targets=targets)
+    _refuse_orientations(nominal, points, source)
+    choice, (model, notes) = None, _model(options, arm, points.poses)
+    if model == "best-level":
+        choice = choose_level(arm, points, options.seed, progress=say, known_targets=targets)
+        model = choice.level
+    say(f"identifying model {model}")
+    sessions = () if points.session is None else session_names(points)
+    found = _identified(ready, model, say)
+    whole = ready.whole
+    if found.other_bases:
+        frames = found.robot.T_world_base, found.other_bases
+        whole = tuple(replace(into_one_frame(each, *frames), session=each.session) for each in whole)
+        points, heldout = into_one_frame(points, *frames), into_one_frame(heldout, *frames)
+        nominal = identify(arm, points, "nominal", known_targets=targets)
+    unseen = [name for name in heldout.target_names if name not in found.robot.targets]
+    if unseen:
+        raise MeasurementError(f"target {unseen[0]} is measured in held-out poses only: hold out fewer poses")
+    heldout, moves = with_last_moves(found.robot, heldout)
+    return _next(
+        Fitted,
+        ready,
+        fit_points=points,
+        heldout_points=heldout,
+        whole=whole,
+        fit=found,
+        nominal_robot=nominal.robot,
+        nominal_fit=nominal,
+        choice=choice,
+        sessions=sessions,
+        notes=(*ready.notes, *moves, *notes),
+    )
+
+
+def _refuse_orientations(nominal: Fit, points: PointSet, source: str) -> None:
+    """Measured orientations that have nothing to do with the robot, such as a constant default in an export."""
+    points = into_one_frame(points, nominal.robot.T_world_base, nominal.other_bases)
+    angles = rotation_distances(nominal.robot, points)
+    if len(angles) and np.median(angles) > LARGEST_TURN:
+        raise MeasurementError(
+            f"the orientations contradict the robot by {np.median(angles) / DEG:.3g} degrees (median): leave these "
+            "columns out if they were not measured",
+            file=source,
+            column=("qw", "qx", "qy", "qz"),
+        )
+
+
+def _model(options: Options, arm: Arm, poses: int) -> tuple[str, list[str]]:
+    """The model that is asked for, or ``auto``; where that cannot serve the level for this arm, and a note why."""
+    if options.model is not None:
+        return str(options.model), []
+    level, of_level = default_level(arm), options.of_a_level
+    if method_of(options.method) == "circles":
+        return "26", ["Method circles takes all link geometry from the axes (model 26), and nothing beyond geometry."]
+    taken = f"Model {level} was taken, not the default, which averages many error models (auto): "
+    if of_level:
+        return level, [f"{taken}{' and '.join(of_level)} belong{'s' if len(of_level) == 1 else ''} to a level."]
+    try:
+        check_averaging(arm, poses)
+    except IdentificationError as error:
+        if options.prior is not None:
+            raise OptionError(
+                f"prior: it is for model auto, and {error}, without the prior", parameter="prior"
+            ) from None
+        return level, [f"{taken}{error}."]
+    return "auto", []
+
+
+def _identified(ready: SplitInputs, model: str, say: Progress) -> Fit | EvidenceFit:
+    """The fit of a level, or the average of error models."""
+    options, arm, points, heldout = ready.options, ready.urdf.arm, ready.fit_points, ready.heldout_points
+    if model == "auto":
+        motion = ready.fit_motion if options.torques else replace(ready.fit_motion, torques=None)
+        return identify_evidence(
+            arm,
+            points,
+            motion,
+            terms=options.terms,
+            seed=options.seed,
+            known_targets=ready.known_targets,
+            payload_place=options.payload_place,
+            usual_kg=ready.usual_kg,
+            prior=ready.prior,
+            progress=say,
+        )
+    groups = sorted({str(name) for name in heldout.groups if name})
+    watched = {name: heldout.select(heldout.groups == name).without_empty_poses() for name in groups}
+    if len(groups) < 2:  # the history of a fit tells all together
+        watched = {"held-out": heldout} if heldout.poses else {}
+    found = identify_by(
+        arm,
+        points,
+        checked("model", model, LEVELS),
+        method_of(options.method),
+        checked("objective", options.objective, OBJECTIVES),
+        options.power,
+        checked("loss", options.loss, LOSSES),
+        known_targets=ready.known_targets,
+        parameters=selected_parameters(model, options.free, options.hold, arm),
+        watched=watched,
+        parallel=checked("parallel", options.parallel, PARALLELS),
+    )
+    return replace(found, robot=found.robot.replace(certainty=certainty_of(found)))
+
+
+def doubt(done: Fitted) -> Doubted:
+    """Look for what speaks against the result, and what to know of it."""
+    assert done.nominal_fit is not None
+    timed = [(done.fit_points, done.fit_motion), (done.heldout_points, done.heldout_motion)]
+    times = times_of(done.whole, timed if done.verification is None else timed[:1])
+    against = doubts(done.nominal_fit, done.fit, done.fit_points, done.whole, times, done.heldout_points)
+    notes = (*against, *done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done))
+    return _next(Doubted, done, doubts=tuple(against), notes=notes)
+
+
+def _worth_knowing(done: Fitted) -> list[str]:
+    """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
+    fit, heldout = done.fit, done.heldout_points
+    covered = coverage(fit.robot, heldout)
+    notes = [f"Of the poses kept aside, {coverage_in_words(covered)}"] if covered else []
+    if not isinstance(fit, EvidenceFit):
+        return notes
+    frame_terms = FrameTermsSection.of_robot(fit.robot)
+    notes = [*([] if frame_terms is None else [frame_terms.in_words]), *fit.sentences(), *notes]
+    lag = fit.lag()
+    if lag is None:
+        return notes
+    note = (
+        f"The joints of this file are readings from before the arm stood still: with a share of the last move free in "
+        f"each pose residuals fall by a factor of {fit.readings_gain:.1f}. The model is right at programmed "
+        "joints; errors at these readings are mostly theirs."
+    )
+    if heldout.poses:
+        at_programmed = replace(heldout, q=lag.programmed(fit, done.heldout_motion))
+        mean = float(distances(fit.robot, at_programmed).mean())
+        note += f" At joints estimated from the readings the held-out mean is {mean / MM:.3f} mm."
+    return [*notes, note]
+
+
+def prove(done: Doubted) -> Proven:
+    """Compute the errors of fitted and of held-out points, of the calibrated robot and of the nominal one."""
+    both = done.fit.robot, done.nominal_robot
+    errors = [
+        distances(robot, points) if len(points) else np.zeros(0)
+        for points in (done.fit_points, done.heldout_points)
+        for robot in both
+    ]
+    return _next(Proven, done, errors=PointErrors(*errors))
+
+
+def _read_features(measurements: MeasurementsLike, robot: str | Path | None, options: Options, say: Progress) -> Inputs:
+    """Rows at features and their nominal robot; options that such rows do not take are refused."""
+    for name, value in vars(options).items():
+        if name not in FEATURE_OPTIONS and value != getattr(Options(), name):
+            raise OptionError(f"{name.rstrip('_')}: rows at features do not take it, leave it out", parameter=name)
+    if options.model not in (None, "auto"):
+        raise OptionError(
+            f"model: rows at features leave directions open, which model auto keeps near nominal; leave out "
+            f"model {options.model}",
+            parameter="model",
+        )
+    if robot is None or calibration_at(robot) is not None:
+        raise OptionError(
+            "robot: rows at features start from a URDF or a robot's name, not from a calibration", parameter="robot"
+        )
+    nominal = read_nominal(robot, options.base_link, options.tip_link, options.coupling)
+    say("reading the measurements")
+    if not isinstance(measurements, (str, PathLike, pd.DataFrame)):
+        if not isinstance(measurements, MeasurementSet):
+            measurements = measurements.measurements()
+        measurements = measurements.to_frame()
+    assert options.features is not None
+    rows = feature_files.read(measurements, options.features, nominal.arm)
+    if options.payload_place is not None:
+        if rows.payload_kg is None or rows.payload_place is not None:
+            why = "there is no column payload_kg" if rows.payload_kg is None else "the rows tell the payload's place"
+            raise OptionError(f"payload_place: {why}: leave it out", parameter="payload_place")
+        centre = np.asarray(options.payload_place, dtype=float)
+        rows = replace(rows, payload_place=np.tile(centre, (len(rows), 1)))
+    if shape_only(rows):
+        raise IdentificationError(
+            "these rows only say that points lie in planes or on lines whose places are unknown: a fit makes them "
+            "flatter and may make the robot worse (on a real one tracker errors grew 2.4 times); add a ball or a "
+            "socket at several places, a known length, a ballbar or a string",
+            file=rows.source,
+        )
+    file = robots.robot_file(robot)
+    return Inputs(
+        options=options,
+        urdf=nominal,
+        robot_file=file,
+        nominal_source=_source(file),
+        measurements=rows.as_measurements(),
+        feature_rows=rows,
+        notes=tuple(_robot_notes(file, None)),
+    )
+
+
+def fit_features(inputs: Inputs, say: Progress) -> Fitted:
+    """Identify from all rows at features; `prove_features` leaves places out."""
+    rows = inputs.feature_rows
+    assert rows is not None
+    found = identify_features(inputs.urdf.arm, rows, inputs.options.terms, progress=say)
+    points = as_points(rows)
+    motion = Motion(points.q)
+    nobody = np.zeros(points.poses, dtype=bool)
+    return _next(
+        Fitted,
+        inputs,
+        points=points,
+        motion=motion,
+        fit_points=points,
+        fit_motion=motion,
+        heldout_points=points.select(nobody),
+        heldout_motion=motion.select(nobody),
+        poses_measured=rows.poses,
+        fit=found,
+        nominal_robot=found.nominal_robot,
+    )
+
+
+def prove_features(done: Fitted, say: Progress) -> Proven:
+    """Leave each place out in turn, and look for what speaks against the result."""
+    options, rows, fit, points = done.options, done.feature_rows, done.fit, done.fit_points
+    assert rows is not None
+    assert isinstance(fit, FeatureFit)
+    proof = prove_places(done.urdf.arm, rows, options.leave_out, options.terms, options.seed, say)
+    section = _features_section(fit, proof)
+    against = (*_feature_doubts(section), *fit.doubts())
+    order = np.argsort(np.unique(rows.pose_index, return_inverse=True)[1], kind="stable")
+    calibrated, nominal = (fit.problem.residuals(state)[order] for state in (fit.state, fit.nominal_state))
+    heldout, left_out = done.heldout_points, (np.zeros(0), np.zeros(0))
+    if proof is not None:
+        missed = [proof.of_rows(len(rows), own)[order] for own in (True, False)]
+        aside = np.isfinite(missed[0])
+        left_out = missed[0][aside], missed[1][aside]
+        heldout = points if aside.all() else points.take(aside).without_empty_poses() if aside.any() else heldout
+    return _next(
+        Proven,
+        done,
+        heldout_points=heldout,
+        errors=PointErrors(calibrated, nominal, *left_out),
+        features=section,
+        doubts=against,
+        notes=(*against, *done.notes, *_feature_notes(section), *fit.sentences()),
+    )
+
+
+def _feature_doubts(section: FeaturesSection) -> list[str]:
+    """What speaks against it, whatever the rows say of each other."""
+    doubts = (
+        []
+        if section.scale_measured or section.scale_from
+        else [
+            "No length was measured: a robot whose links are all 0.3 % longer than nominal fits these rows as well, "
+            "and would be calibrated worse than it is. Add a known length between two features (a bar), or rows that a "
+            "tracker measured."
+        ]
+    )
+    if section.open_mm <= OPEN * section.before_mm:
+        return doubts
+    return [
+        *doubts,
+        f"These rows leave {section.open_mm:.3f} mm of the {section.before_mm:.3f} mm open that the tool's place is "
+        "uncertain by (root mean square, at joints like these): they agree with each other, but tell too little of the "
+        "arm. Measure at more places, or add known lengths.",
+    ]
+
+
+def _feature_notes(section: FeaturesSection) -> list[str]:
+    """What a user should know of it."""
+    notes = [f"{section.scale[0].upper()}{section.scale[1:]}."] if section.scale else []
+    if not section.framed:
+        notes.append(
+            "Nothing ties the features to a measuring frame: the base is the nominal one, and places are those of the "
+            "base link."
+        )
+    notes.append(
+        f"At joints like these the tool's place is known within {section.open_mm:.3f} mm (root mean square, predicted; "
+        f"{section.before_mm:.3f} mm before these rows): no tracker has seen it."
+    )
+    return notes
+
+
+def _features_section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
+    """What is known of the features, of each place while it was left out, and of lengths."""
+    problem, rows = fit.problem, fit.problem.seen
+    before, left = fit.left_open()
+    lengths = {} if proof is None else proof.lengths
+    return FeaturesSection(
+        kinds=rows.kinds(),
+        framed=problem.framed,
+        scale_measured=fit.scale_measured,
+        left_out=None if proof is None else proof.by,
+        before_mm=before / MM,
+        open_mm=left / MM,
+        features=_feature_rows(fit),
+        places=[
+            PlaceRow(
+                name=place.name,
+                rows=len(place.rows),
+                nominal_mean_mm=float(place.nominal.mean()) / MM,
+                nominal_max_mm=float(place.nominal.max()) / MM,
+                mean_mm=float(place.calibrated.mean()) / MM,
+                rms_mm=float(np.sqrt(np.mean(place.calibrated**2))) / MM,
+                max_mm=float(place.calibrated.max()) / MM,
+            )
+            for place in (() if proof is None else proof.places)
+        ],
+        lengths=[
+            LengthRow(
+                name=length.name,
+                first=length.first,
+                second=length.second,
+                length_mm=length.length / MM,
+                fitted_mm=float(error) / MM,
+                nominal_mm=lengths[length.name][0] / MM if length.name in lengths else None,
+                heldout_mm=lengths[length.name][1] / MM if length.name in lengths else None,
+            )
+            for length, error in zip(rows.lengths, problem.length_errors(fit.state), strict=True)
+        ],
+        named=rows.named,
+        scale_from=fit.scale_from,
+    )
+
+
+def _feature_rows(found: FeatureFit) -> list[FeatureRow]:
+    problem, rows = found.problem, found.problem.seen
+    places = rows.places("place") if "place" in rows.cells.columns else rows.places()
+    residuals = [problem.residuals(state) for state in (found.nominal_state, found.state)]
+    tool = np.zeros((len(rows), 3))
+    known: dict[str, dict[str, list[float]]] = {}
+    for miss in problem.misses(found.state):
+        tool[miss.group.rows] = miss.seen.p
+        unknown, given = miss.group.keys(), known.setdefault(miss.group.feature.name, {})
+        for name, value in miss.own.items():
+            if name not in unknown:
+                given[name] = (np.ravel(value) / SHOWN[miss.group.kind.own[name].unit]).tolist()
+    out = []
+    for name, feature in rows.features.items():
+        of_feature = rows.feature == name
+        nominal, fitted_rms = (float(np.sqrt(np.mean(each[of_feature] ** 2))) / MM for each in residuals)
+        values: dict[str, list[float]] = {}
+        std: dict[str, list[float]] = {}
+        for key, unit in _unknowns(problem, name).items():
+            shape = problem.layout[key][0]
+            value, deviation = found.state.own[key], found.std_of(key)
+            if shape in ("axis", "line"):
+                values[key[0]] = value[:, 2].tolist()
+                if shape == "line":
+                    values["through"] = (value[:, 3] / MM).tolist()
+                    deviation = deviation[:2]
+            else:
+                values[key[0]] = ((frames_of(value) if shape == "turn" else value) / unit).tolist()
+            std[key[0]] = (deviation / unit).tolist()
+        out.append(
+            FeatureRow(
+                name=name,
+                kind=feature.kind,
+                target=feature.target,
+                rows=int(of_feature.sum()),
+                place=str(places[np.flatnonzero(of_feature)[0]]),
+                rms_mm=fitted_rms,
+                nominal_rms_mm=nominal,
+                found=values,
+                std=std,
+                known=known[name],
+                middle_mm=(tool[of_feature].mean(axis=0) / MM).tolist(),
+                spread_mm=float(np.sqrt(tool[of_feature].var(axis=0).sum())) / MM,
+                imaging={} if feature.imaging is None else feature.imaging.columns(),
+            )
+        )
+    return out
+
+
+def _unknowns(problem: FeatureProblem, feature: str) -> dict[Key, float]:
+    """What was unknown of a feature, and numbers of what looked at it, with the units they are shown in."""
+    owns = {
+        key: group.kind.own[name]
+        for group in problem.groups
+        if group.feature.name == feature
+        for name, key in group.keys().items()
+    }
+    return {
+        key: SHOWN[owns[key].unit]
+        for key in problem.layout
+        if key in owns and (owns[key].of == "feature" or owns[key].shape == "number")
+    }
+
+
+def record(done: Proven, started: float) -> tuple[Record, bytes]:
+    """Content of a calibration folder, checked against Pinocchio and yourdfpy.
+
+    Parameters
+    ----------
+    done : Proven
+    started : float
+        When the first step began, as `time.perf_counter` counts.
+
+    Raises
+    ------
+    CalibrationError
+        If one of them disagrees with the URDF by more than 1e-9.
+    """
+    fit, robot, arm = done.fit, done.fit.robot, done.urdf.arm
+    certainty = fit.certainty if isinstance(fit, EvidenceFit) else robot.certainty or certainty_of(fit)
+    fitted_points, heldout, features = done.fit_points, done.heldout_points, done.features
+    added_to = [] if done.earlier is None else [done.earlier.record]
+    files = [item for item in (done.measurements, done.verification) if item is not None]
+    data = [DataFile(file=Path(item.source).name, sha256=item.sha256, programmed=item.programmed) for item in files]
+    data += [item for other in added_to for item in other.data if item not in data]
+    created = datetime.now(timezone.utc).isoformat(timespec="seconds")
+    before, after = (urdf.joint_origins(done.urdf, each) for each in (arm, robot.arm))
+    frame_terms = FrameTermsSection.of_robot(robot)
+    moving: dict[str, Any] = {
+        "simulated": any([*(item.simulated for item in files), *(item.simulated for item in added_to)]),
+        "robot": RobotSection.of(arm, robot.table, *done.nominal_source),
+        "joint_origins": [
+            JointOrigin(joint=name, link=link, nominal=Origin.of(before[name]), calibrated=Origin.of(after[name]))
+            for name, link in zip(arm.joint_names, done.urdf.child_links, strict=True)
+        ],
+        "joint_map": JointMapSection.of(robot.joint_map, robot.arm),
+        "frame_terms": frame_terms,
+        "placement": Placement.of(robot),
+        "data": data,
+    }
+    fingerprint = integrity.fingerprint(moving)
+    listed = " and ".join(f"{item.file} (SHA-256 {item.sha256[:12]}...)" for item in data)
+    kind = "SIMULATED measurements" if moving["simulated"] else "measurements"
+    words = (
+        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {done.nominal_source[0]} were "
+        f"corrected, model {fit.level}, from {kind} {listed}. Comments below that call this robot nominal are "
+        "those of that file. The joint map is in calibration.json."
+        + ("" if frame_terms is None else f" {frame_terms.in_words}")
+    )
+    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, words=words)
+    nominal, errors = done.nominal_robot, done.errors
+    made = Record(
+        schema_name=SCHEMA,
+        created=created,
+        fingerprint=fingerprint,
+        **moving,
+        calibrated_urdf_sha256=hashlib.sha256(urdf_bytes).hexdigest(),
+        model=fit.level,
+        method=fit.method,
+        objective=Objective(
+            name=fit.objective,
+            value_mm=(fit.rms if fit.value is None else fit.value) / MM,
+            lower_bound_mm=None if fit.lower_bound is None else fit.lower_bound / MM,
+        ),
+        choice=_choice(done),
+        evidence=_evidence(done),
+        rank=fit.rank,
+        parameter_count=fit.parameter_count,
+        parameters=[Parameter.of(row) for row in fit.parameters()],
+        covariance=CovarianceSection.of(certainty.covariance),
+        certainty=CertaintySection.of(
+            certainty,
+            None  # the nominal robot promises nothing
+            if fit.level == "nominal"
+            else elsewhere(robot, nominal, fitted_points.q, heldout.q),
+        ),
+        held=fit.held(),
+        observability=Observability.of(fit),
+        history={} if fit.history is None else fit.history.to_frame().to_dict("list"),
+        placement_nominal=Placement.of(nominal),
+        tool_shape_mm=in_mm(done.tool_shape),
+        sessions=[
+            SessionSection(name=name, base=Pose.of(T))
+            for name, T in zip(done.sessions, (*fit.other_bases.values(), robot.T_world_base), strict=False)
+        ],
+        earlier=added_to[0].fingerprint if added_to else None,
+        references_mm=in_mm(done.references),
+        fit=Errors.of(robot, fitted_points, errors.fit),
+        fit_nominal=Errors.of(nominal, fitted_points, errors.fit_nominal),
+        heldout=Errors.of(robot, heldout, errors.heldout),
+        heldout_nominal=Errors.of(nominal, heldout, errors.heldout_nominal),
+        heldout_least_squares=_least_squares_errors(done),
+        poses_fit=fitted_points.poses,
+        poses_heldout=heldout.poses,
+        poses_excluded=0 if features else done.poses_measured - fitted_points.poses - heldout.poses,
+        features=features,
+        points=PointTable.of(fitted_points, heldout, errors, placed=features is None),
+        poses=_pose_table(done),
+        excluded=[vars(item) for item in done.excluded],
+        notes=list(done.notes),
+        doubts=list(done.doubts),
+        pinocchio_check=urdf_check.check(urdf_bytes, robot.arm),
+        largest_link_shift_mm=urdf.largest_link_shift(done.urdf, robot.arm) / MM,
+        software=software(),
+        seconds=time.perf_counter() - started,
+    )
+    return made.model_copy(update={"doubts": list(verdict_of(made).doubts)}), urdf_bytes
+
+
+def _choice(done: Proven) -> Choice | EvidenceChoice | None:
+    """How the model was chosen."""
+    if isinstance(done.fit, EvidenceFit):
+        return EvidenceChoice.of(done.fit)
+    if done.choice is None:
+        return None
+    table = [vars(row) for row in done.choice.table]
+    return Choice(level=done.choice.level, table=table, explanation=done.choice.explanation)
+
+
+def _evidence(done: Proven) -> EvidenceSection | None:
+    """Of an average, with what each family of terms explains on the held-out poses."""
+    if not isinstance(done.fit, EvidenceFit):
+        return None
+    if done.features is not None:
+        return EvidenceSection.of(done.fit)
+    # poses of another file were not measured while the arm warmed up as in the fit
+    elapsed = done.heldout_motion.elapsed if done.verification is None else None
+    return EvidenceSection.of(done.fit, explain(done.fit, done.heldout_points, elapsed))
+
+
+def _least_squares_errors(done: Proven) -> Errors | None:
+    """Held-out errors of the fit by least squares, where another objective was asked for."""
+    least, points = done.fit.least_squares, done.heldout_points
+    return None if least is None else Errors.of(least.robot, points, distances(least.robot, points))
+
+
+def _pose_table(done: Proven) -> PoseTable:
+    """All poses, with the directions from which their joints were reached."""
+    sets, motions = (done.fit_points, done.heldout_points), (done.fit_motion, done.heldout_motion)
+    if done.verification is None:
+        sides = _came_from(done.measurements, sets)
+    else:
+        sides = [*_came_from(done.measurements, sets[:1]), *_came_from(done.verification, sets[1:])]
+    elapsed = [motion.elapsed for motion in motions if motion.elapsed is not None]
+    number = np.concatenate(elapsed) if elapsed else np.zeros(0)
+    return PoseTable.of(*sets, done.urdf.arm, np.concatenate(sides), number)
+
+
+def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:
+    """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints), of each set."""
+    table = shared(measurements)
+    first = table.groupby("pose_index", sort=True)[[name for name in ("pose", "group") if name in table]].first()
+    groups = first["group"].to_numpy(dtype=object) if "group" in first else None
+    q = measurements.joints()
+    sign = np.sign(np.nan_to_num(last_moves(q, groups)))
+    names = first["pose"].astype(str).to_numpy()
+    rows, *numbers = near.numbered((names, q), *((texts(points.pose_ids), points.q) for points in sets))
+    size = 1 + max(part.max(initial=-1) for part in (rows, *numbers))
+    # of poses with the same name and joints it is not known which one this is
+    known, sign_of = np.zeros(size, dtype=bool), np.zeros((size, q.shape[1]))
+    known[rows], sign_of[rows] = True, sign
+    unlike = (sign_of[rows] != sign).astype(float)
+    sign_of[np.column_stack([np.bincount(rows, column, minlength=size) for column in unlike.T]) > 0] = 0.0
+    # those of an earlier calibration are not in the file
+    pairs = zip(numbers, sets, strict=True)
+    return [np.where(known[number, None], sign_of[number], np.sign(points.moves())) for number, points in pairs]
+
+
+def software() -> dict[str, str]:
+    """Versions of what a result depends on."""
+    packages = {name: version(name) for name in ("numpy", "scipy", "pandas", "pin", "yourdfpy")}
+    return {"python": platform.python_version(), "irbcal": __version__, **packages}

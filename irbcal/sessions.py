@@ -1,0 +1,415 @@
+"""Sessions: one file may hold several, an earlier calibration holds some; each has its own base and its own tool.
+
+A robot is never frozen: a calibration keeps the points that it was made from, and new poses are fitted together with
+them, each session with its own base and tool. On a UR10, 30 to 60 new poses with 600 old ones did what 200 do alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from irbcal.arrays import FloatArray, IntArray, lock
+from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, OptionError, RobotError
+from irbcal.identification import data_entry_errors, outliers
+from irbcal.identification.axes import GROUPS
+from irbcal.io import robots
+from irbcal.io.calibration_folder import CalibrationLike, folder_of, opened
+from irbcal.io.schema import Record
+from irbcal.measurement import cleaning, swapped
+from irbcal.measurement.blocks import MARK, block_of
+from irbcal.measurement.cleaning import Cleaned, Exclusion
+from irbcal.measurement.motions import motion_of, payload_of
+from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.poses import as_poses, in_frame_of
+from irbcal.measurement.sessions import COLUMN, OF_POSES, joined, sessions_of
+from irbcal.measurement.table import MeasurementSet
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms.situation import LOAD, Motion
+from irbcal.units import MM
+
+NONE = "none"
+"""Given in place of a column: all poses are of one session, whatever the file says."""
+
+GROUP = "group"
+NOTICED_FROM = 10
+"""Poses of each group from which it is looked at whether groups have bases and tools of their own."""
+APART, RATIO = 1.0 * MM, 3.0
+"""Median distance of a group from the nominal robot with one base and tool for all groups that tells of several, metres
+and as a multiple of that with its own. Bases and tools that stayed where they were give little more than one."""
+GROSS = 5.0 * MM
+"""The same that no error of a robot explains: groups are sessions then, without being asked."""
+SAME_ROBOT = 1e-9
+"""Nominal constants (metres, radians) that agree within this are those of one robot."""
+
+
+@dataclass(frozen=True, eq=False)
+class SessionPoints:
+    """Cleaned points of one session, or of several, each in its own measuring frame.
+
+    Attributes
+    ----------
+    points : PointSet
+    motion : Motion
+        Of the points' poses.
+    references : dict of str to ndarray
+        Positions of the reference points of the last session, metres.
+    tool_shape : dict of str to ndarray
+        Of the last session, where reflectors were turned into poses, metres.
+    target_names : tuple of str
+        All targets measured in the last session.
+    excluded : tuple of Exclusion
+    notes : tuple of str
+    """
+
+    points: PointSet
+    motion: Motion
+    references: Mapping[str, FloatArray]
+    tool_shape: Mapping[str, FloatArray]
+    target_names: tuple[str, ...]
+    excluded: tuple[Exclusion, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+
+
+def clean_sessions(
+    measurements: MeasurementSet,
+    arm: Arm,
+    earlier: Sequence[tuple[str, PointSet, Motion]] = (),
+    session_by: str | None = None,
+    frame: Sequence[str] | None = None,
+    poses: bool = False,
+    several_allowed: bool = True,
+) -> SessionPoints:
+    """Clean measurements session by session and join them, behind those of an earlier calibration.
+
+    Parameters
+    ----------
+    measurements : MeasurementSet
+    arm : Arm
+        Nominal.
+    earlier : sequence of (name, PointSet, Motion)
+        Sessions of an earlier calibration.
+    session_by, frame, poses
+        As `irbcal.calibrate` has ``session_by``, ``frame`` and ``as_poses``.
+    several_allowed : bool
+        Whether the method takes several sessions.
+
+    Returns
+    -------
+    SessionPoints
+
+    Raises
+    ------
+    IrbcalError
+        If measurements are refused.
+    """
+    parts, notes = _divided(measurements, arm, session_by)
+    if earlier:
+        taken = {name for name, _, _ in earlier}
+        parts = [(_free_name(name or measurements.stem, taken), part) for name, part in parts]
+    several = len(parts) + len(earlier) > 1
+    if several and not several_allowed:
+        raise OptionError("method: circles takes one session at a time", parameter="method")
+    sets = [(name, _clean_session(part, arm, frame, poses)) for name, part in parts]
+    for name, session in sets:
+        notes += [f"Session {name}: {note}" for note in session.notes] if several else session.notes
+    last = sets[-1][1]
+    excluded = tuple(item for _, session in sets for item in session.excluded)
+    if not several:
+        return replace(last, excluded=excluded, notes=tuple(notes))
+    whole = [*earlier, *((name, session.points, session.motion) for name, session in sets)]
+    listed = ", ".join(f"{name} ({points.poses} poses)" for name, points, _ in whole)
+    notes.append(
+        f"Sessions {listed} share one robot, each has its own base and tool. The result is in the measuring frame of "
+        f"the last one, {whole[-1][0]}; targets of the others are called like {last.target_names[0]}@{whole[0][0]}."
+    )
+    return replace(
+        last,
+        points=joined([(name, points) for name, points, _ in whole]),
+        motion=joined_motions([motion for _, _, motion in whole]),
+        excluded=excluded,
+        notes=tuple(notes),
+    )
+
+
+def _divided(
+    measurements: MeasurementSet, arm: Arm, by: str | None
+) -> tuple[list[tuple[str, MeasurementSet]], list[str]]:
+    """Measurements by session, and what the user should know of it."""
+    if by == NONE:
+        return [("", measurements)], []
+    parts = sessions_of(measurements, by)
+    columns = measurements.table.columns
+    if by is not None or len(parts) > 1 or GROUP not in columns or COLUMN in columns:
+        return parts, []
+    difference = differing_groups(measurements, arm)
+    if difference is None:
+        return parts, []
+    name, together, apart = difference
+    text = (
+        f"With one base and one tool for all groups, the nominal robot misses the points of group {name} by "
+        f"{together / MM:.3g} mm (median), with its own by {apart / MM:.3g} mm: "
+    )
+    if together < GROSS:
+        return parts, [f"{text}if base or tool were moved between the groups, add --session-by {GROUP}."]
+    return sessions_of(measurements, GROUP), [
+        f"{text}the groups were taken as sessions, as --session-by {GROUP} says (--session-by {NONE} forbids it)."
+    ]
+
+
+def differing_groups(measurements: MeasurementSet, arm: Arm) -> tuple[str, float, float] | None:
+    """Whether the groups of a file have bases and tools of their own, by the nominal robot.
+
+    Parameters
+    ----------
+    measurements : MeasurementSet
+        With a column ``group``.
+    arm : Arm
+
+    Returns
+    -------
+    (name, together, apart) or None
+        The group that differs most and its median distance with one base and tool for all groups, and with its own,
+        metres; None if none differs by more than `APART` and `RATIO`, or if some group is too small or cannot tell.
+    """
+    label = measurements.table[GROUP].astype(str)
+    names = set(label)
+    poses = measurements.table["pose_index"].groupby(label).nunique()
+    if len(names) < 2 or "" in names or names & set(GROUPS) or poses.min() < NOTICED_FROM:
+        return None
+    try:
+        groups = sessions_of(measurements, GROUP)
+        if measurements.is_reference().any():  # bases are compared in the frame of the references
+            points = cleaning.clean(measurements).points
+            sets = [points.select(points.groups == name).with_seen_targets() for name, _ in groups]
+        else:  # distances are those of a group's own tool
+            sets = [cleaning.clean(part).points for _, part in groups]
+        apart = [float(np.median(distances(outliers.trimmed(arm, group), group))) for group in sets]
+        whole = replace(joined([("", group) for group in sets]), session=None)
+        distance = distances(outliers.trimmed(arm, whole), whole)
+    except IrbcalError:
+        return None
+    ends = np.cumsum([len(group) for group in sets])[:-1]
+    together = [float(np.median(part)) for part in np.split(distance, ends)]
+    most = int(np.argmax(np.array(together) / np.array(apart)))
+    if together[most] < max(APART, RATIO * apart[most]):
+        return None
+    return groups[most][0], together[most], apart[most]
+
+
+def _clean_session(part: MeasurementSet, arm: Arm, frame: Sequence[str] | None, poses: bool) -> SessionPoints:
+    """Points of one session."""
+    cleaned = cleaning.clean(part)
+    points, excluded, mixed_up = without_gross_errors(arm, cleaned, part)
+    references: Mapping[str, FloatArray] = cleaned.registration.references if cleaned.registration else {}
+    if frame is not None:
+        points, references = in_frame_of(points, references, frame, part.source)
+    shape: Mapping[str, FloatArray] = {}
+    names = cleaned.points.target_names
+    if poses:
+        points, shape = as_poses(points, part.source)
+        names = points.target_names
+    notes = (*mixed_up, *cleaned.notes)
+    return SessionPoints(points, motion_of(part, points), references, shape, names, tuple(excluded), notes)
+
+
+def without_gross_errors(
+    arm: Arm, cleaned: Cleaned, measurements: MeasurementSet
+) -> tuple[PointSet, list[Exclusion], list[str]]:
+    """Points that a robot of this kind can have reached, all that were left out so far, and names or rows mixed up."""
+    points = cleaned.points
+    found = outliers.find_gross_errors(arm, points, measurements.source, measurements)
+    wrong = np.zeros(points.poses, dtype=bool)
+    wrong[points.pose[~found.keep]] = True
+    swaps = [(p, order) for p, order in swapped.by_robot(found.robot, points) if wrong[p]]
+    truth = {(p, k): points.target_names[other] for p, order in swaps for k, other in enumerate(order) if other != k}
+    excluded = []
+    for k in np.flatnonzero(~found.keep):
+        other = truth.get((int(points.pose[k]), int(points.target[k])))
+        reason = (
+            f"gross error: {found.distance[k] / MM:.4g} mm from the robot that fits most points (model {found.level})"
+        )
+        if other is not None:
+            reason = f"swapped: this is {other}, from where the robot expects both"
+        target = points.target_names[points.target[k]]
+        excluded.append(Exclusion(str(points.pose_ids[points.pose[k]]), target, reason))
+    words = swapped.in_words([(points.pose_ids[p], order) for p, order in swaps], points.target_names)
+    if np.count_nonzero(wrong) >= data_entry_errors.FEWEST_ROWS and not words:
+        lost = data_entry_errors.find_lost_row(arm, points)
+        if lost is not None and wrong.mean() > 1.0 - outliers.CORE:
+            raise MeasurementError(lost.in_words(measurements), file=measurements.source)
+        words = [] if lost is None else [lost.sentence(measurements)]
+    return points.take(found.keep).without_empty_poses(), [*cleaned.excluded, *excluded], words
+
+
+def _free_name(name: str, taken: set[str]) -> str:
+    """A session's name that no other has."""
+    name = name.replace("@", "-")
+    number, free = 2, name
+    while free in taken:
+        free, number = f"{name}-{number}", number + 1
+    taken.add(free)
+    return free
+
+
+def joined_motions(motions: Sequence[Motion]) -> Motion:
+    """Motions of several sessions as one; what only some of them know is zero in the others."""
+    values: dict[str, Any] = {}
+    for item in fields(Motion):
+        parts = [getattr(motion, item.name) for motion in motions]
+        known = [value for value in parts if value is not None]
+        if item.name in LOAD and len(known) < len(parts):  # a load that is told for some sessions only serves nobody
+            values[item.name] = None
+        elif not known or isinstance(known[0], bool):
+            values[item.name] = any(known) if known else None
+        else:
+            tail = known[0].shape[1:]
+            pairs = zip(parts, motions, strict=True)
+            values[item.name] = np.concatenate([np.zeros((len(m), *tail)) if v is None else v for v, m in pairs])
+    return Motion(**values)
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """What an earlier calibration gives to a new one.
+
+    Attributes
+    ----------
+    record : Record
+    sessions : tuple of (name, PointSet, Motion)
+        All its points, fitted and held out, by session, with the targets' plain names.
+    folder : Path or None
+        Where it lies.
+    """
+
+    record: Record
+    sessions: tuple[tuple[str, PointSet, Motion], ...]
+    folder: Path | None = None
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def poses(self) -> int:
+        """Number of its poses."""
+        return sum(points.poses for _, points, _ in self.sessions)
+
+    def robot(self) -> Path:
+        """Its nominal robot: a file of the same name here, or known by name; else the folder, which holds it, too.
+
+        Files are taken by their content: another file of that name is not.
+
+        Raises
+        ------
+        OptionError
+            If there is none.
+        """
+        section = self.record.robot
+        candidates = [Path(section.urdf)]
+        for known in robots.NAMED:
+            if Path(known.file).name == section.urdf:
+                try:
+                    candidates.append(known.path())
+                except RobotError:
+                    continue
+        for path in candidates:
+            if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == section.urdf_sha256:
+                return path
+        if self.folder is not None:
+            return self.folder
+        raise OptionError(
+            f"robot: the earlier calibration was made from {section.urdf}, which is neither here nor known by name: "
+            "name its file",
+            parameter="robot",
+        )
+
+    def check(self, arm: Arm) -> None:
+        """Refuse another nominal robot.
+
+        Raises
+        ------
+        OptionError
+            If its constants or joints are not those of the earlier calibration's.
+        """
+        nominal = self.record.arm(calibrated=False)
+        names = ("alpha", "a", "theta", "d", "beta", "b")
+        pairs = [(getattr(nominal.table, name), getattr(arm.table, name)) for name in names]
+        pairs += [(nominal.T_base_0, arm.T_base_0), (nominal.T_last_tip, arm.T_last_tip)]
+        if nominal.joint_names != arm.joint_names or not all(
+            a.shape == b.shape and np.abs(a - b).max() < SAME_ROBOT for a, b in pairs
+        ):
+            raise OptionError(
+                f"robot: {arm.name} is not the nominal robot of the earlier calibration, which is {nominal.name} from "
+                f"{self.record.robot.urdf}",
+                parameter="robot",
+            )
+
+
+def earlier_of(calibration: CalibrationLike) -> Earlier:
+    """Open an earlier calibration to add measurements to it.
+
+    Parameters
+    ----------
+    calibration : str, Path, Record or a result that holds one
+
+    Returns
+    -------
+    Earlier
+
+    Raises
+    ------
+    CalibrationError
+        If it cannot be read or does not hold its measured points.
+    """
+    record = opened(calibration)
+    name, folder = "earlier", None
+    if isinstance(calibration, (str, os.PathLike)):
+        folder = folder_of(calibration)
+        name = folder.resolve().name.replace(MARK, "-") or name
+    used = [known[0] for heldout in (False, True) if (known := record.used_points(heldout)) is not None]
+    if not used or record.poses is None:
+        what = (
+            "is from rows at features, which are calibrated together" if record.features else "has no measured points"
+        )
+        raise CalibrationError(f"this calibration {what}: nothing can be added to it", parameter="with")
+    names = tuple(item.name for item in record.sessions) or (name,)
+    numbers = np.array(record.poses.number or np.arange(len(record.poses.pose)), dtype=float)
+    heldout = np.array(record.poses.heldout, dtype=bool)
+    sets = [(points, numbers[heldout == bool(k)]) for k, points in enumerate(used) if points.poses]
+    sessions = []
+    for session in names:
+        parts, order = [], []
+        for points, number in sets:
+            blocks = [block_of(target, names, names[-1]) for target in points.target_names]
+            of_session = np.array([block == session for _, block in blocks], dtype=bool)
+            poses = np.zeros(points.poses, dtype=bool)
+            poses[points.pose[of_session[points.target]]] = True
+            if poses.any():
+                part = points.select(poses).with_seen_targets()
+                plain = tuple(block_of(target, names, names[-1])[0] for target in part.target_names)
+                parts.append(("fit", replace(part, target_names=plain)))
+                order.append(number[poses])
+        both = joined(parts) if len(parts) > 1 else parts[0][1]
+        elapsed = np.concatenate(order)
+        by_time = np.argsort(elapsed, kind="stable")
+        both = _ordered(replace(both, session=None), by_time)
+        load, centre = payload_of(both, "the earlier calibration")
+        loads = load, not record.programmed, centre, both.torques
+        sessions.append((session, both, Motion(both.q, both.moves(), elapsed[by_time], *loads)))
+    return Earlier(record, tuple(sessions), folder)
+
+
+def _ordered(points: PointSet, order: IntArray) -> PointSet:
+    """The same points with the poses in another order."""
+    rank = np.argsort(order)
+    of_point = np.argsort(rank[points.pose], kind="stable")
+    changed = replace(points.take(of_point), pose=rank[points.pose][of_point])
+    names = {"q", "pose_ids", "groups", *OF_POSES}
+    values: dict[str, Any] = {name: value[order] for name in names if (value := getattr(points, name)) is not None}
+    return replace(changed, **values)
