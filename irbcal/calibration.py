@@ -13,8 +13,9 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.identification.evidence_fit import groups_table
 from irbcal.identification.type_prior import TypePrior
 from irbcal.io import calibration_folder
-from irbcal.io.calibration_folder import NAMES, CalibrationLike
+from irbcal.io.calibration_folder import NAMES
 from irbcal.io.mesh_paths import MeshPaths
+from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Errors, Record
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike

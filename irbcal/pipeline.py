@@ -44,8 +44,8 @@ from irbcal.identification.selection import Choice as LevelChoice
 from irbcal.identification.selection import choose_level
 from irbcal.identification.type_prior import TypePrior
 from irbcal.io import integrity, prior_file, robots, urdf, urdf_check
-from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, CalibrationLike, Saved
-from irbcal.io.opening import calibration_at, read_nominal
+from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, Saved
+from irbcal.io.opening import CalibrationLike, calibration_at, open_nominal
 from irbcal.io.schema import (
     CertaintySection,
     Choice,
@@ -441,7 +441,7 @@ def read(measurements: MeasurementsLike, robot: str | Path | None, options: Opti
         saved = calibration_at(robot)
     if robot is None:
         raise OptionError("robot: expected a URDF or the name of a robot, see irbcal robots", parameter="robot")
-    nominal = read_nominal(robot, options.base_link, options.tip_link, options.coupling)
+    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling)
     if earlier is not None:
         earlier.check(nominal.arm)
     targets = lists.read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
@@ -820,7 +820,7 @@ def _read_features(measurements: MeasurementsLike, robot: str | Path | None, opt
         raise OptionError(
             "robot: rows at features start from a URDF or a robot's name, not from a calibration", parameter="robot"
         )
-    nominal = read_nominal(robot, options.base_link, options.tip_link, options.coupling)
+    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling)
     say("reading the measurements")
     if not isinstance(measurements, (str, PathLike, pd.DataFrame)):
         if not isinstance(measurements, MeasurementSet):

@@ -20,7 +20,8 @@ from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, Optio
 from irbcal.identification import data_entry_errors, outliers
 from irbcal.identification.axes import GROUPS
 from irbcal.io import robots
-from irbcal.io.calibration_folder import CalibrationLike, folder_of, opened
+from irbcal.io.calibration_folder import folder_of
+from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import cleaning, swapped
 from irbcal.measurement.blocks import MARK, block_of
@@ -367,7 +368,7 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
     CalibrationError
         If it cannot be read or does not hold its measured points.
     """
-    record = opened(calibration)
+    record = open_calibration(calibration)
     name, folder = "earlier", None
     if isinstance(calibration, (str, os.PathLike)):
         folder = folder_of(calibration)

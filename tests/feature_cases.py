@@ -9,7 +9,7 @@ from irbcal.identification.feature_fit import identify_features
 from irbcal.identification.feature_problem import FeatureProblem
 from irbcal.identification.observation_kind import LEVER, with_third
 from irbcal.identification.observations import KINDS, Seen
-from irbcal.io.opening import read_nominal
+from irbcal.io.opening import open_nominal
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import FITTED, LENS, TARGETS
@@ -27,7 +27,7 @@ EMPTY = np.full((1, 3, 3), np.nan)
 
 
 def arm():
-    return read_nominal("irb1600", None, None, None).arm
+    return open_nominal("irb1600", None, None, None).arm
 
 
 def true_arm(nominal, seed=0, scale=1.0, lengths=True):

@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, FrameInCell, Touch, frames_by_name
 from irbcal.errors import MeasurementError, OptionError, RobotError
-from irbcal.io.calibration_folder import CalibrationLike, opened
+from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement import columns
 from irbcal.measurement.columns import POSITION, POSITION_BOUNDS, TableLike
 from irbcal.modeling import frames
@@ -443,7 +443,7 @@ def cell_frames(
         If nothing is known of the robot's certainty, or of the payload.
     """
     refuse_overwriting({"out": out}, [touches] if isinstance(touches, (str, PathLike)) else [], calibration)
-    record = opened(calibration)
+    record = open_calibration(calibration)
     robot = loaded(record.robot_calibrated(), payload, payload_place)
     certainty = robot.certainty
     if certainty is None:

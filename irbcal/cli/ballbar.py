@@ -51,7 +51,7 @@ def ballbar(
     import numpy as np
 
     from irbcal.figures.drawn_figure import check_name
-    from irbcal.io import calibration_folder
+    from irbcal.io.opening import open_calibration
     from irbcal.units import DEG, MM
     from irbcal.validation import ballbar_check
 
@@ -60,7 +60,7 @@ def ballbar(
     place = np.array(grid.numbers(tool, (3, 7), "--tool"))
     place[:3] *= MM
     axes = [grid.numbers(text, (3,), option) for text, option in ((normal, "--normal"), (start, "--start"))]
-    saved = calibration_folder.opened(calibration)
+    saved = open_calibration(calibration)
     units = saved.arm().joint_units
     with wrong_calls():
         result = ballbar_check.ballbar(

@@ -136,12 +136,12 @@ def _plan(
 
     import numpy as np
 
-    from irbcal.io.opening import read_nominal
+    from irbcal.io.opening import open_nominal
     from irbcal.units import MM
     from irbcal.validation import iso9283_check
     from irbcal.validation.cube import FRACTION
 
-    arm = read_nominal(robot).arm
+    arm = open_nominal(robot).arm
     joints = None if near is None else np.array(grid.numbers(near, (len(arm.joint_names),), "--near"))
     with wrong_calls():
         found = iso9283_check.iso9283_plan(

@@ -31,8 +31,9 @@ from irbcal.correction.program import (
 from irbcal.correction.trajectories import Timed, follow
 from irbcal.correction.true_frames import ControllerNumbers, TargetFrames, TrueFrames, cell_of, point_origin
 from irbcal.errors import OptionError, ProgramError
-from irbcal.io.calibration_folder import CalibrationLike, opened, read
+from irbcal.io.calibration_folder import read
 from irbcal.io.controller_model import ControllerFrames, controller_frames, controller_kinematics, unknown_frames
+from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
 from irbcal.modeling.arm import Arm
@@ -171,7 +172,7 @@ def correct(
     inputs = [*programs_given, *read_too]
     refuse_overwriting({"out": out, "changes": changes}, inputs, calibration)
     language, sources = languages.files_of(programs_given)
-    record = opened(calibration)
+    record = open_calibration(calibration)
     nominal = record.arm(calibrated=False)
     urdf = _urdf(calibration)
     model = None if controller_model is None else controller_kinematics(controller_model, record, urdf)

@@ -17,8 +17,9 @@ from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError
 from irbcal.exporting.made import Made
 from irbcal.exporting.source import Source
-from irbcal.io.calibration_folder import JSON_NAME, CalibrationLike
+from irbcal.io.calibration_folder import JSON_NAME
 from irbcal.io.mesh_paths import CHOICES, MeshPaths
+from irbcal.io.opening import CalibrationLike
 from irbcal.options import checked
 from irbcal.overwriting import refuse_overwriting
 from irbcal.summary import Speaks, Table, Told

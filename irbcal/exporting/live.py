@@ -31,7 +31,7 @@ from irbcal.exporting.motion import GAP_S, Joint, LimitedMotion
 from irbcal.exporting.parts import Parts
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source
-from irbcal.io.calibration_folder import CalibrationLike
+from irbcal.io.opening import CalibrationLike
 from irbcal.options import checked, number
 from irbcal.units import DEG, MM
 

@@ -16,9 +16,8 @@ from irbcal.exporting import python
 from irbcal.exporting.parts import Parts, Vectors, vectors_of
 from irbcal.exporting.plain import Plain
 from irbcal.io import calibration_folder, urdf_xml
-from irbcal.io.calibration_folder import CalibrationLike
 from irbcal.io.mesh_paths import MeshPaths
-from irbcal.io.opening import open_robot
+from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.schema import Record
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot, loaded
@@ -88,7 +87,7 @@ class Source:
         """
         if isinstance(calibration, (str, Path)):
             calibration = calibration_folder.read(calibration)
-        record = calibration_folder.opened(calibration)
+        record = open_calibration(calibration)
         opened = open_robot(calibration)
         notes = []
         if record.frame_terms is not None:

@@ -23,6 +23,7 @@ from irbcal.identification.fit import certainty_of, identify
 from irbcal.identification.type_prior import WIDE, name_of
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import JSON_NAME
+from irbcal.io.opening import open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.parameters import default_level
@@ -53,7 +54,7 @@ def stored(
         If the folder is no calibration, or the date is none.
     """
     path = calibration_folder.folder_of(folder)
-    record = calibration_folder.load(path)
+    record = open_calibration(path)
     mark = batch.read_mark(path)
     name = robot or (mark.id if mark else path.resolve().name)
     number = serial or (mark.serial if mark else name)

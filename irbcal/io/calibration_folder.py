@@ -14,19 +14,18 @@ from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol, TypeAlias
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from irbcal.atomic import recover, write_together
 from irbcal.errors import CalibrationError
-from irbcal.io import integrity, joint_origins, urdf
+from irbcal.io import integrity, joint_origins
 from irbcal.io.integrity import contradictions, refuse_absurd
 from irbcal.io.schema import Record
 from irbcal.io.section import Section
 from irbcal.names import comment
-from irbcal.options import shown
 from irbcal.reading import read_bytes
 
 MOST_POINTS = 30_000
@@ -164,19 +163,6 @@ MOVING_FILES = (URDF_NAME, ORIGINS_NAME)
 NO_SEAL = "calibration.json has no seal"
 
 
-class HoldsRecord(Protocol):
-    """A result that holds the content of a ``calibration.json``."""
-
-    @property
-    def record(self) -> Record:
-        """The content."""
-        ...
-
-
-CalibrationLike: TypeAlias = str | Path | Record | HoldsRecord
-"""Whatever names a calibration: its folder, its record, or a result that holds one."""
-
-
 @dataclass(frozen=True, repr=False)
 class Saved:
     """A calibration folder as read, once.
@@ -196,12 +182,6 @@ class Saved:
 
     def __repr__(self) -> str:
         return f"<Saved {self.folder}: {self.record!r}>"
-
-    def nominal_urdf(self) -> bytes:
-        """The URDF with the joint origins from before the calibration."""
-        return urdf.with_joint_origins(
-            self.urdf, {item.joint: item.nominal.transform() for item in self.record.joint_origins}
-        )
 
 
 def write(folder: str | Path, record: Record, urdf_bytes: bytes, report: str) -> None:
@@ -458,37 +438,3 @@ def _content(data: bytes) -> tuple[dict[str, Any], bool]:
     except (ValueError, RecursionError):
         return {}, False
     return content, isinstance(content, dict) and content.get("schema_name") == WITH_TABLES
-
-
-def load(folder: str | Path) -> Record:
-    """The content of a calibration folder's ``calibration.json``; errors as `read`."""
-    return read(folder).record
-
-
-def opened(calibration: CalibrationLike) -> Record:
-    """A calibration by whatever names it: folder, record, or a result that holds one.
-
-    Parameters
-    ----------
-    calibration : str, Path, Record or a result with an attribute ``record``
-
-    Returns
-    -------
-    Record
-
-    Raises
-    ------
-    CalibrationError
-        As `read`, or if it is nothing of that kind.
-    """
-    if isinstance(calibration, Record):
-        return calibration
-    if isinstance(calibration, (str, os.PathLike)):
-        return load(calibration)
-    record = getattr(calibration, "record", None)
-    if not isinstance(record, Record):
-        raise CalibrationError(
-            f"expected a calibration folder or a loaded calibration, found {shown(calibration)}",
-            parameter="calibration",
-        )
-    return record

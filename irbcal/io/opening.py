@@ -1,4 +1,4 @@
-"""One door for robots: calibration folders, loaded calibrations, URDF files and robots by name are opened here."""
+"""The one door: calibrations and robots are opened here, by whatever names them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TypeAlias, Union
+from typing import Protocol, TypeAlias, Union
 
 import numpy as np
 
 from irbcal.arrays import lock
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.io import calibration_folder, robots, urdf, urdf_xml
-from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, HoldsRecord, Saved
+from irbcal.io import calibration_folder, robots, urdf
+from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, Saved
 from irbcal.io.schema import Record
 from irbcal.io.urdf import UrdfArm
 from irbcal.modeling.arm import Arm
@@ -25,6 +25,48 @@ from irbcal.options import shown
 
 SAME_ROBOT = 1e-9
 """Metres and radians within which a nominal robot put together again is the one that the calibration began from."""
+
+
+class HoldsRecord(Protocol):
+    """A result that holds the content of a ``calibration.json``."""
+
+    @property
+    def record(self) -> Record:
+        """The content."""
+        ...
+
+
+CalibrationLike: TypeAlias = str | Path | Record | HoldsRecord
+"""Whatever names a calibration: its folder, its record, or a result that holds one."""
+
+
+def open_calibration(calibration: CalibrationLike) -> Record:
+    """A calibration by whatever names it: folder, record, or a result that holds one.
+
+    Parameters
+    ----------
+    calibration : str, Path, Record or a result with an attribute ``record``
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    CalibrationError
+        As `irbcal.io.calibration_folder.read`, or if it is nothing of that kind.
+    """
+    if isinstance(calibration, Record):
+        return calibration
+    if isinstance(calibration, (str, os.PathLike)):
+        return calibration_folder.read(calibration).record
+    record = getattr(calibration, "record", None)
+    if not isinstance(record, Record):
+        raise CalibrationError(
+            f"expected a calibration folder or a loaded calibration, found {shown(calibration)}",
+            parameter="calibration",
+        )
+    return record
 
 
 def calibration_at(robot: object) -> Saved | None:
@@ -43,16 +85,40 @@ def calibration_at(robot: object) -> Saved | None:
     return calibration_folder.read(path) if path.is_dir() and (path / JSON_NAME).is_file() else None
 
 
-def nominal_of(saved: Saved) -> UrdfArm:
-    """The robot that a calibration began from: its URDF with the joint origins from before.
+def open_nominal(
+    robot: str | Path, base_link: str | None = None, tip_link: str | None = None, coupling: str | None = None
+) -> UrdfArm:
+    """The nominal robot of a URDF, a robot's name, or a calibration, which has the one that it began from.
+
+    Parameters
+    ----------
+    robot : str or Path
+    base_link, tip_link, coupling : str, optional
+        As `irbcal.io.urdf.read` takes them; a calibration has its own.
+
+    Returns
+    -------
+    UrdfArm
 
     Raises
     ------
+    RobotError
+        If the robot is refused, or links or a coupling are chosen for a calibration.
     CalibrationError
-        If that is not the robot of ``calibration.json``.
+        If a calibration cannot be read, or its joint origins from before do not give its nominal robot.
     """
+    saved = calibration_at(robot)
+    if saved is None:
+        return urdf.read(robot, base_link, tip_link, coupling)
     section, arm = saved.record.robot, saved.record.arm(calibrated=False)
-    data = _unmarked(saved.nominal_urdf())
+    for parameter, given, known in (
+        ("base_link", base_link, section.base_link),
+        ("tip_link", tip_link, section.tip_link),
+        ("coupling", coupling, "none" if section.coupling is None else in_words(np.array(section.coupling))),
+    ):
+        if given not in (None, known):
+            raise RobotError(f"{robot}: a calibration has its own {parameter}", parameter=parameter)
+    data = urdf.without_mark(_with_nominal_origins(saved.urdf, saved.record))
     found = urdf.from_bytes(data, str(saved.folder / URDF_NAME), section.base_link, section.tip_link)
     q = arm.random_joints(20, 0)
     if np.abs(found.arm.forward(q) - arm.forward(q)).max() > SAME_ROBOT:
@@ -60,41 +126,6 @@ def nominal_of(saved: Saved) -> UrdfArm:
             "the joint origins from before the calibration do not give its nominal robot", file=saved.folder / JSON_NAME
         )
     return replace(found, arm=replace(found.arm, name=arm.name, coupling=arm.coupling))
-
-
-def _unmarked(data: bytes) -> bytes:
-    """A URDF without the fingerprint of a calibration."""
-    tree = urdf_xml.parse(data, URDF_NAME)
-    root = tree.getroot()
-    for element in root.findall(urdf.FINGERPRINT_TAG):
-        root.remove(element)
-    return urdf_xml.serialised(tree)
-
-
-def read_nominal(
-    robot: str | Path, base: str | None = None, tip: str | None = None, coupling: str | None = None
-) -> UrdfArm:
-    """As `irbcal.io.urdf.read`, and the nominal robot of a calibration.
-
-    Raises
-    ------
-    RobotError
-        If the robot is refused, or links or a coupling are chosen for a calibration, which has its own.
-    CalibrationError
-        If a calibration cannot be read.
-    """
-    saved = calibration_at(robot)
-    if saved is None:
-        return urdf.read(robot, base, tip, coupling)
-    section = saved.record.robot
-    for parameter, given, own in (
-        ("base_link", base, section.base_link),
-        ("tip_link", tip, section.tip_link),
-        ("coupling", coupling, "none" if section.coupling is None else in_words(np.array(section.coupling))),
-    ):
-        if given not in (None, own):
-            raise RobotError(f"{robot}: a calibration has its own {parameter}", parameter=parameter)
-    return nominal_of(saved)
 
 
 RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
@@ -201,7 +232,7 @@ def open_robot(
                 f"expected a robot (URDF, name, calibration folder or loaded calibration), found {shown(robot)}",
                 parameter="robot",
             )
-        record = calibration_folder.opened(robot)
+        record = open_calibration(robot)
         name, folder = record.robot.name, getattr(robot, "folder", None)
         text = getattr(robot, "urdf", None)
         if text is None:

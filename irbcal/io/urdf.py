@@ -570,6 +570,14 @@ def to_bytes(
     return urdf_xml.serialised(tree)
 
 
+def without_mark(data: bytes) -> bytes:
+    """A URDF without the fingerprint of a calibration."""
+    tree = urdf_xml.parse(data, "URDF")
+    for element in tree.getroot().findall(FINGERPRINT_TAG):
+        tree.getroot().remove(element)
+    return urdf_xml.serialised(tree)
+
+
 def with_links(
     data: bytes, arm: Arm, T_world_base: FloatArray | None = None, targets: Mapping[str, FloatArray] | None = None
 ) -> bytes:

@@ -64,7 +64,7 @@ from irbcal.units import MM
 if TYPE_CHECKING:
     import pandas as pd
 
-    from irbcal.io.calibration_folder import CalibrationLike
+    from irbcal.io.opening import CalibrationLike
 
 
 def verdict(found: JointBehaviour) -> list[str]:
@@ -430,17 +430,17 @@ class _Model(NamedTuple):
 
 def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None) -> _Model:
     if calibration is not None:
-        from irbcal.io import calibration_folder
+        from irbcal.io.opening import open_calibration
 
-        saved = calibration_folder.opened(calibration)
+        saved = open_calibration(calibration)
         nominal, places = saved.arm(calibrated=False), saved.reference_places() or None
         return _Model(saved.robot_calibrated(), nominal, places, saved.simulated, saved.programmed)
     if robot is None:
         return _Model()
     if not isinstance(robot, Arm):
-        from irbcal.io.opening import read_nominal
+        from irbcal.io.opening import open_nominal
 
-        robot = read_nominal(robot).arm
+        robot = open_nominal(robot).arm
     return _Model(robot)
 
 

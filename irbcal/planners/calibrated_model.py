@@ -26,8 +26,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError
 from irbcal.io import calibration_folder
-from irbcal.io.calibration_folder import CalibrationLike
-from irbcal.io.opening import open_robot
+from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.urdf_check import LIMIT, ArmInModel
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm, relative_difference
@@ -173,7 +172,7 @@ class CalibratedModel(AlongTime, Speaks):
         """
         if isinstance(calibration, (str, Path)):
             calibration = calibration_folder.read(calibration)
-        record, urdf = calibration_folder.opened(calibration), open_robot(calibration).urdf_bytes
+        record, urdf = open_calibration(calibration), open_robot(calibration).urdf_bytes
         if urdf is None:
             words = f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder instead"
             raise CalibrationError(words, parameter="calibration")

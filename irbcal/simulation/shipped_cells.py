@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.io.opening import read_nominal
+from irbcal.io.opening import open_nominal
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
@@ -116,7 +116,7 @@ def open_cell(
     RobotError
         If the robot is refused.
     """
-    found = read_nominal(robot, base, tip, coupling)
+    found = open_nominal(robot, base, tip, coupling)
     return shipped_cell(found.arm, bodies(found), seed, robot_seed)
 
 

@@ -16,8 +16,7 @@ from irbcal import atomic
 from irbcal.arrays import FloatArray, lock
 from irbcal.correction.program import ControllerSetup
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.io import calibration_folder
-from irbcal.io.calibration_folder import CalibrationLike
+from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, TableLike
@@ -335,7 +334,7 @@ def simulate(
     found = None
     if wanted is not None and calibration is not None:
         program = pose_list.taken(wanted, opened.arm, wait, given)
-        found = misses(run, program.q, calibration_folder.opened(calibration))
+        found = misses(run, program.q, open_calibration(calibration))
     return Simulated(str(robot), opened, poses, run, found)
 
 

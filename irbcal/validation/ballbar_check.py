@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import lock
 from irbcal.errors import OptionError
 from irbcal.figures.drawn_figure import DrawnFigure
-from irbcal.io import calibration_folder
-from irbcal.io.calibration_folder import CalibrationLike
+from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
 from irbcal.options import length, number, place
@@ -247,7 +246,7 @@ def ballbar(
         raise OptionError(f"a circle has up to {MOST_ARCS} arcs, found {arcs}", parameter="arcs")
     bar, height = length("bar", bar), length("height", height)
     tool = place("tool", tool, "x, y, z in metres and at will a unit quaternion", (3, 7))
-    saved = calibration_folder.opened(calibration)
+    saved = open_calibration(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     if joints is None and len(nominal.joint_names) != len(CENTER_JOINTS):
         raise OptionError(f"{nominal.name} has not six joints: give those in the circle's centre", parameter="joints")

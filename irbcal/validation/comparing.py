@@ -13,7 +13,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.io.calibration_folder import CalibrationLike, folder_of, opened
+from irbcal.io.calibration_folder import folder_of
+from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
 from irbcal.measurement.places import places
@@ -251,7 +252,7 @@ def compare(
     check_seed(seed)
     seen = carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
-    records = {name: opened(item) for name, item in named.items()}
+    records = {name: open_calibration(item) for name, item in named.items()}
     ready: list[Prepared] = []
     robots: list[dict[str, Robot]] = []
     gone: set[int] = set()

@@ -21,7 +21,7 @@ from irbcal.errors import MeasurementError
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
 from irbcal.io import robots
 from irbcal.io import urdf as urdf_module
-from irbcal.io.opening import read_nominal
+from irbcal.io.opening import open_nominal
 from irbcal.io.urdf import UrdfArm
 from irbcal.measurement import columns
 from irbcal.measurement.columns import TableLike
@@ -246,7 +246,7 @@ def controller(
     IrbcalError
         If an input is refused, or the poses are nowhere near those of the robot.
     """
-    urdf = read_nominal(robot, base_link, tip_link, coupling)
+    urdf = open_nominal(robot, base_link, tip_link, coupling)
     q, T, labels, source = _read(poses, urdf.arm)
     fit = fit_controller(urdf.arm, q, T, source)
     data, notes = _written(urdf, fit)

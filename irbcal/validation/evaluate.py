@@ -12,7 +12,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.pose_errors import ModelErrors, PoseErrors
-from irbcal.io.calibration_folder import CalibrationLike, opened
+from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
 from irbcal.measurement.order import with_last_moves
@@ -137,7 +137,7 @@ def evaluate(
     IrbcalError
         If an input is refused.
     """
-    record = opened(calibration)
+    record = open_calibration(calibration)
     check_seed(seed)
     if sphere is not None:
         place("sphere", sphere, "x, y, z of the centre and the diameter in metres", (4,))
@@ -192,7 +192,9 @@ def evaluate(
         coverage=None if refit_base else coverage(robots["calibrated"], points),
         relative=_relative(robots, points, relative, frame_points, seen.source) if relative else None,
         flange=_flange(robots, points, seen.source) if flange else None,
-        comparison=None if compare is None else _comparison(opened(compare), ready, refit, robots["calibrated"], seed),
+        comparison=None
+        if compare is None
+        else _comparison(open_calibration(compare), ready, refit, robots["calibrated"], seed),
         verified=None if verified is None else _verified(record, robots["calibrated"], points, verified),
         excluded=tuple(ready.excluded),
         verdict=found,
@@ -248,7 +250,7 @@ def in_frame_of_calibration(
     IrbcalError
         If the measurements are refused, or are nowhere near what the calibrated robot predicts.
     """
-    record = opened(calibration)
+    record = open_calibration(calibration)
     seen = table.read(measurements)
     seen = seen.of_arm(record.arm())
     ready = prepare(seen, record, any_target=refit.tool, same_tool=same_tool)

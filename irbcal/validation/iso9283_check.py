@@ -17,9 +17,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import lock
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.figures.drawn_figure import DrawnFigure, check_name
-from irbcal.io import calibration_folder
-from irbcal.io.calibration_folder import CalibrationLike
-from irbcal.io.opening import read_nominal
+from irbcal.io.opening import CalibrationLike, open_calibration, open_nominal
 from irbcal.measurement import table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
@@ -205,7 +203,7 @@ def iso9283(
         raise OptionError(f"a set of the drift test has two cycles or more, found {set_size}", parameter="set_size")
     number("window", window, 0)
     poses = settled = None
-    saved = None if calibration is None else calibration_folder.opened(calibration)
+    saved = None if calibration is None else open_calibration(calibration)
     if measurements is not None:
         seen = table.read(measurements)
         if saved is not None:
@@ -278,5 +276,5 @@ def iso9283_plan(
         center = place("center", center)
     if edge is not None:
         edge = length("edge", edge)
-    arm = robot if isinstance(robot, Arm) else read_nominal(robot).arm
+    arm = robot if isinstance(robot, Arm) else open_nominal(robot).arm
     return five_poses(arm, center, edge, near, plane, inset)

@@ -12,7 +12,7 @@ from irbcal.correction.filter import fingerprint_of
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import calibration_folder, signature
 from irbcal.io import urdf as urdf_file
-from irbcal.io.calibration_folder import CalibrationLike, opened
+from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.arm import relative_difference
 from irbcal.reading import read_bytes
@@ -225,7 +225,7 @@ def verify(
     if reseal is not None or public_key is not None:
         name = "reseal" if reseal is not None else "public_key"
         raise OptionError(f"{name}: expected no URDF and no program beside it", parameter=name)
-    record = opened(calibration)
+    record = open_calibration(calibration)
     if program is not None:
         return _verify_program(record, program)
     assert urdf is not None

@@ -8,6 +8,7 @@ import pytest
 import irbcal
 from irbcal.errors import CalibrationError
 from irbcal.io import calibration_folder
+from irbcal.io.opening import open_calibration
 
 
 @pytest.fixture
@@ -136,5 +137,5 @@ def test_what_is_no_calibration_is_refused(calibration):
     with pytest.raises(
         CalibrationError, match="expected a calibration folder or a loaded calibration, found"
     ) as refused:
-        calibration_folder.opened(calibration)
+        open_calibration(calibration)
     assert refused.value.parameter == "calibration"

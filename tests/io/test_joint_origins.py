@@ -5,7 +5,8 @@ import yaml
 from support import arm, assert_same_poses, example_robot, measured, random_robot, write_measurements
 
 import irbcal
-from irbcal.io import calibration_folder, joint_origins, urdf, urdf_check
+from irbcal.io import joint_origins, urdf, urdf_check
+from irbcal.io.opening import open_robot
 from irbcal.modeling import frames
 
 
@@ -14,7 +15,7 @@ def test_yaml_rebuilds_the_robot(folders):
     entries = yaml.safe_load((folders[0] / "joint_origins.yaml").read_text())["kinematics"]
     assert entries.pop("hash") == f"irbcal_{irbcal.load(folders[0]).record.fingerprint}"
     assert list(entries) == [f"link_{i}" for i in range(1, 7)]
-    nominal = calibration_folder.read(folders[0]).nominal_urdf()
+    nominal = open_robot(folders[0], nominal=True).urdf_bytes
     placed = {}
     for entry in entries.values():
         R = frames.matrix_from_rpy([entry["roll"], entry["pitch"], entry["yaw"]])

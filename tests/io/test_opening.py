@@ -54,7 +54,7 @@ def test_the_joint_map_is_kept_with_the_measurements(cell, name):
 
 def test_the_nominal_robot_comes_back(cell, tmp_path):
     folder, start, _ = cell
-    found = opening.read_nominal(folder / "cal")
+    found = opening.open_nominal(folder / "cal")
     q = start.random_joints(50, 3)
     assert np.abs(found.arm.forward(q) - start.forward(q)).max() < 1e-9
     assert urdf.fingerprint(urdf.to_bytes(found, found.arm), "nominal") is None
@@ -63,9 +63,9 @@ def test_the_nominal_robot_comes_back(cell, tmp_path):
     copied.write_bytes((folder / "cal/calibrated.urdf").read_bytes())
     assert opening.calibration_at(copied) is None
     with pytest.raises(RobotError, match="a calibration has its own tip_link"):
-        opening.read_nominal(folder / "cal", tip="link_3")
+        opening.open_nominal(folder / "cal", tip_link="link_3")
     with pytest.raises(RobotError, match="a calibration has its own coupling"):
-        opening.read_nominal(folder / "cal", coupling="3+2")
+        opening.open_nominal(folder / "cal", coupling="3+2")
 
 
 def test_with_needs_no_robot_any_more(cell):

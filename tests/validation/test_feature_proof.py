@@ -5,7 +5,7 @@ import pytest
 
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification.feature_fit import identify_features
-from irbcal.io.opening import read_nominal
+from irbcal.io.opening import open_nominal
 from irbcal.measurement import features
 from irbcal.validation.feature_proof import labels, prove
 
@@ -29,7 +29,7 @@ SOCKETS = pd.DataFrame(
 def test_real_contacts_agree_at_places_that_were_left_out(number, mean, rms, length, shared_data):
     """Better than an independent calculation on the same data reached (docs/without-a-tracker.md)."""
     folder = shared_data / "panda_two_sockets"
-    arm = read_nominal(folder / "panda.urdf", None, "panda_hand_tcp", None).arm
+    arm = open_nominal(folder / "panda.urdf", None, "panda_hand_tcp", None).arm
     seen = features.read(folder / f"panda_{number}.csv", SOCKETS, arm)
     proof = prove(arm, seen, "place")
     found, nominal = proof.of_rows(len(seen)) * 1e3, proof.of_rows(len(seen), False) * 1e3

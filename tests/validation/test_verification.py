@@ -8,7 +8,8 @@ import pytest
 
 import irbcal
 from irbcal.errors import OptionError, ProgramError, RobotError
-from irbcal.io import calibration_folder, urdf
+from irbcal.io import urdf
+from irbcal.io.opening import open_robot
 from irbcal.validation.verification import verify, verify_bytes
 
 
@@ -23,7 +24,7 @@ def moved(data, metres):
 def test_verify_tells_calibrations_apart(folders):
     saved = irbcal.load(folders[0]).record
     own, other = ((folder / "calibrated.urdf").read_bytes() for folder in folders)
-    nominal = calibration_folder.read(folders[0]).nominal_urdf()
+    nominal = open_robot(folders[0], nominal=True).urdf_bytes
     stripped = own.replace(b"<irbcal_calibration", b"<some_other_tag")
     cases = {
         "own": (own, True, "calibrated", "same"),

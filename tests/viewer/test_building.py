@@ -8,7 +8,7 @@ from support import arm, assert_same_poses, write_measurements
 
 import irbcal
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, RobotError
-from irbcal.io.calibration_folder import opened
+from irbcal.io.opening import open_calibration
 from irbcal.modeling import frames
 from irbcal.modeling.terms.situation import Motion
 from irbcal.units import MM
@@ -161,7 +161,7 @@ def test_a_calibration_of_a_shipped_robot_needs_no_folder(cell, shown):
 
 
 def test_a_record_of_another_robot_has_no_looks(cell):
-    record = opened(irbcal.load(cell / "cal"))
+    record = open_calibration(irbcal.load(cell / "cal"))
     other = record.model_copy(update={"robot": record.robot.model_copy(update={"urdf_sha256": "0" * 64})})
     with pytest.raises(CalibrationError, match="does not hold the robot's looks: give its folder"):
         building.build(other)
