@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.identification.evidence_fit import groups_table
-from irbcal.identification.type_prior import TypePrior
+from irbcal.identification.term_sets import TypePrior
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
 from irbcal.io.mesh_paths import MeshPaths

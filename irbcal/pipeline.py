@@ -37,12 +37,11 @@ from irbcal.identification.feature_fit import (
     shape_only,
 )
 from irbcal.identification.feature_problem import FeatureProblem, Key
-from irbcal.identification.fit import Fit, certainty_of, identify, identify_by
+from irbcal.identification.fit import Choice as LevelChoice
+from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
 from irbcal.identification.observation_kind import SHOWN
 from irbcal.identification.problem import session_names
-from irbcal.identification.selection import Choice as LevelChoice
-from irbcal.identification.selection import choose_level
-from irbcal.identification.type_prior import TypePrior
+from irbcal.identification.term_sets import TypePrior
 from irbcal.io import integrity, prior_file, robots, urdf, urdf_check
 from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, Saved
 from irbcal.io.opening import CalibrationLike, calibration_at, open_nominal

@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 
-from irbcal.identification.devices import DEVICES, met, placed, poses, rows_table
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.simulation.devices import DEVICES, met, placed, poses, rows_table
 
 GIVE = np.array([0.0, 1.5e-6, 2e-6, 0.0, 5e-6, 0.0])
 """rad/(N m) of each joint."""

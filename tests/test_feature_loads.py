@@ -7,8 +7,8 @@ import pytest
 
 import irbcal
 from irbcal.errors import OptionError
-from irbcal.identification.devices import BALL
 from irbcal.modeling.terms.situation import Motion
+from irbcal.simulation.devices import BALL
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from irbcal.fleet.comparison import FEWEST_SISTERS, latest
 from irbcal.fleet.overview import STORE
 from irbcal.fleet.store import Estimate, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
-from irbcal.identification.type_prior import WIDE, TypePrior
+from irbcal.identification.term_sets import WIDE, TypePrior
 from irbcal.io import prior_file
 from irbcal.summary import Speaks, Table, Told
 

@@ -177,7 +177,7 @@ class Stored:
         Those of the arm's own level, fitted to the calibration's points: the same parameters in every calibration;
         None where the calibration was saved without its points.
     terms : Estimate or None
-        What its measurements show of the terms by which a type's prior is made (`irbcal.identification.type_prior`).
+        What its measurements show of the terms by which a type's prior is made (`irbcal.identification.term_sets`).
     other : tuple of dict
         Base, targets and what is held: rows of the table ``parameters``.
     files : tuple of (str, str)

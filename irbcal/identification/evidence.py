@@ -37,8 +37,7 @@ from irbcal.identification.evidence_maximisation import (
 )
 from irbcal.identification.linear_model import Linearisation, LinearModel
 from irbcal.identification.problem import Problem, State
-from irbcal.identification.term_sets import TermSet
-from irbcal.identification.type_prior import WIDE, TypePrior, chi_square_of_type, like_type, taken
+from irbcal.identification.term_sets import WIDE, TermSet, TypePrior, chi_square_of_type, like_type, taken
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.sessions import into_one_frame

@@ -212,7 +212,7 @@ class TypePriorResult:
     weight : float
         Of the choices with it.
     chi2, directions : float, int
-        Whether the robot is like them, see `irbcal.identification.type_prior`.
+        Whether the robot is like them, see `irbcal.identification.term_sets`.
     """
 
     type: str

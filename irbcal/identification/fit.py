@@ -2,6 +2,8 @@
 
 The covariance is that of least squares, leave-one-out residuals are those of its linear model: in closed form, as
 `irbcal.identification.leave_one_out` has them. Other objectives take them from the same linear model at their state.
+
+Choosing a level: which error model do the data support.
 """
 
 from __future__ import annotations
@@ -14,9 +16,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, lock
+from irbcal import parallel
+from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError, OptionError, RobotError
-from irbcal.identification import history, least_squares, leave_one_out, minimax, observability, robust
+from irbcal.identification import least_squares, leave_one_out, minimax, robust
 from irbcal.identification.axis_calibration import calibrate_by_axes
 from irbcal.identification.choices import (
     LEVELS,
@@ -30,17 +33,17 @@ from irbcal.identification.choices import (
     Parallel,
     method_of,
 )
-from irbcal.identification.history import History
 from irbcal.identification.initial_guess import MIN_POSES, first_state
+from irbcal.identification.least_squares import HELD, TIED, History, information_of, largest, rms
 from irbcal.identification.leave_one_out import closed, rms_length
-from irbcal.identification.observability import HELD, TIED
 from irbcal.identification.problem import Problem, State
 from irbcal.measurement.places import places
-from irbcal.measurement.points import PointSet
+from irbcal.measurement.points import PointSet, distances
+from irbcal.measurement.sessions import into_one_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
-from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, parameter, thesis_count
+from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, levels_of, parameter, thesis_count
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.modeling.terms.gain import FAMILY as GAIN
@@ -114,10 +117,6 @@ class Fit(Speaks):
         Physical guess that names the stiffness parameters; None for levels without stiffness.
     method, objective : str
         How it was identified and what was minimised.
-    value : float or None
-        The objective reached, metres; None for the root mean square, see `rms`.
-    lower_bound : float or None
-        Certified: no parameters give less, metres (objective ``max``).
     least_squares : Fit or None
         The least-squares fit that another objective started from, for comparison.
     history : History or None
@@ -131,13 +130,21 @@ class Fit(Speaks):
     stiffness_guess: Stiffness | None
     method: Method = "least-squares"
     objective: Objective = "rms"
-    value: float | None = None
-    lower_bound: float | None = None
     least_squares: Fit | None = None
     history: History | None = None
 
     def __post_init__(self) -> None:
         lock(self)
+
+    @property
+    def value(self) -> float | None:
+        """The objective reached, metres; None for the root mean square, see `rms`."""
+        return None if self.objective == "rms" else self.solution.value
+
+    @property
+    def lower_bound(self) -> float | None:
+        """Certified: no parameters give less, metres (objective ``max``)."""
+        return self.solution.lower_bound
 
     @property
     def rank(self) -> int:
@@ -575,23 +582,20 @@ def identify_by(
         for name, seen in (watched or {}).items()
         if seen.target_names == points.target_names
     }
-    course = history.History(problem, followed, _measure(method, objective, power))
+    course = History(problem, followed, _measure(method, objective, power))
     first = first_state(problem)
     solution = least_squares.solve(problem, first, record=course.record if objective == "rms" else None)
     base = fit_of(problem, solution, level, guess)
     if method == "nelder-mead":
         return _by_nelder_mead(base, first, known_targets, followed)
     if objective == "max":
-        least = minimax.solve(problem, solution, record=course.record)
-        return _moved(base, least.state, course, objective=objective, value=least.value, lower_bound=least.lower_bound)
+        return _moved(base, minimax.solve(problem, solution, record=course.record), course, objective=objective)
     if objective == "pnorm":
         between = robust.solve_p_norm(problem, solution, power, record=course.record)
-        return _moved(base, between.state, course, objective=objective, value=between.value)
+        return _moved(base, between, course, objective=objective)
     if loss == "linear":
         return replace(base, history=course)
-    found = robust.solve_loss(problem, solution, loss, record=course.record)
-    base = replace(base, solution=replace(base.solution, information=found.information))
-    return _moved(base, found.state, course)
+    return _moved(base, robust.solve_loss(problem, solution, loss, record=course.record), course)
 
 
 def _check(level: Level, method: Method, objective: Objective, loss: Loss) -> None:
@@ -610,15 +614,15 @@ def _check(level: Level, method: Method, objective: Objective, loss: Loss) -> No
 def _measure(method: Method, objective: Objective, power: float) -> Callable[[FloatArray], float]:
     """What the history calls the objective."""
     if method == "nelder-mead" or objective == "max":
-        return history.largest
-    return history.rms if objective == "rms" else partial(robust.norm, p=power)
+        return largest
+    return rms if objective == "rms" else partial(robust.norm, p=power)
 
 
-def _moved(base: Fit, state: State, course: history.History, **changes: Any) -> Fit:
-    """A least-squares fit moved to another state; what the data show stays as least squares saw it."""
-    solution = replace(base.solution, state=state, rss=base.problem.rss(state))
-    found = fit_of(base.problem, solution, base.level, base.stiffness_guess)
-    return replace(found, history=course, least_squares=base, **changes)
+def _moved(base: Fit, found: least_squares.Solution, course: History, **changes: Any) -> Fit:
+    """The fit of another objective, with the least-squares fit that it started from."""
+    return replace(
+        fit_of(base.problem, found, base.level, base.stiffness_guess), history=course, least_squares=base, **changes
+    )
 
 
 def _by_nelder_mead(
@@ -641,9 +645,9 @@ def _by_nelder_mead(
                 errors[k] = getattr(direct.corrections, item.kind)[item.index]
         targets = np.array([direct.robot.targets[name] for name in problem.points.target_names])
         start = replace(first, T_world_base=direct.robot.T_world_base, targets=targets, errors=errors)
-    course = history.History(problem, watched, every=minimax.EVERY)
-    found = minimax.nelder_mead(problem, start, record=course.record)
-    return _moved(base, found.state, course, method="nelder-mead", objective="max", value=found.value)
+    course = History(problem, watched, every=minimax.EVERY)
+    found = minimax.nelder_mead(problem, base.solution, start, record=course.record)
+    return _moved(base, found, course, method="nelder-mead", objective="max")
 
 
 def _by_circles(
@@ -666,7 +670,8 @@ def _by_circles(
     targets = np.array([found.robot.targets[name] for name in problem.points.target_names])
     state = State(found.robot.T_world_base, targets, np.array(errors))
     H, _, rss = problem.normal_equations(state)
-    solution = least_squares.Solution(state, observability.information(problem, H, rss), rss, 0, ())
+    rms = float(np.sqrt(rss / len(problem.points)))
+    solution = least_squares.Solution(state, information_of(problem, H, rss), rss, rms, 0)
     return replace(fit_of(problem, solution, "26", None), method="circles")
 
 
@@ -769,3 +774,181 @@ def of_targets(u: FloatArray, points: PointSet) -> dict[str, float | None]:
         if (points.target == k).any():
             out[name] = closed(rms_length(u[points.target == k]))
     return out
+
+
+FOLDS = 5
+"""Parts of the cross-validation."""
+FIT_S = 1e-5
+"""Seconds that a point takes in a fit."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Cross-validated error of one level.
+
+    Attributes
+    ----------
+    level : str
+    mean_mm : float
+        Mean over the poses of the mean distance of a pose that the fit did not see.
+    gain_mm, gain_std_mm : float or None
+        By how much it is better than the level chosen before it, pose by pose, with standard error; None for
+        the first.
+    chosen : bool
+        Whether it was better by more than the standard error, and so replaced the level before it.
+    refused : str
+        Why it could not be fitted, else empty.
+    """
+
+    level: Level
+    mean_mm: float | None
+    gain_mm: float | None
+    gain_std_mm: float | None
+    chosen: bool
+    refused: str = ""
+
+
+@dataclass(frozen=True, repr=False)
+class Choice(Speaks):
+    """A chosen level with the comparison that led to it.
+
+    Attributes
+    ----------
+    level : str
+    table : tuple of Candidate
+        In the order of growing size.
+    explanation : str
+        Two sentences.
+    """
+
+    level: Level
+    table: tuple[Candidate, ...]
+    explanation: str
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    def told(self) -> Sequence[Told]:
+        """Which level and why; the levels compared; why some could not be."""
+        rows = tuple((row.level, row.mean_mm, row.gain_mm, row.gain_std_mm) for row in self.table)
+        columns = ("model", "mean (mm)", "gain (mm)", "±")
+        bold = frozenset(k for k, row in enumerate(self.table) if row.level == self.level)
+        title = "Cross-validated errors; gain over the smaller model chosen before"
+        refused = [f"  model {row.level}: {row.refused}" for row in self.table if row.refused]
+        return (self.explanation, Table(title, columns, rows, bold=bold), *refused)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The levels compared, a row each, with the columns of `Candidate`."""
+        import pandas as pd
+
+        return pd.DataFrame([vars(row) for row in self.table])
+
+
+def pose_errors(
+    arm: Arm,
+    points: PointSet,
+    level: Level,
+    folds: IntArray,
+    known_targets: Mapping[str, ArrayLike] | None = None,
+) -> FloatArray:
+    """Mean distance of each pose under a model fitted to the other folds, shape (n,), metres."""
+    errors = np.full(points.poses, np.nan)
+
+    def leave_out(fold: int) -> None:
+        out = folds == fold
+        found = identify(arm, points.select(~out), level, known_targets)
+        seen = into_one_frame(points.select(out), found.robot.T_world_base, found.other_bases)
+        distance = distances(found.robot, seen)
+        count = np.bincount(seen.pose, minlength=seen.poses)
+        errors[out] = np.bincount(seen.pose, distance, minlength=seen.poses) / np.maximum(count, 1)
+
+    for _ in parallel.threads(leave_out, range(folds.max() + 1), FIT_S * len(points) * (folds.max() + 1)):
+        pass
+    return errors
+
+
+def choose_level(
+    arm: Arm,
+    points: PointSet,
+    seed: int = 0,
+    levels: Sequence[Level] | None = None,
+    progress: Callable[[str], object] | None = None,
+    known_targets: Mapping[str, ArrayLike] | None = None,
+) -> Choice:
+    """Compare levels by cross-validation over poses and choose one.
+
+    Going from small to large, a level replaces the one chosen so far only if it is better, pose by pose, by more
+    than the standard error of that difference. Repeats of one place are one pose here.
+
+    Parameters
+    ----------
+    arm : Arm
+    points : PointSet
+        Poses of the fit; held-out poses take no part.
+    seed : int
+        Of the division into five folds.
+    levels : sequence of str, optional
+        From small to large; all that the arm has unless given.
+    progress : callable, optional
+        Called with a text for each level.
+    known_targets : dict of str to array_like, shape (3,), optional
+        See `irbcal.identification.fit.identify`.
+
+    Returns
+    -------
+    Choice
+
+    Raises
+    ------
+    IdentificationError
+        If not even the smallest level can be fitted.
+    OptionError
+        If there is no such level.
+    """
+    place = places(points)
+    count = np.bincount(place)
+    folds = np.random.default_rng(seed).permutation(np.arange(len(count)) % FOLDS)[place]
+    compared = [checked("levels", level, LEVELS) for level in (levels_of(arm) if levels is None else levels)]
+    table: list[Candidate] = []
+    chosen, best = compared[0], np.zeros(0)
+    for level in compared:
+        if progress:
+            progress(f"cross-validating model {level}")
+        try:
+            errors = np.bincount(place, pose_errors(arm, points, level, folds, known_targets)) / count
+        except (IdentificationError, RobotError) as error:
+            if not table:
+                raise
+            table.append(Candidate(level, None, None, None, False, str(error)))
+            continue
+        mean = float(errors.mean() / MM)
+        better, gain, deviation = True, None, None
+        if table:
+            difference = (best - errors) / MM
+            gain = float(difference.mean())
+            deviation = float(difference.std(ddof=1) / np.sqrt(len(difference)))
+            better = gain > deviation
+        if better:
+            chosen, best = level, errors
+        table.append(Candidate(level, mean, gain, deviation, better))
+    return Choice(chosen, tuple(table), _explain(chosen, table, len(count)))
+
+
+def _explain(chosen: Level, table: Sequence[Candidate], poses: int) -> str:
+    """Two sentences on the choice."""
+    row = next(item for item in table if item.level == chosen)
+    first = f"Model {chosen} has a cross-validated mean error of {row.mean_mm:.3f} mm over {poses} poses"
+    if row.gain_mm is not None:
+        first += f", {row.gain_mm:.3f} ± {row.gain_std_mm:.3f} mm better than the smaller model before it"
+    larger = [item for item in table[table.index(row) + 1 :] if not item.refused]
+    if larger:
+        second = f"{_listed(larger)} not better by more than the standard error of the difference."
+    else:
+        second = "No larger model could be compared."
+    return f"{first}. {second}"
+
+
+def _listed(items: Sequence[Candidate]) -> str:
+    """Levels as the subject of a sentence."""
+    names = " and ".join(item.level for item in items)
+    return f"The larger model {names} is" if len(items) == 1 else f"The larger models {names} are"

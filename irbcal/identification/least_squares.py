@@ -1,7 +1,10 @@
-"""Least squares by Gauss-Newton with analytic derivatives and rank handling.
+"""Least squares by Gauss-Newton with analytic derivatives and rank handling; what the data show; the course of a fit.
 
-The normal equations are summed over blocks of poses (memory does not grow with the data); directions that
-the data do not show are held at the smallest change from nominal (`irbcal.identification.observability`).
+The normal equations are summed over blocks of poses (memory does not grow with the data). Base and targets have no
+nominal values, so they are eliminated first (Schur complement). What is left is the information about the robot's own
+error parameters, scaled by their plausible sizes. A direction in that space is *seen* if its standard deviation, given
+the residuals at hand, is smaller than the plausible size; every other direction is *held*: the parameters keep the
+smallest change from nominal along it.
 
 What the data show is judged by the residuals of the moment, so that near the noise a direction may come and go: once
 seen it moves, and moved it is not seen. Where the objective no longer falls, the held directions are therefore frozen:
@@ -10,15 +13,440 @@ what is left is an ordinary least-squares problem with fewer unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification import observability
+from irbcal.figures.colours import TEXT
+from irbcal.figures.style import house_style
 from irbcal.identification.problem import Problem, State
+from irbcal.summary import Speaks, Table, Told
+from irbcal.units import MM
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from irbcal.identification.problem import Problem
+
+ROUNDING = 1e-13
+"""Information below this fraction of the largest is rounding, whatever the residuals."""
+
+HELD, TIED = 0.99, 0.01
+"""Share of a parameter in held directions above which it counts as held, and as tied."""
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Information about the error parameters after base and targets are eliminated.
+
+    Attributes
+    ----------
+    eigenvalues : ndarray, shape (k,)
+        Of the scaled information matrix, m^2 (change of the sum of squares for one plausible size), ascending; those of
+        held directions come first.
+    directions : ndarray, shape (k, k)
+        Their eigenvectors, columns, in plausible sizes.
+    seen : ndarray of bool, shape (k,)
+    scale : ndarray, shape (k,)
+        Plausible sizes, SI units.
+    H_nn_inverse : ndarray, shape (b, b)
+        Inverse information of base and targets for known error parameters.
+    follow : ndarray, shape (b, k)
+        How base and targets follow the (unscaled) error parameters: ``dn = -follow @ de``.
+    sigma : float
+        Standard deviation of one coordinate residual, metres.
+    outer_null : ndarray, shape (b, k)
+        Directions of base and targets that no pose of the arm can show, unit vectors; only arms whose axes are all
+        parallel have any.
+    """
+
+    eigenvalues: FloatArray
+    directions: FloatArray
+    seen: BoolArray
+    scale: FloatArray
+    H_nn_inverse: FloatArray
+    follow: FloatArray
+    sigma: float
+    outer_null: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
+
+    @property
+    def rank(self) -> int:
+        """Number of seen directions, base and targets included."""
+        return len(self.H_nn_inverse) - self.outer_null.shape[1] + int(self.seen.sum())
+
+    def weakest(self, rank: int) -> FloatArray:
+        """The directions that are held if no more than ``rank`` (base and targets included) are seen, shape (k, h)."""
+        held = len(self.seen) - int(self.seen.sum()) + max(self.rank - rank, 0)
+        return self.directions[:, :held]
+
+    def covariance(self) -> FloatArray:
+        """Covariance of base (rotation vector, translation), targets and error parameters, SI units.
+
+        Held directions add nothing: standard deviations are those of the parameters with the held
+        combinations fixed. Shape (b + k, b + k).
+        """
+        V = self.directions[:, self.seen] * self.scale[:, None]
+        C_rr = (V / self.eigenvalues[self.seen]) @ V.T
+        C_nr = -self.follow @ C_rr
+        C_nn = self.H_nn_inverse - C_nr @ self.follow.T
+        return self.sigma**2 * np.block([[C_nn, C_nr], [C_nr.T, C_rr]])
+
+    @property
+    def singular_values(self) -> FloatArray:
+        """Singular values of the scaled Jacobian of the error parameters, descending, metres.
+
+        How far all points move together (root of the summed squares) for one plausible size along each
+        direction, base and targets following.
+        """
+        return np.sqrt(np.maximum(self.eigenvalues[::-1], 0.0))
+
+    def indices(self, poses: int) -> dict[str, float]:
+        """Observability indices O1 to O5 and the condition number, over the seen directions.
+
+        O1 = (s_1 ... s_r)^(1/r) / sqrt(poses) (Borm and Menq 1989), O2 = s_r / s_1 (Driels and Pathre 1990),
+        O3 = s_r (Nahvi, Hollerbach and Hayward 1994), O4 = s_r^2 / s_1 (Nahvi and Hollerbach 1996),
+        O5 = 1 / (1/s_1 + ... + 1/s_r) (Sun and Hollerbach 2008); s in metres for a plausible size.
+
+        Parameters
+        ----------
+        poses : int
+
+        Returns
+        -------
+        dict of str to float
+            ``O1`` ... ``O5``, ``condition``; empty where no error parameter is seen.
+        """
+        s = np.sqrt(self.eigenvalues[self.seen])[::-1]
+        if not len(s):
+            return {}
+        return {
+            "O1": float(np.exp(np.mean(np.log(s))) / np.sqrt(poses)),
+            "O2": float(s[-1] / s[0]),
+            "O3": float(s[-1]),
+            "O4": float(s[-1] ** 2 / s[0]),
+            "O5": float(1.0 / np.sum(1.0 / s)),
+            "condition": float(s[0] / s[-1]),
+        }
+
+    def correlations(self, above: float = 0.9) -> list[tuple[int, int, float]]:
+        """Pairs of error parameters that the data can hardly tell apart.
+
+        Returns
+        -------
+        list of tuple
+            (index, index, correlation coefficient), strongest first; held parameters are left out.
+        """
+        b = len(self.H_nn_inverse)
+        C = self.covariance()[b:, b:]
+        free = np.flatnonzero(self.held_fraction() < TIED)
+        std = np.sqrt(np.diag(C))
+        pairs = [
+            (int(i), int(j), float(C[i, j] / (std[i] * std[j]))) for k, i in enumerate(free) for j in free[k + 1 :]
+        ]
+        return sorted((pair for pair in pairs if abs(pair[2]) > above), key=lambda pair: -abs(pair[2]))
+
+    def basis(self) -> FloatArray:
+        """Directions in which the data speak: base and targets, then the seen combinations of error parameters.
+
+        Returns
+        -------
+        ndarray, shape (b + k, rank)
+            Columns are steps in SI units (`Problem.moved`), a plausible size long each.
+        """
+        b, k = self.follow.shape
+        seen = self.directions[:, self.seen] * self.scale[:, None]
+        return np.block([[np.eye(b), np.zeros((b, seen.shape[1]))], [np.zeros((k, b)), seen]])
+
+    def held_fraction(self) -> FloatArray:
+        """Share of each error parameter that lies in held directions, 0 (identified) to 1 (held), shape (k,)."""
+        held = self.directions[:, ~self.seen]
+        return np.clip(np.sum(held**2, axis=1), 0.0, 1.0)
+
+    def held_directions(self) -> list[tuple[int, FloatArray, FloatArray]]:
+        """A readable basis of the held directions.
+
+        Each basis vector has its own leading error parameter that no other vector contains.
+
+        Returns
+        -------
+        list of tuple
+            ``(leading, errors, base_and_targets)``: index of the leading error parameter; the direction in
+            plausible sizes of the error parameters, shape (k,), one at the leading one; and how base and
+            targets move along, SI units, shape (b,).
+        """
+        held = self.directions[:, ~self.seen]
+        if not held.shape[1]:
+            return []
+        leading = _leading(held)
+        basis = held @ np.linalg.inv(held[leading])
+        return [(int(j), v, -self.follow @ (self.scale * v)) for j, v in zip(leading, basis.T, strict=True)]
+
+
+def _leading(directions: FloatArray) -> list[int]:
+    """Rows of directions (k, h) that are most independent: the pivots of a QR decomposition of their transpose."""
+    left = directions.copy()
+    chosen: list[int] = []
+    for _ in range(directions.shape[1]):
+        chosen.append(int(np.argmax(np.sum(left**2, axis=1))))
+        axis = left[chosen[-1]] / np.linalg.norm(left[chosen[-1]])
+        left -= np.outer(left @ axis, axis)
+        left[chosen] = 0.0
+    return chosen
+
+
+def information_of(problem: Problem, H: FloatArray, rss: float, held: FloatArray | None = None) -> Information:
+    """Information about the error parameters from the normal matrix.
+
+    Parameters
+    ----------
+    problem : Problem
+    H : ndarray, shape (unknowns, unknowns)
+    rss : float
+        Sum of squared residuals, m^2.
+    held : ndarray, shape (k, h), optional
+        Orthonormal directions in plausible sizes that are held whatever the data say; unless given, the residuals
+        decide.
+
+    Returns
+    -------
+    Information
+
+    Raises
+    ------
+    IdentificationError
+        If the poses do not determine base and targets although those of another choice would, or if there are no
+        equations to spare.
+    """
+    b = problem.outer
+    values, vectors = np.linalg.eigh(H[:b, :b])
+    null = values < 1e-9 * values[-1]
+    if null.any() and not problem.arm.planar:
+        raise IdentificationError(
+            f"the {problem.points.poses} poses do not determine base and tool: they are too alike; "
+            "measure poses that turn the tool about at least two directions"
+        )
+    # a direction that nothing depends on gets no step: base and tool stay as they started along it
+    H_nn_inverse = (vectors[:, ~null] / values[~null]) @ vectors[:, ~null].T
+    follow = H_nn_inverse @ H[:b, b:]
+    scale = np.array([p.scale for p in problem.parameters])
+    S = (H[b:, b:] - H[b:, :b] @ follow) * scale[:, None] * scale
+    eigenvalues, directions = _eigen(0.5 * (S + S.T), held)
+    seen, sigma = _judged(problem, eigenvalues, b - int(null.sum()), rss, held)
+    return Information(eigenvalues, directions, seen, scale, H_nn_inverse, follow, sigma, vectors[:, null])
+
+
+def judged_again(problem: Problem, found: Information, rss: float, held: FloatArray | None = None) -> Information:
+    """The `information` of the same normal matrix with another sum of squares."""
+    outer = len(found.H_nn_inverse) - found.outer_null.shape[1]
+    seen, sigma = _judged(problem, found.eigenvalues, outer, rss, held)
+    return replace(found, seen=seen, sigma=sigma)
+
+
+def _judged(
+    problem: Problem, eigenvalues: FloatArray, outer: int, rss: float, held: FloatArray | None
+) -> tuple[BoolArray, float]:
+    """Which directions are seen, and the standard deviation of a coordinate, with so many outer unknowns seen."""
+    equations = 3 * problem.rows
+    solid = eigenvalues > ROUNDING * max(eigenvalues.max(initial=0.0), 0.0)
+    known = outer + int(solid.sum())
+    spare = equations - known
+    if spare < 1:
+        raise IdentificationError(
+            f"{len(problem.points)} points of {problem.points.poses} poses give {equations} equations for "
+            f"{known} unknowns: measure at least {-(-(1 - spare) // 3)} more points or choose a "
+            "smaller model"
+        )
+    sigma = float(np.sqrt(rss / spare))
+    seen = solid & ((eigenvalues > sigma**2) if held is None else (np.arange(len(eigenvalues)) >= held.shape[1]))
+    return seen, sigma
+
+
+def _eigen(S: FloatArray, held: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues, ascending, and eigenvectors of a symmetric matrix; with held directions, theirs come first."""
+    if not len(S):
+        return np.zeros(0), np.zeros((0, 0))
+    if held is None:
+        values, vectors = np.linalg.eigh(S)
+        return values, vectors
+    whole, _ = np.linalg.qr(held, mode="complete")
+    parts = []
+    for V in (held, whole[:, held.shape[1] :]):
+        values, turned = np.linalg.eigh(V.T @ S @ V)
+        parts.append((values, V @ turned))
+    return np.concatenate([values for values, _ in parts]), np.hstack([vectors for _, vectors in parts])
+
+
+def distances(problem: Problem, state: State) -> FloatArray:
+    """Distances of all rows (Nubiola 2011, eq. 3.36), shape (rows,), metres."""
+    r = problem.residuals(state)
+    return np.sqrt(np.einsum("jk,jk->j", r, r))
+
+
+def largest(distance: FloatArray) -> float:
+    """Largest distance (Nubiola 2011, eq. 3.35), metres."""
+    return float(distance.max())
+
+
+def rms(distance: FloatArray) -> float:
+    """Root mean square distance, metres."""
+    return float(np.sqrt(np.mean(distance**2)))
+
+
+class History(Speaks):
+    """Recorder of iterations (Nubiola 2011, section 7.5).
+
+    Parameters
+    ----------
+    problem : Problem
+        The one that is being fitted.
+    others : dict of str to Problem, optional
+        Unused points under names of the caller's choice. They need the same targets in the same order and the same
+        error parameters, so that a state of ``problem`` is a state of theirs.
+    objective : callable
+        From distances (rows,) to metres: `largest`, `rms` or another.
+    every : int
+        Record only iterations that are multiples of this number.
+
+    Attributes
+    ----------
+    rows : list of dict
+        ``iteration``, ``seconds`` (since the first record, without the time that recording took),
+        ``objective_mm``, and for each of the others ``<name>_mean_mm`` and ``<name>_max_mm``.
+
+    Raises
+    ------
+    IdentificationError
+        If other points do not belong to the same unknowns.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        others: Mapping[str, Problem] | None = None,
+        objective: Callable[[FloatArray], float] = largest,
+        every: int = 1,
+    ) -> None:
+        self.problem, self.others = problem, dict(others or {})
+        self.objective, self.every = objective, every
+        self.rows: list[dict[str, float]] = []
+        self._begin: float | None = None
+        self._lost = 0.0
+        for name, other in self.others.items():
+            if other.points.target_names != problem.points.target_names or other.parameters != problem.parameters:
+                raise IdentificationError(
+                    f"the points {name!r} cannot be followed: they need the targets and error parameters of the fit "
+                    f"({', '.join(problem.points.target_names)}; {len(problem.parameters)} error parameters)"
+                )
+
+    def record(self, iteration: int, state: State) -> None:
+        """Add one iteration; hand this method to a fit.
+
+        Parameters
+        ----------
+        iteration : int
+        state : State
+        """
+        if iteration % self.every:
+            return
+        now = time.perf_counter()
+        if self._begin is None:
+            self._begin = now
+        row = {
+            "iteration": iteration,
+            "seconds": now - self._begin - self._lost,
+            "objective_mm": self.objective(distances(self.problem, state)) / MM,
+        }
+        for name, other in self.others.items():
+            d = distances(other, state) / MM
+            row |= {f"{name}_mean_mm": float(d.mean()), f"{name}_max_mm": float(d.max())}
+        self.rows.append(row)
+        self._lost += time.perf_counter() - now
+
+    def told(self) -> Sequence[Told]:
+        """From where to where the objective went, and what became of the other points."""
+        if not self.rows:
+            return ("no iteration was recorded",)
+        first, last = self.rows[0], self.rows[-1]
+        names = [name for name in last if name not in ("iteration", "seconds")]
+        headline = (
+            f"{last['iteration']} iterations in {last['seconds']:.2f} s: objective {first['objective_mm']:.3f} -> "
+            f"{last['objective_mm']:.3f} mm"
+        )
+        rows = tuple((name, first[name], last[name], min(row[name] for row in self.rows)) for name in names)
+        return headline, Table("From the first to the last iteration", ("", "first", "last", "smallest"), rows)
+
+    def to_frame(self) -> pd.DataFrame:
+        """All records as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row an iteration, see `History.rows`.
+        """
+        import pandas as pd
+
+        columns = ["iteration", "seconds", "objective_mm"]
+        columns += [f"{name}_{what}_mm" for name in self.others for what in ("mean", "max")]
+        return pd.DataFrame(self.rows, columns=columns)
+
+    def plot(self) -> Figure:
+        """Draw it, see `plot`."""
+        return plot(self)
+
+
+def plot(history: History) -> Figure:
+    """Objective and unused points against iterations (Nubiola 2011, Figure 7.2).
+
+    A dot marks the iteration at which the mean distance of each group of unused points was smallest.
+
+    Parameters
+    ----------
+    history : History
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    IdentificationError
+        If nothing was recorded.
+    """
+    from matplotlib.figure import Figure
+
+    table = history.to_frame()
+    if table.empty:
+        raise IdentificationError("there is no history to draw: no iteration was recorded")
+    with house_style():
+        return _drawn(Figure(figsize=(7.0, 6.0 if history.others else 3.5), layout="constrained"), history, table)
+
+
+def _drawn(figure: Figure, history: History, table: pd.DataFrame) -> Figure:
+    axes = figure.subplots(2 if history.others else 1, 1, sharex=True, squeeze=False)[:, 0]
+    axes[0].plot(table["iteration"], table["objective_mm"], color=TEXT, label="objective, points of the fit")
+    for k, name in enumerate(history.others):
+        color = f"C{k}"
+        mean = table[f"{name}_mean_mm"]
+        best = mean.idxmin()
+        axes[0].plot(table["iteration"], table[f"{name}_max_mm"], color=color, label=f"largest, {name}")
+        axes[1].plot(table["iteration"], mean, color=color, label=f"mean, {name}")
+        axes[1].plot(table["iteration"][best], mean[best], "o", color=color)
+    for ax, label in zip(axes, ("largest distance / objective (mm)", "mean distance (mm)"), strict=False):
+        ax.set_ylabel(label)
+        ax.legend()
+    axes[-1].set_xlabel("iteration")
+    return figure
+
 
 STEP_TOLERANCE = 1e-7
 """Largest step (metres, radians) after which the iteration has converged: convergence is at least a factor of
@@ -41,33 +469,89 @@ DECREASE_TOLERANCE = 1e-8
 """Expected fall of the sum of squares, in variances of one coordinate, below which a fit with frozen directions has
 converged, too: no combination of parameters is farther from the minimum than 1e-4 of its standard deviation."""
 
+SUPPORT = 1e-3
+"""Share of all multipliers above which a row counts as carrying weight."""
+
+T = TypeVar("T")
+
 Record = Callable[[int, State], None]
 """Called with iteration and state."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Outcome of a fit.
+    """Outcome of a fit, by whatever solver.
 
     Attributes
     ----------
     state : State
     information : Information
+        What least squares says that the data show; other solvers move the state along these directions.
     rss : float
-        Sum of squared residuals at ``state``, m^2.
+        Weighted sum of squared residuals at ``state``, m^2.
+    value : float
+        Objective at ``state``, metres: root mean square or largest distance, p-norm, root of the mean loss.
     iterations : int
     history : tuple of float
-        Root mean square distance (m) after each iteration.
+        Objective at the start and after each iteration, metres (Nelder-Mead: every ten iterations).
+    weights : ndarray, shape (rows,), or None
+        What each row's squared distance counts in the last step of a reweighted fit, at most 1.
+    scale : float or None
+        ``c`` of a robust loss, metres.
+    lower_bound : float or None
+        No small move along the seen directions brings the largest distance below this, metres.
+    multipliers : ndarray, shape (rows, 3), or None
+        The vectors ``w_j`` that prove the bound, see `irbcal.identification.minimax`.
+    evaluations : int or None
+        Of the objective, without derivatives.
     """
 
     state: State
-    information: observability.Information
+    information: Information
     rss: float
+    value: float
     iterations: int
-    history: tuple[float, ...]
+    history: tuple[float, ...] = ()
+    weights: FloatArray | None = None
+    scale: float | None = None
+    lower_bound: float | None = None
+    multipliers: FloatArray | None = None
+    evaluations: int | None = None
 
     def __post_init__(self) -> None:
         lock(self)
+
+    @property
+    def gap(self) -> float:
+        """Share of the largest distance that is not proved to be needed; 0 where it is 0, 1 without a bound."""
+        return max(self.value - (self.lower_bound or 0.0), 0.0) / self.value if self.value else 0.0
+
+    @property
+    def support(self) -> IntArray:
+        """Rows that carry weight in the bound, in rising order."""
+        size = np.zeros(0) if self.multipliers is None else np.linalg.norm(self.multipliers, axis=1)
+        return np.flatnonzero(size > SUPPORT)
+
+
+def line_search(trial: Callable[[float], T], accepted: Callable[[T, float], bool], smallest: float) -> T | None:
+    """What the first of the shares 1, 1/2, 1/4 … of a step gives that is accepted; None where none is.
+
+    Parameters
+    ----------
+    trial : callable
+        From a share of the step to what it gives.
+    accepted : callable
+        Whether what a share gives is good enough; from that and the share.
+    smallest : float
+        Share at which the search ends.
+    """
+    share = 1.0
+    while share > smallest:
+        found = trial(share)
+        if accepted(found, share):
+            return found
+        share *= 0.5
+    return None
 
 
 def solve(problem: Problem, state: State, record: Record | None = None) -> Solution:
@@ -79,7 +563,7 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
     state : State
         Start; its errors are normally zero.
     record : callable, optional
-        Called with (iteration, state) for the start and after each step, see `irbcal.identification.history`.
+        Called with (iteration, state) for the start and after each step, see `irbcal.identification.least_squares`.
 
     Returns
     -------
@@ -96,7 +580,7 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
     sums = [rss]
     ranks: list[int] = []
     held: FloatArray | None = None
-    looked: tuple[FloatArray, FloatArray | None, observability.Information] | None = None
+    looked: tuple[FloatArray, FloatArray | None, Information] | None = None
     last = MAX_ITERATIONS
     if record:
         record(0, state)
@@ -104,14 +588,14 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
     while iteration < last:
         iteration += 1
         if held is None and _stands_still(sums):
-            held = observability.information(problem, H, rss).weakest(min(ranks[-PATIENCE:]))
+            held = information_of(problem, H, rss).weakest(min(ranks[-PATIENCE:]))
             last = iteration + MAX_ITERATIONS
-            state = _put_back(problem, observability.information(problem, H, rss, held), state)
+            state = _put_back(problem, information_of(problem, H, rss, held), state)
             H, g, rss = problem.normal_equations(state, slopes=(slopes := []))
         if looked and looked[0] is H and looked[1] is held:
-            seen = observability.judged_again(problem, looked[2], rss, held)
+            seen = judged_again(problem, looked[2], rss, held)
         else:
-            seen = observability.information(problem, H, rss, held)
+            seen = information_of(problem, H, rss, held)
         looked = H, held, seen
         ranks.append(seen.rank)
         step = _step(seen, g, state)
@@ -119,22 +603,13 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
         if size < STEP_TOLERANCE or (held is not None and g @ step < DECREASE_TOLERANCE * seen.sigma**2):
             # the sum is a parabola over so short a step
             left = max(rss - float(step @ (2.0 * g - H @ step)), 0.0)
-            return Solution(problem.moved(state, step), seen, left, iteration, tuple(np.sqrt(np.array(sums) / m)))
-        shrink = 1.0
-        while True:
-            moved = problem.moved(state, shrink * step)
-            if slopes and size * shrink < CHORD:
-                g, new_rss = problem.gradient_near(moved, slopes)
-                slopes = []
-            else:
-                H, g, new_rss = problem.normal_equations(moved, slopes=(slopes := []))
-            # a step that is lost in rounding, or only puts held directions back, need not lower the sum
-            if new_rss <= rss * (1 + 1e-6) or size * shrink < 1e-7:
-                break
-            shrink *= 0.5
-            if shrink < 1e-6:
-                break
-        state, rss = moved, new_rss
+            course = tuple(np.sqrt(np.array(sums) / m))
+            return Solution(problem.moved(state, step), seen, left, float(np.sqrt(left / m)), iteration, course)
+
+        chord, before = slopes if size < CHORD else [], (state, step, H)
+        found = line_search(partial(_moved, problem, before, chord), partial(_lower, rss, size), 0.0)
+        assert found is not None
+        state, H, g, rss, slopes = found
         sums.append(rss)
         if record:
             record(iteration, state)
@@ -145,17 +620,38 @@ def solve(problem: Problem, state: State, record: Record | None = None) -> Solut
     )
 
 
+_Place: TypeAlias = "tuple[State, FloatArray, FloatArray, float, list[FloatArray]]"
+"""A state with its normal equations H, g and sum of squares, and the derivatives of each block of poses."""
+
+
+def _moved(
+    problem: Problem, before: tuple[State, FloatArray, FloatArray], chord: list[FloatArray], share: float
+) -> _Place:
+    """Where a share of a step leads; a whole short one (``chord``) with the derivatives before it."""
+    state, step, H = before
+    moved = problem.moved(state, share * step)
+    if chord and share == 1.0:
+        return moved, H, *problem.gradient_near(moved, chord), []
+    slopes: list[FloatArray] = []
+    return moved, *problem.normal_equations(moved, slopes=slopes), slopes
+
+
+def _lower(rss: float, size: float, place: _Place, share: float) -> bool:
+    """Whether a step is good enough: lower, or lost in rounding, or one that only puts held directions back."""
+    return place[3] <= rss * (1 + 1e-6) or size * share < 1e-7 or share < 2e-6
+
+
 def _stands_still(sums: list[float]) -> bool:
     """Whether the sum of squares has made no progress of late, although the fit has not converged."""
     return len(sums) > 2 * PATIENCE and min(sums[-PATIENCE:]) > (1 - PROGRESS) * min(sums[:-PATIENCE])
 
 
-def _put_back(problem: Problem, seen: observability.Information, state: State) -> State:
+def _put_back(problem: Problem, seen: Information, state: State) -> State:
     """The state with held directions at nominal; base and targets follow."""
     return problem.moved(state, _step(seen, np.zeros(problem.unknowns), state))
 
 
-def _step(seen: observability.Information, g: FloatArray, state: State) -> FloatArray:
+def _step(seen: Information, g: FloatArray, state: State) -> FloatArray:
     """Gauss-Newton step of base, targets and error parameters; held directions go back to nominal."""
     b = len(seen.H_nn_inverse)
     known = seen.H_nn_inverse @ g[:b]

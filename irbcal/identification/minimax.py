@@ -27,19 +27,16 @@ of a length and an angle.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned, lock, row_arithmetic
+from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned, row_arithmetic
 from irbcal.errors import IdentificationError
-from irbcal.identification import least_squares
 from irbcal.identification.choices import ConeSolver
-from irbcal.identification.history import distances, largest
-from irbcal.identification.least_squares import Record
-from irbcal.identification.observability import Information
+from irbcal.identification.least_squares import Record, Solution, distances, largest, line_search
 from irbcal.identification.problem import Problem, State
 from irbcal.options import checked
 from irbcal.units import DEG, MM
@@ -269,64 +266,23 @@ MOST_POSES, ADDED = 5000, 1000
 """Poses that are solved for at once, and of more how many with the largest distances at first and at a time."""
 
 MAX_ITERATIONS = 50
-SUPPORT = 1e-3
-"""Share of all multipliers above which a row counts as carrying weight."""
-
-
-@dataclass(frozen=True, eq=False)
-class Minimax:
-    """Outcome of a minimax fit.
-
-    Attributes
-    ----------
-    state : State
-    information : Information
-        Of the least-squares fit: the directions along which the state was moved.
-    value : float
-        Largest distance at ``state``, metres.
-    lower_bound : float
-        No small move along the seen directions brings the largest distance below this, metres.
-    gap : float
-        ``(value - lower_bound) / value``; 0 where the value is 0.
-    iterations : int
-        Convex models solved.
-    history : tuple of float
-        Largest distance at the start and after each iteration, metres.
-    support : ndarray of int
-        Rows that carry weight in the bound, in rising order.
-    multipliers : ndarray, shape (rows, 3)
-        The vectors ``w_j`` that prove the bound.
-    """
-
-    state: State
-    information: Information
-    value: float
-    lower_bound: float
-    gap: float
-    iterations: int
-    history: tuple[float, ...]
-    support: IntArray
-    multipliers: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def solve(
     problem: Problem,
-    solution: least_squares.Solution,
+    solution: Solution,
     start: State | None = None,
     tolerance: float = TOLERANCE,
     inner: ConeSolver = "numpy",
-    record: least_squares.Record | None = None,
-) -> Minimax:
+    record: Record | None = None,
+) -> Solution:
     """Minimise the largest distance (Nubiola 2011, eqs. 3.35 and 3.36), with a certificate.
 
     Parameters
     ----------
     problem : Problem
         All its rows count alike: the uncertainties of the points are not used.
-    solution : least_squares.Solution
+    solution : Solution
         Gives the seen directions and, unless ``start`` is given, the start.
     start : State, optional
     tolerance : float
@@ -334,11 +290,11 @@ def solve(
     inner : str
         Solver of the convex models: ``numpy`` (`irbcal.identification.minimax`) or ``clarabel``.
     record : callable, optional
-        Called with (iteration, state) for the start and after each step, see `irbcal.identification.history`.
+        Called with (iteration, state) for the start and after each step, see `irbcal.identification.least_squares`.
 
     Returns
     -------
-    Minimax
+    Solution
 
     Raises
     ------
@@ -366,12 +322,20 @@ def solve(
             z, w = solver(r, Q, 0.1 * tolerance)
             w, bound = certificate(r, Q, w)
         if _closed(value, bound, tolerance):
-            gap = max(value - bound, 0.0) / value if value else 0.0
-            support = np.flatnonzero(np.linalg.norm(w, axis=1) > SUPPORT)
-            return Minimax(state, solution.information, value, bound, gap, iteration, tuple(history), support, w)
-        state, r, moved = _shortened(problem, state, basis @ (back @ z), value, bound)
-        if not moved:
+            return Solution(
+                state,
+                solution.information,
+                problem.rss(state),
+                value,
+                iteration,
+                tuple(history),
+                lower_bound=bound,
+                multipliers=w,
+            )
+        moved = _shortened(problem, state, basis @ (back @ z), value, bound)
+        if moved is None:
             break
+        state, r = moved
         value = largest_distance(r)
         history.append(value)
         if record:
@@ -384,12 +348,12 @@ def solve(
 
 def _by_parts(
     problem: Problem,
-    solution: least_squares.Solution,
+    solution: Solution,
     state: State,
     tolerance: float,
     inner: ConeSolver,
-    record: least_squares.Record | None,
-) -> Minimax:
+    record: Record | None,
+) -> Solution:
     """The same for many poses: for those with the largest distances, and others as they come to be the largest.
 
     What some of the points need at least all need at least: the bound of the part is one of the whole.
@@ -402,26 +366,23 @@ def _by_parts(
         part = solve(problem.of_poses(mine), solution, state, tolerance, inner, record)
         state, iterations = part.state, iterations + part.iterations
         r = problem.residuals(state)
-        value = largest_distance(r)
-        if _closed(value, part.lower_bound, tolerance) or mine.sum() > MOST_POSES - ADDED:
+        value, bound = largest_distance(r), part.lower_bound or 0.0
+        if _closed(value, bound, tolerance) or mine.sum() > MOST_POSES - ADDED:
             break
         mine = _farthest(r, rows, points.poses, mine)
-    if not _closed(value, part.lower_bound, tolerance):
+    if not _closed(value, bound, tolerance):
         raise IdentificationError(
-            f"the largest distance is {1e3 * value:.6g} mm, but only {1e3 * part.lower_bound:.6g} mm are proved to be "
+            f"the largest distance is {1e3 * value:.6g} mm, but only {1e3 * bound:.6g} mm are proved to be "
             f"needed by the {int(mine.sum())} poses with the largest ones: allow a larger tolerance"
         )
     multipliers = np.zeros((problem.rows, 3))
     multipliers[mine[rows]] = part.multipliers
-    gap = max(value - part.lower_bound, 0.0) / value if value else 0.0
-    support = np.flatnonzero(np.linalg.norm(multipliers, axis=1) > SUPPORT)
     return replace(
         part,
+        rss=problem.rss(state),
         value=value,
-        gap=gap,
         iterations=iterations,
         history=(first, *part.history[1:-1], value),
-        support=support,
         multipliers=multipliers,
     )
 
@@ -458,16 +419,14 @@ def _closed(value: float, bound: float, tolerance: float) -> bool:
 
 def _shortened(
     problem: Problem, state: State, step: FloatArray, value: float, bound: float
-) -> tuple[State, FloatArray, bool]:
+) -> tuple[State, FloatArray] | None:
     """State and residuals after as much of the step as makes the true largest distance follow its model."""
-    size = 1.0
-    while size > 1e-6:
-        moved = problem.moved(state, size * step)
-        r = problem.residuals(moved)
-        if largest_distance(r) <= value - 0.1 * size * (value - bound):
-            return moved, r, True
-        size *= 0.5
-    return state, problem.residuals(state), False
+
+    def trial(share: float) -> tuple[State, FloatArray]:
+        moved = problem.moved(state, share * step)
+        return moved, problem.residuals(moved)
+
+    return line_search(trial, lambda found, s: largest_distance(found[1]) <= value - 0.1 * s * (value - bound), 1e-6)
 
 
 ITERATIONS = 2000
@@ -483,30 +442,6 @@ SIMPLEX = 0.05
 """Edge of the first simplex along each unknown, in plausible sizes: 0.25 mm and 0.025 degrees."""
 
 
-@dataclass(frozen=True, eq=False)
-class NelderMead:
-    """Outcome of a Nelder-Mead search.
-
-    Attributes
-    ----------
-    state : State
-    value : float
-        Objective at ``state``, metres.
-    iterations, evaluations : int
-    history : tuple of float
-        Objective at the start and every ten iterations, metres.
-    """
-
-    state: State
-    value: float
-    iterations: int
-    evaluations: int
-    history: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-
 def plausible_sizes(problem: Problem) -> FloatArray:
     """Plausible size of every unknown, shape (unknowns,), metres and radians."""
     base = [ANGLE] * 3 + [LENGTH] * 3
@@ -516,18 +451,21 @@ def plausible_sizes(problem: Problem) -> FloatArray:
 
 def nelder_mead(
     problem: Problem,
-    start: State,
+    solution: Solution,
+    start: State | None = None,
     iterations: int = ITERATIONS,
     simplex: float = SIMPLEX,
     objective: Callable[[FloatArray], float] = largest,
     record: Record | None = None,
-) -> NelderMead:
+) -> Solution:
     """Search for a smaller objective without derivatives (Nubiola 2011, sections 3.5 and 7.3).
 
     Parameters
     ----------
     problem : Problem
-    start : State
+    solution : Solution
+        Gives what the data show and, unless ``start`` is given, the start.
+    start : State, optional
     iterations : int
         All of them are used: there is no other end.
     simplex : float
@@ -536,18 +474,18 @@ def nelder_mead(
         From distances (rows,) to metres; the largest distance (eq. 3.35) unless given.
     record : callable, optional
         Called with (iteration, state) for the start and every ten iterations, see
-        `irbcal.identification.history`.
+        `irbcal.identification.least_squares`.
 
     Returns
     -------
-    NelderMead
+    Solution
     """
     from scipy.optimize import minimize
 
-    scale = plausible_sizes(problem)
+    scale, begin = plausible_sizes(problem), solution.state if start is None else start
 
     def state_at(x: FloatArray) -> State:
-        return problem.moved(start, scale * x)
+        return problem.moved(begin, scale * x)
 
     def function(x: FloatArray) -> float:
         return objective(distances(problem, state_at(x)))
@@ -555,7 +493,7 @@ def nelder_mead(
     history = [function(np.zeros(len(scale)))]
     count = 0
     if record:
-        record(0, start)
+        record(0, begin)
 
     def callback(intermediate_result: Any) -> None:
         nonlocal count
@@ -569,4 +507,6 @@ def nelder_mead(
     # scipy counts the first simplex as an iteration
     options = {"maxiter": iterations + 1, "xatol": 0.0, "fatol": 0.0, "initial_simplex": first}
     found = minimize(function, first[0], method="Nelder-Mead", callback=callback, options=options)
-    return NelderMead(state_at(found.x), float(found.fun), count, int(found.nfev) + 1, tuple(history))
+    state, evaluations = state_at(found.x), int(found.nfev) + 1
+    information, rss = solution.information, problem.rss(state)
+    return Solution(state, information, rss, float(found.fun), count, tuple(history), evaluations=evaluations)

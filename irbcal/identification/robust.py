@@ -1,12 +1,8 @@
-r"""Fits between least squares and the largest distance: the p-norm of the distances.
+r"""Reweighted fits: p-norms between least squares and the largest distance, and losses that outliers hardly move.
 
-With ``d_j`` the distance of row ``j`` (Nubiola 2011, eq. 3.36) the objective is ``(mean_j d_j^p)^(1/p)``: the root mean
-square at p = 2, the largest distance (eq. 3.35) for p to infinity. All derivatives are analytic. Steps are taken along
-the directions the data show; held directions stay where least squares left them.
-
-Fits that gross outliers hardly move: robust losses of the distances.
-
-With ``d_j`` the weighted distance of row ``j``:
+With ``d_j`` the distance of row ``j`` (Nubiola 2011, eq. 3.36) the objective of a p-norm is ``(mean_j d_j^p)^(1/p)``:
+the root mean square at p = 2, the largest distance (eq. 3.35) for p to infinity. Of a robust loss, with weighted
+distances:
 
 ===========  ==========================================================================
 loss         definition
@@ -15,22 +11,21 @@ loss         definition
 ``huber``    ``sum_j d_j^2`` up to ``d_j = c``, ``2 c d_j - c^2`` beyond
 ===========  ==========================================================================
 
-Steps are taken along the directions the data show; held directions stay where least squares left them.
+All derivatives are analytic. Steps are taken along the directions the data show; held directions stay where least
+squares left them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError, OptionError
-from irbcal.identification import least_squares, observability
 from irbcal.identification.choices import RobustLoss
-from irbcal.identification.history import distances
+from irbcal.identification.least_squares import Record, Solution, distances, information_of, line_search
 from irbcal.identification.problem import Problem, State
 from irbcal.options import checked
 
@@ -42,36 +37,6 @@ DECREASE_TOLERANCE = 1e-16
 """Expected relative decrease of the p-th powers below which a p-norm fit has converged, too."""
 
 
-@dataclass(frozen=True, eq=False)
-class PNormSolution:
-    """Outcome of a fit.
-
-    Attributes
-    ----------
-    state : State
-    information : Information
-        The directions along which the state was moved.
-    value : float
-        The p-norm at ``state``, metres.
-    iterations : int
-    history : tuple of float
-        Objective at the start and after each iteration, metres. The first stages have a smaller p; all values are of
-        the p asked for.
-    weights : ndarray, shape (rows,)
-        What each row's squared distance counts in the last step, at most 1.
-    """
-
-    state: State
-    information: observability.Information
-    value: float
-    iterations: int
-    history: tuple[float, ...]
-    weights: FloatArray
-
-    def __post_init__(self) -> None:
-        lock(self)
-
-
 def norm(distance: FloatArray, p: float) -> float:
     """Power mean of distances, ``(mean d^p)^(1/p)``, metres."""
     top = distance.max()
@@ -80,11 +45,11 @@ def norm(distance: FloatArray, p: float) -> float:
 
 def solve_p_norm(
     problem: Problem,
-    solution: least_squares.Solution,
+    solution: Solution,
     p: float = 8.0,
     start: State | None = None,
-    record: least_squares.Record | None = None,
-) -> PNormSolution:
+    record: Record | None = None,
+) -> Solution:
     """Minimise the p-norm of the distances by Newton steps of its convex model.
 
     Large p are reached through smaller ones, each twice the last.
@@ -93,13 +58,13 @@ def solve_p_norm(
     ----------
     problem : Problem
         All its rows count alike: the uncertainties of the points are not used.
-    solution : least_squares.Solution
+    solution : Solution
         Gives the seen directions and, unless ``start`` is given, the start.
     p : float
         At least 2.
     start : State, optional
     record : callable, optional
-        Called with (iteration, state) for the start and after each step, see `irbcal.identification.history`.
+        Called with (iteration, state) for the start and after each step, see `irbcal.identification.least_squares`.
 
     Returns
     -------
@@ -129,13 +94,15 @@ def solve_p_norm(
             step, weights, decrease = _newton(problem, state, basis, stage)
             last = decrease < (DECREASE_TOLERANCE if stage == p else 1e-4) or np.abs(step).max() < STEP_TOLERANCE
             value = norm(distances(problem, state), stage)
-            state, moved = line_search(problem, state, step, partial(norm, p=stage), value)
+            moved = _lowered(problem, state, step, partial(norm, p=stage), value)
+            state = moved or state
             history.append(norm(distances(problem, state), p))
             if record:
                 record(len(history) - 1, state)
             if last or not moved:
                 break
-    return PNormSolution(state, solution.information, history[-1], len(history) - 1, tuple(history), weights)
+    rss, count = problem.rss(state), len(history) - 1
+    return Solution(state, solution.information, rss, history[-1], count, tuple(history), weights)
 
 
 def _newton(problem: Problem, state: State, basis: FloatArray, p: float) -> tuple[FloatArray, FloatArray, float]:
@@ -166,17 +133,15 @@ def solved(H: FloatArray, g: FloatArray) -> FloatArray:
     return np.linalg.solve(scaled + 1e-12 * np.eye(len(H)), g / size) / size
 
 
-def line_search(
+def _lowered(
     problem: Problem, state: State, step: FloatArray, objective: Callable[[FloatArray], float], value: float
-) -> tuple[State, bool]:
-    """State after as much of the step as does not raise the objective, and whether there was any."""
-    size = 1.0
-    while size > 1e-8:
-        moved = problem.moved(state, size * step)
-        if objective(distances(problem, moved)) <= value * (1 + 1e-13):
-            return moved, True
-        size *= 0.5
-    return state, False
+) -> State | None:
+    """State after as much of the step as does not raise the objective; None where there is none."""
+    return line_search(
+        lambda share: problem.moved(state, share * step),
+        lambda moved, _: objective(distances(problem, moved)) <= value * (1 + 1e-13),
+        1e-8,
+    )
 
 
 LOSS_SCALE = 2 * 1.4826
@@ -185,38 +150,6 @@ its standard deviation."""
 
 LOSS_FLOOR = 1e-9
 """Smallest default ``c``, metres."""
-
-
-@dataclass(frozen=True, eq=False)
-class RobustSolution:
-    """Outcome of a fit.
-
-    Attributes
-    ----------
-    state : State
-    information : Information
-        The directions along which the state was moved.
-    value : float
-        Root of the mean loss at ``state``, metres.
-    iterations : int
-    history : tuple of float
-        Objective at the start and after each iteration, metres.
-    weights : ndarray, shape (rows,)
-        What each row's squared distance counts in the last step, at most 1.
-    scale : float
-        ``c`` of the loss, metres.
-    """
-
-    state: State
-    information: observability.Information
-    value: float
-    iterations: int
-    history: tuple[float, ...]
-    weights: FloatArray
-    scale: float
-
-    def __post_init__(self) -> None:
-        lock(self)
 
 
 def _soft_l1(u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -236,12 +169,12 @@ LOSSES: dict[RobustLoss, Callable[[FloatArray], tuple[FloatArray, FloatArray]]] 
 
 def solve_loss(
     problem: Problem,
-    solution: least_squares.Solution,
+    solution: Solution,
     loss: RobustLoss = "soft_l1",
     scale: float | None = None,
     start: State | None = None,
-    record: least_squares.Record | None = None,
-) -> RobustSolution:
+    record: Record | None = None,
+) -> Solution:
     """Minimise a robust loss of the distances by iteratively reweighted Gauss-Newton.
 
     The distances are multiplied by the rows' weights (`Problem.weights`) as in least squares. Outliers spoil what
@@ -252,7 +185,7 @@ def solve_loss(
     Parameters
     ----------
     problem : Problem
-    solution : least_squares.Solution
+    solution : Solution
         Gives the seen directions, the default scale and, unless ``start`` is given, the start.
     loss : str
         ``soft_l1`` or ``huber``.
@@ -293,15 +226,17 @@ def solve_loss(
         H, g, rss = problem.normal_equations(state, problem.weights * np.sqrt(weights))
         step = basis @ solved(basis.T @ H @ basis, basis.T @ g)
         size = np.abs(step).max()
-        state, moved = line_search(problem, state, step, mean_loss, history[-1])
+        moved = _lowered(problem, state, step, mean_loss, history[-1])
+        state = moved or state
         history.append(mean_loss(distances(problem, state)))
         if record:
             record(len(history) - 1, state)
         if size < STEP_TOLERANCE or not moved:
-            again = observability.information(problem, H, rss)
+            again = information_of(problem, H, rss)
             smaller = _default_scale(problem, state) if scale is None else c
             if again.rank <= information.rank and smaller > 0.9 * c:
-                return RobustSolution(state, information, history[-1], len(history) - 1, tuple(history), weights, c)
+                rss, count = problem.rss(state), len(history) - 1
+                return Solution(state, information, rss, history[-1], count, tuple(history), weights, c)
             if again.rank > information.rank:
                 information = again
             if smaller < 0.9 * c:

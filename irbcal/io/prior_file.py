@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.identification.type_prior import TypePrior
+from irbcal.identification.term_sets import TypePrior
 from irbcal.reading import read_bytes
 
 WHAT, VERSION = "prior of a type", 1

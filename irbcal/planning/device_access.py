@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
-from irbcal.identification import devices
-from irbcal.identification.devices import BALL, Placed, reach_of
 from irbcal.identification.observation_kind import vectors, with_third
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
 from irbcal.planning.conditions import Setting, counted
+from irbcal.simulation import devices
+from irbcal.simulation.devices import BALL, Placed, reach_of
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:

@@ -15,12 +15,12 @@ import pandas as pd
 
 from irbcal.arrays import lock
 from irbcal.errors import IdentificationError
-from irbcal.identification.devices import DEVICES, placed
-from irbcal.identification.devices import poses as device_poses
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.options import number
 from irbcal.options import seed as check_seed
 from irbcal.planning.device_information import DeviceModel
+from irbcal.simulation.devices import DEVICES, placed
+from irbcal.simulation.devices import poses as device_poses
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 

@@ -15,7 +15,6 @@ import pandas as pd
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.identification import term_sets
-from irbcal.identification.devices import BALL, Placed, rows_table, values
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, Key
 from irbcal.identification.observation_kind import cross
 from irbcal.measurement import features
@@ -28,6 +27,7 @@ from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import basis_values, term_columns
 from irbcal.planning.information import WAVES, Aim, Candidates
+from irbcal.simulation.devices import BALL, Placed, rows_table, values
 from irbcal.units import MM
 
 SAMPLES = 300

@@ -17,7 +17,6 @@ import numpy as np
 from irbcal import atomic
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.identification.devices import DEVICES, Device, Placed, drawn, placed, rows_table
 from irbcal.io.opening import RobotLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
@@ -30,6 +29,7 @@ from irbcal.planning.exchange import Chosen, Comparison, compare, exchange
 from irbcal.planning.information import Candidates
 from irbcal.planning.route import shortest_order
 from irbcal.planning.scene import Scene, open_scene
+from irbcal.simulation.devices import DEVICES, Device, Placed, drawn, placed, rows_table
 from irbcal.summary import Speaks, Told
 from irbcal.units import DEG, MM
 
@@ -192,7 +192,7 @@ def device_plan(
     ----------
     robot : str, Path or calibration
     device : str
-        See `irbcal.identification.devices.DEVICES`.
+        See `irbcal.simulation.devices.DEVICES`.
     poses : int
         In all.
     candidates : int

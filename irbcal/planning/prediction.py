@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
-from irbcal.identification import observability
-from irbcal.identification.observability import HELD, TIED
+from irbcal.identification.least_squares import HELD, ROUNDING, TIED, information_of
 from irbcal.planning.information import Model
 from irbcal.units import UNIT_OUTSIDE
 
@@ -98,8 +97,8 @@ def predict(model: Model, q: FloatArray, seen: BoolArray) -> Prediction:
     model, seen = model.measuring(seen)
     problem, state = model.problem(q, seen)
     H, _, _ = problem.normal_equations(state)
-    found = observability.information(problem, H, model.noise**2)
-    solid = found.eigenvalues > observability.ROUNDING * found.eigenvalues.max(initial=0.0)
+    found = information_of(problem, H, model.noise**2)
+    solid = found.eigenvalues > ROUNDING * found.eigenvalues.max(initial=0.0)
     found = replace(found, sigma=model.noise, seen=solid & (found.eigenvalues > model.noise**2))
     covariance = found.covariance()
     std = np.sqrt(np.diag(covariance)[problem.outer :])

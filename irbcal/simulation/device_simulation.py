@@ -14,7 +14,15 @@ import numpy as np
 from irbcal import atomic
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import OptionError
-from irbcal.identification.devices import (
+from irbcal.identification.observations import KINDS
+from irbcal.measurement.features import FeatureSet
+from irbcal.measurement.features import read as read_features
+from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, PLACE
+from irbcal.names import without_formulas
+from irbcal.options import MOST_POSES, checked, names, number
+from irbcal.options import seed as check_seed
+from irbcal.simulation import shipped_cells
+from irbcal.simulation.devices import (
     AXES,
     BALL,
     DEVICES,
@@ -27,14 +35,6 @@ from irbcal.identification.devices import (
     shown,
     spread,
 )
-from irbcal.identification.observations import KINDS
-from irbcal.measurement.features import FeatureSet
-from irbcal.measurement.features import read as read_features
-from irbcal.measurement.load_columns import LARGEST_PAYLOAD_KG, PLACE
-from irbcal.names import without_formulas
-from irbcal.options import MOST_POSES, checked, names, number
-from irbcal.options import seed as check_seed
-from irbcal.simulation import shipped_cells
 from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.summary import Speaks, Told
@@ -181,7 +181,7 @@ def simulate_device(
         As for `irbcal.simulate`.
     device : str
         ``balls``, ``sockets``, ``ballbar``, ``string``, ``ball``, ``two-balls``, ``camera`` or ``plane``; see
-        `irbcal.identification.devices.DEVICES`.
+        `irbcal.simulation.devices.DEVICES`.
     random : int
         Number of poses, shared out among the device's features.
     seed, robot_seed : int

@@ -2,9 +2,9 @@ import feature_cases as cases
 import numpy as np
 import pytest
 
-from irbcal.identification import devices
-from irbcal.identification.devices import BALL, DEVICES, placed
 from irbcal.modeling import frames
+from irbcal.simulation import devices
+from irbcal.simulation.devices import BALL, DEVICES, placed
 
 
 def test_a_board_is_seen_from_its_front_and_whole():

@@ -8,8 +8,8 @@ from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError
 from irbcal.identification import fit, initial_guess, least_squares, minimax, robust
-from irbcal.identification import history as history_module
-from irbcal.identification.history import History
+from irbcal.identification import least_squares as history_module
+from irbcal.identification.least_squares import History
 
 
 def test_one_recorder_serves_every_method(case):
@@ -52,7 +52,7 @@ def test_plot_has_units_and_every_group(case, tmp_path):
     problem, others = case
     start = least_squares.solve(problem, initial_guess.first_state(problem))
     history = History(problem, others)
-    minimax.nelder_mead(problem, start.state, iterations=30, record=history.record)
+    minimax.nelder_mead(problem, start, iterations=30, record=history.record)
     figure = history_module.plot(history)
     labels = [ax.get_ylabel() for ax in figure.axes]
     assert all(label.endswith("(mm)") for label in labels)

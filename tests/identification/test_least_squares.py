@@ -7,7 +7,8 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError
-from irbcal.identification import fit, initial_guess, least_squares, observability
+from irbcal.identification import fit, initial_guess, least_squares
+from irbcal.identification.least_squares import information_of, judged_again
 from irbcal.identification.problem import Problem
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
@@ -97,9 +98,9 @@ def test_frozen_directions_are_held_and_the_rest_is_seen():
     problem, _ = fit.make_problem(nominal, points, "34")
     state = initial_guess.first_state(problem)
     H, _, rss = problem.normal_equations(state)
-    free = observability.information(problem, H, rss)
+    free = information_of(problem, H, rss)
     held = free.weakest(free.rank - 3)
-    frozen = observability.information(problem, H, rss, held)
+    frozen = information_of(problem, H, rss, held)
     assert frozen.rank == free.rank - 3
     assert (~frozen.seen).sum() == held.shape[1] == (~free.seen).sum() + 3
     apart = frozen.directions[:, frozen.seen]
@@ -119,13 +120,13 @@ def test_what_is_seen_with_other_residuals_is_judged_without_the_matrix(frozen):
     nominal, points = near_the_noise(1, 3e-4)
     problem, _ = fit.make_problem(nominal, points, "34")
     H, _, rss = problem.normal_equations(initial_guess.first_state(problem))
-    found = observability.information(problem, H, rss)
+    found = information_of(problem, H, rss)
     held = found.weakest(found.rank - 3) if frozen else None
-    found = observability.information(problem, H, rss, held)
+    found = information_of(problem, H, rss, held)
     ranks = []
     for factor in (1e-2, 1.0, 1e4):
-        again = observability.judged_again(problem, found, factor * rss, held)
-        anew = observability.information(problem, H, factor * rss, held)
+        again = judged_again(problem, found, factor * rss, held)
+        anew = information_of(problem, H, factor * rss, held)
         for name in ("seen", "sigma", "eigenvalues", "follow"):
             np.testing.assert_array_equal(getattr(again, name), getattr(anew, name))
         ranks.append(again.rank)

@@ -5,8 +5,7 @@ import pytest
 
 from irbcal.errors import IdentificationError
 from irbcal.identification.evidence_maximisation import Expected, Sums, maximise_evidence
-from irbcal.identification.term_sets import TermSet
-from irbcal.identification.type_prior import chi_square_of_type, like_type
+from irbcal.identification.term_sets import TermSet, chi_square_of_type, like_type
 
 FLAT, TERMS, ROWS, NOISE = 3, 8, 60, 0.3
 MEAN = np.array([1.0, -2.0, 0.5, 0.0, 3.0, 0.2, 0.0, 0.0])

@@ -19,6 +19,9 @@ class Translation:
     def __init__(self, points):
         self.points = points
 
+    def rss(self, state):
+        return float(np.sum(self.residuals(state) ** 2))
+
     def residuals(self, state):
         return self.points - state
 

@@ -7,7 +7,7 @@ from support import central_differences
 
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification import initial_guess, minimax, robust
-from irbcal.identification.history import distances, rms
+from irbcal.identification.least_squares import distances, rms
 
 
 def test_norm_is_a_power_mean():

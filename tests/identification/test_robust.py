@@ -7,7 +7,7 @@ from support import central_differences
 
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification import robust
-from irbcal.identification.history import distances
+from irbcal.identification.least_squares import distances
 
 
 @pytest.mark.parametrize("loss", robust.LOSSES)

@@ -7,7 +7,7 @@ import pytest
 from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError, OptionError
-from irbcal.identification.selection import choose_level
+from irbcal.identification.fit import choose_level
 
 
 def test_the_level_is_chosen_by_what_the_data_support():

@@ -8,7 +8,7 @@ import pytest
 import irbcal
 from irbcal.identification import term_sets
 from irbcal.identification.evidence import type_terms
-from irbcal.identification.type_prior import TypePrior, name_of, taken
+from irbcal.identification.term_sets import TypePrior, name_of, taken
 from irbcal.measurement import cleaning
 from irbcal.measurement.motions import motion_of
 

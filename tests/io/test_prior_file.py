@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.identification.type_prior import TypePrior
+from irbcal.identification.term_sets import TypePrior
 from irbcal.io import prior_file
 
 PRIOR = TypePrior(

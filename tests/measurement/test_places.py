@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from support import arm, measured, random_robot
 
 from irbcal import pipeline
-from irbcal.identification import selection
+from irbcal.identification import fit
 from irbcal.identification.fit import identify
 from irbcal.measurement import places
 from irbcal.measurement.points import distances
@@ -86,7 +86,7 @@ def claimed_over_true(seed, repeats=3, n=32):
     found = identify(nominal, points.select(~aside), "34").robot
     other = nominal.random_joints(400, seed + 500)
     truth = replace(measured(robot, reached(other)), q=other)
-    folds = np.mean(selection.choose_level(nominal, points, seed, ["34"]).table[0].mean_mm)
+    folds = np.mean(fit.choose_level(nominal, points, seed, ["34"]).table[0].mean_mm)
     whole = identify(nominal, points, "34").robot
     return (
         distances(found, points.select(aside)).mean() / distances(found, truth).mean(),
@@ -100,6 +100,6 @@ def test_what_is_claimed_is_true_with_repeats_and_too_good_without_grouping(monk
     np.testing.assert_allclose(honest, 1.0, atol=0.08)
     apart = lambda points: np.arange(points.poses)  # noqa: E731
     monkeypatch.setattr(pipeline, "places", apart)
-    monkeypatch.setattr(selection, "places", apart)
+    monkeypatch.setattr(fit, "places", apart)
     flattered = np.mean([claimed_over_true(seed) for seed in seeds], axis=0)
     assert (flattered < 0.85 * honest).all()

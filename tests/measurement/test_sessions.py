@@ -10,8 +10,7 @@ from support import arm, measured, write_measurements
 
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification.evidence import identify_evidence
-from irbcal.identification.fit import identify, identify_by
-from irbcal.identification.selection import choose_level
+from irbcal.identification.fit import choose_level, identify, identify_by
 from irbcal.measurement import table
 from irbcal.measurement.points import distances
 from irbcal.measurement.sessions import into_one_frame, joined, sessions_of

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from irbcal.identification.devices import BALL, DEVICES, drawn, placed
 from irbcal.identification.observation_kind import vectors
 from irbcal.planning.device_access import Access, reached, with_stands
 from irbcal.planning.scene import open_scene
+from irbcal.simulation.devices import BALL, DEVICES, drawn, placed
 from irbcal.units import DEG, MM
 
 

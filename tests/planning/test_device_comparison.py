@@ -3,9 +3,9 @@ from types import SimpleNamespace
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.identification.devices import DEVICES
 from irbcal.planning import device_comparison
 from irbcal.planning.device_comparison import compare_devices
+from irbcal.simulation.devices import DEVICES
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,8 @@ import feature_cases as cases
 import numpy as np
 import pytest
 
-from irbcal.identification.devices import DEVICES, placed, poses
 from irbcal.planning.device_information import DeviceModel
+from irbcal.simulation.devices import DEVICES, placed, poses
 
 
 def test_with_the_same_prior_it_agrees_with_an_independent_calculation():

@@ -3,9 +3,9 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import OptionError
-from irbcal.identification.devices import BALL
 from irbcal.planning.device_information import DeviceModel
 from irbcal.planning.device_plan import device_plan
+from irbcal.simulation.devices import BALL
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,10 @@ import pytest
 
 import irbcal
 from irbcal.errors import IrbcalError, OptionError
-from irbcal.identification.devices import AXES, BALL
 from irbcal.measurement import table
 from irbcal.simulation import simulation
 from irbcal.simulation.device_simulation import simulate_device
+from irbcal.simulation.devices import AXES, BALL
 from irbcal.simulation.pose_list import random_list
 from irbcal.simulation.simulation import simulate
 from irbcal.units import MM

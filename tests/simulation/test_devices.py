@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from irbcal.errors import IdentificationError
-from irbcal.identification.devices import BALL, DEVICES, met, placed, poses, rows_table, shown
 from irbcal.identification.feature_problem import FeatureProblem, FeatureState
 from irbcal.measurement import features
+from irbcal.simulation.devices import BALL, DEVICES, met, placed, poses, rows_table, shown
 
 
 @pytest.mark.parametrize("name", DEVICES)
