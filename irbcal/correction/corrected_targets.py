@@ -11,7 +11,6 @@ from irbcal.arrays import FloatArray
 from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
 from irbcal.correction.maker import ConfData, seeds_of
 from irbcal.correction.program import Corrections, Program, WantedTargets
-from irbcal.correction.text_program import PostureProgram
 from irbcal.correction.true_frames import CELL, UNKNOWN, TargetFrames, TrueFrames
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -29,14 +28,14 @@ UNCHANGED = frozenset({TAUGHT, OFFLINE})
 def of_arm(program: Program, nominal: Arm) -> list[WantedTargets]:
     """The goals of a program, in joints of the arm where it has those that its controller counts."""
     batch = program.wanted_targets()
-    if isinstance(program, PostureProgram):  # a maker's program knows how its controllers count
+    if program.joints_of_urdf:
         return [*batch]
     return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in batch]
 
 
 def counted(found: Corrections, program: Program, nominal: Arm) -> Corrections:
     """Corrections as the program counts joints."""
-    if nominal.coupling is None or isinstance(program, PostureProgram):
+    if nominal.coupling is None or program.joints_of_urdf:
         return found
     return [(batch, replace(fake, q=nominal.to_controller(fake.q))) for batch, fake in found]
 

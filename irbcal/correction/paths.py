@@ -365,7 +365,7 @@ class CutPath:
 
 
 @runtime_checkable
-class Cuttable(Program, Protocol):
+class Cuttable(Protocol):
     """A program into whose moves points can be put."""
 
     def path_moves(self) -> Sequence[PathMove]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple, Protocol, TypeAlias
+from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 from irbcal import reading
 from irbcal.arrays import FloatArray, IntArray, lock
@@ -127,45 +128,35 @@ class ControllerSetup(NamedTuple):
     where: tuple[FloatArray, FloatArray] | None = None
 
 
-class Program(Protocol):
-    """A program as read: what it asks of the robot, and the way back into its file."""
+class Program(ABC):
+    """A program as read: what it asks of the robot, and the way back into its file.
 
-    @property
-    def source(self) -> str:
-        """File name for messages."""
-        ...
+    Attributes
+    ----------
+    source : str
+        File name for messages.
+    fingerprint : str or None
+        Of the calibration that it was already corrected with; empty where its mark does not say; None without.
+    notes : sequence of Note
+        What the user should look at.
+    joints_of_urdf : bool
+        Whether its joints are those of the URDF; else they are as the controller counts them.
+    """
 
-    @property
-    def fingerprint(self) -> str | None:
-        """Of the calibration that it was already corrected with; empty where its mark does not say; None without."""
-        ...
+    source: str
+    fingerprint: str | None
+    notes: Sequence[Note]
+    joints_of_urdf: ClassVar[bool] = False
 
-    @property
-    def data(self) -> bytes:
-        """The bytes of the file."""
-        ...
-
+    @abstractmethod
     def wanted_targets(self) -> Sequence[WantedTargets]:
         """The targets that may be corrected, of each kind that there is."""
-        ...
 
-    def left(self) -> Sequence[Left]:
-        """What is left as it is, whatever the calibration says."""
-        ...
-
-    @property
-    def notes(self) -> Sequence[Note]:
-        """What the user should look at."""
-        ...
-
+    @abstractmethod
     def stops(self) -> Sequence[Stop]:
-        """The stops in the order of the program; empty where the language does not tell."""
-        ...
+        """The stops in the order of the program."""
 
-    def refused(self, batch: WantedTargets, fake: Corrected) -> Sequence[str]:
-        """Why corrections that were found cannot be written, for each goal; empty where they can."""
-        ...
-
+    @abstractmethod
     def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """Files of the program, by name, with the fake targets that were found and the fingerprint of a calibration.
 
@@ -173,7 +164,14 @@ class Program(Protocol):
         are not corrected (``ok`` is false) and all else keep their bytes; a program without any corrected target gets
         no mark.
         """
-        ...
+
+    def left(self) -> Sequence[Left]:
+        """What is left as it is, whatever the calibration says."""
+        return ()
+
+    def refused(self, batch: WantedTargets, fake: Corrected) -> Sequence[str]:
+        """Why corrections that were found cannot be written, for each target; empty where they can."""
+        return [""] * len(batch.names)
 
 
 def refuse_filtered(program: Program) -> None:

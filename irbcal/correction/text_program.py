@@ -13,20 +13,19 @@ objects (``wobj0``).
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock, locked
-from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in, number_like, one_word
 from irbcal.correction.maker import BEYOND, NO_POSTURE, ConfData, Maker, Posture, Solutions
 from irbcal.correction.notation import check_rigid
-from irbcal.correction.program import ControllerSetup, Corrections, Kind, Left, Note, Stop, WantedTargets
+from irbcal.correction.program import ControllerSetup, Corrections, Kind, Left, Note, Program, Stop, WantedTargets
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -273,7 +272,7 @@ class ControlFlow:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TextProgram(ABC):
+class TextProgram(Program):
     """A program as read: its text and what was understood of it; a language says how it is marked.
 
     Attributes
@@ -394,10 +393,6 @@ class TextProgram(ABC):
         """The stops in the order of the program."""
         return self.order
 
-    def refused(self, batch: WantedTargets, fake: Corrected) -> list[str]:
-        """Why corrections that were found cannot be written, for each goal; empty where they can."""
-        return [""] * len(batch.names)
-
     def edits(self, values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
         """New text of numbers and configurations, by the number of the target.
 
@@ -491,6 +486,7 @@ class PostureProgram(TextProgram):
 
     arm: Arm
     own_model: Arm | None
+    joints_of_urdf: ClassVar[bool] = True
 
     @classmethod
     def assembled(

@@ -18,9 +18,8 @@ import numpy as np
 import yaml
 
 from irbcal.arrays import FloatArray, lock
-from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.listing import Number, Span, mark_in, number_like
-from irbcal.correction.program import ControllerSetup, Corrections, Left, Note, Stop, WantedTargets, read_bytes
+from irbcal.correction.program import ControllerSetup, Corrections, Note, Program, Stop, WantedTargets, read_bytes
 from irbcal.errors import OptionError, ProgramError, RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory
@@ -111,7 +110,7 @@ DECIMALS = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RosProgram:
+class RosProgram(Program):
     """A trajectory as read; see `irbcal.correction.program.Program` and `irbcal.correction.trajectories.Timed`.
 
     Attributes
@@ -158,17 +157,9 @@ class RosProgram:
             WantedTargets("joint", np.arange(n), names, np.array(self.lines), self.arm.to_controller(self.trajectory.q))
         ]
 
-    def left(self) -> tuple[Left, ...]:
-        """Nothing: a motion is corrected as a whole."""
-        return ()
-
     def stops(self) -> list[Stop]:
         """A point a stop, for who takes it as a list of poses."""
         return [Stop(line, k, k - 1 if k else None) for k, line in enumerate(self.lines)]
-
-    def refused(self, batch: WantedTargets, fake: Corrected) -> list[str]:
-        """Everything can be written into a trajectory."""
-        return [""] * len(batch.names)
 
     def with_motion(self, commands: Trajectory) -> RosProgram:
         """The program with speeds and accelerations to write."""

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
-from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.notation import (
     DECIMALS,
     QUATERNION_DECIMALS,
@@ -26,7 +25,16 @@ from irbcal.correction.notation import (
     numbers_from_poses,
     poses_from_numbers,
 )
-from irbcal.correction.program import ControllerSetup, Corrections, Kind, Left, Note, Stop, WantedTargets, read_bytes
+from irbcal.correction.program import (
+    ControllerSetup,
+    Corrections,
+    Kind,
+    Note,
+    Program,
+    Stop,
+    WantedTargets,
+    read_bytes,
+)
 from irbcal.errors import MeasurementError, OptionError, ProgramError, RobotError
 from irbcal.measurement import plain_csv
 from irbcal.measurement.columns import (
@@ -51,7 +59,7 @@ MARK = "irbcal_filtered"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TableProgram:
+class TableProgram(Program):
     """A CSV program as read.
 
     Attributes
@@ -76,6 +84,8 @@ class TableProgram:
         Whether the file begins with one.
     fingerprint : str or None
         Of the calibration that this program was already corrected with.
+    notes : tuple of Note
+        None.
     """
 
     source: str
@@ -88,18 +98,10 @@ class TableProgram:
     newline: str
     byte_order_mark: bool
     fingerprint: str | None
+    notes: tuple[Note, ...]
 
     def __post_init__(self) -> None:
         lock(self)
-
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        """There is nothing in a table that the corrections do not know about."""
-        return ()
-
-    def left(self) -> tuple[Left, ...]:
-        """Every row is to be corrected."""
-        return ()
 
     def wanted_targets(self) -> list[WantedTargets]:
         """All rows."""
@@ -109,10 +111,6 @@ class TableProgram:
     def stops(self) -> list[Stop]:
         """A row a stop, in the order of the file."""
         return [Stop(row, k, k - 1 if k else None) for k, row in enumerate(self.rows.tolist())]
-
-    def refused(self, batch: WantedTargets, fake: Corrected) -> list[str]:
-        """Everything can be written into a table."""
-        return [""] * len(batch.names)
 
     def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """The table with the joints or poses of the rows that are corrected, marked in a column."""
@@ -362,6 +360,7 @@ def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) 
         newline="\r\n" if b"\r\n" in data else "\n",
         byte_order_mark=data.startswith(b"\xef\xbb\xbf"),
         fingerprint=_mark_of(table),
+        notes=(),
     )
 
 
