@@ -227,6 +227,16 @@ class ControlFlow:
         """Note a move, or a part of one, that goes to no target in numbers."""
         self.moves_left.append(Left(f"{instruction} {target}", self.listing.line(at), reason))
 
+    def mention(self, target: Target, at: int) -> None:
+        """Something else than a move uses a target."""
+        target.conflicts.append(f"line {self.listing.line(at)} uses it in another way")
+
+    def external_axes(self, targets: Iterable[Target]) -> list[Note]:
+        """A note if targets of moves have external axes."""
+        moved = next((target for target in targets if target.external and target.uses), None)
+        text = "has external axes: where they carry the robot or the work, its place is another"
+        return [] if moved is None else [Note(self.listing.line(moved.start), f"{moved.name} {text}")]
+
     def open(self, loop: bool = False) -> None:
         """A branch or loop begins."""
         self._blocks.append(_Block(loop, self.state, []))

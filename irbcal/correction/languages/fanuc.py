@@ -293,7 +293,7 @@ class _Moves:
         self.listing, self.taught = listing, taught
         self.flow = ControlFlow(listing)
         self.comments: list[str] = []
-        self._noted: dict[str, Note] = {}
+        self._noted: list[Note] = []
 
     def take(self, step: Instruction) -> None:
         """Take one instruction."""
@@ -311,10 +311,9 @@ class _Moves:
             self.flow.forget()
         for goal in _GOAL.finditer(text):
             if goal[1] == "P":
-                why = f"line {self.listing.line(step.start)} uses it in another way"
                 for point in self._named(goal[2])[0]:
                     if point.found is not None:
-                        point.found.conflicts.append(why)
+                        self.flow.mention(point.found, step.start)
 
     def _named(self, inside: str) -> tuple[list[Point], str]:
         """Positions that an index names, all where it is computed, and why there are none."""
@@ -337,7 +336,7 @@ class _Moves:
         reason = next((words for sign, words in _REASONS if sign.search(options)), "")
         if _OFFSET.search(options) and not reason:
             line = self.listing.line(step.start)
-            self._noted.setdefault("offset", Note(line, "an offset moves targets that are corrected without it"))
+            self._noted = self._noted or [Note(line, "an offset moves targets that are corrected without it")]
         stop: Target | None = None
         for k, goal in enumerate(goals):
             stop = self._goal(step, move[1], goal, "via" if k < len(goals) - 1 else "to", reason)
@@ -374,16 +373,11 @@ class _Moves:
 
     def notes(self, found: Sequence[Target]) -> list[Note]:
         """What the corrections do not know about."""
-        moved = next((one for one in found if one.external and one.uses), None)
-        if moved is not None:
-            text = (
-                f"{moved.name} has other axes or groups: where they carry the robot or the work, its place is another"
-            )
-            self._noted.setdefault("external", Note(self.listing.line(moved.start), text))
+        notes = [*self._noted, *self.flow.external_axes(found)]
         if any(one.kind == "joint" and one.uses for one in found):
             text = "joint 3 is taken as the pendant counts it, against the horizontal: check one pair on the pendant"
-            self._noted.setdefault("coupled", Note(1, text))
-        return list(self._noted.values())
+            notes.append(Note(1, text))
+        return notes
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:

@@ -253,7 +253,7 @@ class _Job:
     def _otherwise(self, names: Sequence[str], at: int) -> None:
         for name in names:
             if name in self.points:
-                self.points[name].conflicts.append(f"line {self.listing.line(at)} uses it in another way")
+                self.flow.mention(self.points[name], at)
 
 
 def _numbers(text: str, at: int) -> list[Number] | None:

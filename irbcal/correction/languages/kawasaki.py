@@ -21,7 +21,7 @@ from irbcal.correction import notation
 from irbcal.correction.listing import Edit, Listing, Number, Token, Tokens, mark_in, numbers
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.program import ControllerSetup, Note, read_bytes
+from irbcal.correction.program import ControllerSetup, read_bytes
 from irbcal.correction.text_program import ControlFlow, PostureProgram, Role, State, Target
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import ControllerFrames
@@ -295,18 +295,10 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         setup,
         known,
         known,
-        notes=_notes(listing, found),
+        notes=reader.flow.external_axes(found),
         comments=sections.comments,
         mark_at=sections.begins[0] if sections.begins else len(listing.text),
     )
-
-
-def _notes(listing: Listing, found: Sequence[Target]) -> tuple[Note, ...]:
-    moved = next((one for one in found if one.external and one.uses), None)
-    if moved is None:
-        return ()
-    text = f"{moved.name} has other axes: where they carry the robot or the work, its place is another"
-    return (Note(listing.line(moved.start), text),)
 
 
 class _Reader:
@@ -318,7 +310,7 @@ class _Reader:
         self.literals: list[Target] = []
         self._literal_frames: dict[str, FloatArray] = {}
         self._bad = {key for key, one in sections.locations.items() if one.conflicts}
-        self._framed: dict[str, str] = {}
+        self._framed: dict[str, int] = {}
         self._quiet = _quiet(sections.lines)
 
     def take(self, line: Line) -> None:
@@ -447,14 +439,13 @@ class _Reader:
             if key is None:
                 self._mention(rest, at)
             else:
-                self._framed[key] = f"line {line} uses it in another way"
+                self._framed[key] = at
 
     def _mention(self, tokens: Tokens, at: int) -> None:
         """Names that something else than a move uses."""
         for token in tokens:
             for key in self.sections.names.get(token.word, ()) if token.kind == "name" else ():
-                used = f"line {self.listing.line(at)} uses it in another way"
-                self.sections.locations[key].conflicts.append(used)
+                self.flow.mention(self.sections.locations[key], at)
                 self._bad.add(key)
 
     def frames(self) -> dict[str, FloatArray]:
@@ -468,10 +459,10 @@ class _Reader:
 
     def conclude(self) -> None:
         """Tell the targets that are a tool or base as well."""
-        for key, why in self._framed.items():
+        for key, at in self._framed.items():
             one = self.sections.locations.get(key)
             if one is not None and one.uses:
-                one.conflicts.append(why)
+                self.flow.mention(one, at)
 
 
 def _quiet(lines: Sequence[Line]) -> set[str]:

@@ -337,8 +337,8 @@ def target(name: str, type_name: str, one: Aggregate, listing: Listing) -> tuple
     if len(plain) < 6:
         return None, "some of its numbers are computed"
     found = Target(name, "joint" if joint else "pose", one.start, plain)
-    external = [key for key in one.values if key[0] == "e" and key[1:].isdecimal()]
-    found.external = ", ".join(listing.quote(one.values[key].start, one.values[key].end) for key in external)
+    external = [value for key, value in one.values.items() if key[0] == "e" and key[1:].isdecimal()]
+    found.external = ", ".join(value.text for value in external if re.search(r"[1-9]", value.text))
     if not joint and "s" in one.values and "t" in one.values:
         status, turn = integer(one.values["s"].text), integer(one.values["t"].text)
         if status is None or turn is None:
@@ -784,7 +784,7 @@ class Statements:
         for token, part in self._mentioned:
             variable = self.data.lookup(part, token.word)
             for found in variable.found.values() if variable is not None else ():
-                found.conflicts.append(f"line {self.listing.line(token.start)} uses it in another way")
+                self.flow.mention(found, token.start)
 
     def _rest(self, line: Line, begin: int, end: int | None = None) -> str:
         tokens = line.tokens[begin:end]
@@ -881,10 +881,7 @@ def _program(
     eye = {NULLFRAME: frames.transform()}
     main = next((p for p in listing.parts if Path(p.name).suffix.lower() != ".dat"), listing.parts[0])
     notes = [Note(listing.line(at), text) for at, text in statements.notes]
-    moved = next((one for one in found if one.external and one.uses), None)
-    if moved is not None and re.search(r"[1-9]", re.sub(r"E\d", "", moved.external)):
-        text = f"{moved.name} has external axes: where they carry the robot or the work, its place is another"
-        notes.append(Note(listing.line(moved.start), text))
+    notes += statements.flow.external_axes(found)
     status = [integer(listing.text[slice(*one.configuration_spans[0])]) for one in found if one.configuration_spans]
     if any((value or 0) & 16 for value in status) and setup.own_model is None:
         text = (

@@ -340,8 +340,7 @@ class _Script:
                 self.variables[name].conflicts.append(f"{name} is computed or changed in line {line}")
         for token in self._mentioned:
             if token.word in self.variables:
-                line = self.listing.line(token.start)
-                self.variables[token.word].conflicts.append(f"line {line} uses it in another way")
+                self.flow.mention(self.variables[token.word], token.start)
 
 
 def _assignment(tokens: Tokens) -> tuple[Token | None, Tokens | None]:

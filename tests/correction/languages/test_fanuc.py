@@ -191,7 +191,7 @@ def test_what_belongs_to_other_languages_and_groups(robots):
     assert found.data.count(b"J1=     5.000 mm") == 4
     texts = [note.text for note in found.notes]
     assert any("offset" in text for text in texts)
-    assert any("other axes or groups" in text for text in texts)
+    assert any("external axes" in text for text in texts)
 
 
 def test_frames_are_asked_for(robots):
