@@ -176,7 +176,7 @@ def filter_program(
             strict=strict,
         )
     except NotWritten as refusal:
-        found, refused = refusal.found, True
+        found, refused = refusal.filtered, True
     if json:
         show.print_json(_content(found))
     else:

@@ -33,11 +33,11 @@ def of_arm(program: Program, nominal: Arm) -> list[WantedTargets]:
     return [replace(one, values=nominal.from_controller(one.values)) if one.kind == "joint" else one for one in batch]
 
 
-def counted(found: Corrections, program: Program, nominal: Arm) -> Corrections:
+def counted(corrections: Corrections, program: Program, nominal: Arm) -> Corrections:
     """Corrections as the program counts joints."""
     if nominal.coupling is None or program.joints_of_urdf:
-        return found
-    return [(batch, replace(fake, q=nominal.to_controller(fake.q))) for batch, fake in found]
+        return corrections
+    return [(batch, replace(fake, q=nominal.to_controller(fake.q))) for batch, fake in corrections]
 
 
 def meant_joints(program: Program, nominal: Arm) -> list[tuple[WantedTargets, FloatArray, Sequence[str]]]:
@@ -77,9 +77,9 @@ def fake_targets(robot: Robot, nominal: Arm, batch: WantedTargets, controller: A
     confs = [conf if isinstance(conf, ConfData) else None for conf in batch.configurations]
     seed, told = seeds_of(nominal, batch.values, confs, controller)
     branch = closed_form.configuration(nominal, np.nan_to_num(seed))
-    found = correct_poses(robot, nominal, batch.values, seed, branch, controller)
+    corrections = correct_poses(robot, nominal, batch.values, seed, branch, controller)
     reason = "its configuration data fit no solution of the robot within the joint limits"
-    return refused(found, ["" if known else reason for known in told])
+    return refused(corrections, ["" if known else reason for known in told])
 
 
 def corrected(
@@ -102,11 +102,11 @@ def corrected(
     else:
         T_wanted = at.T_left @ plain.T_wanted @ at.T_right
         computing, unchanged = robot, np.where(taught, TAUGHT, "")
-    found = correct_meant(computing, nominal, T_wanted, plain.q_nominal, controller)
+    corrections = correct_meant(computing, nominal, T_wanted, plain.q_nominal, controller)
     against = np.where(np.isfinite(plain.q_nominal).all(axis=1), "", plain.reason)
     if known.points.re_express:
         against = np.where(at.origins == UNKNOWN, NO_FRAME, against)
-    return refused(found, [*np.where(unchanged != "", unchanged, against)])
+    return refused(corrections, [*np.where(unchanged != "", unchanged, against)])
 
 
 def as_programmed(nominal: Arm, batch: WantedTargets, controller: Arm | None) -> Corrected:
@@ -145,12 +145,17 @@ def writable(program: Program, nominal: Arm, batch: WantedTargets, fake: Correct
     return refused(kept, [*np.where(changed, "its correction would need another configuration of the arm", "")])
 
 
-def refused(found: Corrected, reasons: Sequence[str]) -> Corrected:
+def refused(corrections: Corrected, reasons: Sequence[str]) -> Corrected:
     """Corrections without those that a reason (length n, or none at all) speaks against."""
-    new = np.array([*reasons] or [""] * len(found.ok), dtype=object)
+    new = np.array([*reasons] or [""] * len(corrections.ok), dtype=object)
     mask = new != ""
-    ok = found.ok & ~mask
-    return replace(found, q=np.where(ok[:, None], found.q, np.nan), ok=ok, reason=np.where(mask, new, found.reason))
+    ok = corrections.ok & ~mask
+    return replace(
+        corrections,
+        q=np.where(ok[:, None], corrections.q, np.nan),
+        ok=ok,
+        reason=np.where(mask, new, corrections.reason),
+    )
 
 
 def commanded(program: Program, nominal: Arm) -> FloatArray:

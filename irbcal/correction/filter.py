@@ -65,11 +65,11 @@ class NotWritten(ProgramError):
 
     Attributes
     ----------
-    found : Filtered
+    filtered : Filtered
         What was corrected, and what was left and why.
     """
 
-    found: Filtered
+    filtered: Filtered
 
 
 @_without_garbage_collection()
@@ -162,8 +162,8 @@ def correct(
 
     Examples
     --------
-    >>> found = correct("my-robot", "job.mod", out="job_calibrated.mod")  # doctest: +SKIP
-    >>> found.to_frame()  # doctest: +SKIP
+    >>> filtered = correct("my-robot", "job.mod", out="job_calibrated.mod")  # doctest: +SKIP
+    >>> filtered.to_frame()  # doctest: +SKIP
     """
     programs_given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
     if not programs_given:
@@ -196,35 +196,35 @@ def correct(
         )
     speeds = None if urdf is None else speed_limits(urdf, nominal.joint_names)
     whole = record.fingerprint, given.own_model, tolerance, speeds
-    found = together([filter_program(robot, nominal, one, *whole, known) for one in programs])
-    if robot.certainty is not None and (outside := robot.certainty.outside_in_words(found.q_before, "targets")):
-        found = replace(found, cautions=(outside,))
+    filtered = together([filter_program(robot, nominal, one, *whole, known) for one in programs])
+    if robot.certainty is not None and (outside := robot.certainty.outside_in_words(filtered.q_before, "targets")):
+        filtered = replace(filtered, cautions=(outside,))
     if model is not None:
-        found = replace(found, cautions=(model.in_words(robot, found.q_before), *found.cautions))
+        filtered = replace(filtered, cautions=(model.in_words(robot, filtered.q_before), *filtered.cautions))
     if record.heldout is not None and record.features is None:  # rows at features tell no accuracy
-        found = replace(found, expected_error=record.heldout.all.mean_mm * MM)
-    if strict and found.unknown_frames is not None:
-        raise _not_written(found, found.unknown_frames.in_words())
+        filtered = replace(filtered, expected_error=record.heldout.all.mean_mm * MM)
+    if strict and filtered.unknown_frames is not None:
+        raise _not_written(filtered, filtered.unknown_frames.in_words())
     if out is None and changes is None:
-        return found
-    if not len(found.targets) or (found.left and not allow_partial):
-        raise _not_written(found)
-    return _written(found, out, changes, folder=len(found.files) > 1 or len(sources) > 1)
+        return filtered
+    if not len(filtered.targets) or (filtered.left and not allow_partial):
+        raise _not_written(filtered)
+    return _written(filtered, out, changes, folder=len(filtered.files) > 1 or len(sources) > 1)
 
 
-def _written(found: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool) -> Filtered:
+def _written(filtered: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool) -> Filtered:
     """Write what was asked for, all or nothing."""
     contents: dict[Path, bytes] = {}
     if changes is not None:
-        table = without_formulas(found.to_frame()).to_csv(index=False, float_format="%.6f")
+        table = without_formulas(filtered.to_frame()).to_csv(index=False, float_format="%.6f")
         contents[Path(changes)] = table.encode("utf-8")
     if out is not None:
-        places = _places(Path(out), found.files, folder)
-        refuse_overwriting({"out": [*places], "changes": changes}, [*found.files])
+        places = _places(Path(out), filtered.files, folder)
+        refuse_overwriting({"out": [*places], "changes": changes}, [*filtered.files])
         contents |= places
-        found = replace(found, written=Path(out))
+        filtered = replace(filtered, written=Path(out))
     write_set(contents)
-    return found
+    return filtered
 
 
 def _places(out: Path, files: Mapping[str, bytes], folder: bool) -> dict[Path, bytes]:
@@ -273,21 +273,21 @@ def place_pair(
     return joints, frames_by_name({"pose": pose}, "where")["pose"]
 
 
-def _not_written(found: Filtered, why: str = "") -> NotWritten:
+def _not_written(filtered: Filtered, why: str = "") -> NotWritten:
     if why:
         message = f"nothing was written: {why}"
-    elif not len(found.targets):
-        taught = f", and {found.unchanged} need no change" if found.unchanged else ""
+    elif not len(filtered.targets):
+        taught = f", and {filtered.unchanged} need no change" if filtered.unchanged else ""
         message = f"nothing was written: no target could be corrected{taught}"
     else:
-        first = found.left[0]
-        more = f" and {len(found.left) - 1} more" if len(found.left) > 1 else ""
+        first = filtered.left[0]
+        more = f" and {len(filtered.left) - 1} more" if len(filtered.left) > 1 else ""
         message = (
             f"nothing was written, because {first.target} (line {first.line}){more} could not be corrected: correct "
             "these targets or allow a partial correction (allow_partial)"
         )
-    refusal = NotWritten(message, file=found.source)
-    refusal.found = found
+    refusal = NotWritten(message, file=filtered.source)
+    refusal.filtered = filtered
     return refusal
 
 
@@ -342,22 +342,22 @@ def filter_program(
         for batch, at in zip(wanted, frames_of, strict=True)
     ]
     moving = Robot(controller or nominal) if known.points.re_express else robot
-    found, program, left, last_moves = _in_course(moving, nominal, program, alone, controller, speeds)
-    found = [
+    corrections, program, left, last_moves = _in_course(moving, nominal, program, alone, controller, speeds)
+    corrections = [
         (batch, writable(program, nominal, batch, as_written(nominal, batch, fake, controller, at, known)))
-        for (batch, fake), at in zip(found, frames_of, strict=True)
+        for (batch, fake), at in zip(corrections, frames_of, strict=True)
     ]
     names: list[str] = []
     unchanged = 0
-    for batch, fake in found:
+    for batch, fake in corrections:
         names += [batch.names[k] for k in np.flatnonzero(fake.ok)]
         unlike = [k for k in np.flatnonzero(~fake.ok) if fake.reason[k] not in UNCHANGED]
         left += [Left(batch.names[k], int(batch.lines[k]), fake.reason[k]) for k in unlike]
         unchanged += int((~fake.ok).sum()) - len(unlike)
-    fakes = [fake for _, fake in found]
+    fakes = [fake for _, fake in corrections]
     cuts: list[CutPath] = []
     if path_tolerance is not None and isinstance(program, Cuttable):
-        ends = _ends(found)
+        ends = _ends(corrections)
         cuts = [cut_move(move, ends, robot, nominal, path_tolerance, controller) for move in program.path_moves()]
         left += [Left(f"the path of {cut.move.name}", cut.move.line, cut.why) for cut in cuts if cut.why]
         program = program.with_cuts(cuts)
@@ -369,10 +369,10 @@ def filter_program(
     return Filtered(
         source=program.source,
         files=program.with_fake_targets(
-            counted(found, program, nominal), None if known.points.re_express else fingerprint
+            counted(corrections, program, nominal), None if known.points.re_express else fingerprint
         ),
         targets=np.array(names, dtype=object),
-        lines=np.concatenate([np.zeros(0, dtype=int), *(batch.lines[fake.ok] for batch, fake in found)]),
+        lines=np.concatenate([np.zeros(0, dtype=int), *(batch.lines[fake.ok] for batch, fake in corrections)]),
         q_before=np.concatenate([none, *(fake.q_nominal[fake.ok] for fake in fakes)]),
         q=np.concatenate([none, *(fake.q[fake.ok] for fake in fakes)]),
         shift=np.concatenate([none[:, 0], *(fake.shift[fake.ok] for fake in fakes)]),
@@ -386,7 +386,7 @@ def filter_program(
         last_moves=None if last_moves is None else (last_moves.known, last_moves.stops),
         coupling=nominal.coupling,
         paths=tuple(cuts) if path_tolerance is not None else None,
-        frames=TargetFrames.of(robot, controller or nominal, found, frames_of, known),
+        frames=TargetFrames.of(robot, controller or nominal, corrections, frames_of, known),
         unchanged=unchanged,
     )
 
@@ -402,17 +402,17 @@ def _in_course(
     """Corrections that know what comes before: in a motion as it goes, in other programs the stop before."""
     left = list(program.left())
     if not isinstance(program, Timed):
-        found, last_moves = with_last_moves(robot, controller or nominal, alone, program.stops())
-        return found, program, left, last_moves
+        corrections, last_moves = with_last_moves(robot, controller or nominal, alone, program.stops())
+        return corrections, program, left, last_moves
     moving, commands, passed = follow(robot, nominal, program, alone, controller, speeds)
     return moving, program if commands is None else program.with_motion(commands), left + passed, None
 
 
-def _ends(found: Corrections) -> dict[int, Ends]:
+def _ends(corrections: Corrections) -> dict[int, Ends]:
     """The corrected targets by their numbers."""
     return {
         int(batch.numbers[k]): Ends(fake.T_wanted[k], fake.q_nominal[k], fake.q[k], fake.T_fake[k])
-        for batch, fake in found
+        for batch, fake in corrections
         for k in np.flatnonzero(fake.ok)
     }
 

@@ -285,33 +285,35 @@ class Filtered(Speaks):
         )
 
 
-def together(found: Sequence[Filtered]) -> Filtered:
+def together(parts: Sequence[Filtered]) -> Filtered:
     """What the filter made of several programs, as one; targets are named with their files."""
-    if len(found) == 1:
-        return found[0]
-    names = [Path(one.source).name for one in found]
+    if len(parts) == 1:
+        return parts[0]
+    names = [Path(part.source).name for part in parts]
 
     def joined(key: str) -> FloatArray:
-        return np.concatenate([getattr(one, key) for one in found])
+        return np.concatenate([getattr(part, key) for part in parts])
 
     return replace(
-        found[0],
+        parts[0],
         source=", ".join(names),
-        files={name: data for one in found for name, data in one.files.items()},
-        targets=np.concatenate([[f"{t} in {name}" for t in one.targets] for one, name in _named(found)]).astype(object),
-        left=tuple(Left(f"{t} in {name}", line, why) for one, name in _named(found) for t, line, why in one.left),
-        notes=tuple(Note(note.line, f"{name}: {note.text}") for one, name in _named(found) for note in one.notes),
+        files={name: data for part in parts for name, data in part.files.items()},
+        targets=np.concatenate([[f"{t} in {name}" for t in part.targets] for part, name in _named(parts)]).astype(
+            object
+        ),
+        left=tuple(Left(f"{t} in {name}", line, why) for part, name in _named(parts) for t, line, why in part.left),
+        notes=tuple(Note(note.line, f"{name}: {note.text}") for part, name in _named(parts) for note in part.notes),
         lines=joined("lines").astype(int),
         q_before=joined("q_before"),
         q=joined("q"),
         shift=joined("shift"),
         turn=joined("turn"),
         residual=joined("residual"),
-        last_move_error=None if found[0].last_move_error is None else joined("last_move_error"),
-        last_moves=_sum([one.last_moves for one in found]),
-        paths=None if found[0].paths is None else tuple(path for one in found for path in one.paths or ()),
-        frames=TargetFrames.joined([one.frames for one in found if one.frames is not None]),
-        unchanged=sum(one.unchanged for one in found),
+        last_move_error=None if parts[0].last_move_error is None else joined("last_move_error"),
+        last_moves=_sum([part.last_moves for part in parts]),
+        paths=None if parts[0].paths is None else tuple(path for part in parts for path in part.paths or ()),
+        frames=TargetFrames.joined([part.frames for part in parts if part.frames is not None]),
+        unchanged=sum(part.unchanged for part in parts),
     )
 
 
@@ -320,5 +322,5 @@ def _sum(counts: Sequence[tuple[int, int] | None]) -> tuple[int, int] | None:
     return (sum(k for k, _ in known), sum(n for _, n in known)) if known else None
 
 
-def _named(found: Sequence[Filtered]) -> list[tuple[Filtered, str]]:
-    return [(one, Path(one.source).name) for one in found]
+def _named(parts: Sequence[Filtered]) -> list[tuple[Filtered, str]]:
+    return [(part, Path(part.source).name) for part in parts]

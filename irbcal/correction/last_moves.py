@@ -50,7 +50,7 @@ class LastMoves:
 
 
 def with_last_moves(
-    robot: Robot, nominal: Arm, found: Corrections, stops: Sequence[Stop]
+    robot: Robot, nominal: Arm, corrections: Corrections, stops: Sequence[Stop]
 ) -> tuple[Corrections, LastMoves | None]:
     """Corrections that take account of the last moves of a program.
 
@@ -60,14 +60,14 @@ def with_last_moves(
         Calibrated.
     nominal : Arm
         What the controller computes with.
-    found : sequence of (WantedTargets, Corrected)
+    corrections : sequence of (WantedTargets, Corrected)
         Corrected with unknown last moves.
     stops : sequence of Stop
         In the order of the program; targets without any are taken as stops with an unknown last move.
 
     Returns
     -------
-    found : sequence of (WantedTargets, Corrected)
+    corrections : sequence of (WantedTargets, Corrected)
         With the last moves where they are known. A target that is reached from different sides gets the command in
         the middle.
     last_moves : LastMoves or None
@@ -79,16 +79,16 @@ def with_last_moves(
         If the joint map cannot be inverted in order.
     """
     if not robot.joint_map.has_history:
-        return found, None
-    if not any(fake.ok.any() for _, fake in found):
-        return found, LastMoves(tuple(np.full(len(fake.ok), np.nan) for _, fake in found), 0, 0, ())
-    numbers = np.concatenate([batch.numbers for batch, _ in found])
-    names = [name for batch, _ in found for name in batch.names]
-    lines = np.concatenate([batch.lines for batch, _ in found])
-    ok = np.concatenate([fake.ok for _, fake in found])
-    T_wanted = np.concatenate([fake.T_wanted for _, fake in found])
+        return corrections, None
+    if not any(fake.ok.any() for _, fake in corrections):
+        return corrections, LastMoves(tuple(np.full(len(fake.ok), np.nan) for _, fake in corrections), 0, 0, ())
+    numbers = np.concatenate([batch.numbers for batch, _ in corrections])
+    names = [name for batch, _ in corrections for name in batch.names]
+    lines = np.concatenate([batch.lines for batch, _ in corrections])
+    ok = np.concatenate([fake.ok for _, fake in corrections])
+    T_wanted = np.concatenate([fake.T_wanted for _, fake in corrections])
     # what is not corrected stays as it is, which tells the last move of the stop behind it
-    commands = np.concatenate([np.where(fake.ok[:, None], fake.q, fake.q_nominal) for _, fake in found])
+    commands = np.concatenate([np.where(fake.ok[:, None], fake.q, fake.q_nominal) for _, fake in corrections])
     theta = commands.copy()
     theta[ok] = robot.joint_map.effective(commands[ok])
     rows = np.flatnonzero(np.isfinite(commands).all(axis=1))
@@ -111,7 +111,7 @@ def with_last_moves(
     error = np.sqrt(np.bincount(target, squares, len(q)) / np.where(count, count, np.nan))
 
     new, errors, first = [], [], 0
-    for batch, fake in found:
+    for batch, fake in corrections:
         part = slice(first, first + len(fake.ok))
         T_fake = fake.T_fake.copy()
         if fake.ok.any():

@@ -112,8 +112,8 @@ class Listing:
 
     def newline(self, part: int = 0) -> str:
         """The line end of a file."""
-        found = re.search(r"\r\n|\n|\r", self.text[self.parts[part].start : self.parts[part].end])
-        return found[0] if found else "\n"
+        match = re.search(r"\r\n|\n|\r", self.text[self.parts[part].start : self.parts[part].end])
+        return match[0] if match else "\n"
 
     def after_line(self, position: int) -> int:
         """Where the line behind the one of a place begins, or the end of its file."""
@@ -166,9 +166,9 @@ def one_word(fingerprint: str) -> str:
 def mark_in(comments: Iterable[str]) -> str | None:
     """Fingerprint in the first mark among comments; empty where it names none, None without mark."""
     for comment in comments:
-        found = _MARK.search(comment)
-        if found:
-            return found[1] or ""
+        match = _MARK.search(comment)
+        if match:
+            return match[1] or ""
     return None
 
 

@@ -157,7 +157,7 @@ class Program(ABC):
         """The stops in the order of the program."""
 
     @abstractmethod
-    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, corrections: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """Files of the program, by name, with the fake targets that were found and the fingerprint of a calibration.
 
         Without a fingerprint there is no mark: the targets are no fake targets then, but new wanted ones. Targets that

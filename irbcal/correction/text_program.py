@@ -445,11 +445,11 @@ class TextProgram(Program):
             start -= min(max(more, 0), max(blanks - 1, 0))
         return start, end, text
 
-    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, corrections: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """Files of the program with fake targets, configurations and, with a fingerprint, the mark."""
         values: dict[int, FloatArray] = {}
         configurations: dict[int, Configuration] = {}
-        for batch, fake in found:
+        for batch, fake in corrections:
             rows = np.flatnonzero(fake.ok)
             chosen = batch.numbers[rows].tolist()
             if batch.kind == "joint":

@@ -57,7 +57,7 @@ def follow(
     robot: Robot,
     nominal: Arm,
     program: Timed,
-    found: Corrections,
+    corrections: Corrections,
     controller: Arm | None = None,
     speeds: FloatArray | None = None,
 ) -> tuple[list[tuple[WantedTargets, Corrected]], Trajectory | None, list[Left]]:
@@ -70,7 +70,7 @@ def follow(
     nominal : Arm
         Whose limits hold.
     program : Timed
-    found : sequence of (WantedTargets, Corrected)
+    corrections : sequence of (WantedTargets, Corrected)
         Its points, all together, with unknown last moves.
     controller : Arm, optional
         What the controller computes with where that is not the nominal arm.
@@ -79,7 +79,7 @@ def follow(
 
     Returns
     -------
-    found : list of (WantedTargets, Corrected)
+    corrections : list of (WantedTargets, Corrected)
         With what the sides do that the joints come from, where the robot depends on them; nothing is corrected where a
         point cannot be.
     commands : Trajectory or None
@@ -87,7 +87,7 @@ def follow(
     left : list of Left
         Limits that the commands pass, at the points or between them.
     """
-    ((batch, fake),) = found
+    ((batch, fake),) = corrections
     given = program.trajectory
     if not fake.ok.all():
         others = np.where(fake.ok, OTHERS, fake.reason).astype(object)

@@ -89,14 +89,14 @@ def cell_of(cell: CellFile | str | Path | None, fingerprint: str) -> CellFile | 
     CalibrationError
         If it cannot be read, or was computed with another calibration than that of the fingerprint.
     """
-    found = cell if isinstance(cell, CellFile) or cell is None else read_cell(cell)
-    if found is not None and found.fingerprint != fingerprint:
+    cell_file = cell if isinstance(cell, CellFile) or cell is None else read_cell(cell)
+    if cell_file is not None and cell_file.fingerprint != fingerprint:
         raise CalibrationError(
-            f"its tools and work objects are by calibration {found.fingerprint}, this one is {fingerprint}: call "
+            f"its tools and work objects are by calibration {cell_file.fingerprint}, this one is {fingerprint}: call "
             "irbcal cell with this calibration and the same touches",
             file=cell if isinstance(cell, (str, Path)) else None,
         )
-    return found
+    return cell_file
 
 
 def point_origin(points: str | None, re_express: bool) -> PointOrigin:
@@ -212,13 +212,13 @@ class TargetFrames:
     def of(
         robot: Robot,
         controller: Arm,
-        found: Corrections,
+        corrections: Corrections,
         at: Sequence[TargetFrames],
         known: TrueFrames,
     ) -> TargetFrames | None:
         """Of the targets that were corrected, ``at`` being those of all; None of none."""
         parts = []
-        for (batch, fake), every in zip(found, at, strict=True):
+        for (batch, fake), every in zip(corrections, at, strict=True):
             ok, q = fake.ok, fake.q_nominal[fake.ok]
             off = np.zeros((len(q), 3))
             if len(q):

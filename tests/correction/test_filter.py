@@ -211,8 +211,8 @@ def test_nothing_is_written_unless_all_is_corrected_or_a_part_is_allowed(calibra
         correct(calibration, job, out=out, changes=changes)
     assert not out.exists()
     assert not changes.exists()
-    assert [item.target for item in caught.value.found.left] == ["straight", "MoveJ Offs(p,0,0,1)"]
-    assert correct(calibration, job).left == caught.value.found.left
+    assert [item.target for item in caught.value.filtered.left] == ["straight", "MoveJ Offs(p,0,0,1)"]
+    assert correct(calibration, job).left == caught.value.filtered.left
     found = correct(calibration, job, out=out, allow_partial=True)
     assert out.read_bytes() == found.data
     assert not found.complete

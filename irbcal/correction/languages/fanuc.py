@@ -60,15 +60,15 @@ def config(text: str, start: int) -> tuple[Posture | None, tuple[Span, ...], str
     start : int
         Where it begins.
     """
-    found = _CONFIG.match(text)
-    if found is None:
+    match = _CONFIG.match(text)
+    if match is None:
         what = "is empty" if not text.strip() else f"{text.strip()[:20]!r} is of another kind of arm"
         return None, (), f"its CONFIG {what}"
-    wrist, elbow, front = found.group(1, 2, 3)
+    wrist, elbow, front = match.group(1, 2, 3)
     if front == "B":
         return None, (), "its CONFIG says B: how U and D are counted behind axis 1 is not confirmed"
-    turns = [int(value) for value in found.group(4, 5, 6)]
-    spans = tuple((start + found.start(k), start + found.end(k)) for k in (4, 5, 6))
+    turns = [int(value) for value in match.group(4, 5, 6)]
+    spans = tuple((start + match.start(k), start + match.end(k)) for k in (4, 5, 6))
     return posture_of(-1 if wrist == "N" else 1, elbow == "D", turns), spans, ""
 
 
@@ -140,7 +140,7 @@ class Point(NamedTuple):
     """A position: its target (or why it has none) and the frames that are stored with it."""
 
     number: int
-    found: Target | None
+    target: Target | None
     reason: str
     user_frame: str
     tool: str
@@ -172,7 +172,7 @@ def instructions(listing: Listing, start: int, end: int) -> list[Instruction]:
 
 def points(listing: Listing, start: int, end: int) -> list[Point]:
     """Positions."""
-    return [_point(listing, found) for found in _POINT.finditer(listing.text, start, end)]
+    return [_point(listing, match) for match in _POINT.finditer(listing.text, start, end)]
 
 
 def _point(listing: Listing, match: re.Match[str]) -> Point:
@@ -209,16 +209,16 @@ def _target(listing: Listing, name: str, at: int, begin: int, end: int) -> tuple
     if units != [unit] * 3 + ["deg"] * 3:
         return None, "its numbers are not in mm and degrees"
     numbers = [Number(float(fields[key][2]), fields[key].start(2), fields[key].end(2)) for key in names]
-    found = Target(name, "joint" if names is JOINTS else "pose", at, numbers)
-    found.external = ", ".join(key for key in fields if (key[0] == "E" and key[1:].isdecimal()) or key == "J7")
-    if found.kind == "pose":
+    target = Target(name, "joint" if names is JOINTS else "pose", at, numbers)
+    target.external = ", ".join(key for key in fields if (key[0] == "E" and key[1:].isdecimal()) or key == "J7")
+    if target.kind == "pose":
         quoted = _QUOTED.search(listing.text, begin, end)
         if quoted is None:
-            found.conflicts.append("it has no CONFIG")
+            target.conflicts.append("it has no CONFIG")
         else:
-            found.configuration, found.configuration_spans, reason = config(quoted[1], quoted.start(1))
-            found.conflicts += [reason] if reason else []
-    return found, ""
+            target.configuration, target.configuration_spans, reason = config(quoted[1], quoted.start(1))
+            target.conflicts += [reason] if reason else []
+    return target, ""
 
 
 _MOVE = re.compile(r"\s*([JLCAS])[ \t]+(?=P|PR\[)")
@@ -269,7 +269,7 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> LsProgr
     steps = instructions(listing, *places["MN"])
     for step in steps:
         moves.take(step)
-    found = [point.found for point in taught.values() if point.found is not None]
+    found = [point.target for point in taught.values() if point.target is not None]
     eye = {"0": frames.transform()}
     return LsProgram.assembled(
         FANUC,
@@ -312,8 +312,8 @@ class _Moves:
         for goal in _GOAL.finditer(text):
             if goal[1] == "P":
                 for point in self._named(goal[2])[0]:
-                    if point.found is not None:
-                        self.flow.mention(point.found, step.start)
+                    if point.target is not None:
+                        self.flow.mention(point.target, step.start)
 
     def _named(self, inside: str) -> tuple[list[Point], str]:
         """Positions that an index names, all where it is computed, and why there are none."""
@@ -354,13 +354,13 @@ class _Moves:
         if missing:
             self.flow.leave(step.start, move, text, missing)
         for point in named:
-            if point.found is None:
+            if point.target is None:
                 self.flow.leave(step.start, move, f"P[{point.number}]", point.reason)
                 continue
-            point.found.conflicts += [reason] if reason else []
+            point.target.conflicts += [reason] if reason else []
             state = State(point.tool, point.user_frame)
-            self.flow.use(point.found, step.start, move, "via" if role == "via" else "to", state)
-        return named[0].found if len(named) == 1 and not reason else None
+            self.flow.use(point.target, step.start, move, "via" if role == "via" else "to", state)
+        return named[0].target if len(named) == 1 and not reason else None
 
     def _changes(self, step: Instruction, text: str) -> None:
         """Frames that the program sets itself."""
@@ -368,13 +368,13 @@ class _Moves:
             line = self.listing.line(step.start)
             for point in self.taught.values():
                 held = point.user_frame if change[1] == "UFRAME" else point.tool
-                if point.found is not None and (held == change[2] or not change[2].isdecimal()):
-                    point.found.conflicts.append(f"line {line} changes {change[1]}[{change[2]}]")
+                if point.target is not None and (held == change[2] or not change[2].isdecimal()):
+                    point.target.conflicts.append(f"line {line} changes {change[1]}[{change[2]}]")
 
-    def notes(self, found: Sequence[Target]) -> list[Note]:
+    def notes(self, targets: Sequence[Target]) -> list[Note]:
         """What the corrections do not know about."""
-        notes = [*self._noted, *self.flow.external_axes(found)]
-        if any(one.kind == "joint" and one.uses for one in found):
+        notes = [*self._noted, *self.flow.external_axes(targets)]
+        if any(target.kind == "joint" and target.uses for target in targets):
             text = "joint 3 is taken as the pendant counts it, against the horizontal: check one pair on the pendant"
             notes.append(Note(1, text))
         return notes

@@ -182,8 +182,8 @@ class _Job:
             elif (position := _POSITION.match(text)) is not None:
                 self._position(position[1], position[2], at + position.start(2))
         if self._trouble:
-            for found in self.points.values():
-                found.conflicts.append(self._trouble)
+            for target in self.points.values():
+                target.conflicts.append(self._trouble)
 
     def _pseudo(self, text: str) -> None:
         word, _, rest = text[3:].partition(" ")
@@ -210,12 +210,12 @@ class _Job:
         elif kind == "PULSE" and not self.pulses:
             self._missing[name] = "it is in pulses: give the pulses per degree of the joints (--pulses)"
         elif kind in ("PULSE", "BASE", "ROBOT", "USER"):
-            found = Target(name, "joint" if kind == "PULSE" else "pose", at, numbers)
+            target = Target(name, "joint" if kind == "PULSE" else "pose", at, numbers)
             if kind != "PULSE":
                 rconf = [int(v) for v in self._now["RCONF"].split(",") if re.fullmatch(r"\s*\d{1,3}\s*", v)]
-                found.configuration, reason = posture_of(rconf)
-                found.conflicts += [reason] if reason else []
-            self.points[name] = found
+                target.configuration, reason = posture_of(rconf)
+                target.conflicts += [reason] if reason else []
+            self.points[name] = target
             frame = self._now["USER"] if kind == "USER" else WORLD
             self._frames[name] = State(self._now["TOOL"], frame or "0")
         else:
@@ -261,11 +261,11 @@ def _numbers(text: str, at: int) -> list[Number] | None:
     out: list[Number] = []
     k, more = 0, True
     while more:
-        found = _PLAIN.match(text, k)
-        if found is None:
+        match = _PLAIN.match(text, k)
+        if match is None:
             return None
-        out.append(Number(float(found[1]), at + found.start(1), at + found.end(1)))
-        k, more = found.end(), found[2] == ","
+        out.append(Number(float(match[1]), at + match.start(1), at + match.end(1)))
+        k, more = match.end(), match[2] == ","
     return out
 
 

@@ -183,13 +183,13 @@ def read(listing: Listing) -> Sections:
 
 def _tokens(text: str, start: int, comments: list[str]) -> list[Token]:
     tokens = []
-    for found in _TOKEN.finditer(text):
-        kind = str(found.lastgroup)
+    for match in _TOKEN.finditer(text):
+        kind = str(match.lastgroup)
         if kind == "comment":
-            comments.append(found[0])
+            comments.append(match[0])
         elif kind != "space":
-            word = found[0].lower() if kind == "name" else found[0]
-            tokens.append(Token(kind, word, start + found.start(), start + found.end()))
+            word = match[0].lower() if kind == "name" else match[0]
+            tokens.append(Token(kind, word, start + match.start(), start + match.end()))
     return tokens
 
 
@@ -207,16 +207,16 @@ def _location(out: Sections, text: str, start: int, section: str) -> None:
     shown = text[head.start(1) : head.end()].strip()
     whole = len(numbers) >= 6 and not text[at:].strip()
     empty = [Number(0.0, start, start)] * 6
-    one = Target(shown, "joint" if section == "JOINTS" else "pose", start, numbers[:6] if whole else empty)
+    target = Target(shown, "joint" if section == "JOINTS" else "pose", start, numbers[:6] if whole else empty)
     if not whole:
-        one.conflicts.append("its six numbers are not understood")
+        target.conflicts.append("its six numbers are not understood")
     if len(numbers) > 6:
-        one.external = "JT7"
+        target.external = "JT7"
     if key in out.locations:
-        for other in (one, out.locations[key]):
+        for other in (target, out.locations[key]):
             other.conflicts.append("there are two of this name")
         key = f"{key} (again in line {start})"
-    out.locations[key] = one
+    out.locations[key] = target
     out.names.setdefault(head[1].lower(), []).append(key)
     out.numbered.setdefault(plain, []).append(key)
 
@@ -280,10 +280,10 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     for line in sections.lines:
         reader.take(line)
     reader.conclude()
-    found = sorted([*sections.locations.values(), *reader.literals], key=lambda one: one.start)
+    found = sorted([*sections.locations.values(), *reader.literals], key=lambda target: target.start)
     if setup.where is None:
-        for one in found:
-            one.conflicts += [NO_WHERE] if one.kind == "pose" and one.uses else []
+        for target in found:
+            target.conflicts += [NO_WHERE] if target.kind == "pose" and target.uses else []
     else:
         setup = setup._replace(controller=ends(arm, *setup.where))
     known = {**reader.frames(), NULL: frames.transform()}
@@ -384,8 +384,8 @@ class _Reader:
             text = self.listing.quote(point[0].start, point[-1].end) if point else ""
             self.flow.leave(at, word.upper(), text, reason)
             self._mention(point, at)
-        for one in goals:
-            self.flow.use(one, at, word.upper(), role)
+        for target in goals:
+            self.flow.use(target, at, word.upper(), role)
         if role == "to":
             self.flow.stop(goals[0] if len(goals) == 1 else None, at)
 
@@ -400,10 +400,10 @@ class _Reader:
         values = numbers(tokens[1:], LISTS) if joint or head == "trans" else None
         if values is None or len(values) < 6 or (len(values) > 6 and not joint):
             return [], "its target is computed"
-        found = Target(name, "joint" if joint else "pose", tokens[0].start, values[:6])
-        found.external = "JT7" if len(values) > 6 else ""
-        self.literals.append(found)
-        return [found], ""
+        target = Target(name, "joint" if joint else "pose", tokens[0].start, values[:6])
+        target.external = "JT7" if len(values) > 6 else ""
+        self.literals.append(target)
+        return [target], ""
 
     def _named(self, tokens: Tokens) -> list[str] | None:
         """Keys of the locations that a name with or without index stands for; None where it is something else."""
@@ -460,9 +460,9 @@ class _Reader:
     def conclude(self) -> None:
         """Tell the targets that are a tool or base as well."""
         for key, at in self._framed.items():
-            one = self.sections.locations.get(key)
-            if one is not None and one.uses:
-                self.flow.mention(one, at)
+            target = self.sections.locations.get(key)
+            if target is not None and target.uses:
+                self.flow.mention(target, at)
 
 
 def _quiet(lines: Sequence[Line]) -> set[str]:

@@ -208,18 +208,18 @@ def lines_of(listing: Listing) -> tuple[list[Line], list[str]]:
     for number, part in enumerate(listing.parts):
         tokens: list[Token] = []
         start = part.start + (len(BOM) if listing.text.startswith(BOM, part.start, part.end) else 0)
-        for found in TOKEN.finditer(listing.text, start, part.end):
-            kind = str(found.lastgroup)
+        for match in TOKEN.finditer(listing.text, start, part.end):
+            kind = str(match.lastgroup)
             if kind == "newline":
                 if tokens:
                     lines.append(Line(tokens, number))
                 tokens = []
             elif kind == "comment":
-                comments.append(found[0])
-            elif kind == "other" and found[0] in "\"'":
-                raise listing.error(found.start(), "the string is not closed in its line")
+                comments.append(match[0])
+            elif kind == "other" and match[0] in "\"'":
+                raise listing.error(match.start(), "the string is not closed in its line")
             elif kind != "space":
-                tokens.append(Token(kind, found[0].lower(), found.start(), found.end()))
+                tokens.append(Token(kind, match[0].lower(), match.start(), match.end()))
         if tokens:
             lines.append(Line(tokens, number))
     return lines, comments
@@ -268,7 +268,7 @@ class Variable:
         Literal values and their indices.
     changes : list of int
         Where it gets another value.
-    found : dict of tuple of int to Target
+    targets : dict of tuple of int to Target
         Its targets.
     """
 
@@ -276,7 +276,7 @@ class Variable:
         self.spelling, self.type, self.part = spelling, type_name, part
         self.entries: list[tuple[Index, Aggregate]] = []
         self.changes: list[int] = []
-        self.found: dict[Index, Target] = {}
+        self.targets: dict[Index, Target] = {}
 
 
 def aggregate(line: Line, listing: Listing) -> Aggregate | None:
@@ -412,10 +412,10 @@ class Data:
                 inside = ",".join(str(k) for k in index)
                 name = variable.spelling + (f"[{inside}]" if index else "")
                 found, _ = target(name, variable.type, one, self.listing)
-                if found is not None and index in variable.found:
+                if found is not None and index in variable.targets:
                     variable.changes.append(one.start)
                 elif found is not None:
-                    variable.found[index] = found
+                    variable.targets[index] = found
                 else:
                     variable.changes.append(one.start)
 
@@ -685,8 +685,8 @@ class Statements:
         variable = self.data.lookup(part, word)
         if variable is None:
             return word
-        found = variable.found.get(index)
-        if found is None or variable.changes or len(variable.entries) != len(variable.found):
+        found = variable.targets.get(index)
+        if found is None or variable.changes or len(variable.entries) != len(variable.targets):
             return None
         frames[word + str(index or "")] = KUKA.frame([number.value for number in found.numbers])
         return word + str(index or "")
@@ -767,7 +767,7 @@ class Statements:
     def _of_variable(
         self, variable: Variable, index: tuple[int, ...] | None, text: str
     ) -> tuple[list[Target], str, str]:
-        found = [one for at, one in variable.found.items() if index is None or at == index]
+        found = [one for at, one in variable.targets.items() if index is None or at == index]
         if variable.changes:
             line = self.listing.line(variable.changes[0])
             return found, text, f"{text} is computed, changed or not whole in line {line}"
@@ -783,7 +783,7 @@ class Statements:
         """Tell the targets where they are used in another way than as the target of a move."""
         for token, part in self._mentioned:
             variable = self.data.lookup(part, token.word)
-            for found in variable.found.values() if variable is not None else ():
+            for found in variable.targets.values() if variable is not None else ():
                 self.flow.mention(found, token.start)
 
     def _rest(self, line: Line, begin: int, end: int | None = None) -> str:
@@ -833,7 +833,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
         line.at = 0
         statements.statement(line)
     statements.conclude()
-    found = [one for variable in data.variables.values() for one in variable.found.values()]
+    found = [one for variable in data.variables.values() for one in variable.targets.values()]
     return _program(arm, maker, listing, setup, statements, [*found, *statements.literals], comments)
 
 
@@ -871,18 +871,18 @@ def _program(
     listing: Listing,
     setup: ControllerSetup,
     statements: Statements,
-    found: list[Target],
+    targets: list[Target],
     comments: list[str],
 ) -> KrlProgram:
-    found.sort(key=lambda one: one.start)
+    targets.sort(key=lambda one: one.start)
     if len(listing.parts) > 1:
-        for one in found:
+        for one in targets:
             one.name += f" of {Path(listing.parts[listing.part(one.start)].name).name}"
     eye = {NULLFRAME: frames.transform()}
     main = next((p for p in listing.parts if Path(p.name).suffix.lower() != ".dat"), listing.parts[0])
     notes = [Note(listing.line(at), text) for at, text in statements.notes]
-    notes += statements.flow.external_axes(found)
-    status = [integer(listing.text[slice(*one.configuration_spans[0])]) for one in found if one.configuration_spans]
+    notes += statements.flow.external_axes(targets)
+    status = [integer(listing.text[slice(*one.configuration_spans[0])]) for one in targets if one.configuration_spans]
     if any((value or 0) & 16 for value in status) and setup.own_model is None:
         text = (
             "points say (S, bit 4) that the robot was absolutely accurate: it must not be corrected twice; what such a "
@@ -893,7 +893,7 @@ def _program(
         maker,
         arm,
         statements.flow,
-        found,
+        targets,
         setup,
         {**statements.tools, **eye},
         {**statements.frames, **eye},
@@ -906,10 +906,10 @@ def _program(
 
 def _behind_head(listing: Listing, start: int, end: int) -> int:
     """Behind the first line with ``DEF``; before everything where there is none."""
-    found = _BEGIN.search(listing.text[start:end].encode("latin-1"))
-    if found is None:
+    match = _BEGIN.search(listing.text[start:end].encode("latin-1"))
+    if match is None:
         return start
-    at = listing.after_line(start + found.start())
+    at = listing.after_line(start + match.start())
     return at if at < end or listing.text[at - 1 : at] in "\r\n" else start
 
 

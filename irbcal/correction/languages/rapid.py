@@ -281,10 +281,10 @@ class Reader:
 
     def _tokenize(self) -> None:
         make, append = partial(tuple.__new__, Token), self.tokens.append  # half the time of Token(…)
-        for found in TOKEN.finditer(self.text, 1 if self.text.startswith("\ufeff") else 0):
-            k, end = found.lastindex, found.end()
+        for match in TOKEN.finditer(self.text, 1 if self.text.startswith("\ufeff") else 0):
+            k, end = match.lastindex, match.end()
             assert k is not None
-            word = found[k]
+            word = match[k]
             if k == _LIST:
                 append(make(("list", "[", end - len(word), end)))
             elif k < _NAME:
@@ -685,14 +685,14 @@ class Literals:
         The module as read.
     flow : ControlFlow
         What looks like a target where none can be corrected, and moves to targets that cannot, are noted there.
-    found : list of Literal
+    targets : list of Literal
         In the order in which they are come upon.
     """
 
     def __init__(self, listing: Listing) -> None:
         self.flow, self.reader = ControlFlow(listing), Reader(listing)
         self.source = listing.parts[0].name
-        self.found: list[Literal] = []
+        self.targets: list[Literal] = []
         self.reader.read()
         self._collect()
 
@@ -783,7 +783,7 @@ class Literals:
         absent = [k for k, value in enumerate(literal.written, start=1) if abs(value) >= ABSENT]
         if kind == "joint" and absent and literal.problem is None:
             literal.conflicts.append(f"joint {absent[0]} has no value (9E9)")
-        self.found.append(literal)
+        self.targets.append(literal)
         return literal
 
     def _check_parts(self, node: Node, items: list[Node], kind: Kind, name: str) -> None:
@@ -1076,7 +1076,7 @@ class Uses:
         ProgramError
             If the numbers of a target that is used are none, or a tool or work object is not known.
         """
-        reader, literals, listing = self.reader, self.literals.found, self.reader.listing
+        reader, literals, listing = self.reader, self.literals.targets, self.reader.listing
         for literal in literals:
             if literal.problem and literal.uses:
                 message = f"{TYPE_OF[literal.kind]} {literal.name!r}: {literal.problem}"
@@ -1118,7 +1118,7 @@ class Uses:
     def _declared_frames(self) -> dict[str, dict[str, FloatArray]]:
         """Tools and work objects of this module that its targets use: of poses all, of joints those that are known."""
         out: dict[str, dict[str, FloatArray]] = {"tooldata": {}, "wobjdata": {}}
-        for literal in self.literals.found:
+        for literal in self.literals.targets:
             for use in literal.uses if literal.correctable else ():
                 for type_name, name in (("tooldata", use.tool), ("wobjdata", use.work_object)):
                     if (
@@ -1593,13 +1593,13 @@ def fingerprint(data: bytes, source: str = "program") -> str | None:
     return _mark_of(reader)
 
 
-def _notes(reader: Reader, found: list[Literal]) -> tuple[Note, ...]:
+def _notes(reader: Reader, targets: list[Literal]) -> tuple[Note, ...]:
     """What the corrections do not know about."""
     seen: dict[str, Note] = {}
     for mention in reader.mentions:
         if mention.name in _NOTES:
             seen.setdefault(mention.name, Note(reader.line(mention.start), _NOTES[mention.name]))
-    for literal in found:
+    for literal in targets:
         axes = literal.axes.items or ()
         if literal.uses and any(leaf.number is not None and abs(leaf.number) < ABSENT for leaf in axes):
             text = f"{literal.name} has external axes: where they carry the robot or the work, its place is another"

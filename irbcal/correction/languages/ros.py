@@ -165,9 +165,9 @@ class RosProgram(Program):
         """The program with speeds and accelerations to write."""
         return replace(self, commands=commands)
 
-    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, corrections: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """The file with the numbers of the commands and a comment at its end."""
-        ((_, fake),) = found
+        ((_, fake),) = corrections
         if not fake.ok.all():
             return {self.source: self.data}
         new: dict[str, FloatArray | None] = {"positions": self.arm.from_controller(fake.q)}

@@ -112,9 +112,9 @@ class TableProgram(Program):
         """A row a stop, in the order of the file."""
         return [Stop(row, k, k - 1 if k else None) for k, row in enumerate(self.rows.tolist())]
 
-    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, corrections: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """The table with the joints or poses of the rows that are corrected, marked in a column."""
-        ((_, fake),) = found
+        ((_, fake),) = corrections
         values = fake.q if self.kind == "joint" else fake.T_fake
         return {self.source: with_values(self, values, fingerprint, fake.ok) if fake.ok.any() else self.data}
 
@@ -231,9 +231,9 @@ class TimedTable(TableProgram):
         """The program with speeds and accelerations to write."""
         return replace(self, commands=commands)
 
-    def with_fake_targets(self, found: Corrections, fingerprint: str | None) -> dict[str, bytes]:
+    def with_fake_targets(self, corrections: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """The table with the joints of the commands, their speeds and accelerations, marked in a column."""
-        ((_, fake),) = found
+        ((_, fake),) = corrections
         if not fake.ok.all() or self.commands is None:
             return {self.source: self.data}
         counted = _counted(self.commands, self.arm.to_controller(np.eye(len(self.columns))).T)

@@ -75,19 +75,19 @@ def statements(listing: Listing) -> tuple[list[list[Token]], list[str]]:
     tokens: list[Token] = []
     depth = 0
     start = len(BOM) if listing.text.startswith(BOM) else 0
-    for found in TOKEN.finditer(listing.text, start):
-        kind = str(found.lastgroup)
+    for match in TOKEN.finditer(listing.text, start):
+        kind = str(match.lastgroup)
         if kind == "comment":
-            comments.append(found[0])
+            comments.append(match[0])
         elif kind == "newline":
-            if tokens and (depth <= 0 or found[0] == ";"):
+            if tokens and (depth <= 0 or match[0] == ";"):
                 out.append(tokens)
                 tokens, depth = [], 0
-        elif kind == "other" and found[0] in "\"'":
-            raise listing.error(found.start(), "the string is not closed in its line")
+        elif kind == "other" and match[0] in "\"'":
+            raise listing.error(match.start(), "the string is not closed in its line")
         elif kind not in ("space", "line"):
-            depth += (found[0] in "([") - (found[0] in ")]") if kind == "symbol" else 0
-            tokens.append(Token(kind, found[0], found.start(), found.end()))
+            depth += (match[0] in "([") - (match[0] in ")]") if kind == "symbol" else 0
+            tokens.append(Token(kind, match[0], match.start(), match.end()))
             if len(tokens) > _MOST:
                 raise listing.error(tokens[0].start, "the brackets of this statement are not closed")
     if tokens:
@@ -156,9 +156,9 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> ScriptP
     for line in lines:
         script.take(line)
     script.conclude()
-    found = sorted([*script.variables.values(), *script.literals], key=lambda one: one.start)
+    found = sorted([*script.variables.values(), *script.literals], key=lambda target: target.start)
     head = _DEF.search(listing.text)
-    poses = any(one.kind == "pose" and one.uses for one in found)
+    poses = any(target.kind == "pose" and target.uses for target in found)
     return ScriptProgram.assembled(
         UNIVERSAL_ROBOTS,
         arm,
@@ -194,11 +194,11 @@ class _Script:
         name, value = _assignment(tokens)
         if name is None:
             return
-        found = None if value is None else self._literal(value, name.word)
-        if found is None or name.word in self.variables or name.word in self._changed:
+        target = None if value is None else self._literal(value, name.word)
+        if target is None or name.word in self.variables or name.word in self._changed:
             self._changed.setdefault(name.word, name.start)
         else:
-            self.variables[name.word] = found
+            self.variables[name.word] = target
 
     def take(self, tokens: list[Token]) -> None:
         """Take one statement."""
@@ -249,12 +249,12 @@ class _Script:
         """``set_tcp``."""
         setup = arguments(tokens[1:])
         line = self.listing.line(tokens[0].start)
-        found = self._pose(setup[0][1]) if setup else None
-        if found is None:
+        target = self._pose(setup[0][1]) if setup else None
+        if target is None:
             self.flow.tool(None, f"the TCP of line {line} is computed")
             return
         name = f"of line {line}"
-        self.tools[name] = UNIVERSAL_ROBOTS.frame([number.value for number in found.numbers])
+        self.tools[name] = UNIVERSAL_ROBOTS.frame([number.value for number in target.numbers])
         self.flow.tool(name)
 
     def _pose(self, tokens: Tokens) -> Target | None:
@@ -303,34 +303,34 @@ class _Script:
             near = self._joints(seed) if seed is not None else None
         elif len(point) > 1 and point[0].kind == "name" and point[0].word != "p":
             self._mentioned += [token for token in point if token.kind == "name"]
-        found = self._target(goal, f"of {move} in line {self.listing.line(at)}")
-        if found is None:
+        target = self._target(goal, f"of {move} in line {self.listing.line(at)}")
+        if target is None:
             name = goal[0].word if len(goal) == 1 else ""
             changed = self._changed.get(name)
             where = f"{name} is computed or changed in line {self.listing.line(changed)}" if changed is not None else ""
             self.flow.leave(at, move, text, where or "its target is computed")
             return None
         if near is not None:
-            if found.near is not None and np.abs(found.near - near).max() > 0.5:
-                found.conflicts.append("its moves start from different joints (qnear)")
-            found.near = near
-        self.flow.use(found, at, move, role)
-        return found
+            if target.near is not None and np.abs(target.near - near).max() > 0.5:
+                target.conflicts.append("its moves start from different joints (qnear)")
+            target.near = near
+        self.flow.use(target, at, move, role)
+        return target
 
     def _target(self, tokens: Tokens, name: str) -> Target | None:
         if len(tokens) == 1 and tokens[0].kind == "name":
             return self.variables.get(tokens[0].word)
-        found = self._literal(tokens, name)
-        if found is not None:
-            self.literals.append(found)
-        return found
+        target = self._literal(tokens, name)
+        if target is not None:
+            self.literals.append(target)
+        return target
 
     def _joints(self, tokens: Tokens) -> FloatArray | None:
         """Joints in radians, or those of a variable."""
-        found = self._pose(tokens)
-        if found is None or found.kind != "joint" or found.conflicts:
+        target = self._pose(tokens)
+        if target is None or target.kind != "joint" or target.conflicts:
             return None
-        return np.array([number.value for number in found.numbers])
+        return np.array([number.value for number in target.numbers])
 
     def conclude(self) -> None:
         """Tell the targets of other uses and other values of their variables."""

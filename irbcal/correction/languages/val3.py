@@ -130,10 +130,10 @@ def read(listing: Listing) -> tuple[list[Value], list[Code], list[str]]:
 def _attributes(piece: re.Match[str]) -> tuple[dict[str, str], dict[str, int]]:
     texts: dict[str, str] = {}
     places: dict[str, int] = {}
-    for found in _ATTRIBUTE.finditer(piece["rest"]):
-        which = 2 if found[2] is not None else 3
-        texts.setdefault(found[1], found[which])
-        places.setdefault(found[1], piece.start("rest") + found.start(which))
+    for match in _ATTRIBUTE.finditer(piece["rest"]):
+        which = 2 if match[2] is not None else 3
+        texts.setdefault(match[1], match[which])
+        places.setdefault(match[1], piece.start("rest") + match.start(which))
     return texts, places
 
 

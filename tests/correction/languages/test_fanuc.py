@@ -302,9 +302,9 @@ def test_everything_is_found_in_its_place():
     assert [step.number for step in steps] == [1, 2]
     assert "P[2] 5mm/sec" in listing.text[steps[1].start : steps[1].end]
     one, other = points(listing, *places["POS"])
-    assert [number.value for number in one.found.numbers] == [-0.07, 2, 3, 1, 2, 3]
-    assert (one.user_frame, one.tool, one.found.external) == ("0", "1", "E1")
-    assert [listing.text[slice(*span)] for span in one.found.configuration_spans] == ["0", "-1", "1"]
+    assert [number.value for number in one.target.numbers] == [-0.07, 2, 3, 1, 2, 3]
+    assert (one.user_frame, one.tool, one.target.external) == ("0", "1", "E1")
+    assert [listing.text[slice(*span)] for span in one.target.configuration_spans] == ["0", "-1", "1"]
     assert other.reason == "it is of another motion group"
 
 

@@ -352,7 +352,7 @@ def read(text, name="job.dat"):
 def test_declarations(text):
     data, taken = read(text)
     assert taken == [True]
-    (found,) = data.lookup(0, "xp1").found.values()
+    (found,) = data.lookup(0, "xp1").targets.values()
     assert [number.value for number in found.numbers] == [1, 2, 3, 4, 5, 6]
     assert found.configuration.whole
 
@@ -360,8 +360,8 @@ def test_declarations(text):
 def test_arrays_and_other_lines():
     data, taken = read(f"DECL FRAME v[3]\nDECL INT n=3\nLIN v\nENUM a b\nDECL E6POS q[2]={P}\n")
     assert taken == [True, True, False, True, True]
-    assert data.lookup(0, "v").found == {}
-    assert list(data.lookup(0, "q").found) == [(2,)]
+    assert data.lookup(0, "v").targets == {}
+    assert list(data.lookup(0, "q").targets) == [(2,)]
 
 
 def test_components_keep_their_places():
@@ -386,7 +386,7 @@ def test_components_keep_their_places():
 )
 def test_status_and_turn(status, turn, reason):
     data, _ = read(f"DECL POS p={{X 1,Y 2,Z 3,A 4,B 5,C 6,S {status},T {turn}}}")
-    (found,) = data.lookup(0, "p").found.values()
+    (found,) = data.lookup(0, "p").targets.values()
     assert (reason in "".join(found.conflicts)) if reason else not found.conflicts
 
 
