@@ -22,7 +22,7 @@ FLOORS = (
         "reading",
         "templates",
     ),
-    ("figures", "modeling"),
+    ("plotting", "modeling"),
     ("measurement",),
     ("identification",),
     ("io",),

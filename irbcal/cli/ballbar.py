@@ -50,8 +50,8 @@ def ballbar(
     """Radial errors of a circle as a ballbar shows them: nominal targets, fake targets, measured; joint reversals."""
     import numpy as np
 
-    from irbcal.figures.drawn_figure import check_name
     from irbcal.io.opening import open_calibration
+    from irbcal.plotting.charts import check_name
     from irbcal.units import DEG, MM
     from irbcal.validation import ballbar_check
 

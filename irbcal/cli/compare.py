@@ -54,9 +54,9 @@ def compare(
         if latex is not None:
             written[latex] = result.latex().encode()
         if plots is not None:
-            from irbcal.validation import comparing_plots
+            from irbcal.validation.plots import compared_files
 
-            written |= {plots / name: content for name, content in comparing_plots.files(result).items()}
+            written |= {plots / name: content for name, content in compared_files(result).items()}
         write_set(written)
     if json:
         show.print_json(result.to_dict() | {"written": [str(path) for path in written]})

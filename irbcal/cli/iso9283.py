@@ -84,7 +84,7 @@ def iso9283(
     json: Json = False,
 ) -> None:
     """Accuracy, repeatability, drift, settling, velocity, corners, posing time, compliance, after ISO 9283:1998."""
-    from irbcal.figures.drawn_figure import check_name
+    from irbcal.plotting.charts import check_name
     from irbcal.units import MM
     from irbcal.validation import iso9283_check
 

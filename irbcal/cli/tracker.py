@@ -30,7 +30,7 @@ def tracker(
     repeat: optional position. For drift: time_s, optional temperature_c, pressure_mmhg, humidity_percent. For settle:
     time_s, run.
     """
-    from irbcal.figures.drawn_figure import check_name
+    from irbcal.plotting.charts import check_name
     from irbcal.units import MM
     from irbcal.validation import tracker_check
 

@@ -292,4 +292,4 @@ def _numbers(maker: Maker | None, T: FloatArray) -> FloatArray:
 def _frame(maker: Maker | None, numbers: tuple[float, ...]) -> FloatArray:
     if maker is None:
         return frames.transform(np.eye(3), np.array(numbers[:3]) * MM)
-    return maker.poses(np.array(numbers))[0]
+    return maker.poses(np.array([numbers]))[0]

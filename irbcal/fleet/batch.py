@@ -471,7 +471,7 @@ def _write(result: CalibratedFleet) -> None:
 
 def page(fleet: CalibratedFleet) -> str:
     """The page of a list's calibrations."""
-    from irbcal.figures.colours import CALIBRATED, NOMINAL
+    from irbcal.plotting.colours import CALIBRATED, NOMINAL
     from irbcal.templates import environment
 
     largest = max([r.nominal_mm or 0.0 for r in fleet.robots] + [r.mean_mm or 0.0 for r in fleet.robots] + [1e-9])

@@ -23,9 +23,8 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.figures.colours import TEXT
-from irbcal.figures.style import house_style
 from irbcal.identification.problem import Problem, State
+from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, span
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 
@@ -399,53 +398,37 @@ class History(Speaks):
         columns += [f"{name}_{what}_mm" for name in self.others for what in ("mean", "max")]
         return pd.DataFrame(self.rows, columns=columns)
 
-    def plot(self) -> Figure:
-        """Draw it, see `plot`."""
-        return plot(self)
+    def plot(self) -> Chart:
+        """Objective and unused points against iterations (Nubiola 2011, Figure 7.2).
 
+        A dot marks the iteration at which the mean distance of each group of unused points was smallest.
 
-def plot(history: History) -> Figure:
-    """Objective and unused points against iterations (Nubiola 2011, Figure 7.2).
-
-    A dot marks the iteration at which the mean distance of each group of unused points was smallest.
-
-    Parameters
-    ----------
-    history : History
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    IdentificationError
-        If nothing was recorded.
-    """
-    from matplotlib.figure import Figure
-
-    table = history.to_frame()
-    if table.empty:
-        raise IdentificationError("there is no history to draw: no iteration was recorded")
-    with house_style():
-        return _drawn(Figure(figsize=(7.0, 6.0 if history.others else 3.5), layout="constrained"), history, table)
-
-
-def _drawn(figure: Figure, history: History, table: pd.DataFrame) -> Figure:
-    axes = figure.subplots(2 if history.others else 1, 1, sharex=True, squeeze=False)[:, 0]
-    axes[0].plot(table["iteration"], table["objective_mm"], color=TEXT, label="objective, points of the fit")
-    for k, name in enumerate(history.others):
-        color = f"C{k}"
-        mean = table[f"{name}_mean_mm"]
-        best = mean.idxmin()
-        axes[0].plot(table["iteration"], table[f"{name}_max_mm"], color=color, label=f"largest, {name}")
-        axes[1].plot(table["iteration"], mean, color=color, label=f"mean, {name}")
-        axes[1].plot(table["iteration"][best], mean[best], "o", color=color)
-    for ax, label in zip(axes, ("largest distance / objective (mm)", "mean distance (mm)"), strict=False):
-        ax.set_ylabel(label)
-        ax.legend()
-    axes[-1].set_xlabel("iteration")
-    return figure
+        Raises
+        ------
+        IdentificationError
+            If nothing was recorded.
+        """
+        table = self.to_frame()
+        if table.empty:
+            raise IdentificationError("there is no history to draw: no iteration was recorded")
+        iteration = table["iteration"].to_numpy(dtype=float)
+        upper = [("ink", "objective, points of the fit", table["objective_mm"])]
+        upper += [(f"error{k % 5}", f"largest, {name}", table[f"{name}_max_mm"]) for k, name in enumerate(self.others)]
+        lower = [(f"error{k % 5}", f"mean, {name}", table[f"{name}_mean_mm"]) for k, name in enumerate(self.others)]
+        drawings: list[Drawing] = []
+        legend: list[LegendEntry] = []
+        for rows, label in ((upper, "largest distance / objective (mm)"), (lower, "mean distance (mm)")):
+            if rows:
+                drawing = Drawing(label, 220.0, 480.0)
+                panel = Panel(drawing, span(iteration), span(*(y for *_, y in rows)), "iteration", label, whole_x=True)
+                for colour, words, y in rows:
+                    dash = "5 3" if rows is lower else ""
+                    panel.line(iteration, y, colour, dash=dash)
+                    legend.append((colour, "--" if dash else "-", words))
+                    if rows is lower:
+                        panel.dots([iteration[y.argmin()]], [y.min()], colour, 6.0)
+                drawings.append(drawing)
+        return Chart("course", "Objective and unused points by iteration", drawings, legend, 1)
 
 
 STEP_TOLERANCE = 1e-7

@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from irbcal.io.opening import CalibrationLike
+    from irbcal.plotting.charts import Chart
 
 
 def verdict(found: JointBehaviour) -> list[str]:
@@ -289,7 +290,7 @@ class JointBehaviour(Speaks):
 
         return tuple(plots.drawings(self))
 
-    def plot(self, figure: str) -> Any:
+    def plot(self, figure: str) -> Chart:
         """One of the `figures`.
 
         Parameters
@@ -299,7 +300,7 @@ class JointBehaviour(Speaks):
 
         Returns
         -------
-        matplotlib.figure.Figure
+        Chart
 
         Raises
         ------

@@ -14,12 +14,11 @@ from typing import Any, Literal, cast
 
 from irbcal import __version__
 from irbcal.errors import OptionError
-from irbcal.figures import charts
-from irbcal.figures.charts import Figure
-from irbcal.figures.picture import SIMULATED
-from irbcal.figures.pose_errors import PoseErrors, errors_by_pose, vectors, workspace
 from irbcal.measurement.cleaning import left_out
 from irbcal.options import checked
+from irbcal.plotting import charts
+from irbcal.plotting.charts import Chart
+from irbcal.plotting.pose_errors import PoseErrors, errors_by_pose, vectors, workspace
 from irbcal.reports import paper
 from irbcal.reports.report_data import as_csv
 from irbcal.units import MM
@@ -90,8 +89,7 @@ def certificate(
     with made_folders(*(Path(folder) for folder in (path.parent, figures, data) if folder is not None)):
         folders.setdefault(path.parent, {})[path.name] = render(evaluation).encode("utf-8")
         if figures is not None:
-            mark = SIMULATED if evaluation.simulated else ""
-            drawn = {f"{f.name}.{kind}": charts.file(f, kind, mark) for f in draw(evaluation)}
+            drawn = {f"{f.name}.{kind}": f.marked(evaluation.simulated).content(kind) for f in draw(evaluation)}
             folders.setdefault(Path(figures), {}).update(drawn)
         if data is not None:
             folders.setdefault(Path(data), {}).update(data_files(evaluation))
@@ -140,7 +138,7 @@ def render(evaluation: Evaluation, issued: datetime | None = None) -> str:
     )
 
 
-def draw(evaluation: Evaluation) -> list[Figure]:
+def draw(evaluation: Evaluation) -> list[Chart]:
     """Errors of the calibrated robot by pose, with the tolerance, and over the workspace; error vectors of both."""
     kept = evaluation.conformity
     mine = _calibrated(evaluation)

@@ -10,12 +10,12 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.figures.pose_errors import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
 from irbcal.io.schema import Record, Statistics
 from irbcal.joint_analysis import residuals as joint_approach
 from irbcal.measurement.places import places
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
+from irbcal.plotting.pose_errors import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
 from irbcal.validation.coverage import coverage

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.figures.charts import Drawing, Figure, LegendEntry, Panel, Sign, Text, fixed, up_to
 from irbcal.io.schema import EvidenceSection, ExplainedStage, Gear, GearSpectrum, Record
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
+from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, Sign, Text, fixed, up_to
 from irbcal.reports.evidence import Evidence
 from irbcal.units import DEG, MM
 
@@ -35,7 +35,7 @@ def by_leaving_out(section: EvidenceSection) -> bool:
     return section.readings_lag or any(stage.mean_mm is None for stage in section.explained)
 
 
-def explained(record: Record) -> Figure:
+def explained(record: Record) -> Chart:
     """A bar for each stage, one family after the other, and one for the calibration."""
     section = record.evidence
     assert section is not None
@@ -76,7 +76,7 @@ def explained(record: Record) -> Figure:
         legend.append(("soft", "o", "only tried"))
     if timed:
         legend.append(("accent", "-", "with the warmth of each pose"))
-    return Figure("explained", caption, [drawing], legend, columns=1)
+    return Chart("explained", caption, [drawing], legend, columns=1)
 
 
 def _stage_words(stage: ExplainedStage, value: float, seen: float, k: int) -> str:
@@ -93,7 +93,7 @@ def _bar(panel: Panel, drawing: Drawing, y: float, value: float, words: str, col
 # --- gears ------------------------------------------------------------------------------------------------
 
 
-def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[Gear]) -> Figure:
+def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[Gear]) -> Chart:
     """A panel for each joint: how strong a wave of so many cycles per turn would be, and what was found."""
     values = np.array(spectrum.chi2)
     cycles = spectrum.first + spectrum.step * np.arange(values.shape[1]) + 0.5 * (spectrum.step - 1)
@@ -118,7 +118,7 @@ def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[Gear]) -> Figure:
         "its ratio"
     )
     legend: list[LegendEntry] = [("ink", "-", "scan"), ("soft", "--", "limit of chance")]
-    return Figure("gear_spectrum", caption, drawings, [*legend, ("accent", "o", "found")] if gears else legend, 3)
+    return Chart("gear_spectrum", caption, drawings, [*legend, ("accent", "o", "found")] if gears else legend, 3)
 
 
 def _named(drawing: Drawing, panel: Panel, gears: Sequence[Gear], end: float, limit: float) -> None:
@@ -146,7 +146,7 @@ SIDES: tuple[tuple[float, str, Sign, str], ...] = (
 )
 
 
-def corrections(record: Record, evidence: Evidence) -> Figure | None:
+def corrections(record: Record, evidence: Evidence) -> Chart | None:
     """A panel for each joint: effective minus commanded, over the joint's range and from both sides."""
     robot = record.robot_calibrated()
     fitted = next((poses for poses in evidence.sets if poses.name == "fitted"), None)
@@ -169,11 +169,11 @@ def corrections(record: Record, evidence: Evidence) -> Figure | None:
         "Grey: the range of the fit; beyond it the map is extrapolated and must not be trusted"
     )
     if not has_history:
-        return Figure("corrections", caption, drawings, [("calibrated", "-", "correction")], 3)
+        return Chart("corrections", caption, drawings, [("calibrated", "-", "correction")], 3)
     caption += f". The two sides: after a move of {TYPICAL[0] / DEG:.0f}° of this joint alone"
     if record.robot.joint_types.count("prismatic"):
         caption += f" ({TYPICAL[1] / MM:.0f} mm of one that slides)"
-    return Figure("corrections", caption, drawings, [(c, "-", words) for _, c, _, words in SIDES], 3)
+    return Chart("corrections", caption, drawings, [(c, "-", words) for _, c, _, words in SIDES], 3)
 
 
 def _correction(

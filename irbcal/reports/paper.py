@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from irbcal.figures import charts
-from irbcal.figures.charts import fixed
+from irbcal.plotting import charts
+from irbcal.plotting.charts import fixed
 
 if TYPE_CHECKING:
     from jinja2 import Template

@@ -1,4 +1,4 @@
-"""Figures of the calibration report, drawn from `Evidence`; those of pose errors are in `irbcal.figures.pose_errors`.
+"""Figures of the calibration report, drawn from `Evidence`; those of pose errors are in `irbcal.plotting.pose_errors`.
 
 A model has one colour in all of them. Names from the data stand in texts and titles of marks, where they are escaped.
 """
@@ -10,17 +10,23 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from irbcal.arrays import BoolArray
-from irbcal.figures.charts import Drawing, Figure, LegendEntry, Panel, Text
-from irbcal.figures.marks import Shape
-from irbcal.figures.pose_errors import before_and_after, distribution, errors_by_pose, turns_by_pose, vectors, workspace
 from irbcal.io.schema import Observability, Record
 from irbcal.joint_analysis.residuals import Approach
+from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, Shape, Text
+from irbcal.plotting.pose_errors import (
+    before_and_after,
+    distribution,
+    errors_by_pose,
+    turns_by_pose,
+    vectors,
+    workspace,
+)
 from irbcal.reports.evidence import Evidence
 from irbcal.reports.model_figures import corrections, explained, gear_spectrum
 from irbcal.units import DEG, MM
 
 
-def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Figure]]:
+def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
     """All figures of a report.
 
     Parameters
@@ -30,11 +36,11 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Figure]]:
 
     Returns
     -------
-    dict of str to list of Figure
+    dict of str to list of Chart
         By section of the page.
     """
     first = evidence.sets[0]
-    out: dict[str, list[Figure]] = {
+    out: dict[str, list[Chart]] = {
         "verdict": [before_and_after(first)],
         "poses": [],
         "space": [],
@@ -73,7 +79,7 @@ SIDES: tuple[tuple[float, str, Shape, str], ...] = (
 )
 
 
-def residuals_by_joint(evidence: Evidence) -> Figure:
+def residuals_by_joint(evidence: Evidence) -> Chart:
     """A panel for each joint: single poses faint, means of bins with 95 % intervals strong."""
     found = evidence.approach
     assert found is not None
@@ -94,7 +100,7 @@ def residuals_by_joint(evidence: Evidence) -> Figure:
     if bare:
         joints = f"joint{'s' if len(bare) > 1 else ''} {', '.join(bare)}"
         caption += f". At {joints}, {found.points.poses} poses are too few for means of both directions"
-    return Figure("residuals_by_joint", caption, drawings, [(c, m, words) for _, c, m, words in SIDES], 3)
+    return Chart("residuals_by_joint", caption, drawings, [(c, m, words) for _, c, m, words in SIDES], 3)
 
 
 def _one_joint(found: Approach, j: int, unit: str, size: float) -> Drawing:
@@ -130,7 +136,7 @@ def _one_joint(found: Approach, j: int, unit: str, size: float) -> Drawing:
 # --- identification ---------------------------------------------------------------------------------------
 
 
-def singular_values(observability: Observability) -> Figure:
+def singular_values(observability: Observability) -> Chart:
     """Seen directions, and held ones at the edge of the drawing where they are far smaller."""
     caption = "Singular values of the scaled Jacobian: how far all points move together for a plausible error"
     values = np.array(observability.singular_values_mm)
@@ -151,7 +157,7 @@ def singular_values(observability: Observability) -> Figure:
             texts = [f"direction {k}: {v:.3g} mm" for k, v in zip(place[mask], values[mask], strict=True)]
             panel.dots(place[mask], shown[mask], colour, 5.5, shape=mark, titles=texts)
             legend.append((colour, mark, words))
-    return Figure("singular_values", caption, [drawing], legend)
+    return Chart("singular_values", caption, [drawing], legend)
 
 
 WORSE = 1.02
@@ -164,7 +170,7 @@ def tells(history: Mapping[str, Sequence[float]]) -> bool:
     return any(len(values) > 2 and values[-1] > WORSE * values.min() for values in unused)
 
 
-def course(history: Mapping[str, Sequence[float]]) -> Figure:
+def course(history: Mapping[str, Sequence[float]]) -> Chart:
     """Objective and errors of poses that took no part, by iteration."""
     caption = "Course of the identification: objective"
     unused = [name.removesuffix("_mean_mm") for name in history if name.endswith("_mean_mm")]
@@ -199,4 +205,4 @@ def course(history: Mapping[str, Sequence[float]]) -> Figure:
         ("accent", "-", "unused, mean"),
         ("accent", "--", "unused, largest"),
     ]
-    return Figure("course", caption, [drawing], legend if unused else legend[:1])
+    return Chart("course", caption, [drawing], legend if unused else legend[:1])

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from irbcal.figures import charts
-from irbcal.figures.charts import Figure
 from irbcal.io.schema import Exclusion, Parameter, Record, RobotSection
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import FOURIER
 from irbcal.modeling.terms.gear import in_words
 from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.plotting import charts
+from irbcal.plotting.charts import Chart
 from irbcal.reports import paper, report_data
 from irbcal.reports.limits import limits
 from irbcal.units import DEG, MM
@@ -116,7 +116,7 @@ def gather(calibration: Record) -> Evidence:
     return evidence.gather(calibration)
 
 
-def draw(calibration: Record, evidence: Evidence) -> dict[str, list[Figure]]:
+def draw(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
     """See `irbcal.reports.report_figures.figures`."""
     from irbcal.reports import report_figures
 
@@ -138,9 +138,8 @@ def figure_files(calibration: Record, evidence: Evidence, kind: Literal["png", "
     dict of str to bytes
         Contents by file name.
     """
-    mark = "SIMULATED data. " if calibration.simulated else ""
     sections = draw(calibration, evidence).values()
-    return {f"{f.name}.{kind}": charts.file(f, kind, mark) for figures in sections for f in figures}
+    return {f"{f.name}.{kind}": f.marked(calibration.simulated).content(kind) for charts in sections for f in charts}
 
 
 def verdict(calibration: Record) -> list[str]:

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import lock
 from irbcal.errors import OptionError
-from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
 from irbcal.options import length, number, place
+from irbcal.plotting.charts import Chart
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import DEG, MM
 from irbcal.validation import ballbar_trace
@@ -166,11 +166,11 @@ class BallbarCheck(Speaks):
         start = f"{self.mark}: " if self.mark else ""
         return f"{start}circularity with a bar of {self.bar / MM:g} mm: {'; '.join(said)}"
 
-    def plot(self, magnify: float | None = None) -> DrawnFigure:
+    def plot(self, magnify: float | None = None) -> Chart:
         """Polar plot of the radial errors (Figures A VI-1, A VI-4 and A VI-7), errors ``magnify`` times enlarged."""
         from irbcal.validation import plots
 
-        return DrawnFigure.of(plots.ballbar, self, magnify, size=(6.4, 7.0))
+        return plots.ballbar(self, magnify)
 
 
 def _change(change: Change | None) -> dict[str, Any] | None:

@@ -11,7 +11,6 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.figures.pose_errors import ModelErrors, PoseErrors
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
@@ -25,6 +24,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.options import checked, number, place
 from irbcal.options import seed as check_seed
 from irbcal.parallel import on_workers
+from irbcal.plotting.pose_errors import ModelErrors, PoseErrors
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap, comparison
 from irbcal.validation.conformity import check_options, conformity

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from irbcal.arrays import lock
-from irbcal.figures import pose_errors
-from irbcal.figures.picture import SIMULATED, Picture
-from irbcal.figures.pose_errors import PoseErrors
 from irbcal.measurement.cleaning import Exclusion, left_out
+from irbcal.plotting import pose_errors
+from irbcal.plotting.charts import Chart
+from irbcal.plotting.pose_errors import PoseErrors
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import accuracy
@@ -291,28 +291,28 @@ class EvaluationPlots:
     def __repr__(self) -> str:
         return f"<Figures of {self._evaluation!r}>"
 
-    def _picture(self, draw: Callable[[PoseErrors], Any]) -> Picture:
-        return Picture(draw(self._evaluation.errors), SIMULATED if self._evaluation.simulated else "")
+    def _of(self, draw: Callable[[PoseErrors], Chart]) -> Chart:
+        return draw(self._evaluation.errors).marked(self._evaluation.simulated)
 
-    def before_and_after(self) -> Picture:
+    def before_and_after(self) -> Chart:
         """Mean error and the largest error of both models."""
-        return self._picture(pose_errors.before_and_after)
+        return self._of(pose_errors.before_and_after)
 
-    def errors_by_pose(self) -> Picture:
+    def errors_by_pose(self) -> Chart:
         """Mean error of each pose in order of measurement."""
-        return self._picture(pose_errors.errors_by_pose)
+        return self._of(pose_errors.errors_by_pose)
 
-    def distribution(self) -> Picture:
+    def distribution(self) -> Chart:
         """Histogram of the errors, and errors against normal quantiles."""
-        return self._picture(pose_errors.distribution)
+        return self._of(pose_errors.distribution)
 
-    def workspace(self) -> Picture:
+    def workspace(self) -> Chart:
         """Mean error of each pose where it was measured."""
-        return self._picture(pose_errors.workspace)
+        return self._of(pose_errors.workspace)
 
-    def vectors(self) -> Picture:
+    def vectors(self) -> Chart:
         """Error vectors, enlarged, where they were measured."""
-        return self._picture(pose_errors.vectors)
+        return self._of(pose_errors.vectors)
 
 
 def statistics_table(title: str, entries: Sequence[tuple[str, str, Statistics]], bold: set[int]) -> Table:

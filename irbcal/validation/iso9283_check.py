@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.figures.drawn_figure import DrawnFigure, check_name
 from irbcal.io.opening import CalibrationLike, open_calibration, open_nominal
 from irbcal.measurement import table
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.options import length, number, place
+from irbcal.plotting.charts import Chart, check_name
 from irbcal.summary import Speaks, Told
 from irbcal.validation.cube import FRACTION, PLANES, FivePoses, Plane, five_poses
 from irbcal.validation.path_check import PathCheck, path_accuracy
@@ -81,7 +81,7 @@ class Iso9283(Speaks):
         """The table of the first test that was made, in the order of the attributes."""
         return self._made()[0].to_frame()
 
-    def plots(self) -> dict[str, DrawnFigure]:
+    def plots(self) -> dict[str, Chart]:
         """All figures, by ``drift`` and the names of the attributes; only what was measured.
 
         Raises
@@ -102,7 +102,7 @@ class Iso9283(Speaks):
             raise MeasurementError("there is nothing to draw: only directions of approach were measured")
         return drawn
 
-    def plot(self) -> DrawnFigure:
+    def plot(self) -> Chart:
         """The first of `plots`."""
         return next(iter(self.plots().values()))
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
+from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 from irbcal.validation.corner_criteria import Corner, cornering
@@ -125,11 +125,11 @@ class PathCheck(Speaks):
             out.append(Table("Corners: round-off CR and overshoot CO, largest of the cycles", columns, rows))
         return out
 
-    def plot(self) -> DrawnFigure:
+    def plot(self) -> Chart:
         """Path accuracy and repeatability on the planes along the path."""
         from irbcal.validation import plots
 
-        return DrawnFigure.of(plots.along_path, self)
+        return plots.along_path(self)
 
 
 def _velocity_dict(v: PathVelocity) -> dict[str, Any]:

@@ -10,10 +10,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
+from irbcal.plotting.charts import Chart
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import HOUR, MM
 from irbcal.validation.correlation import Correlation, correlation
@@ -140,11 +140,11 @@ class PointDrift(Speaks):
             out.append(f"Left out: {self.lost} lost points")
         return out
 
-    def plot(self) -> DrawnFigure:
+    def plot(self) -> Chart:
         """Error and air over time, one above the other (Figures A IV-1, A IV-2, A IV-3 and A IV-4)."""
         from irbcal.validation import plots
 
-        return DrawnFigure.of(plots.drift, self, size=(7.2, 2.2 * (1 + len(self.air))))
+        return plots.drift(self)
 
 
 def drift(source: TableLike) -> PointDrift:

@@ -10,10 +10,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.statistics import statistics
+from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation.pose_criteria import position_repeatability
@@ -96,11 +96,11 @@ class PointRepeatability(Speaks):
         ]
         return [*out, f"Left out: {self.lost} lost points"] if self.lost else out
 
-    def plot(self) -> DrawnFigure:
+    def plot(self) -> Chart:
         """Distance of each reading from the mean of its point (Figure A III-1)."""
         from irbcal.validation import plots
 
-        return DrawnFigure.of(plots.repeat, self)
+        return plots.repeat(self)
 
 
 def repeatability(source: TableLike) -> PointRepeatability:

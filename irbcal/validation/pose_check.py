@@ -16,12 +16,12 @@ import numpy as np
 
 from irbcal.arrays import lock
 from irbcal.errors import MeasurementError
-from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
+from irbcal.plotting.charts import Chart
 from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation.attained import attained, commanded_poses, measured_whole
@@ -139,7 +139,7 @@ class PoseCheck(Speaks):
                 said.append(f"{name} {position['mean_mm']:.3f} mm (mean), {position['max_mm']:.3f} mm (largest)")
         return "position errors " + "; ".join(said) if said else "variation and drift"
 
-    def plot(self) -> DrawnFigure:
+    def plot(self) -> Chart:
         """Position and orientation errors by pose, in each pose by cycle (Figures 7.8 and 7.9).
 
         Raises
@@ -151,9 +151,9 @@ class PoseCheck(Speaks):
 
         if not self.has_cycles:
             raise MeasurementError("there is nothing to draw: no cycles of pose accuracy were measured")
-        return DrawnFigure.of(plots.pose_cycles, self)
+        return plots.pose_cycles(self)
 
-    def plot_drift(self) -> DrawnFigure:
+    def plot_drift(self) -> Chart:
         """Accuracy and repeatability of each set of cycles of the drift test.
 
         Raises
@@ -165,7 +165,7 @@ class PoseCheck(Speaks):
 
         if not self.has_drift:
             raise MeasurementError("there is nothing to draw: no drift was measured")
-        return DrawnFigure.of(plots.drift_sets, self)
+        return plots.drift_sets(self)
 
     @property
     def has_cycles(self) -> bool:

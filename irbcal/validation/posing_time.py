@@ -15,10 +15,10 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
 from irbcal.modeling import frames
+from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import DEG, MM
 from irbcal.validation.settling import stabilisation
@@ -121,11 +121,11 @@ class PosingTimes(Speaks):
         times = [float(m.times.mean()) for m in self.moves.values()]
         return f"{start_of(self.simulated)}posing times of {len(times)} moves: {min(times):.3f} to {max(times):.3f} s"
 
-    def plot(self) -> DrawnFigure:
+    def plot(self) -> Chart:
         """Posing time over the length of the move."""
         from irbcal.validation import plots
 
-        return DrawnFigure.of(plots.posing_times, self)
+        return plots.posing_times(self)
 
 
 def posing_times(moves: TableLike, band: float) -> PosingTimes:

@@ -10,9 +10,9 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
+from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation.tables import XYZ, in_order, names, places
@@ -91,11 +91,11 @@ class ScaleBar(Speaks):
         )
         return [sentence, Table(title, ("position", "n", "mean", "sigma", "largest", "rms"), rows, digits=4)]
 
-    def plot(self) -> DrawnFigure:
+    def plot(self) -> Chart:
         """Errors in order of measurement, by position of the bar (Figure A II-1)."""
         from irbcal.validation import plots
 
-        return DrawnFigure.of(plots.bar, self)
+        return plots.bar(self)
 
 
 def _signed(error: FloatArray) -> dict[str, int | float]:

@@ -10,9 +10,9 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
+from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import settling
@@ -105,11 +105,11 @@ class Settling(Speaks):
         title = f"Position stabilisation, limit band {self.band / MM:.4g} mm"
         return [f"{start_of(self.simulated)}{mean}, overshoot {largest} mm (largest)", Table(title, columns, rows)]
 
-    def plot(self) -> DrawnFigure:
+    def plot(self) -> Chart:
         """Distance from the final position over time, with the limit band (Figure A V-1)."""
         from irbcal.validation import plots
 
-        return DrawnFigure.of(plots.approaches, self)
+        return plots.approaches(self)
 
 
 def _known(value: float) -> float | None:

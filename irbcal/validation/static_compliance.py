@@ -14,9 +14,9 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.figures.drawn_figure import DrawnFigure
 from irbcal.measurement import readings
 from irbcal.measurement.columns import TableLike
+from irbcal.plotting.charts import Chart
 from irbcal.summary import Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation.tables import AXES, in_order, is_simulated, names, places, start_of
@@ -138,11 +138,11 @@ class StaticCompliance(Speaks):
         name, worst = max(self.directions.items(), key=lambda item: item[1].along)
         return f"{start_of(self.simulated)}static compliance up to {worst.along / MM:.5f} mm/N ({name})"
 
-    def plot(self) -> DrawnFigure:
+    def plot(self) -> Chart:
         """Displacement along the force over the force."""
         from irbcal.validation import plots
 
-        return DrawnFigure.of(plots.compliance, self)
+        return plots.compliance(self)
 
 
 def static_compliance(forces: TableLike, R_frame_world: FloatArray | None = None) -> StaticCompliance:

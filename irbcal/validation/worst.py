@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.figures.pose_errors import PoseErrors
+from irbcal.plotting.pose_errors import PoseErrors
 from irbcal.units import MM
 
 

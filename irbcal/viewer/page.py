@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
-from irbcal.figures.colours import ERRORS
 from irbcal.modeling.joint_map import JointMap
+from irbcal.plotting.colours import ERRORS
 from irbcal.units import DEG, MM
 from irbcal.viewer.scene import Drawn, Model, Points, Scene
 

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli.main import app
-from irbcal.figures import colours
+from irbcal.plotting import colours
 from irbcal.validation.ballbar_circle import circle, tool
 from irbcal.validation.ballbar_prediction import predict
 

@@ -53,17 +53,14 @@ def test_plot_has_units_and_every_group(case, tmp_path):
     start = least_squares.solve(problem, initial_guess.first_state(problem))
     history = History(problem, others)
     minimax.nelder_mead(problem, start, iterations=30, record=history.record)
-    figure = history_module.plot(history)
-    labels = [ax.get_ylabel() for ax in figure.axes]
-    assert all(label.endswith("(mm)") for label in labels)
-    assert figure.axes[-1].get_xlabel() == "iteration"
-    texts = [text.get_text() for ax in figure.axes for text in ax.get_legend().get_texts()]
-    assert all(any(name in text for text in texts) for name in others)
-    figure.savefig(tmp_path / "history.png")
-    assert (tmp_path / "history.png").stat().st_size > 5_000
+    chart = history.plot()
+    assert all(drawing.label.endswith("(mm)") for drawing in chart.drawings)
+    words = [words for *_, words in chart.legend]
+    assert all(any(name in text for text in words) for name in others)
+    assert chart.save(tmp_path / "history.png").stat().st_size > 5_000
     alone = History(problem)
     alone.record(0, start.state)
-    assert len(history_module.plot(alone).axes) == 1
+    assert len(alone.plot().drawings) == 1
 
 
 def test_refusals(case):
@@ -74,7 +71,7 @@ def test_refusals(case):
     with pytest.raises(IdentificationError, match="the points 'other' cannot be followed"):
         History(problem, {"other": other})
     with pytest.raises(IdentificationError, match="no iteration was recorded"):
-        history_module.plot(History(problem))
+        History(problem).plot()
 
 
 def test_it_speaks_and_can_be_pickled(case):
@@ -86,4 +83,4 @@ def test_it_speaks_and_can_be_pickled(case):
     assert "iso cube_mean_mm" in history.summary()
     again = pickle.loads(pickle.dumps(history))
     assert again.rows == history.rows
-    assert len(history.plot().axes) == 2
+    assert len(history.plot().drawings) == 2

@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from chart_data import given, texts
 from moving import moves, random_commands, refusal, simulated, there_and_back
 
 from irbcal.joint_analysis import plots
 from irbcal.joint_analysis.behaviour import JointBehaviour
 from irbcal.joint_analysis.moves import analyse_moves
 from irbcal.joint_analysis.residuals import analyse_residuals
+
+__all__ = ["given"]
 
 
 @pytest.fixture(scope="module")
@@ -31,14 +34,14 @@ def test_figures_by_name_are_those_of_the_files(found):
     assert all(content.startswith(b"\x89PNG") for content in files.values())
 
 
-def test_a_figure_shows_the_errors_of_each_home_pose(found):
-    figure = found.plot("stiffness_joint_2")
-    (axes,) = figure.axes
-    drawn = [line for line in axes.get_lines() if line.get_marker() == "."]
-    for line, series in zip(drawn, found.moves[0].series, strict=True):
-        assert line.get_xdata() == pytest.approx(np.degrees(series.turn), abs=1e-9)
-        assert line.get_ydata() == pytest.approx(np.degrees(series.angle), abs=1e-12)
-    assert figure.get_suptitle() == "SIMULATED data: equivalent error of joint 2"
+def test_a_figure_shows_the_errors_of_each_home_pose(found, given):
+    chart = found.plot("stiffness_joint_2")
+    for k, series in enumerate(found.moves[0].series):
+        ((kind, x, y),) = given[f"error{k}"]
+        assert kind == "dots"
+        assert x == pytest.approx(np.degrees(series.turn), abs=1e-9)
+        assert y == pytest.approx(np.degrees(series.angle), abs=1e-12)
+    assert chart.mark + chart.caption == "SIMULATED data. Equivalent error of joint 2"
 
 
 def test_other_figures_are_refused(found):
@@ -55,24 +58,19 @@ def few():
     return JointBehaviour("points.csv", True, (), seen)
 
 
-def test_panels_say_where_there_are_no_means(few):
-    figure = few.plot("residuals_by_direction")
-    shown = [axes for axes in figure.axes if axes.get_visible()]
-    assert [axes.get_xlabel().split(";")[0] for axes in shown] == [f"joint {k} (deg)" for k in (2, 3, 4, 5, 6)]
-    for axes in shown:
-        assert sum(len(line.get_xdata()) for line in axes.get_lines() if line.get_marker() == ".") > 10
-        assert axes.get_xlabel().split("; ")[1].startswith("too few poses for means")
+def test_the_caption_says_where_there_are_no_means(few, given):
+    chart = few.plot("residuals_by_direction")
+    assert [word for word in texts(chart) if word.startswith("joint")] == [f"joint {k} (deg)" for k in (2, 3, 4, 5, 6)]
+    assert chart.caption.endswith("At joints 2, 3, 4, 5, 6, 24 poses are too few for means of both directions")
+    count = sum(len(x) for colour in ("below", "above") for kind, x, _ in given[colour] if kind == "dots")
+    assert count > 5 * 10
 
 
-def test_words_of_panels_neither_collide_nor_leave_the_figure(few):
-    figure = few.plot("residuals_by_direction")
-    figure.draw_without_rendering()
-    width, height = figure.bbox.size
-    labels = [axes.xaxis.label.get_window_extent() for axes in figure.axes[:3]]
-    titles = [axes.get_tightbbox() for axes in figure.axes[3:] if axes.get_visible()]
-    assert min(box.y0 for box in labels) > max(box.y1 for box in titles) + 4
-    for axes in filter(lambda axes: axes.get_visible(), figure.axes):
-        box = axes.yaxis.label.get_window_extent()
-        assert box.x0 > 8
-        assert 0 < box.y0 < box.y1 < height
-        assert box.x1 < width
+def test_words_of_panels_stay_in_their_drawings(few):
+    for drawing in few.plot("residuals_by_direction").drawings:
+        for item in drawing.items:
+            if hasattr(item, "text") and item.upright:
+                wide = 0.56 * item.size * len(item.text)
+                left = item.x - {"start": 0.0, "middle": 0.5, "end": 1.0}[item.anchor] * wide
+                assert -2 < left < left + wide < drawing.width + 4, item.text
+                assert 0 < item.y < drawing.height

@@ -14,7 +14,7 @@ from typer.main import get_command
 
 import irbcal
 from irbcal.cli.main import app
-from irbcal.figures import charts, colours
+from irbcal.plotting import colours
 from irbcal.reports import report_figures, report_page
 
 
@@ -54,7 +54,7 @@ def test_pictures_show_both_models_on_white(calibration, evidence):
     for figures in report_page.draw(calibration, evidence).values():
         for figure in figures:
             if figure.name in ("before_and_after", "residual_vectors"):
-                pixels = (255 * imread(io.BytesIO(charts.file(figure, "png")))[..., :3]).round().astype(int)
+                pixels = (255 * imread(io.BytesIO(figure.content("png")))[..., :3]).round().astype(int)
                 assert pixels[0, 0].tolist() == [255, 255, 255]
                 for colour in (colours.NOMINAL, colours.CALIBRATED):
                     wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]

@@ -23,8 +23,9 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
-from irbcal.figures import charts
+
 from irbcal.io.schema import Candidate, Choice, Exclusion, RotationStatistics
+from irbcal.plotting import charts
 from irbcal.reports import report_page
 
 

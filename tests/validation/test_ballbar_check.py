@@ -54,7 +54,7 @@ def test_simulated_readings_are_named(record, found, tmp_path):
     (tmp_path / "m.csv").write_text("angle_deg,error_mm,simulated\n" + "".join(rows))
     told = ballbar(record, tmp_path / "m.csv", tool=TOOL, joints=JOINTS)
     assert told.mark == "Calibration from SIMULATED data, SIMULATED readings"
-    assert told.plot().figure.legends[0].get_title().get_text() == told.mark
+    assert told.plot().mark == f"{told.mark}. "
     assert not found.simulated_readings
 
 

@@ -67,7 +67,7 @@ def test_velocities_and_corners_are_told(tmp_path):
     text = found.summary()
     for part in ("SIMULATED data: Path: AT", "AV +2.00 %, RV ±8.49 %, FV 0.00 mm/s, mean 102.00 mm/s", "CR mm"):
         assert part in text
-    assert found.plot().figure.get_suptitle() == "SIMULATED data"
+    assert found.plot().mark == "SIMULATED data. "
 
 
 def test_a_target_on_the_tool_follows_the_commanded_path_of_the_tip(record, tmp_path):

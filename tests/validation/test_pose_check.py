@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from chart_data import given
 from iso9283_files import CYCLES, cycles, write
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.validation.pose_check import check_poses
+
+__all__ = ["given"]
 
 
 @pytest.fixture(scope="module")
@@ -58,12 +61,12 @@ def test_left_out_points_are_told(record, file, tmp_path):
     )
 
 
-def test_figures(record, file):
+def test_figures(record, file, given):
     found = check_poses(table.read(file), record)
     assert (found.has_cycles, found.has_drift) == (True, False)
-    axes = found.plot().figure.axes
-    assert [a.get_ylabel() for a in axes] == ["position error (mm)", "orientation error (°)"]
-    heights = np.concatenate([line.get_ydata() for line in axes[0].get_lines() if line.get_marker() == "o"])
+    assert [d.label for d in found.plot().drawings] == ["position error (mm)", "orientation error (°)"]
+    models = [given[name] for name in found.models if given[name]]
+    heights = np.concatenate([rows[0][2] for rows in models])
     assert np.sort(heights) == pytest.approx(np.sort(found.cycles_to_frame()["position_mm"]))
     with pytest.raises(MeasurementError, match="no drift was measured"):
         found.plot_drift()

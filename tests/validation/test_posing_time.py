@@ -38,7 +38,7 @@ def test_settling_is_part_of_it_and_simulated_data_are_named(tmp_path):
     assert repr(found).startswith("<PosingTimes: SIMULATED data: posing times of 1 moves")
     assert found.to_dict()["simulated"]
     assert found.to_dict()["moves"][0]["angle_deg"] is None
-    assert "SIMULATED data" in found.plot().figure.get_suptitle()
+    assert "SIMULATED data" in found.plot().svg()
 
 
 def test_the_turn_is_told_where_it_was_measured(tmp_path):

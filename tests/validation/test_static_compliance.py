@@ -53,7 +53,7 @@ def test_noise_is_told_by_the_cycles(tmp_path):
     spread = np.mean([c.spread for c in found.directions.values()])
     assert 1e-7 < spread < 6e-7
     assert "SIMULATED data: static compliance up to" in repr(found)
-    assert "SIMULATED data" in found.plot().figure.get_suptitle()
+    assert "SIMULATED data" in found.plot().svg()
 
 
 def test_refusals(tmp_path):

@@ -49,7 +49,7 @@ def test_the_columns_tell_which_check(name, tmp_path):
     assert found.headline()
     assert found._repr_html_().startswith("<div>")
     assert pickle.loads(pickle.dumps(found)).to_dict() == found.to_dict()
-    assert found.plot()._repr_png_().startswith(b"\x89PNG")
+    assert found.plot().content("png").startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("name", CHECKS)

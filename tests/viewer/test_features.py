@@ -7,9 +7,9 @@ import pytest
 
 import irbcal
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.figures.charts import inline
 from irbcal.identification.observations import KINDS, Point
 from irbcal.modeling import frames
+from irbcal.plotting.charts import inline
 from irbcal.units import MM
 from irbcal.viewer import building, features, page
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from chapter7 import printed
+from chapter7 import inline_svg, printed
+from chapter7.inline_svg import INK
 from chapter7.settings import (
     AREAS,
     COURSE,
@@ -24,9 +25,8 @@ from chapter7.settings import (
     procedures,
 )
 from chapter7.tables import AREA_NAMES, COMPARED, MODEL_NAMES, Cell, Results, Table, chosen, curve_values
-from irbcal.figures import colours, inline_svg
-from irbcal.figures.colours import CALIBRATED
-from irbcal.figures.inline_svg import INK
+from irbcal.plotting import colours
+from irbcal.plotting.colours import CALIBRATED
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

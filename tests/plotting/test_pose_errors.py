@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from irbcal.figures import pose_errors
-from irbcal.figures.marks import Dots, Lines
+from irbcal.plotting import pose_errors
+from irbcal.plotting.charts import Dots, Lines
 
 
 def test_normal_quantiles_of_normal_errors_lie_on_a_line():
-    from irbcal.figures.pose_errors import normal_quantiles
+    from irbcal.plotting.pose_errors import normal_quantiles
 
     value = np.random.default_rng(1).normal(3.0, 0.5, 5000)
     quantile, shown = normal_quantiles(value)

@@ -1,18 +1,70 @@
-"""Matplotlib figures as inline SVG for a page: the page's own text colour, no ids shared between figures."""
+"""matplotlib's figures of the study as inline SVG for its page: the page's own text colour, no ids shared."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from irbcal.figures.marks import FONT
-from irbcal.figures.style import house_style
+from irbcal.plotting.charts import FONT
+from irbcal.plotting.colours import ACCENT, CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, RULE, SOFT, TEXT, UNKNOWN
 
 if TYPE_CHECKING:
     from markupsafe import Markup
     from matplotlib.figure import Figure
+
+LINE, THIN = 1.4, 0.8
+"""Widths of lines of data and of lines that help."""
+
+LOOK: dict[str, Any] = {
+    "font.size": 10.0,
+    "axes.titlesize": "medium",
+    "figure.titlesize": "medium",
+    "text.color": TEXT,
+    "axes.labelcolor": TEXT,
+    "axes.titlecolor": TEXT,
+    "xtick.labelcolor": TEXT,
+    "ytick.labelcolor": TEXT,
+    "axes.edgecolor": SOFT,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": RULE,
+    "grid.linewidth": THIN,
+    "axes.linewidth": THIN,
+    "lines.linewidth": LINE,
+    "lines.markersize": 4.0,
+    "legend.frameon": False,
+    # of strings, since a Cycler would need matplotlib when this module is imported
+    "axes.prop_cycle": f"cycler('color', {[CALIBRATED, NOMINAL, FROM_BELOW, FROM_ABOVE, ACCENT, UNKNOWN]})",
+    "text.parse_math": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "irbcal",
+}
+"""Settings of matplotlib. Names from files are text, not formulas; SVG files are the same whenever they are written."""
+
+
+@contextmanager
+def house_style(changes: Mapping[str, Any] | None = None) -> Iterator[None]:
+    """Figures made, drawn and written here look alike, whatever the user's own settings of matplotlib.
+
+    Parameters
+    ----------
+    changes : dict, optional
+        Settings of matplotlib that differ from `LOOK`.
+    """
+    import matplotlib
+
+    settings: Any = {**LOOK, **(changes or {})}
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(settings)
+        yield
+
 
 INK = "#010203"
 """Stands for the text's colour in figures until the page's own takes its place."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.chance import normal_quantile
-from irbcal.figures.charts import Drawing, Figure, LegendEntry, Lines, Panel, Sign, Text, fixed, up_to
+from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Lines, Panel, Sign, Text, fixed, round_number, up_to
 from irbcal.units import DEG, MM
 
 MOST_TITLED = 1500
@@ -183,7 +183,7 @@ def _file(poses: PoseErrors) -> str:
     return poses.name.replace("-", "")
 
 
-def before_and_after(poses: PoseErrors) -> Figure:
+def before_and_after(poses: PoseErrors) -> Chart:
     """Mean, its interval and the largest error of both models, one above the other."""
     largest = up_to(max(model.statistics.max_mm for model in poses.models.values()))
     caption = f"{poses.plural.capitalize()} on the {poses.name} poses: bar to the mean, line to the largest"
@@ -204,7 +204,7 @@ def before_and_after(poses: PoseErrors) -> Figure:
             low, high = model.intervals["mean_mm"]
             panel.line([low, low, high, high], [y + 0.1, y, y, y + 0.1], "ink", 1.2)
             panel.line([low, low, high, high], [y - 0.1, y, y, y - 0.1], "ink", 1.2)
-    return Figure("before_and_after", caption, [drawing], columns=1)
+    return Chart("before_and_after", caption, [drawing], columns=1)
 
 
 def _titled(values: FloatArray, most: int = MOST_TITLED) -> BoolArray:
@@ -228,14 +228,14 @@ def _mark_size(n: int) -> float:
     return min(6.0, max(2.6, 90 / n**0.5))
 
 
-def errors_by_pose(poses: PoseErrors, tolerance_mm: float | None = None) -> Figure:
+def errors_by_pose(poses: PoseErrors, tolerance_mm: float | None = None) -> Chart:
     """A panel for each model, one above the other, so that neither hides the other; a tolerance as a dashed line."""
     caption = f"{poses.what.capitalize()} of each {poses.name} pose (mean of its points) in order of measurement"
     legend = _models_legend(poses)
     if tolerance_mm is not None:
         caption += "; dashed: the tolerance"
         legend.append(("ink", "--", f"tolerance {tolerance_mm:g} mm"))
-    return Figure(f"errors_by_pose_{_file(poses)}", caption, [_by_pose(poses, caption, tolerance_mm)], legend)
+    return Chart(f"errors_by_pose_{_file(poses)}", caption, [_by_pose(poses, caption, tolerance_mm)], legend)
 
 
 def _by_pose(poses: PoseErrors, caption: str, tolerance_mm: float | None) -> Drawing:
@@ -258,7 +258,7 @@ def _by_pose(poses: PoseErrors, caption: str, tolerance_mm: float | None) -> Dra
     return drawing
 
 
-def turns_by_pose(poses: PoseErrors) -> Figure:
+def turns_by_pose(poses: PoseErrors) -> Chart:
     """Orientation errors in order of measurement."""
     caption = f"Orientation error of each {poses.name} target frame in order of measurement"
     drawing = Drawing(caption, 150.0 + 100.0 * (len(poses.models) - 1))
@@ -280,17 +280,17 @@ def turns_by_pose(poses: PoseErrors) -> Figure:
         ]
         _dots(panel, np.arange(1.0, n + 1), y, name, texts, _titled(y), size=_mark_size(n), opacity=0.75)
         legend.append((name, "o", name))
-    return Figure(f"orientation_{_file(poses)}", caption, [drawing], legend)
+    return Chart(f"orientation_{_file(poses)}", caption, [drawing], legend)
 
 
-def distribution(poses: PoseErrors) -> Figure:
+def distribution(poses: PoseErrors) -> Chart:
     """Histogram, and ordered errors against normal quantiles."""
     caption = (
         f"Distribution of the {poses.plural} of the {poses.name} {poses.each}: histogram (dashed: mean), and ordered "
         "errors against quantiles of the normal distribution (line: normal with the same mean and sigma)"
     )
     drawings = [_histogram(poses), _quantiles(poses)]
-    return Figure(f"distribution_{_file(poses)}", caption, drawings, _models_legend(poses))
+    return Chart(f"distribution_{_file(poses)}", caption, drawings, _models_legend(poses))
 
 
 def _histogram(poses: PoseErrors) -> Drawing:
@@ -355,7 +355,7 @@ def _view(label: str, model: str, view: tuple[str, int, int, str, str], ends: tu
     return panel
 
 
-def workspace(poses: PoseErrors) -> Figure:
+def workspace(poses: PoseErrors) -> Chart:
     """Mean error of each pose where it was measured."""
     label = f"Position errors of the {poses.name} poses over the workspace"
     edges, words = _classes(np.concatenate([model.per_pose for model in poses.models.values()]) / MM)
@@ -379,7 +379,7 @@ def workspace(poses: PoseErrors) -> Figure:
         f"{label}, seen along z and along y of the base link (cross: its origin); each colour has about the same share "
         "of all errors shown"
     )
-    return Figure("workspace", caption, drawings, legend, len(poses.models))
+    return Chart("workspace", caption, drawings, legend, len(poses.models))
 
 
 def _classes(errors: FloatArray) -> tuple[FloatArray, list[str]]:
@@ -397,14 +397,14 @@ def _classes(errors: FloatArray) -> tuple[FloatArray, list[str]]:
     return edges, [f"below {text[0]} mm", *between, f"{text[-1]} mm and more"]
 
 
-def vectors(poses: PoseErrors) -> Figure:
+def vectors(poses: PoseErrors) -> Chart:
     """Error vectors, much enlarged, from the measured places."""
     n = len(poses.pose_names)
     shown = np.unique(np.linspace(0, n - 1, min(n, MOST_ARROWS)).astype(int))
     error = {name: model.mean_vector(poses.pose) / MM for name, model in poses.models.items()}
     low, high = ends = _space(poses)
     size = max(np.quantile(np.linalg.norm(e, axis=1), 0.95) for e in error.values())
-    factor = _round(ARROW * float((high - low)[:2].max()) / max(size, 1e-9))
+    factor = round_number(ARROW * float((high - low)[:2].max()) / max(size, 1e-9))
     label = f"Error vectors of the {poses.name} poses, {factor:g} times enlarged"
     place = poses.mean_place() / MM
     drawings = []
@@ -426,7 +426,7 @@ def vectors(poses: PoseErrors) -> Figure:
     if len(shown) < n:
         caption += f"; {len(shown)} of {n} poses, evenly chosen"
     legend: list[LegendEntry] = [(name, "-", name) for name in error]
-    return Figure("residual_vectors", caption, drawings, legend, len(poses.models))
+    return Chart("residual_vectors", caption, drawings, legend, len(poses.models))
 
 
 def _arrow(foot: FloatArray, tip: FloatArray) -> list[FloatArray]:
@@ -438,9 +438,3 @@ def _arrow(foot: FloatArray, tip: FloatArray) -> list[FloatArray]:
     back = way / length * min(4.0, 0.5 * length)
     side = 0.5 * np.array([-back[1], back[0]])
     return [np.array([foot, tip]), np.array([tip - back + side, tip, tip - back - side])]
-
-
-def _round(value: float) -> float:
-    """Largest of 1, 2, 5 times a power of ten that is not above a value."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(max(k for k in (1.0, 2.0, 5.0) if k * power <= value * (1 + 1e-12)) * power)
