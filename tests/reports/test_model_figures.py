@@ -155,7 +155,7 @@ def test_corrections_are_those_of_the_joint_map(averaged, averaged_page):
 def test_each_figure_can_be_had_alone(saved, calibration):
     plots = irbcal.load(saved).plot
     for picture in (plots.explained(), plots.gear_spectrum(), plots.corrections()):
-        assert picture.figure.caption
+        assert picture.caption
     bare = irbcal.load(saved).plot
     object.__setattr__(bare, "_record", calibration)
     for draw in (bare.explained, bare.gear_spectrum):

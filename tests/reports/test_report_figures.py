@@ -76,9 +76,9 @@ def test_too_few_poses_for_means_are_told_of(tmp_path):
         file = write_measurements(tmp_path / "m.csv", points)
         return irbcal.calibrate(file, "irb1600", "nominal", holdout=0.5).plot
 
-    few = caption(30).residuals_by_joint().figure.caption
+    few = caption(30).residuals_by_joint().caption
     assert re.search(r"\. At joints? [1-6, ]+, 1\d poses are too few for means of both directions$", few)
-    assert "too few" not in caption(400).residuals_by_joint().figure.caption
+    assert "too few" not in caption(400).residuals_by_joint().caption
 
 
 def test_the_course_is_shown_where_unused_poses_got_worse():

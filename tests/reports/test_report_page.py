@@ -23,7 +23,6 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main
 from irbcal.errors import CalibrationError
-
 from irbcal.io.schema import Candidate, Choice, Exclusion, RotationStatistics
 from irbcal.plotting import charts
 from irbcal.reports import report_page
