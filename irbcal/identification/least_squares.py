@@ -30,7 +30,6 @@ from irbcal.units import MM
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
     from irbcal.identification.problem import Problem
 

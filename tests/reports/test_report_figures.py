@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lxml import html
 from report_cases import assert_harmless, drawings
-from support import arm, measured, proven_of, random_robot, write_measurements
+from support import arm, measured, random_robot, write_measurements
 from typer.main import get_command
 
 import irbcal
@@ -27,7 +27,7 @@ def test_backlash_is_found_and_stated_with_its_interval(tmp_path):
     side[1:, 0] = np.sign(np.diff(q[:, 0]))
     robot = random_robot(nominal, "nominal", rng)
     points = replace(measured(robot, q - 0.5 * np.radians(play) * side, 2e-5, rng), q=q)
-    saved = proven_of(write_measurements(tmp_path / "m.csv", points), "irb1600", "nominal", holdout=0.5)
+    saved = irbcal.calibrate(write_measurements(tmp_path / "m.csv", points), "irb1600", "nominal", holdout=0.5)
     irbcal.save(saved, tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert_harmless(page)
