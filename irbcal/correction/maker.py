@@ -189,15 +189,8 @@ def axes_of(arm: Arm) -> tuple[str, ...]:
     return tuple(names)
 
 
-def joints_of(
-    maker: Maker,
-    arm: Arm,
-    T_base_tip: FloatArray,
-    postures: Sequence[Posture],
-    near: FloatArray,
-    own: Arm | None = None,
-) -> tuple[FloatArray, list[str]]:
-    """Joints that a controller takes for poses.
+class Solutions:
+    """All joints that lead to poses, computed once, of which those next to others are asked for.
 
     Parameters
     ----------
@@ -206,28 +199,8 @@ def joints_of(
         What the controller computes with.
     T_base_tip : ndarray, shape (n, 4, 4)
     postures : sequence of Posture, length n
-    near : ndarray, shape (n, 6)
-        Joints of the URDF that the arm comes from, radians; NaN where they are not known.
     own : Arm, optional
         What the controller computes with where that is not ``arm``.
-
-    Returns
-    -------
-    q : ndarray, shape (n, 6)
-        Joints of the URDF; NaN where nothing is known.
-    reasons : list of str, length n
-        Why; empty where joints are.
-    """
-    return Solutions(maker, arm, T_base_tip, postures, own).next_to(np.arange(len(postures)), near)
-
-
-class Solutions:
-    """All joints that lead to poses, computed once, of which those next to others are asked for; as `joints_of`.
-
-    Parameters
-    ----------
-    maker, arm, T_base_tip, postures, own
-        As for `joints_of`.
     """
 
     def __init__(
@@ -242,7 +215,22 @@ class Solutions:
             self.reach: BoolArray = np.logical_or.reduce(branches.valid, axis=1)
 
     def next_to(self, rows: IntArray, near: FloatArray) -> tuple[FloatArray, list[str]]:
-        """Joints (m, 6) of some poses next to others (m, 6), NaN where nothing is known; and why, as `joints_of`."""
+        """Joints that the controller takes for some poses.
+
+        Parameters
+        ----------
+        rows : ndarray of int, shape (m,)
+            Numbers of the poses.
+        near : ndarray, shape (m, 6)
+            Joints of the URDF that the arm comes from, radians; NaN where they are not known.
+
+        Returns
+        -------
+        q : ndarray, shape (m, 6)
+            Joints of the URDF; NaN where nothing is known.
+        reasons : list of str, length m
+            Why; empty where joints are.
+        """
         arm = self.arm
         near = np.where((near >= arm.lower - BEYOND) & (near <= arm.upper + BEYOND), near, np.nan)
         known: BoolArray = np.logical_and.reduce(np.isfinite(near), axis=1)
@@ -322,14 +310,9 @@ class ConfData(NamedTuple):
     cfx: int
 
 
-def quadrants(q: ArrayLike) -> IntArray:
-    """Quadrants of joints 1, 4 and 6: ``floor(angle / 90 degrees)``, shape (..., 3)."""
-    return np.floor(np.asarray(q)[..., [0, 3, 5]] / (np.pi / 2) + 1e-12).astype(int)
-
-
 def configuration_of(q: ArrayLike, cfx: int) -> ConfData:
     """Configuration data of joints (6,) in radians; ``cfx`` is kept."""
-    cf1, cf4, cf6 = quadrants(q)
+    cf1, cf4, cf6 = np.floor(np.asarray(q)[[0, 3, 5]] / (np.pi / 2) + 1e-12)
     return ConfData(int(cf1), int(cf4), int(cf6), cfx)
 
 

@@ -151,9 +151,9 @@ def test_a_plan_cannot_be_taken_for_measurements(made):
 
 def test_the_rapid_module_commands_the_same_joints_and_holds_still_long_enough(made):
     out, plan, _ = made
-    program = rapid.read(out / "plan.mod")
+    program = rapid.parse((out / "plan.mod").read_bytes())
     q, _ = poses_of(plan)
-    assert not program.uncorrected
+    assert not program.moves_left
     joints = np.array([target.value for target in program.targets])
     assert joints[[0, -1]].tolist() == [[0.0] * 6] * 2  # it begins and ends at home
     assert np.abs(joints[1:-1] - q).max() < 1e-12

@@ -7,7 +7,7 @@ from support import arm, random_robot
 
 from irbcal.correction import maker
 from irbcal.correction.languages import krl, urscript
-from irbcal.correction.maker import ConfData, Posture, configuration_of, joints_of, quadrants, seeds_of
+from irbcal.correction.maker import ConfData, Posture, Solutions, configuration_of, seeds_of
 from irbcal.errors import ProgramError
 from irbcal.io import urdf
 from irbcal.modeling.inverse import closed_form
@@ -16,6 +16,10 @@ from irbcal.modeling.inverse import closed_form
 @pytest.fixture(scope="module")
 def nominal():
     return robot_of("kr120r2500pro")[0]
+
+
+def joints_of(maker, arm, T, postures, near, own=None):
+    return Solutions(maker, arm, T, postures, own).next_to(np.arange(len(postures)), near)
 
 
 def test_axes(nominal):
@@ -69,7 +73,7 @@ def test_joints_are_those_of_the_controllers_own_model(name):
 
 def test_quadrants_are_floors_of_ninety_degrees():
     q = np.radians([[10, 0, 0, 90, 0, 180], [-10, 0, 0, -90.5, 0, 359], [0, 0, 0, 190, 0, -181]])
-    assert quadrants(q).tolist() == [[0, 1, 2], [-1, -2, 3], [0, 2, -3]]
+    assert [configuration_of(row, 5) for row in q] == [(0, 1, 2, 5), (-1, -2, 3, 5), (0, 2, -3, 5)]
 
 
 def test_the_solution_with_the_configuration_data_is_taken():

@@ -849,7 +849,6 @@ class OtherModules:
         self.module, self.frames, self.given = module, frames or {}, given or {"tooldata": {}, "wobjdata": {}}
         self.modules = [module, *others]
         self.data: dict[str, Data] = {}
-        self.source: dict[str, str] = {}
         seen: dict[str, list[tuple[Data, str]]] = {}
         for other in others:
             for name, data in other.reader.data.items():
@@ -862,7 +861,7 @@ class OtherModules:
         }
         for name, found in seen.items():
             if found[0][0].type in KIND_OF and len(found) == 1:
-                self.data[name], self.source[name] = found[0]
+                self.data[name] = found[0][0]
         self._twice_declared = {name: [data for data, _ in seen[name]] for name in self.twice}
 
     def frame_problem(self, type_name: str, name: str) -> str:
@@ -1539,15 +1538,6 @@ def _with_null(
         "tooldata": {"tool0": np.eye(4), **{name.lower(): T for name, T in tools.items()}},
         "wobjdata": {"wobj0": np.eye(4), **{name.lower(): T for name, T in work_objects.items()}},
     }
-
-
-def read(
-    path: str | Path,
-    tools: Mapping[str, FloatArray] | None = None,
-    work_objects: Mapping[str, FloatArray] | None = None,
-) -> Module:
-    """Read a RAPID module from a file; see `parse`."""
-    return parse(read_bytes(path), str(path), tools, work_objects)
 
 
 def parse(

@@ -65,14 +65,6 @@ def test_notes():
     assert [note.line for note in seen.notes] == [4, 5, 6]
 
 
-def test_files(tmp_path):
-    path = tmp_path / "m.mod"
-    path.write_bytes(CELL.encode())
-    assert rapid.read(path).source == str(path)
-    with pytest.raises(ProgramError, match="there is no such file"):
-        rapid.read(tmp_path / "none.mod")
-
-
 # property tests
 
 WORDS = re.findall(r'"[^"\n]*"|![^\n]*\n|\w+|\s+|.', CELL)
