@@ -40,7 +40,7 @@ from irbcal.validation.verdict import Verdict, verdict_of
 if TYPE_CHECKING:
     import pandas as pd
 
-    from irbcal.reports.plots import Plots
+    from irbcal.reports.report_charts import Plots
 
 FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")  # of a report's figures as files
 
@@ -92,7 +92,7 @@ class Calibration(Speaks):
     @property
     def plot(self) -> Plots:
         """The report's figures: ``calibration.plot.errors_by_pose()`` and others."""
-        from irbcal.reports.plots import Plots
+        from irbcal.reports.report_charts import Plots
 
         return Plots(self.record)
 

@@ -117,10 +117,10 @@ def gather(calibration: Record) -> Evidence:
 
 
 def draw(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
-    """See `irbcal.reports.report_figures.figures`."""
-    from irbcal.reports import report_figures
+    """See `irbcal.reports.report_charts.figures`."""
+    from irbcal.reports import report_charts
 
-    return report_figures.figures(calibration, evidence)
+    return report_charts.figures(calibration, evidence)
 
 
 def figure_files(calibration: Record, evidence: Evidence, kind: Literal["png", "svg"] = "png") -> dict[str, bytes]:

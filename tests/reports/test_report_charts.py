@@ -1,25 +1,99 @@
-"""Figures and tables of what an average of error models carries."""
+"""The charts of a report show what was measured, and what an average of error models carries."""
 
 import csv
 import io
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from evidence_cases import Truth
 from lxml import html
 from report_cases import assert_harmless, drawings, text_of
-from support import write_measurements
+from support import arm, measured, random_robot, write_measurements
+from typer.main import get_command
 from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli import main
+from irbcal.cli.main import app
 from irbcal.errors import OptionError
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.situation import Motion
-from irbcal.reports import report_data, report_page
+from irbcal.plotting import colours
+from irbcal.reports import report_charts, report_data, report_page
+
+
+def test_backlash_is_found_and_stated_with_its_interval(tmp_path):
+    """Joint 1 stops short by half of 0.05 degrees; the other joints have no backlash."""
+    play, nominal = 0.05, arm()
+    rng = np.random.default_rng(7)
+    q = nominal.random_joints(90, 8)
+    side = np.zeros_like(q)
+    side[1:, 0] = np.sign(np.diff(q[:, 0]))
+    robot = random_robot(nominal, "nominal", rng)
+    points = replace(measured(robot, q - 0.5 * np.radians(play) * side, 2e-5, rng), q=q)
+    saved = irbcal.calibrate(write_measurements(tmp_path / "m.csv", points), "irb1600", "nominal", holdout=0.5)
+    irbcal.save(saved, tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert_harmless(page)
+    (section,) = html.document_fromstring(page).xpath("//section[@id='joints']")
+    assert "It is seen in joint 1. No thesis level" in " ".join(section.text_content().split())
+    rows = [[cell.text_content() for cell in row] for row in section.xpath(".//tbody/tr")]
+    assert [row[0] for row in rows] == list("123456")
+    low, high = map(float, rows[0][2].split(" to "))
+    assert low < play < high
+    assert high - low < 0.01
+    assert rows[0][6] == "seen, counts"
+    assert {row[6] for row in rows[1:]} == {"not seen"}
+    (first,) = [svg for svg in drawings(page) if svg.get("aria-label").startswith("Residual of joint 1 ")]
+    below, above = (
+        [float(v) for v in re.findall(rf"reached from {way}: ([+-][\d.]+) ±", " ".join(first.xpath(".//title/text()")))]
+        for way in ("below", "above")
+    )
+    assert np.mean(above) - np.mean(below) == pytest.approx(play, abs=0.005)
+
+
+def test_pictures_show_both_models_on_white(calibration, evidence):
+    from matplotlib.image import imread
+
+    for figures in report_page.draw(calibration, evidence).values():
+        for figure in figures:
+            if figure.name in ("before_and_after", "residual_vectors"):
+                pixels = (255 * imread(io.BytesIO(figure.content("png")))[..., :3]).round().astype(int)
+                assert pixels[0, 0].tolist() == [255, 255, 255]
+                for colour in (colours.NOMINAL, colours.CALIBRATED):
+                    wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+                    assert (np.abs(pixels - wanted).max(axis=-1) < 30).sum() > 100, (figure.name, colour)
+
+
+def test_the_page_names_commands_that_there_are():
+    template = Path(report_page.__file__).parent / "templates" / "report.html.j2"
+    named = set(re.findall(r"<code>irbcal ([a-z0-9]+)", template.read_text(encoding="utf-8")))
+    assert "joints" in named
+    assert named <= {name for name, command in get_command(app).commands.items() if not command.hidden}
+
+
+def test_too_few_poses_for_means_are_told_of(tmp_path):
+    rng, nominal = np.random.default_rng(7), arm()
+
+    def caption(poses):
+        points = measured(random_robot(nominal, "nominal", rng), nominal.random_joints(poses, 8), 2e-5, rng)
+        file = write_measurements(tmp_path / "m.csv", points)
+        return irbcal.calibrate(file, "irb1600", "nominal", holdout=0.5).plot
+
+    few = caption(30).residuals_by_joint().caption
+    assert re.search(r"\. At joints? [1-6, ]+, 1\d poses are too few for means of both directions$", few)
+    assert "too few" not in caption(400).residuals_by_joint().caption
+
+
+def test_the_course_is_shown_where_unused_poses_got_worse():
+    falling = {"iteration": [0, 1, 2], "objective_mm": [1.0, 0.5, 0.4], "check_mean_mm": [1.0, 0.6, 0.5]}
+    assert not report_charts.tells(falling)
+    assert not report_charts.tells({"iteration": [0, 1, 2], "objective_mm": [1.0, 0.5, 0.4]})
+    assert report_charts.tells(falling | {"check_mean_mm": [1.0, 0.5, 0.6]})
 
 
 @pytest.fixture(scope="module")
@@ -77,9 +151,9 @@ def test_without_held_out_poses_poses_are_left_out_one_at_a_time(averaged):
     bare = averaged.evidence.model_copy(
         update={"explained": [s.model_copy(update={"mean_mm": None}) for s in averaged.evidence.explained]}
     )
-    from irbcal.reports import model_figures
+    from irbcal.reports import report_charts
 
-    figure = model_figures.explained(averaged.model_copy(update={"evidence": bare}))
+    figure = report_charts.explained(averaged.model_copy(update={"evidence": bare}))
     assert "left out of the fit one at a time" in figure.caption
     assert "tick" not in figure.caption
 
@@ -197,3 +271,59 @@ def test_a_level_shows_the_joints_that_its_map_changes(calibration, page):
     assert "Where the error goes" not in page
     points, _ = calibration.used_points(heldout=False)
     assert distances(calibration.robot_calibrated(), points).mean() < 1e-4
+
+
+def by_hand(calibration, heldout, name):
+    """Mean distance of each pose's points, mm, by name of the pose, point by point."""
+    points, _ = calibration.used_points(heldout)
+    robot = calibration.robot_calibrated() if name == "calibrated" else calibration.robot_nominal()
+    out = {}
+    for k, (target, place) in enumerate(zip(points.names(), points.xyz, strict=True)):
+        pose = points.pose[k]
+        off = np.linalg.norm(place - robot.points(points.q[pose][None], target)[0])
+        out.setdefault(str(points.pose_ids[pose]), []).append(1e3 * off)
+    return {pose: np.mean(values) for pose, values in out.items()}
+
+
+def marks(svg, model):
+    """Title, x and y of the circles of one model."""
+    found = svg.xpath(f".//g[contains(@style, 'var(--{model})')]/circle")
+    return [(c.findtext("title"), float(c.get("cx")), float(c.get("cy"))) for c in found]
+
+
+@pytest.mark.parametrize(("heldout", "name"), [(True, "nominal"), (True, "calibrated"), (False, "calibrated")])
+def test_errors_by_pose_are_drawn_where_they_belong(calibration, page, heldout, name):
+    (svg,) = drawings(page, f"Position error of each {'held-out' if heldout else 'fitted'} pose")
+    expected = by_hand(calibration, heldout, name)
+    found = marks(svg, name)
+    assert len(found) == len(expected)
+    said = [re.fullmatch(rf"pose (\d+): {name} (\d+\.\d{{3}}) mm", title).groups() for title, _, _ in found]
+    assert {pose: float(error) for pose, error in said} == {pose: round(e, 3) for pose, e in expected.items()}
+    error = np.array([expected[pose] for pose, _ in said])
+    x, y = np.array([place for _, *place in found]).T
+    slope, offset = np.polyfit(error, y, 1)
+    assert slope < 0
+    assert np.abs(offset + slope * error - y).max() < 0.06  # rounded to a tenth
+    assert np.ptp(np.diff(x)) < 0.21
+
+
+def test_histogram_counts_every_point(calibration, page):
+    (svg,) = drawings(page, "Histogram of the position errors of the held-out points")
+    counts = [
+        re.findall(r"(nominal|calibrated) (\d+)", title) for title in svg.xpath(".//g[@class='hover']//title/text()")
+    ]
+    for name in ("nominal", "calibrated"):
+        total = sum(int(count) for row in counts for model, count in row if model == name)
+        assert total == calibration.heldout.all.n
+
+
+def test_arrows_point_from_predicted_to_measured(calibration, evidence):
+    """Vectors along the base link's axes: the measured place lies there from the predicted one."""
+    (heldout, _) = evidence.sets
+    robot = calibration.robot_nominal()
+    vector, points = heldout.models["nominal"].vector, heldout.points
+    for k in range(0, len(points), 17):
+        predicted = robot.points(points.joints()[k : k + 1], points.names()[k])[0]
+        at_world = robot.T_world_base[:3, :3] @ vector[k]
+        assert np.abs(predicted + at_world - points.xyz[k]).max() < 1e-12
+    assert np.abs(np.linalg.norm(vector, axis=1) - heldout.models["nominal"].distance).max() < 1e-8

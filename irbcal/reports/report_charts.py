@@ -1,0 +1,516 @@
+"""The charts of the calibration report: all of a page, and one by one for notebooks and files (``calibration.plot``).
+
+Those of pose errors are in `irbcal.plotting.pose_errors`. A model has one colour in all of them. Names from the data
+stand in texts and titles of marks, where they are escaped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from irbcal.arrays import BoolArray, FloatArray
+from irbcal.errors import OptionError
+from irbcal.io.schema import EvidenceSection, ExplainedStage, Gear, GearSpectrum, Observability, Record
+from irbcal.joint_analysis.residuals import Approach
+from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms.gear import in_words
+from irbcal.plotting import pose_errors
+from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, Shape, Text, fixed, up_to
+from irbcal.plotting.pose_errors import (
+    before_and_after,
+    distribution,
+    errors_by_pose,
+    turns_by_pose,
+    vectors,
+    workspace,
+)
+from irbcal.reports import evidence
+from irbcal.reports.evidence import Evidence, PoseSet
+from irbcal.units import DEG, MM
+
+ROW = 40.0
+"""Height of a bar with its words."""
+FINE, BINS = 4001, 110
+"""Places at which a correction is computed, and ranges of the joint of which the extremes are drawn."""
+FAR = 0.15
+"""How far beyond the range of the fit a correction is drawn, as a share of that range."""
+TYPICAL = 20 * DEG, 0.1
+"""Last move that corrections are drawn for: of a joint that turns, of one that slides."""
+MOST_DOTS = 400
+SMALLEST = 1e-9
+"""Correction below which a joint has none, radians or metres."""
+
+
+# --- what each family explains ----------------------------------------------------------------------------
+
+
+def by_leaving_out(section: EvidenceSection) -> bool:
+    """Whether left-out poses of the fit tell more than held-out ones: there are none of these, or readings lag."""
+    return section.readings_lag or any(stage.mean_mm is None for stage in section.explained)
+
+
+def explained(record: Record) -> Chart:
+    """A bar for each stage, one family after the other, and one for the calibration."""
+    section = record.evidence
+    assert section is not None
+    left_out = by_leaving_out(section)
+    rows = [(stage, stage.leave_one_out_mm if left_out else stage.mean_mm or 0.0) for stage in section.explained]
+    if left_out:
+        average, kind = section.leave_one_out_mm[""], "rms error of poses left out of the fit one at a time"
+    else:
+        average = record.heldout.all.mean_mm if record.heldout is not None else 0.0
+        kind = "mean error of the held-out poses"
+    timed = [stage.timed_mean_mm for stage, _ in rows if stage.timed_mean_mm is not None and not left_out]
+    caption = (
+        f"What each family of terms explains: {kind}, in fits of their own with one family after the other (of a "
+        "family's coefficients, so many were seen). Of this calibration, which is an average of several choices, the "
+        "dark bar"
+    )
+    if timed:
+        caption += (
+            ". A tick shows the error with the warmth that the arm had at each pose; the robot that is used is the "
+            "warm one, which poses of a cold arm miss"
+        )
+    top = up_to(1.02 * max(average or 0.0, *(value for _, value in rows)))
+    drawing = Drawing(caption, 46.0 + ROW * (len(rows) + 1))
+    panel = Panel(drawing, (0, top), (0, len(rows) + 1), f"{'rms' if left_out else 'mean'} error (mm)", "", plain=True)
+    before = 0.0
+    for k, (stage, value) in enumerate(rows):
+        words = _stage_words(stage, value, stage.seen - before, k)
+        before = stage.seen if stage.carried else before
+        y = len(rows) - k
+        _bar(panel, drawing, y, value, words, "calibrated" if stage.carried else "soft", 0.55)
+        if stage.timed_mean_mm is not None and not left_out:
+            x = stage.timed_mean_mm
+            panel.line([x, x], [y + 0.03, y + 0.5], "accent", 3.0)
+    if average is not None:
+        _bar(panel, drawing, 0, average, f"this calibration: {fixed(average, 3)} mm", "calibrated", 1.0)
+    legend: list[LegendEntry] = [("calibrated", "o", "in this calibration")]
+    if not all(stage.carried for stage, _ in rows):
+        legend.append(("soft", "o", "only tried"))
+    if timed:
+        legend.append(("accent", "-", "with the warmth of each pose"))
+    return Chart("explained", caption, [drawing], legend, columns=1)
+
+
+def _stage_words(stage: ExplainedStage, value: float, seen: float, k: int) -> str:
+    more = "" if k == 0 else "+ "
+    return f"{more}{stage.added}: {fixed(value, 3)} mm ({max(seen, 0.0):.0f} seen)"
+
+
+def _bar(panel: Panel, drawing: Drawing, y: float, value: float, words: str, colour: str, opacity: float) -> None:
+    place = panel.at(0, y + 0.75)[0]
+    drawing.add(Text(place[0] + 4, place[1], words, bold=opacity == 1.0))
+    panel.boxes([0], [y + 0.08], [value], [y + 0.45], colour, titles=[words], opacity=opacity)
+
+
+# --- gears ------------------------------------------------------------------------------------------------
+
+
+def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[Gear]) -> Chart:
+    """A panel for each joint: how strong a wave of so many cycles per turn would be, and what was found."""
+    values = np.array(spectrum.chi2)
+    cycles = spectrum.first + spectrum.step * np.arange(values.shape[1]) + 0.5 * (spectrum.step - 1)
+    top = up_to(1.12 * max(float(values.max()), 1.2 * spectrum.limit, *(gear.chi2 for gear in gears or ())))
+    drawings = []
+    for joint, row in zip(spectrum.joints, values, strict=True):
+        drawing = Drawing(f"Gear scan of joint {joint}", 190.0, 300.0)
+        panel = Panel(drawing, (0.0, cycles[-1] + 3), (0.0, top), f"joint {joint}, cycles per turn", "chi2")
+        panel.level(spectrum.limit, "soft", dash="4 3")
+        panel.line(cycles, row, "ink", 1.0)
+        mine = sorted((gear for gear in gears if gear.joint == joint), key=lambda gear: gear.cycles_per_turn)
+        for gear in mine:
+            words = in_words(gear.joint, gear.cycles_per_turn, gear.amplitude_deg)
+            panel.dots([gear.cycles_per_turn], [gear.chi2], "accent", 7.0, titles=[f"{words} (chi2 {gear.chi2:.0f})"])
+        _named(drawing, panel, mine, cycles[-1], spectrum.limit)
+        drawings.append(drawing)
+    found = f"{len(gears)} found" if gears else "none was found"
+    caption = (
+        "Gear scan: by how much a wave of so many cycles per turn would explain what the terms so far leave (chi2; the "
+        f"strongest of every {spectrum.step} frequencies), before any was taken. Above the dashed line it is not "
+        f"chance: {found}{', marked as strong as when it was taken' if gears else ''}. A harmonic drive makes twice "
+        "its ratio"
+    )
+    legend: list[LegendEntry] = [("ink", "-", "scan"), ("soft", "--", "limit of chance")]
+    return Chart("gear_spectrum", caption, drawings, [*legend, ("accent", "o", "found")] if gears else legend, 3)
+
+
+def _named(drawing: Drawing, panel: Panel, gears: Sequence[Gear], end: float, limit: float) -> None:
+    """Numbers of found waves beside their marks, each below the one before where they would meet."""
+    taken: list[FloatArray] = []
+    for gear in gears:
+        at = panel.at(gear.cycles_per_turn, gear.chi2)[0]
+        right = gear.cycles_per_turn < 0.6 * end
+        ratio = in_words(gear.joint, gear.cycles_per_turn, gear.amplitude_deg).rpartition("ratio ")[2]
+        text = f"{gear.cycles_per_turn}" + (f" (ratio {ratio})" if ratio.isdigit() else "")
+        level = panel.at(0, limit)[0, 1]
+        if abs(at[1] - level) < 8:
+            at = at + np.array([0.0, level - 9 - at[1]])
+        while any(abs(at[0] - other[0]) < 90 and abs(at[1] - other[1]) < 13 for other in taken):
+            at = at + np.array([0.0, 13.0])
+        taken.append(at)
+        drawing.add(Text(at[0] + (7 if right else -7), at[1], text, "start" if right else "end", size=11.0))
+
+
+# --- corrections of the joints ----------------------------------------------------------------------------
+
+SIDES: tuple[tuple[float, str, Shape, str], ...] = (
+    (1.0, "below", "^", "reached from below"),
+    (-1.0, "above", "v", "reached from above"),
+)
+
+
+def corrections(record: Record, evidence: Evidence) -> Chart | None:
+    """A panel for each joint: effective minus commanded, over the joint's range and from both sides."""
+    robot = record.robot_calibrated()
+    fitted = next((poses for poses in evidence.sets if poses.name == "fitted"), None)
+    if fitted is None or fitted.points is None or robot.joint_map.is_identity:
+        return None
+    points = fitted.points
+    has_history = bool(getattr(robot.joint_map, "has_history", False))
+    at_poses = robot.joint_map.effective(points.q, points.previous, **points.load()) - points.q
+    drawings = [
+        _correction(robot, j, points.q, at_poses, fitted.direction, has_history)
+        for j in range(points.q.shape[1])
+        if np.abs(at_poses[:, j]).max() > SMALLEST
+    ]
+    if not drawings:
+        return None
+    caption = (
+        "Effective minus commanded angle: what the joint map adds to each joint that it changes. Dots: at the "
+        "fitted poses, where gravity differs; curves: over "
+        "the joint's range with the other joints in their middle, as bands where gears make waves too short to draw. "
+        "Grey: the range of the fit; beyond it the map is extrapolated and must not be trusted"
+    )
+    if not has_history:
+        return Chart("corrections", caption, drawings, [("calibrated", "-", "correction")], 3)
+    caption += f". The two sides: after a move of {TYPICAL[0] / DEG:.0f}° of this joint alone"
+    if record.robot.joint_types.count("prismatic"):
+        caption += f" ({TYPICAL[1] / MM:.0f} mm of one that slides)"
+    return Chart("corrections", caption, drawings, [(c, "-", words) for _, c, _, words in SIDES], 3)
+
+
+def _correction(
+    robot: Robot, j: int, q: FloatArray, at_poses: FloatArray, direction: FloatArray | None, has_history: bool
+) -> Drawing:
+    slides = bool(robot.arm.table.prismatic[j])
+    unit, size, step = ("mm", MM, TYPICAL[1]) if slides else ("deg", DEG, TYPICAL[0])
+    low, high = float(q[:, j].min()), float(q[:, j].max())
+    reach = FAR * max(high - low, step)
+    ends = max(low - reach, float(robot.arm.lower[j])), min(high + reach, float(robot.arm.upper[j]))
+    ends = min(ends[0], low), max(ends[1], high)
+    there = np.tile(np.median(q, axis=0), (FINE, 1))
+    there[:, j] = np.linspace(*ends, FINE)
+    curves = []
+    for sign, colour, _, words in SIDES if has_history else ((0.0, "calibrated", "o", "correction"),):
+        before = there.copy()
+        before[:, j] -= sign * step
+        values = robot.joint_map.effective(there, before if sign else None)[:, j] - there[:, j]
+        curves.append((colour, words, _binned(there[:, j], values)))
+    every = (
+        np.concatenate([at_poses[:, j], *(np.concatenate([low, high]) for _, _, (_, low, high, _) in curves)]) / size
+    )
+    margin = 0.08 * max(float(np.ptp(every)), 1e-6)
+    drawing = Drawing(f"Correction of joint {j + 1}", 200.0, 300.0)
+    panel = Panel(
+        drawing,
+        (ends[0] / size, ends[1] / size),
+        (every.min() - margin, every.max() + margin),
+        f"joint {j + 1} ({unit})",
+        f"correction ({unit})",
+    )
+    panel.boxes([low / size], [panel.y[0]], [high / size], [panel.y[1]], "line", opacity=0.35)
+    if panel.y[0] < 0.0 < panel.y[1]:
+        panel.level(0.0)
+    sides = direction[:, j] if direction is not None and has_history else None
+    _pose_dots(panel, q[:, j] / size, at_poses[:, j] / size, sides)
+    for colour, words, (x, bottom, top, mean) in curves:
+        half = 0.5 * (x[1] - x[0])
+        panel.boxes((x - half) / size, bottom / size, (x + half) / size, top / size, colour, opacity=0.3)
+        panel.line(x / size, mean / size, colour, 1.5)
+        some = np.linspace(0, len(x) - 1, 12).astype(int)
+        texts = [f"{words}: {mean[k] / size:+.4f} {unit} at {x[k] / size:.1f} {unit}" for k in some]
+        panel.dots(x[some] / size, mean[some] / size, colour, 2.5, titles=texts)
+    return drawing
+
+
+def _pose_dots(panel: Panel, q: FloatArray, values: FloatArray, direction: FloatArray | None) -> None:
+    some = np.arange(len(q)) if len(q) <= MOST_DOTS else np.random.default_rng(0).permutation(len(q))[:MOST_DOTS]
+    q, values = q[some], values[some]
+    if direction is None:
+        panel.dots(q, values, "soft", 2.4, opacity=0.6)
+        return
+    for sign, colour in ((0.0, "soft"), (1.0, "below"), (-1.0, "above")):
+        mine = direction[some] == sign
+        if mine.any():
+            panel.dots(q[mine], values[mine], colour, 2.4, opacity=0.5)
+
+
+def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Middle of each range of x, smallest, largest and mean y there."""
+    edges = np.linspace(0, len(x), BINS + 1).astype(int)
+    low, high = np.minimum.reduceat(y, edges[:-1]), np.maximum.reduceat(y, edges[:-1])
+    mean = np.add.reduceat(y, edges[:-1]) / np.diff(edges)
+    return np.add.reduceat(x, edges[:-1]) / np.diff(edges), low, high, mean
+
+
+def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
+    """All figures of a report.
+
+    Parameters
+    ----------
+    calibration : Record
+    evidence : irbcal.reports.evidence.Evidence
+
+    Returns
+    -------
+    dict of str to list of Chart
+        By section of the page.
+    """
+    first = evidence.sets[0]
+    out: dict[str, list[Chart]] = {
+        "verdict": [before_and_after(first)],
+        "poses": [],
+        "space": [],
+        "families": [],
+        "joints": [],
+        "joint-map": [],
+        "identification": [],
+    }
+    turned = [poses for poses in evidence.sets if all(m.rotation is not None for m in poses.models.values())]
+    for draw, sets in ((errors_by_pose, evidence.sets), (turns_by_pose, turned), (distribution, evidence.sets)):
+        out["poses"] += [draw(poses) for poses in sets]
+    if first.place is not None:
+        out["space"] = [workspace(first), vectors(first)]
+    if evidence.approach is not None:
+        out["joints"] = [residuals_by_joint(evidence)]
+    known = calibration.evidence
+    if known is not None and known.explained:
+        out["families"] = [explained(calibration)]
+    if known is not None and known.spectrum is not None:
+        out["joint-map"].append(gear_spectrum(known.spectrum, known.gears))
+    carried = corrections(calibration, evidence)
+    if carried is not None:
+        out["joint-map"].insert(0, carried)
+    if calibration.observability.singular_values_mm:
+        out["identification"].append(singular_values(calibration.observability))
+    if tells(calibration.history):
+        out["identification"].append(course(calibration.history))
+    return out
+
+
+# --- joints -----------------------------------------------------------------------------------------------
+
+
+def residuals_by_joint(evidence: Evidence) -> Chart:
+    """A panel for each joint: single poses faint, means of bins with 95 % intervals strong."""
+    found = evidence.approach
+    assert found is not None
+    slides = found.robot.arm.table.prismatic
+    drawings, bare = [], []
+    for j in range(found.angle.shape[1]):
+        if not np.isfinite(found.angle[:, j]).any():
+            continue
+        unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
+        drawings.append(_one_joint(found, j, unit, size))
+        if not all(len(found.by_angle(j, sign)) for sign, *_ in SIDES):
+            bare.append(str(j + 1))
+    caption = (
+        f"Angular residual of each joint against its angle, by the direction it came from ({evidence.approach_name} "
+        "poses): faint dots are poses (those beyond the frame at its edge), marks the means of ranges of the angle "
+        "with 95 % intervals; backlash keeps the two apart by the same distance everywhere"
+    )
+    if bare:
+        joints = f"joint{'s' if len(bare) > 1 else ''} {', '.join(bare)}"
+        caption += f". At {joints}, {found.points.poses} poses are too few for means of both directions"
+    return Chart("residuals_by_joint", caption, drawings, [(c, m, words) for _, c, m, words in SIDES], 3)
+
+
+def _one_joint(found: Approach, j: int, unit: str, size: float) -> Drawing:
+    q, angle = found.points.q[:, j] / size, found.angle[:, j] / size
+    have = np.isfinite(angle)
+    means = {sign: found.by_angle(j, sign) / size for sign, *_ in SIDES}
+    tall = [np.abs(rows[:, 1]) + rows[:, 2] for rows in means.values()]
+    top = 1.15 * max(np.concatenate([*tall, [np.quantile(np.abs(angle[have]), 0.8)]]).max(), 1e-9)
+    margin = 0.04 * max(np.ptp(q[have]), 1e-6)
+    drawing = Drawing(f"Residual of joint {j + 1} by angle and direction", 220.0, 300.0)
+    panel = Panel(
+        drawing,
+        (q[have].min() - margin, q[have].max() + margin),
+        (-top, top),
+        f"joint {j + 1} ({unit})",
+        f"residual ({unit})",
+    )
+    panel.level(0.0)
+    few = have.sum() < 100
+    for sign, colour, *_ in SIDES:
+        here = have & (found.direction[:, j] == sign)
+        panel.dots(q[here], np.clip(angle[here], -top, top), colour, 4.0 if few else 1.8, opacity=0.7 if few else 0.35)
+    for sign, colour, mark, words in SIDES:
+        x, y, half = means[sign].T
+        panel.line(x, y, colour, 1.2)
+        for a, b, h in zip(x, y, half, strict=True):
+            panel.line([a, a], [b - h, b + h], colour, 1.2)
+        texts = [f"{words}: {b:+.4f} ± {h:.4f} {unit} near {a:.1f} {unit}" for a, b, h in zip(x, y, half, strict=True)]
+        panel.dots(x, y, colour, 6.0, shape=mark, titles=texts)
+    return drawing
+
+
+# --- identification ---------------------------------------------------------------------------------------
+
+
+def singular_values(observability: Observability) -> Chart:
+    """Seen directions, and held ones at the edge of the drawing where they are far smaller."""
+    caption = "Singular values of the scaled Jacobian: how far all points move together for a plausible error"
+    values = np.array(observability.singular_values_mm)
+    seen = np.arange(len(values)) < observability.seen
+    floor = values[seen].min() / 10 if seen.any() else 1.0
+    shown = np.maximum(values, floor)
+    drawing = Drawing(caption, 230.0)
+    ends = (0.5 * shown.min(), 2.0 * shown.max())
+    panel = Panel(drawing, (0.2, len(values) + 0.8), ends, "direction", "singular value (mm)", log=True, whole_x=True)
+    place = np.arange(1, len(values) + 1)
+    legend: list[LegendEntry] = []
+    kinds: tuple[tuple[BoolArray, str, Shape, str], ...] = (
+        (seen, "ink", "o", "seen"),
+        (~seen, "accent", "v", f"held (below {floor:.2g} mm drawn there)"),
+    )
+    for mask, colour, mark, words in kinds:
+        if mask.any():
+            texts = [f"direction {k}: {v:.3g} mm" for k, v in zip(place[mask], values[mask], strict=True)]
+            panel.dots(place[mask], shown[mask], colour, 5.5, shape=mark, titles=texts)
+            legend.append((colour, mark, words))
+    return Chart("singular_values", caption, [drawing], legend)
+
+
+WORSE = 1.02
+"""Ratio of an error at the end to its smallest from which the course of an identification says something."""
+
+
+def tells(history: Mapping[str, Sequence[float]]) -> bool:
+    """Whether poses that took no part got worse again: else the course says only that the search ended."""
+    unused = [np.array(values) for name, values in history.items() if name.endswith("_mean_mm")]
+    return any(len(values) > 2 and values[-1] > WORSE * values.min() for values in unused)
+
+
+def course(history: Mapping[str, Sequence[float]]) -> Chart:
+    """Objective and errors of poses that took no part, by iteration."""
+    caption = "Course of the identification: objective"
+    unused = [name.removesuffix("_mean_mm") for name in history if name.endswith("_mean_mm")]
+    if unused:
+        caption += ", and mean and largest error of poses that took no part"
+    if len(unused) > 1:
+        caption += f" ({', '.join(f'{k}: {name}' for k, name in enumerate(unused, 1))})"
+    iteration = np.array(history["iteration"])
+    rows = [("objective", "ink", "", np.array(history["objective_mm"]))]
+    for k, name in enumerate(unused, 1):
+        number = f" {k}" if len(unused) > 1 else ""
+        rows.append((f"unused{number}, mean", "accent", "", np.array(history[f"{name}_mean_mm"])))
+        rows.append((f"unused{number}, largest", "accent", "5 3", np.array(history[f"{name}_max_mm"])))
+    tiny = 1e-9
+    every = np.maximum(np.concatenate([values for *_, values in rows]), tiny)
+    drawing = Drawing(caption, 230.0)
+    ends = (iteration.min() - 0.3, iteration.max() + 0.3 + 0.03 * len(unused) * np.ptp(iteration))
+    panel = Panel(
+        drawing, ends, (0.8 * every.min(), 1.25 * every.max()), "iteration", "error (mm)", log=True, whole_x=True
+    )
+    for words, colour, dash, values in rows:
+        values = np.maximum(values, tiny)
+        panel.line(iteration, values, colour, 1.4, dash=dash)
+        texts = [f"{words}, iteration {i:g}: {v:.4g} mm" for i, v in zip(iteration, values, strict=True)]
+        if len(unused) > 1 and colour == "accent" and not dash:
+            end = panel.at(iteration[-1], values[-1])[0]
+            number = words.split()[1].rstrip(",")
+            drawing.add(Text(end[0] + 9 * int(number) - 5, end[1], number, colour="accent", size=10.0))
+        panel.dots(iteration, values, colour, 4.0, titles=texts if len(texts) < 200 else None)
+    legend: list[LegendEntry] = [
+        ("ink", "-", "objective"),
+        ("accent", "-", "unused, mean"),
+        ("accent", "--", "unused, largest"),
+    ]
+    return Chart("course", caption, [drawing], legend if unused else legend[:1])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plots:
+    """The figures of a calibration; each shows itself in a notebook and has ``save(path)`` for PNG and SVG.
+
+    Figures of poses take the held-out poses where there are any, else the fitted ones; ``fitted=True`` those.
+    """
+
+    _record: Record
+
+    def __repr__(self) -> str:
+        return f"<Figures of {self._record!r}>"
+
+    @cached_property
+    def _evidence(self) -> evidence.Evidence:
+        return evidence.gather(self._record)
+
+    def _of(self, draw: Callable[[PoseSet], Chart], fitted: bool, needs_places: bool = False) -> Chart:
+        poses = self._evidence.sets[-1 if fitted else 0]
+        if needs_places and poses.place is None:
+            raise OptionError("this calibration was saved without the measured places")
+        return draw(poses).marked(self._record.simulated)
+
+    def before_and_after(self) -> Chart:
+        """Mean error, its interval and the largest error of both models."""
+        return self._of(pose_errors.before_and_after, False)
+
+    def errors_by_pose(self, fitted: bool = False) -> Chart:
+        """Mean error of each pose in order of measurement."""
+        return self._of(pose_errors.errors_by_pose, fitted)
+
+    def distribution(self, fitted: bool = False) -> Chart:
+        """Histogram of the errors, and errors against normal quantiles."""
+        return self._of(pose_errors.distribution, fitted)
+
+    def workspace(self, fitted: bool = False) -> Chart:
+        """Mean error of each pose where it was measured."""
+        return self._of(pose_errors.workspace, fitted, True)
+
+    def vectors(self, fitted: bool = False) -> Chart:
+        """Error vectors, enlarged, where they were measured."""
+        return self._of(pose_errors.vectors, fitted, True)
+
+    def orientation(self, fitted: bool = False) -> Chart:
+        """Orientation error of each pose, where orientations were measured."""
+        poses = self._evidence.sets[-1 if fitted else 0]
+        if any(model.rotation is None for model in poses.models.values()):
+            raise OptionError("no orientations were measured")
+        return self._of(pose_errors.turns_by_pose, fitted)
+
+    def residuals_by_joint(self) -> Chart:
+        """Residual of each joint against its angle, by the direction from which it came."""
+        if self._evidence.approach is None:
+            raise OptionError(self._evidence.approach_note)
+        return residuals_by_joint(self._evidence).marked(self._record.simulated)
+
+    def singular_values(self) -> Chart:
+        """What the poses can show of the error parameters."""
+        return singular_values(self._record.observability).marked(self._record.simulated)
+
+    def explained(self) -> Chart:
+        """What each family of terms explains, of model auto."""
+        known = self._record.evidence
+        if known is None or not known.explained:
+            raise OptionError("only model auto, saved by this version, knows what each family of terms explains")
+        return explained(self._record).marked(self._record.simulated)
+
+    def gear_spectrum(self) -> Chart:
+        """What the gear scan of model auto saw, and found."""
+        known = self._record.evidence
+        if known is None or known.spectrum is None:
+            raise OptionError("no gear scan was made: only model auto makes one, where no long series of harmonics do")
+        return gear_spectrum(known.spectrum, known.gears).marked(self._record.simulated)
+
+    def corrections(self) -> Chart:
+        """What the joint map adds to each joint, over its range and from both sides."""
+        figure = corrections(self._record, self._evidence)
+        if figure is None:
+            raise OptionError("there is no joint map, or this calibration was saved without the measured places")
+        return figure.marked(self._record.simulated)
