@@ -311,9 +311,8 @@ def calibrate(
     IrbcalError
         If an input or an option is refused.
     """
-    what = model, terms, holdout, split, seed, verify, base_link, tip_link, coupling, method, objective, power, loss
-    which = free, hold, targets, frame, as_poses, session_by, with_, payload_place, same_tool, torques, parallel
-    options = Options(*what, *which, features, leave_out, prior)
+    given = dict(locals())
+    options = Options(**{name: value for name, value in given.items() if name in Options.__dataclass_fields__})
     record, urdf, proven = run(measurements, robot, options, progress)
     return Calibration(record, urdf, None, proven)
 

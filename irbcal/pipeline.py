@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal import __version__
-from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.arrays import BoolArray, FloatArray, lock, locked
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.axis_calibration import PARALLELS
@@ -801,7 +801,7 @@ def prove(done: Doubted) -> Proven:
         for points in (done.fit_points, done.heldout_points)
         for robot in both
     ]
-    return _next(Proven, done, errors=PointErrors(*errors))
+    return _next(Proven, done, errors=PointErrors(*map(locked, errors)))
 
 
 def _read_features(measurements: MeasurementsLike, robot: str | Path | None, options: Options, say: Progress) -> Inputs:
@@ -895,7 +895,7 @@ def prove_features(done: Fitted, say: Progress) -> Proven:
         Proven,
         done,
         heldout_points=heldout,
-        errors=PointErrors(calibrated, nominal, *left_out),
+        errors=PointErrors(*map(locked, (calibrated, nominal, *left_out))),
         features=section,
         doubts=against,
         notes=(*against, *done.notes, *_feature_notes(section), *fit.sentences()),
@@ -1138,7 +1138,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         features=features,
         points=PointTable.of(fitted_points, heldout, errors, placed=features is None),
         poses=_pose_table(done),
-        excluded=[vars(item) for item in done.excluded],
+        excluded=list(done.excluded),
         notes=list(done.notes),
         doubts=list(done.doubts),
         pinocchio_check=urdf_check.check(urdf_bytes, robot.arm),
@@ -1153,10 +1153,7 @@ def _choice(done: Proven) -> Choice | EvidenceChoice | None:
     """How the model was chosen."""
     if isinstance(done.fit, EvidenceFit):
         return EvidenceChoice.of(done.fit)
-    if done.choice is None:
-        return None
-    table = [vars(row) for row in done.choice.table]
-    return Choice(level=done.choice.level, table=table, explanation=done.choice.explanation)
+    return None if done.choice is None else Choice.model_validate(done.choice)
 
 
 def _evidence(done: Proven) -> EvidenceSection | None:

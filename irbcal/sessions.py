@@ -374,7 +374,7 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
         folder = folder_of(calibration)
         name = folder.resolve().name.replace(MARK, "-") or name
     used = [known[0] for heldout in (False, True) if (known := record.used_points(heldout)) is not None]
-    if not used or record.poses is None:
+    if not used:
         what = (
             "is from rows at features, which are calibrated together" if record.features else "has no measured points"
         )

@@ -289,7 +289,7 @@ def test_nothing_in_a_result_can_be_written_to(results, name):
 def test_a_calibration_just_made_and_loaded_say_the_same(results):
     made, loaded = results["calibration"], results["loaded"]
     assert made.summary() == loaded.summary()
-    assert made.heldout.all.mean_mm == loaded.heldout.all.mean_mm
+    assert made.record.heldout.all.mean_mm == loaded.record.heldout.all.mean_mm
     assert made.to_frame("points").equals(loaded.to_frame("points"))
 
 

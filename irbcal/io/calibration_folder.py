@@ -51,13 +51,11 @@ def without_tables(record: Record) -> tuple[dict[str, Any], dict[str, bytes]]:
     files : dict of str to bytes
         Empty where there are few points, or pyarrow is not installed.
     """
-    tables: dict[str, Section | None] = {name: getattr(record, name) for name in TABLE_FILES}
     if len(record.points.pose) <= MOST_POINTS or not _pyarrow():
         return record.model_dump(mode="json"), {}
-    files = {TABLE_FILES[name]: _parquet(table) for name, table in tables.items() if table is not None}
-    document = record.model_dump(mode="json", exclude=set(TABLE_FILES)) | {"schema_name": WITH_TABLES}
-    for name, table in tables.items():
-        document[name] = None if table is None else _reference(TABLE_FILES[name], files[TABLE_FILES[name]])
+    files = {file: _parquet(getattr(record, name)) for name, file in TABLE_FILES.items()}
+    references = {name: _reference(file, files[file]) for name, file in TABLE_FILES.items()}
+    document = record.model_dump(mode="json", exclude=set(TABLE_FILES)) | {"schema_name": WITH_TABLES} | references
     return document, files
 
 
@@ -81,10 +79,7 @@ def with_tables(document: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
     """
     if document.get("schema_name") != WITH_TABLES:
         return document
-    tables = {
-        name: None if document.get(name) is None else _read_table(document[name], folder, file)
-        for name, file in TABLE_FILES.items()
-    }
+    tables = {name: _read_table(document.get(name), folder, file) for name, file in TABLE_FILES.items()}
     return {**document, **tables, "schema_name": SCHEMA}
 
 
@@ -426,7 +421,7 @@ def _read(folder: Path) -> tuple[Saved, dict[str, Any]]:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"]) or "the file"
         raise CalibrationError(f"{where}: {first['msg']}", file=json_path, parameter=where) from None
-    tables = {name: dict(table) for name in TABLE_FILES if (table := getattr(record, name)) is not None}
+    tables = {name: dict(getattr(record, name)) for name in TABLE_FILES}
     refuse_absurd(record.model_dump(exclude={integrity.KEY, *TABLE_FILES}) | tables, json_path)
     return Saved(folder, record, urdf_bytes), content
 

@@ -14,7 +14,7 @@ from pydantic import Field, PrivateAttr, StringConstraints, field_validator, mod
 
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.identification.evidence_fit import EvidenceFit, FamilyShown, GroupResult
+from irbcal.identification.evidence_fit import EvidenceFit, GroupResult
 from irbcal.identification.explanation import Stage
 from irbcal.identification.fit import Fit, ParameterReport, term_of
 from irbcal.identification.gear_scan import Spectrum
@@ -100,18 +100,6 @@ class ElsewhereSection(Section):
     there_mm: float
     difference_mm: float
 
-    @staticmethod
-    def of(found: Elsewhere | None) -> ElsewhereSection | None:
-        """The section of what was found."""
-        if found is None:
-            return None
-        return ElsewhereSection(
-            shares=found.shares.tolist(),
-            here_mm=found.here / MM,
-            there_mm=found.there / MM,
-            difference_mm=found.difference / MM,
-        )
-
     def found(self) -> Elsewhere:
         """What the section tells."""
         return Elsewhere(np.array(self.shares), self.here_mm * MM, self.there_mm * MM, self.difference_mm * MM)
@@ -133,13 +121,9 @@ class CertaintySection(Section):
     @staticmethod
     def of(known: Certainty, found: Elsewhere | None) -> CertaintySection:
         """The section of what an identification knows."""
+        section = None if found is None else ElsewhereSection.from_result(found, shares=found.shares.tolist())
         assert known.ranges is not None
-        return CertaintySection(
-            leave_one_out_mm=in_mm(known.loo),
-            leave_fifths_out_mm=in_mm(known.loo_blocks),
-            ranges=known.ranges.tolist(),
-            elsewhere=ElsewhereSection.of(found),
-        )
+        return CertaintySection.from_result(known, ranges=known.ranges.tolist(), elsewhere=section)
 
     def warning(self) -> str:
         """The warning of a calibration that is that of a corner of the workspace; else an empty text."""
@@ -182,16 +166,8 @@ class ExplainedStage(Section):
     @staticmethod
     def of(stage: Stage) -> ExplainedStage:
         """The section of a stage."""
-        return ExplainedStage(
-            added=stage.added,
-            terms=stage.terms,
-            seen=stage.seen,
-            carried=stage.carried,
-            leave_one_out_mm=stage.loo / MM,
-            mean_mm=_mm(stage.mean),
-            max_mm=_mm(stage.largest),
-            timed_mean_mm=_mm(stage.timed),
-        )
+        largest, timed = (None if value is None else value / MM for value in (stage.largest, stage.timed))
+        return ExplainedStage.from_result(stage, max_mm=largest, timed_mean_mm=timed)
 
 
 class GearSpectrum(Section):
@@ -240,18 +216,6 @@ class FamilyRow(Section):
     moves_mm: float
     shown: bool
 
-    @staticmethod
-    def of(families: Sequence[FamilyShown]) -> list[FamilyRow]:
-        """The rows of a fit."""
-        return [
-            FamilyRow(family=f.family, seen=f.seen, evidence=f.evidence, moves_mm=f.moves / MM, shown=f.shown)
-            for f in families
-        ]
-
-
-def _mm(length: float | None) -> float | None:
-    return None if length is None else length / MM
-
 
 class Candidate(Section):
     """A level in the comparison by cross-validation."""
@@ -296,17 +260,7 @@ class EvidenceChoice(Section):
     @staticmethod
     def of(fit: EvidenceFit) -> EvidenceChoice:
         """The comparison of a fit."""
-        rows = [
-            Dictionary(
-                name=row.name,
-                terms=row.terms,
-                log_evidence=row.log_evidence,
-                weight=row.weight,
-                sigma_mm=None if row.sigma is None else row.sigma / MM,
-                leave_one_out_mm=None if row.loo is None else row.loo / MM,
-            )
-            for row in fit.term_sets
-        ]
+        rows = [Dictionary.from_result(row) for row in fit.term_sets]
         return EvidenceChoice(level="auto", table=rows, explanation=fit.explanation())
 
 
@@ -315,17 +269,17 @@ class Group(Section):
 
     ``size`` is the standard deviation that its coefficients have before the data, in natural sizes; ``found`` and
     ``std`` are the root mean squares of what was found and of its standard deviations, likewise. ``natural`` has the
-    natural sizes by unit (deg, mm, 1, …). Files of earlier versions have the first four only.
+    natural sizes by unit (deg, mm, 1, …).
     """
 
     name: Name
     terms: int
     seen: float
     size: float
-    family: Word = ""
-    natural: dict[Word, float] = Field(default_factory=dict)
-    found: float | None = None
-    std: float | None = None
+    family: Word
+    natural: dict[Word, float]
+    found: float
+    std: float
 
     @staticmethod
     def of(group: GroupResult) -> Group:
@@ -335,16 +289,7 @@ class Group(Section):
             base, _, per = unit.partition("/")
             outside, factor = UNIT_OUTSIDE.get(base, (base, 1.0))
             natural[f"{outside}/{per}" if per else outside] = size / factor
-        return Group(
-            name=group.name,
-            terms=group.terms,
-            seen=group.seen,
-            size=group.size,
-            family=group.family,
-            natural=natural,
-            found=group.found,
-            std=group.std,
-        )
+        return Group.from_result(group, natural=natural)
 
 
 class Gear(Section):
@@ -372,10 +317,10 @@ class EvidenceSection(Section):
     leave_one_out_mm: dict[Name, float | None]
     leave_fifths_out_mm: dict[Name, float | None]
     groups: list[Group]
-    families: list[FamilyRow] = Field(default_factory=list)
+    families: list[FamilyRow]
     gears: list[Gear]
-    spectrum: GearSpectrum | None = None
-    explained: list[ExplainedStage] = Field(default_factory=list)
+    spectrum: GearSpectrum | None
+    explained: list[ExplainedStage]
     warm_up_tau: float | None
     readings_gain: float | None
     readings_lag: bool
@@ -383,28 +328,18 @@ class EvidenceSection(Section):
     @staticmethod
     def of(fit: EvidenceFit, stages: Sequence[Stage] = ()) -> EvidenceSection:
         """The section of a fit, with its stages (`irbcal.identification.explanation`)."""
-        return EvidenceSection(
+        gears = [
+            Gear.from_result(gear, joint=gear.joint + 1, amplitude_deg=fit.amplitude(gear) / DEG) for gear in fit.gears
+        ]
+        return EvidenceSection.from_result(
+            fit,
             terms=fit.kind,
-            poses=fit.poses,
-            sigma_mm=fit.sigma / MM,
-            leave_one_out_mm=in_mm(fit.loo),
-            leave_fifths_out_mm=in_mm(fit.loo_blocks),
             groups=[Group.of(group) for group in fit.groups],
-            gears=[
-                Gear(
-                    joint=gear.joint + 1,
-                    cycles_per_turn=gear.cycles_per_turn,
-                    amplitude_deg=fit.amplitude(gear) / DEG,
-                    chi2=gear.chi2,
-                    evidence_gain=gear.evidence_gain,
-                )
-                for gear in fit.gears
-            ],
-            families=FamilyRow.of(fit.families),
+            gears=gears,
+            families=[FamilyRow.from_result(family) for family in fit.families],
             spectrum=GearSpectrum.of(fit.spectrum),
             explained=[ExplainedStage.of(stage) for stage in stages],
             warm_up_tau=fit.tau,
-            readings_gain=fit.readings_gain,
             readings_lag=fit.readings_projected,
         )
 
@@ -414,8 +349,7 @@ class FeatureRow(Section):
 
     ``found`` has its unknowns in the base link (mm, degrees), ``known`` what was given of it, likewise; ``rms_mm`` is
     what its rows miss in the fit. At its rows the tool was about ``middle_mm``, within ``spread_mm`` (root mean
-    square). ``imaging`` has what was given of camera and board, as in the features' file. Files of earlier versions do
-    not know the last four.
+    square). ``imaging`` has what was given of camera and board, as in the features' file.
     """
 
     name: Name
@@ -427,10 +361,10 @@ class FeatureRow(Section):
     nominal_rms_mm: float
     found: dict[Name, list[float]]
     std: dict[Name, list[float]]
-    known: dict[Name, list[float]] = Field(default_factory=dict)
-    middle_mm: list[float] = Field(default_factory=list)
-    spread_mm: float = 0.0
-    imaging: dict[Name, Name] = Field(default_factory=dict)
+    known: dict[Name, list[float]]
+    middle_mm: list[float]
+    spread_mm: float
+    imaging: dict[Name, Name]
 
 
 class PlaceRow(Section):
@@ -462,7 +396,7 @@ class FeaturesSection(Section):
 
     ``left_out`` is what was left out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
     square lengths of what was not known of the tool's place, before the rows and after them. ``named`` is how columns
-    name the feature of a row, empty where a column does, and in files of earlier versions; ``scale_from`` is what gives
+    name the feature of a row, empty where a column does; ``scale_from`` is what gives
     the robot its scale where that is a part of the features, as the squares of a board.
     """
 
@@ -475,8 +409,8 @@ class FeaturesSection(Section):
     features: list[FeatureRow]
     places: list[PlaceRow]
     lengths: list[LengthRow]
-    named: Name = ""
-    scale_from: Sentence = ""
+    named: Name
+    scale_from: Sentence
 
     @property
     def scale(self) -> str:
@@ -729,9 +663,9 @@ class PoseTable(Section):
 
     ``came_from`` has one character for each pose: ``+`` where the joint was reached from below, ``-`` from above, ``0``
     where that is not known. ``previous`` holds the joints of the stop before, as ``joints``, null where that is not
-    known; ``number`` counts the poses of a session in the order in which the robot visited them. Older files have
-    neither. The payload's mass, the three columns of its place in the tip link and the torques of the joints are empty
-    where no pose has any.
+    known; ``number`` counts the poses of a session in the order in which the robot visited them, empty where that is
+    not known. The payload's mass, the three columns of its position in the tip link and the torques of the joints are
+    empty where no pose has any.
     """
 
     pose: Names
@@ -1128,7 +1062,7 @@ class DataFile(Section):
 
     file: Name
     sha256: Sha256
-    programmed: bool = False
+    programmed: bool
 
 
 class Check(Section):
@@ -1137,7 +1071,7 @@ class Check(Section):
     position_m: float
     rotation_rad: float
     poses: int
-    yourdfpy_poses: int = 0
+    yourdfpy_poses: int
 
 
 class Kept(dict[bool, tuple[PointTable, PoseTable, PointSet, FloatArray]]):
@@ -1176,7 +1110,7 @@ class Record(Section):
     method: Word
     objective: Objective
     choice: Choice | EvidenceChoice | None
-    evidence: EvidenceSection | None = None
+    evidence: EvidenceSection | None
     rank: int
     parameter_count: int
     parameters: list[Parameter]
@@ -1186,11 +1120,11 @@ class Record(Section):
     observability: Observability
     history: dict[Name, list[float]]
     joint_map: JointMapSection
-    frame_terms: FrameTermsSection | None = None
+    frame_terms: FrameTermsSection | None
     placement: Placement
     placement_nominal: Placement
-    sessions: list[SessionSection] = Field(default_factory=list)
-    earlier: Fingerprint | None = None
+    sessions: list[SessionSection]
+    earlier: Fingerprint | None
     references_mm: dict[Name, Three]
     tool_shape_mm: dict[Name, Three]
     fit: Errors
@@ -1201,12 +1135,12 @@ class Record(Section):
     poses_fit: int
     poses_heldout: int
     poses_excluded: int
-    features: FeaturesSection | None = None
+    features: FeaturesSection | None
     points: PointTable
-    poses: PoseTable | None = None
+    poses: PoseTable
     excluded: list[Exclusion]
     notes: list[Sentence]
-    doubts: list[Sentence] = Field(default_factory=list)
+    doubts: list[Sentence]
     data: list[DataFile]
     pinocchio_check: Check
     largest_link_shift_mm: float
@@ -1236,12 +1170,12 @@ class Record(Section):
     @model_validator(mode="after")
     def _points_of_known_poses(self) -> Record:
         p, rows = self.poses, self.points.row
-        if p is not None and rows:
+        if rows:
             row, aside = np.array(rows), np.array(self.points.heldout, dtype=bool)
             there = ((row >= 0) & (row < len(p.pose))).all()
             if not there or (np.array(p.heldout, dtype=bool)[row] != aside).any():
                 raise ValueError("a point belongs to a pose that is not among the poses")
-        if p is not None and len(p.joints) != len(self.robot.joint_names):
+        if len(p.joints) != len(self.robot.joint_names):
             raise ValueError(f"poses have {len(p.joints)} joints, the robot has {len(self.robot.joint_names)}")
         return self
 
@@ -1317,7 +1251,7 @@ class Record(Section):
         ``None`` in place of both for calibrations that were saved without measured places.
         """
         t, p = self.points, self.poses
-        if p is None or not t.x_mm:
+        if not t.x_mm:
             return None
         kept = self._used.get(heldout)
         if kept is None or kept[0] is not t or kept[1] is not p:

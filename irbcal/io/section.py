@@ -6,12 +6,21 @@ can hold a line end or a character that a terminal obeys.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, TypeAlias
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
+import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, StringConstraints
 
 from irbcal.names import LONGEST_NAME, fault_of
+from irbcal.units import DEG, MM
 
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+UNITS = {"mm": MM, "deg": DEG}
+RESULT_NAMES = {"leave_one_out": "loo", "leave_fifths_out": "loo_blocks"}
+"""Attributes of results that have another name in the file."""
 LONGEST_SENTENCE = 20_000
 """Characters: a note may list every point that was left out."""
 
@@ -54,13 +63,41 @@ Version: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z.+!_-
 class Section(BaseModel):
     """A part of ``calibration.json``; unknown keys, NaN and infinities are refused."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, serialize_by_alias=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, serialize_by_alias=True, from_attributes=True)
 
     def __repr__(self) -> str:
         parts = (f"{name}={_short(getattr(self, name))}" for name in type(self).model_fields)
         return f"<{type(self).__name__}: {', '.join(parts)}>"
 
     __str__ = __repr__
+
+    @classmethod
+    def from_result(cls, result: object, **known: object) -> Self:
+        """The section of a result that has the same names, in SI units.
+
+        A field whose name ends in a unit (``_mm``, ``_deg``) is the result's attribute without that ending: a number,
+        an array, or numbers by name.
+
+        Parameters
+        ----------
+        result
+        **known
+            Fields that are not the result's.
+        """
+        values = dict(known)
+        for name in cls.model_fields.keys() - known.keys():
+            base, _, ending = name.rpartition("_")
+            unit = UNITS.get(ending)
+            value = getattr(result, name if unit is None else RESULT_NAMES.get(base, base))
+            values[name] = value if unit is None else _per(value, unit)
+        return cls.model_validate(values)
+
+
+def _per(value: Any, unit: float) -> Any:
+    """Numbers, one or many, in a unit; None stays."""
+    if isinstance(value, Mapping):
+        return {name: _per(item, unit) for name, item in value.items()}
+    return None if value is None else (np.asarray(value) / unit).tolist()
 
 
 def _short(value: Any) -> str:

@@ -212,7 +212,7 @@ def test_stages_and_families_are_saved_in_millimetres():
     stage = ExplainedStage.of(Stage("gravity", 30, 12.5, True, 1e-4, 2e-4, 3e-4, None))
     assert (stage.leave_one_out_mm, stage.mean_mm, stage.max_mm, stage.timed_mean_mm) == (0.1, 0.2, 0.3, None)
     assert stage == ExplainedStage.model_validate_json(stage.model_dump_json())
-    (row,) = FamilyRow.of([FamilyShown("gravity", 12.5, 99.0, 2e-4)])
+    row = FamilyRow.from_result(FamilyShown("gravity", 12.5, 99.0, 2e-4))
     assert row.model_dump() == {"family": "gravity", "seen": 12.5, "evidence": 99.0, "moves_mm": 0.2, "shown": True}
 
 
@@ -228,6 +228,8 @@ def section(**more):
             "features": [],
             "places": [],
             "lengths": [],
+            "named": "feature",
+            "scale_from": "",
         }
         | more
     )
