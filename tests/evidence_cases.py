@@ -116,10 +116,15 @@ class Measured:
 
     def __init__(self, model, points, motion):
         self.model, self.points, self.motion = model, points, motion
+        self.fits = {}
 
     def first(self, n, **options):
-        rows = np.arange(self.points.poses) < n
-        return identify_evidence(self.model, self.points.select(rows), self.motion.select(rows), **options)
+        """The fit to the first n poses, made once."""
+        rows, key = np.arange(self.points.poses) < n, (n, *sorted(options.items()))
+        if key not in self.fits:
+            select = self.points.select(rows), self.motion.select(rows)
+            self.fits[key] = identify_evidence(self.model, *select, **options)
+        return self.fits[key]
 
     def of_level(self, n, level):
         """Mean and largest error (mm) of a level of the thesis on the poses after the first n."""

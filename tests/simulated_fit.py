@@ -6,6 +6,8 @@ import numpy as np
 from support import arm, measured, random_robot
 
 from irbcal.identification import fit, initial_guess, least_squares
+from irbcal.identification.problem import Problem
+from irbcal.measurement.points import PointSet
 
 
 def simulated(level="16", poses=25, noise=5e-5, seed=0, outliers=0):
@@ -19,3 +21,16 @@ def simulated(level="16", poses=25, noise=5e-5, seed=0, outliers=0):
         points = replace(points, xyz=xyz)
     problem, _ = fit.make_problem(nominal, points, level)
     return problem, least_squares.solve(problem, initial_guess.first_state(problem)), robot
+
+
+def predicted_covariance(fit, q, target):
+    """Covariance of a predicted target from that of the parameters, by the derivatives of the fit's own problem."""
+    names, n, state = fit.problem.points.target_names, len(q), fit.solution.state
+    at, none = np.arange(n), np.full(n, "")
+    there = PointSet(q, at, np.full(n, names.index(target)), np.zeros((n, 3)), names, at, none)
+    phases, known = fit.problem.joint_map.phases, fit.problem.known
+    problem = Problem(fit.problem.arm, there, fit.problem.parameters, phases, known)
+    C, turns = fit.solution.information.covariance(), np.arange(problem.outer, fit.problem.outer)
+    C = np.delete(np.delete(C, turns, axis=0), turns, axis=1)  # target frames do not move places
+    J = state.T_world_base[:3, :3] @ problem.jacobian(state).reshape(n, 3, -1)
+    return J @ C @ J.transpose(0, 2, 1)

@@ -33,9 +33,6 @@ Terms: TypeAlias = Literal["joint-map", "all"]
 Parallel: TypeAlias = Literal["hayati", "forced"]
 """What becomes of nearly parallel axes: the tilt between them is kept, or they get one direction."""
 
-ConeSolver: TypeAlias = Literal["numpy", "clarabel"]
-"""Solver of the convex models of the largest distance."""
-
 METHODS: tuple[Method, ...] = get_args(Method)
 ALIASES: dict[str, Method] = {"axes": "circles"}
 """Other names that are understood as methods."""

@@ -167,47 +167,6 @@ class Fit(Speaks):
         residuals = self.problem.residuals(self.solution.state)[: len(self.problem.points)]
         return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
 
-    def predicted_covariance(self, q: FloatArray, target: str) -> FloatArray:
-        """Covariance of a predicted reflector position from the identified parameters' uncertainty.
-
-        Held combinations add nothing, and what the model cannot describe is not in it.
-
-        Parameters
-        ----------
-        q : ndarray, shape (n, 6)
-            Commanded joints, radians.
-        target : str
-            One of the fit's targets.
-
-        Returns
-        -------
-        ndarray, shape (n, 3, 3)
-            In the measuring frame, m^2.
-
-        Raises
-        ------
-        RobotError
-            If the target is not one of the fit's.
-        """
-        names = self.problem.points.target_names
-        if target not in names:
-            raise RobotError(f"unknown target {target!r}: this fit has {', '.join(names)}")
-        n = len(q)
-        there = PointSet(
-            q, np.arange(n), np.full(n, names.index(target)), np.zeros((n, 3)), names, np.arange(n), np.full(n, "")
-        )
-        state = self.solution.state
-        problem = Problem(
-            self.problem.arm, there, self.problem.parameters, self.problem.joint_map.phases, self.problem.known
-        )
-        J = problem.jacobian(state).reshape(n, 3, -1)
-        C = self.solution.information.covariance()
-        # target frames and bases of other sessions do not move its position: the new problem has no columns for them
-        turns = np.arange(problem.outer, self.problem.outer)
-        C = np.delete(np.delete(C, turns, axis=0), turns, axis=1)
-        J = state.T_world_base[:3, :3] @ J
-        return J @ C @ J.transpose(0, 2, 1)
-
     def parameters(self) -> list[ParameterReport]:
         """Every parameter with value, unit, standard deviation, state and reason.
 

@@ -35,10 +35,8 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, aligned, row_arithmetic
 from irbcal.errors import IdentificationError
-from irbcal.identification.choices import ConeSolver
 from irbcal.identification.least_squares import Record, Solution, distances, largest, line_search
 from irbcal.identification.problem import Problem, State
-from irbcal.options import checked
 from irbcal.units import DEG, MM
 
 CONE_ITERATIONS = 60
@@ -229,33 +227,6 @@ def _to_boundary(x: FloatArray, step: FloatArray) -> float:
     return float(1.0 / reach) if reach > 0 else np.inf
 
 
-def solve_cone_with_clarabel(r: FloatArray, Q: FloatArray, tolerance: float = 1e-5) -> tuple[FloatArray, FloatArray]:
-    """As `solve_cone`, by the general solver clarabel, which has to be installed."""
-    import clarabel
-    from scipy import sparse
-
-    m, n = len(r), Q.shape[1]
-    unit = largest_distance(r)
-    G = np.zeros((m, 4, n + 1))
-    G[:, 0, n] = -1.0
-    G[:, 1:, :n] = Q.reshape(m, 3, n)
-    h = np.column_stack([np.zeros(m), r / unit]).ravel()
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = min(tolerance, 1e-8)
-    cones = [clarabel.SecondOrderConeT(4)] * m
-    objective = np.append(np.zeros(n), 1.0)
-    program = (sparse.csc_matrix((n + 1, n + 1)), objective, sparse.csc_matrix(G.reshape(4 * m, n + 1)), h, cones)
-    found = clarabel.DefaultSolver(*program, settings).solve()
-    return unit * np.array(found.x)[:n], -np.array(found.z).reshape(m, 4)[:, 1:]
-
-
-SOLVERS: dict[ConeSolver, Callable[[FloatArray, FloatArray, float], tuple[FloatArray, FloatArray]]] = {
-    "numpy": solve_cone,
-    "clarabel": solve_cone_with_clarabel,
-}
-
-
 TOLERANCE = 1e-4
 """Accepted gap between largest distance and lower bound, relative."""
 
@@ -273,7 +244,6 @@ def solve(
     solution: Solution,
     start: State | None = None,
     tolerance: float = TOLERANCE,
-    inner: ConeSolver = "numpy",
     record: Record | None = None,
 ) -> Solution:
     """Minimise the largest distance (Nubiola 2011, eqs. 3.35 and 3.36), with a certificate.
@@ -287,8 +257,6 @@ def solve(
     start : State, optional
     tolerance : float
         Relative gap between largest distance and lower bound to reach.
-    inner : str
-        Solver of the convex models: ``numpy`` (`irbcal.identification.minimax`) or ``clarabel``.
     record : callable, optional
         Called with (iteration, state) for the start and after each step, see `irbcal.identification.least_squares`.
 
@@ -300,15 +268,12 @@ def solve(
     ------
     IdentificationError
         If the gap cannot be reached.
-    OptionError
-        If there is no such solver.
     """
-    solver = SOLVERS[checked("inner", inner, tuple(SOLVERS))]
     state = solution.state if start is None else start
     basis = solution.information.basis()
     r = problem.residuals(state)
     if len(r) > MOST_POSES and problem.points.poses > MOST_POSES:
-        return _by_parts(problem, solution, state, tolerance, inner, record)
+        return _by_parts(problem, solution, state, tolerance, record)
     value = largest_distance(r)
     history = [value]
     w: FloatArray | None = None
@@ -319,7 +284,7 @@ def solve(
         # the multipliers of the last model often prove this one too, which saves the solution of one more
         w, bound = certificate(r, Q, w)
         if not _closed(value, bound, tolerance):
-            z, w = solver(r, Q, 0.1 * tolerance)
+            z, w = solve_cone(r, Q, 0.1 * tolerance)
             w, bound = certificate(r, Q, w)
         if _closed(value, bound, tolerance):
             return Solution(
@@ -351,7 +316,6 @@ def _by_parts(
     solution: Solution,
     state: State,
     tolerance: float,
-    inner: ConeSolver,
     record: Record | None,
 ) -> Solution:
     """The same for many poses: for those with the largest distances, and others as they come to be the largest.
@@ -363,7 +327,7 @@ def _by_parts(
     rows = np.concatenate([points.pose, points.pose[points.oriented()]])
     mine = _farthest(before, rows, points.poses, np.zeros(points.poses, dtype=bool))
     while True:
-        part = solve(problem.of_poses(mine), solution, state, tolerance, inner, record)
+        part = solve(problem.of_poses(mine), solution, state, tolerance, record)
         state, iterations = part.state, iterations + part.iterations
         r = problem.residuals(state)
         value, bound = largest_distance(r), part.lower_bound or 0.0

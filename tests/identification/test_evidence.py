@@ -1,5 +1,6 @@
 """Identification by evidence: simulated truth found again, and figures of real robots computed elsewhere."""
 
+import pickle
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,17 +8,20 @@ import numpy as np
 import pandas as pd
 import pytest
 from evidence_cases import MM, Measured, Truth, assert_documented, irb120, moves
+from hypothesis import given
+from hypothesis import strategies as st
 from support import TARGETS, arm, example_robot, measured, random_robot
 
 from irbcal.errors import IdentificationError
 from irbcal.identification import evidence, evidence_fit, leave_one_out
-from irbcal.identification.evidence import identify_evidence
+from irbcal.identification.evidence import average_repeats, identify_evidence
 from irbcal.identification.fit import identify
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
-from irbcal.measurement.points import distances
+from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
+from irbcal.validation.coverage import coverage
 
 # --- simulated truth ----------------------------------------------------------------------------------------
 
@@ -246,3 +250,127 @@ def test_held_out_errors_of_a_ur10(shared_data, tmp_path, group, mean, largest):
     assert error[2] > 0.9
     assert_documented((f"UR10 {group}", "joint-map", 300, False), *error)
     assert_documented((f"UR10 {group}", "level 34", 300, False), *data.of_level(300, "34"))
+
+
+def cell(seed, poses=100, noise=2e-5):
+    model, rng = arm("irb120"), np.random.default_rng(seed)
+    robot = random_robot(model, "34", rng)
+    return model, measured(robot, model.random_joints(poses, seed), noise, rng), robot
+
+
+@pytest.fixture(scope="module")
+def found():
+    model, points, _ = cell(4)
+    return identify_evidence(model, points, Motion.in_order(points.q))
+
+
+def test_robots_of_the_thesis_keep_the_accuracy_of_its_level():
+    ratios = []
+    for seed in range(1, 7):
+        model, points, robot = cell(seed)
+        test = measured(robot, model.random_joints(300, 2))
+        level = distances(identify(model, points, "34").robot, test).mean()
+        average = identify_evidence(model, points, Motion.in_order(points.q))
+        ratios.append(distances(average.robot, test).mean() / level)
+    assert np.mean(ratios) < 1.04
+    assert max(ratios) < 1.10
+
+
+def test_parameters_are_those_of_the_covariance(found):
+    rows = found.parameters()
+    assert len(rows) == found.parameter_count == len(found.certainty.covariance)
+    assert {row.state for row in rows} == {"identified"}
+    assert len({row.name for row in rows}) == len(rows)
+    std = {row.name: row.std for row in rows}
+    spread = np.sqrt(np.diagonal(found.certainty.covariance))
+    names = [row.name for row in rows]
+    assert std["delta_a2"] == pytest.approx(1e3 * spread[names.index("delta_a2")], rel=1e-9)
+    assert std["delta_alpha3"] == pytest.approx(np.degrees(spread[names.index("delta_alpha3")]), rel=1e-9)
+    value = {row.name: row.value for row in rows}
+    table, nominal = found.robot.arm.table, arm("irb120").table
+    assert value["delta_a3"] == pytest.approx(1e3 * (table.a - nominal.a)[2], abs=1e-9)
+    assert value["delta_alpha5"] == pytest.approx(np.degrees((table.alpha - nominal.alpha)[4]), abs=1e-9)
+    assert 0 < found.rank <= found.parameter_count
+
+
+def test_intervals_hold(found):
+    _, _, robot = cell(4)
+    test = measured(robot, arm("irb120").random_joints(300, 3), 2e-5, np.random.default_rng(8))
+    assert 0.9 < coverage(found.robot, test)["parts"]["all"]["inside"] <= 1.0
+
+
+def test_it_speaks_and_can_be_pickled(found):
+    text = found.summary()
+    for word in ("weight", "log evidence", "Valid within the joint ranges", "Groups of terms"):
+        assert word in text
+    weights = [row.weight for row in found.term_sets if row.weight]
+    assert sum(weights) == pytest.approx(1.0, abs=1e-12)
+    assert f"({max(weights):.0%})" in found.explanation()
+    assert len(repr(found)) < 2000
+    again = pickle.loads(pickle.dumps(found))
+    q = arm("irb120").random_joints(5, 1)
+    assert np.array_equal(again.robot.poses(q), found.robot.poses(q))
+    assert list(found.to_frame()["name"]) == [row.name for row in found.parameters()]
+    assert found.lag() is None
+
+
+def test_too_few_poses_are_refused():
+    model, points, _ = cell(4, poses=8)
+    with pytest.raises(IdentificationError, match="8 poses are too few to weigh"):
+        identify_evidence(model, points, Motion(points.q))
+
+
+def test_repeats_of_a_stop_are_averaged():
+    truth = Truth(["gravity"])
+    motion = Motion(np.repeat(truth.nominal.random_joints(30, 3), 3, axis=0))
+    points = truth.measured(motion, 3e-5)
+    merged, shorter = average_repeats(points, motion)
+    assert merged.poses == len(shorter) == 30
+    expected = points.xyz.reshape(30, 3, 3, 3).mean(axis=1).reshape(-1, 3)
+    np.testing.assert_allclose(merged.xyz, expected, atol=1e-12)
+    assert identify_evidence(truth.nominal, points, motion, gear_scan=False).poses == 30
+
+
+@given(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 1)), min_size=1, max_size=15), st.integers(0, 999))
+def test_means_by_a_dictionary_of_stops(stops, seed):
+    # stops (joints, move) in any order, each seeing some of two targets
+    rng = np.random.default_rng(seed)
+    q = np.array([[0.1 * s, 0.2] for s, _ in stops])
+    move = np.array([[0.05 * m, 0.0] for _, m in stops])
+    seen = [(n, t) for n in range(len(stops)) for t in range(2) if t == n % 2 or rng.uniform() < 0.5]
+    pose, target = (np.array([s[k] for s in seen]) for k in range(2))
+    xyz, u95 = rng.normal(size=(len(seen), 3)), rng.uniform(size=len(seen))
+    n = len(stops)
+    points = PointSet(q, pose, target, xyz, ("a", "b"), np.arange(n), np.full(n, "", dtype=object), u95=u95)
+    motion = Motion(q, move, np.arange(n, dtype=float), np.full(n, 2.0))
+    merged, shorter = average_repeats(points, motion)
+    order = list(dict.fromkeys(stops))
+    assert merged.poses == len(shorter) == len(order)
+    for p, t, place, u in zip(merged.pose, merged.target, merged.xyz, merged.u95, strict=True):
+        mine = [k for k in range(len(seen)) if stops[pose[k]] == order[p] and target[k] == t]
+        np.testing.assert_allclose(place, xyz[mine].mean(axis=0), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(u, u95[mine].mean(), rtol=1e-12)
+    for p, stop in enumerate(order):
+        when = [k for k in range(n) if stops[k] == stop]
+        np.testing.assert_allclose(shorter.elapsed[p], np.mean(when), rtol=1e-12)
+        np.testing.assert_array_equal(shorter.q[p], q[when[0]])
+        assert merged.pose_ids[p] == when[0]
+    assert (np.diff(merged.pose) >= 0).all()
+
+
+def test_other_masses_and_orientations_are_not_averaged():
+    truth = Truth(["gravity"])
+    q = np.repeat(truth.nominal.random_joints(4, 3), 2, axis=0)
+    motion = Motion(q, payload_kg=np.tile([1.0, 2.0], 4))
+    points = truth.measured(motion, 1e-5)
+    assert average_repeats(points, motion)[0].poses == 8
+    once = replace(motion, payload_kg=np.ones(8), torques=np.arange(48.0).reshape(8, 6))
+    told = replace(points, payload_kg=np.ones(8), payload_place=np.tile([0.0, 0.0, 0.1], (8, 1)), torques=once.torques)
+    merged, shorter = average_repeats(told, once)
+    assert merged.poses == len(merged.payload_kg) == len(merged.payload_place) == 4
+    np.testing.assert_allclose(shorter.torques, once.torques.reshape(4, 2, 6).mean(axis=1), rtol=1e-14)
+    apart = replace(once, payload_place=np.arange(24.0).reshape(8, 3))
+    assert average_repeats(told, apart)[0].poses == 8
+    turned = replace(points, rotation=np.tile(np.eye(3), (len(points), 1, 1)))
+    assert average_repeats(turned, Motion(q))[0] is turned
+    assert average_repeats(points, Motion(q))[0].poses == 4

@@ -1,18 +1,25 @@
 """What an identification by evidence says: predictions with intervals against sampling, words, tables."""
 
 import pickle
+import sys
 from dataclasses import FrozenInstanceError, replace
+from importlib.machinery import SourceFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
 
 import numpy as np
 import pytest
 from evidence_cases import Truth, moves
 from support import assert_same_poses
 
+from irbcal.identification import evidence_fit, term_sets
 from irbcal.identification.evidence import identify_evidence
+from irbcal.identification.evidence_fit import FamilyShown, sentence
 from irbcal.modeling import frames
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
+from irbcal.units import MM
 
 
 @pytest.fixture(scope="module")
@@ -153,3 +160,158 @@ def test_results_are_locked_and_pickled(found, test_motion):
     assert again.summary() == found.summary()
     np.testing.assert_array_equal(again.predict(test_motion.q).position, seen.position)
     assert repr(pickle.loads(pickle.dumps(seen))) == repr(seen)
+
+
+@pytest.fixture(scope="module")
+def lagging():
+    """A fit from lagging readings: truth, commands, true shares, points, motion as read, fit."""
+    truth = Truth(["gravity"])
+    commands = moves(truth.nominal, 120, 3)
+    rng = np.random.default_rng(6)
+    share = np.abs(4e-4 + 2e-4 * rng.standard_normal(120))
+    points = truth.measured(replace(commands, elapsed=None), 1e-5)
+    read = commands.q - share[:, None] * commands.moves
+    motion = Motion(read, np.diff(read, axis=0, prepend=read[:1]), readings=True)
+    return truth, commands, share, points, motion, identify_evidence(truth.nominal, points, motion, gear_scan=False)
+
+
+def test_joints_that_lag_by_different_shares_leave_no_terms_of_the_robot():
+    truth = Truth(["gravity"])
+    commands = moves(truth.nominal, 150, 3)
+    rng = np.random.default_rng(6)
+    turn = np.radians(0.05) * np.abs(1.0 + 0.3 * rng.standard_normal(150))  # of the joint that moved most
+    share = (turn / np.maximum(np.abs(commands.moves).max(axis=1), 1e-3))[:, None] * np.linspace(0.85, 1.15, 6)
+    points = truth.measured(replace(commands, elapsed=None), 1e-5)
+    read = commands.q - share * commands.moves
+    motion = Motion(read, np.diff(read, axis=0, prepend=read[:1]), readings=True)
+    found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
+    assert found.readings_projected
+    assert not any(term.family == "move" for term in found.terms)
+    test = Motion.in_order(truth.nominal.random_joints(100, 9))
+    there = found.predict(test.q, test.q - test.moves, "smr1").position
+    error = np.linalg.norm(there - truth.points(replace(test, elapsed=None), "smr1"), axis=1)
+    assert error.mean() < 1e-5
+
+
+def test_readings_that_lag_are_recognised(lagging):
+    truth, commands, share, points, motion, found = lagging
+    assert found.readings_projected
+    assert found.readings_gain > 3.0
+    assert "before the arm stood still" in found.summary()
+    shares = evidence_fit.shares(found, points, motion)
+    assert np.abs(shares - share)[5:].mean() < 2e-5
+    lag = evidence_fit.lag(found, points, motion)
+    assert np.abs(lag.share(found, motion)[5:] - share[5:]).mean() < 2.5e-4
+    assert repr(lag).startswith("<Lag: readings lag behind the programmed joints by 4.")
+    # exact readings are left alone
+    motion = Motion(commands.q, commands.moves, readings=True)
+    found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
+    assert not found.readings_projected
+    assert found.readings_gain < 1.2
+    assert "taken at rest" in found.summary()
+
+
+def test_programmed_joints_are_nearer_than_readings(lagging):
+    _, commands, _, points, motion, found = lagging
+    lag = evidence_fit.lag(found, points, motion)
+    off = np.abs(lag.programmed(found, motion) - commands.q)[5:].mean()
+    assert off < 0.5 * np.abs(motion.q - commands.q)[5:].mean()
+    np.testing.assert_array_equal(lag.shares, evidence_fit.shares(found, points, motion))
+
+
+def test_features_of_a_move_by_hand(lagging):
+    found, motion = lagging[-1], lagging[-2]
+    q = motion.q[:3]
+    move = np.array([[0.1, -0.2, 0.0, 0.05, 0.0, 0.0], [0.0] * 6, [1e-4, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    rows = evidence_fit.features(found, Motion(q, move))
+    assert rows.shape == (3, 16)
+    assert rows[0, 0] == 1.0
+    assert rows[0, 1] == pytest.approx(5.0)
+    np.testing.assert_allclose(rows[0, 4:10], np.abs(move[0]) / 0.04, rtol=1e-12)
+    np.testing.assert_allclose(rows[0, 10:], move[0] ** 2 / 0.008, rtol=1e-12)
+    T = found.arm.forward(np.array([q[0], q[0] - move[0]]))
+    place = np.append(next(iter(found.targets.values())), 1.0)
+    path = np.linalg.norm((T[0] - T[1])[:3] @ place)
+    np.testing.assert_allclose(rows[0, 2:4], [1.0 / path, path / 0.04], rtol=1e-9)
+    assert not rows[1:].any()  # no move, or one below a tenth of a degree
+
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "false_alarms"
+
+
+@pytest.fixture(scope="module")
+def robots():
+    """Robots of the script that counts a hundred: three whose points err by themselves, one with a tracker's errors."""
+    sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
+    loader = SourceFileLoader("false_alarms", str(SCRIPT))
+    script = module_from_spec(spec_from_loader("false_alarms", loader))
+    sys.modules["false_alarms"] = script  # dataclasses look their module up
+    loader.exec_module(script)
+    sys.dont_write_bytecode = before
+    return script, [script.prove("irb120", s, white=w) for s, w in ((3, True), (4, True), (10, True), (2, False))]
+
+
+def test_no_family_is_shown_that_is_not_there_and_none_is_missed(robots):
+    for robot in robots[1]:
+        assert robot.there
+        assert not robot.alarms
+        assert not robot.missed
+
+
+def test_gears_coefficients_positions_and_intervals_are_right(robots):
+    *found, tracked = robots[1]
+    assert sum(len(robot.gears) for robot in found) >= 8
+    assert all(robot.gears == robot.gears_found for robot in found)
+    for name, low, high in (("coefficients", 0.99, 1.0), ("positions", 0.99, 1.0), ("coordinates", 0.93, 0.97)):
+        pairs = [getattr(robot, name) for robot in found]
+        assert low <= sum(a for a, _ in pairs) / sum(b for _, b in pairs) <= high, name
+    assert max(robot.mean for robot in found) < 0.006 * MM
+    # errors common to a pose: deviations are a little too small, intervals hold
+    for name, low in (("coefficients", 0.96), ("positions", 0.97), ("coordinates", 0.93)):
+        inside, count = getattr(tracked, name)
+        assert inside / count > low, name
+
+
+def test_the_script_says_what_it_counted(robots):
+    script, found = robots
+    wrong = replace(found[0], there=set(), shown={"gravity", "thesis"})
+    told = script.summary([*found, wrong])
+    assert "5 SIMULATED robots, 1 with a false alarm (2 of" in told
+    assert "gravity: shown 1 of" in told
+    assert "thesis: shown 1 times where none of ('gravity', 'harmonics') is there" in told
+    assert "false alarms ['gravity', 'thesis']" in wrong.line()
+
+
+def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
+    """Against identifications of robots with and without it, not against the fast sub-blocks."""
+    truth = Truth(["gravity", "direction"])
+    motion = replace(moves(truth.nominal, 100, 3), elapsed=None)
+    points = truth.measured(motion, 1e-5)
+    found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
+    rows = {row.family: row for row in found.families}
+    assert rows["gravity"].shown
+    assert rows["direction"].shown
+    assert not {"gain", "harmonics", "move"} & {name for name, row in rows.items() if row.shown}
+    monkeypatch.setattr(term_sets, "HISTORY_FAMILIES", ("move",))
+    still = identify_evidence(truth.nominal, points, motion, gear_scan=False)
+    best = max(row.log_evidence for row in found.term_sets) - max(row.log_evidence for row in still.term_sets)
+    assert rows["direction"].evidence == pytest.approx(best, rel=0.05)
+    before = motion.q - motion.moves
+    change = np.concatenate(
+        [
+            found.predict(motion.q, before, name).position - still.predict(motion.q, before, name).position
+            for name in points.target_names
+        ]
+    )
+    assert rows["direction"].moves == pytest.approx(np.sqrt(np.mean(np.sum(change**2, axis=1))), rel=0.2)
+
+
+def test_sentences():
+    there = FamilyShown("gravity", 12.3, 500.0, 0.2134 * MM), FamilyShown("warm_up", 3.0, 9.0, 0.0051 * MM)
+    small, doubtful = FamilyShown("move", 3.0, 90.0, 0.001 * MM), FamilyShown("thesis", 3.0, 4.0, 1.0 * MM)
+    assert sentence([*reversed(there), small, doubtful]) == (
+        "What the data show beside errors of the geometry (in brackets, how far points move if a model does without): "
+        "gravity (0.213 mm), warm-up (0.005 mm). Not shown: move, the thesis's joint map."
+    )
+    assert sentence([small]) == "Beside errors of the geometry the data show nothing. Not shown: move."
+    assert sentence([]) == "Beside errors of the geometry the data show nothing."

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from simulated_fit import predicted_covariance
 
 import irbcal
 from irbcal.modeling import parameters
@@ -45,7 +46,7 @@ def test_a_target_is_surer_than_the_tip_where_it_was_measured(record):
 def test_uncertainty_of_a_saved_calibration_is_that_of_its_fit(proven, folder):
     loaded = irbcal.load(folder)
     q = proven.urdf.arm.random_joints(20, 6)
-    expected = np.sqrt(np.einsum("nii->ni", proven.fit.predicted_covariance(q, "smr2")))
+    expected = np.sqrt(np.einsum("nii->ni", predicted_covariance(proven.fit, q, "smr2")))
     assert np.abs(position_std(loaded, q, "smr2") / expected - 1).max() < 1e-6
     tip = position_std(loaded, q)
     assert tip.shape == (20, 3)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from irbcal.errors import IdentificationError
@@ -11,6 +13,7 @@ from irbcal.identification.evidence_maximisation import (
     NOISE,
     NOISE_COUNT,
     VARIANCE_CAP,
+    Anderson,
     Expected,
     Sums,
     evidence_temper,
@@ -173,3 +176,37 @@ def test_more_terms_than_the_poses_are_worth_do_not_keep_it_going_round():
     assert one.iterations < 25
     assert other.iterations < 400
     assert one.log_evidence == pytest.approx(other.log_evidence, abs=0.1)
+
+
+def test_a_linear_map_is_solved_in_as_many_steps_as_it_has_directions():
+    rng = np.random.default_rng(3)
+    directions = np.linalg.qr(rng.standard_normal((4, 4)))[0]
+    A = directions @ np.diag([0.99, 0.9, -0.97, 0.5]) @ directions.T
+    b = rng.standard_normal(4)
+    ways, x = Anderson(longest=1e3), np.zeros(4)
+    for _ in range(6):
+        x = ways.after(x, A @ x + b)
+    np.testing.assert_allclose(x, np.linalg.solve(np.eye(4) - A, b), rtol=1e-7)
+
+
+def test_the_first_step_is_plain_and_none_is_longer_than_allowed():
+    ways = Anderson(longest=0.5)
+    assert ways.after(np.array([1.0]), np.array([1.4])).tolist() == [1.4]
+    assert ways.after(np.array([1.4]), np.array([1.79])).tolist() == [1.9]  # the fixed point lies at 17
+    ways.forget()
+    assert ways.after(np.array([1.9]), np.array([2.0])).tolist() == [2.0]
+
+
+@given(st.lists(st.integers(0, 7), min_size=1, max_size=8, unique=True), st.integers(0, 1000))
+def test_a_part_is_what_its_columns_give(columns, seed):
+    rng = np.random.default_rng(seed)
+    J, y = rng.standard_normal((8, 20)), rng.standard_normal(20)
+    whole = Sums(J @ J.T, J @ y, float(y @ y), 20)
+    part = whole.part(np.array(columns))
+    np.testing.assert_allclose(part.H, J[columns] @ J[columns].T, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(part.g, J[columns] @ y, rtol=1e-12, atol=1e-12)
+    assert (part.yy, part.equations) == (whole.yy, 20)
+    # least squares from the sums is numpy's least squares of the rows
+    c, left, *_ = np.linalg.lstsq(J[columns].T, y, rcond=None)
+    np.testing.assert_allclose(np.linalg.solve(part.H, part.g), c, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(part.yy - c @ part.g, left[0], rtol=1e-6)
