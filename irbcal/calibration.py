@@ -248,7 +248,7 @@ def calibrate(
     measurements : str, Path, DataFrame, MeasurementSet or a result that holds one
     robot : str or Path
         URDF file, a robot's name (`irbcal.robots`), or a calibration, as for ``with_``. Left out only with ``with_``.
-    model : str, optional
+    model : {"auto", "best-level", "nominal", "11", "16", "26", "34", "34b", "offsets", "placement"}, optional
         ``auto``, the default: the average of many error models by their evidence, docs/calibration-auto.md. A level:
         ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement`` (any
         serial arm). ``best-level``: the level that cross-validation over the poses of the fit chooses. Where no model
@@ -259,19 +259,30 @@ def calibrate(
         ``all``: frame terms, too (bending, wobble), which only irbcal's own kinematics knows.
     holdout : float or int
         Fraction or number of poses that the fit does not see: 0.25 unless given; not with ``verify``.
-    split, seed
-        Which poses, see `irbcal.pipeline.held_out`.
+    split : {"random", "last"}
+        Which poses are held out: drawn at random, or the last of the file.
+    seed : int
+        Of the random split.
     verify : str, Path, DataFrame or MeasurementSet, optional
         A file of its own for the held-out poses, measured with the same tool, registered to the first's references.
     base_link, tip_link : str, optional
         Link names, see `irbcal.read_urdf`.
     coupling : str, optional
         How the controller counts joints, such as ``3+2``; see `irbcal.io.urdf.declared_coupling`.
-    method, objective, power, loss, parallel
-        See `irbcal.identification.fit.identify_by`. With method ``circles`` the fit sees the one-joint moves
-        (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then ``26``.
-    free, hold : sequence of str
-        Error parameters added to the level and taken from it, by name or pattern.
+    method : {"least-squares", "circles", "nelder-mead", "axes"}
+        How to identify, see `irbcal.identification.fit.identify_by`. With ``circles`` (or ``axes``) the fit sees the
+        one-joint moves (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then
+        ``26``.
+    objective : {"rms", "max", "pnorm"}
+        What to minimise: the root mean square, the largest error, or a norm between them.
+    power : float
+        Power of ``pnorm``, 2 or more.
+    loss : {"linear", "soft_l1", "huber"}
+        What an error counts in the root mean square: ``soft_l1`` and ``huber`` bend less to gross errors.
+    free : sequence of str
+        Error parameters added to the level, by name or pattern, such as ``gain*``.
+    hold : sequence of str
+        Error parameters that stay at nominal, likewise.
     targets : str, Path or dict, optional
         Targets measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm, or places in metres.
     frame : sequence of three str, optional
@@ -290,6 +301,8 @@ def calibrate(
         The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own.
     torques : bool
         Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better.
+    parallel : {"hayati", "forced"}
+        Method ``circles``: keep the tilt of nearly parallel axes, or give them one direction.
     features : str, Path or DataFrame, optional
         What is known of features that were touched, see `irbcal.measurement.features`: no tracker is needed.
     leave_out : str, optional
@@ -395,8 +408,10 @@ def report(
     ----------
     calibration : str, Path or Calibration
         Its folder, or one loaded from its folder.
-    figures, data : str or Path, optional
-        Folders for the figures and for the data behind figures and tables (CSV).
+    figures : str or Path, optional
+        Folder for the figures.
+    data : str or Path, optional
+        Folder for the data behind figures and tables (CSV).
     format : {"png", "svg"}, optional
         Of the figures; ``png`` unless given.
     progress : callable, optional

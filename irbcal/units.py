@@ -1,13 +1,12 @@
 """The only conversion factors of the project: millimetres, degrees, hours outside; metres, radians, seconds inside."""
 
 from collections.abc import Mapping
-
-import numpy as np
+from math import pi
 
 MM: float = 1e-3
 """One millimetre in metres."""
 
-DEG: float = np.pi / 180.0
+DEG: float = pi / 180.0
 """One degree in radians."""
 
 HOUR: float = 3600.0

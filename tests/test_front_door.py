@@ -38,8 +38,6 @@ ELSEWHERE = {
     "evaluate": dict.fromkeys(("report", "figures", "data"), "certificate"),
     "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
     "cell": {"as": None},
-    "fk": {"joints": None},
-    "ik": {"poses": None},
     "simulate": {"device": "simulate_device", "noise": "simulate_device"},
     "plan": {
         "device": "device_plan",
@@ -48,8 +46,7 @@ ELSEWHERE = {
         "prior": "compare_devices",
         "approach": "device_plan",
     },
-    "ballbar": {"file": None, "magnify": None},
-    "tracker": {"file": None},
+    "ballbar": {"magnify": None},
     "iso9283": dict.fromkeys(("plane", "near", "center", "inset", "edge"), "iso9283_plan") | {"plan": None},
 }
 """Options that are the first arguments of the function, drawn later (None), or belong to another function."""
@@ -69,6 +66,7 @@ OF_THE_SHELL = {
     "dry_run",
     "list",
     "fail_if_worse",
+    "help_all",
     "force",
     "verbose",
 }

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from irbcal.cli import grid, program_words, show
-from irbcal.cli.shared_options import Calibration, Json, Payload, PayloadPlace
-from irbcal.cli.wrong_calls import wrong_calls
+from irbcal.cli import program_words, show
+from irbcal.cli.program_words import NAMED
+from irbcal.cli.shared_options import Json
+from irbcal.cli.signature import PLACE, command, public
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
@@ -29,46 +30,47 @@ LANGUAGES = {
 """Of the makers, by the names that ``--as`` takes."""
 
 
+@command(
+    "cell_frames",
+    arguments=("calibration", "touches"),
+    typed={"payload_place": PLACE},
+    without=("out", "tool", "wobj"),
+    texts={
+        "touches": "Touches (CSV or Parquet): frame, name, point, tool, q1_deg …, at will x_mm, y_mm, z_mm and u95_mm."
+    },
+)
 def cell(
-    calibration: Calibration,
-    touches: Annotated[
-        Path,
-        typer.Argument(
-            help="Touches (CSV or Parquet): frame, name, point, tool, q1_deg …, at will x_mm, y_mm, z_mm and u95_mm.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[Path, typer.Option(help="File for the cell, such as cell.json.", show_default=False)],
+    options: dict[str, Any],
+    out: Annotated[Path, typer.Option(help="File for the cell, such as cell.json.")],
     as_: Annotated[
         str | None,
         typer.Option(
             "--as",
             help="Write frames as this maker does: kuka, abb, fanuc, yaskawa, kawasaki, staubli or ur.",
             metavar="MAKER",
-            show_default=False,
         ),
     ] = None,
     tool: Annotated[
         list[str] | None,
         typer.Option(
+            metavar=NAMED,
             help="What the controller has for a tool: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or with --as six "
-            "numbers as the maker writes them; likewise"
+            "numbers as the maker writes them.",
         ),
     ] = None,
     wobj: Annotated[
-        list[str] | None, typer.Option("--wobj", "--frame", help="for a work object (base, user frame).")
+        list[str] | None,
+        typer.Option("--wobj", "--frame", metavar=NAMED, help="Likewise for a work object (base, user frame)."),
     ] = None,
-    payload: Payload = None,
-    payload_place: PayloadPlace = None,
     json: Json = False,
 ) -> None:
     """Compute tools and work objects with the calibrated robot from touches, and how far off the controller's are."""
-    from irbcal.cell.cell_frames import cell_frames
     from irbcal.correction import languages
     from irbcal.io.calibration_folder import read
     from irbcal.io.controller_model import controller_frames
     from irbcal.modeling import frames
 
+    calibration = options.pop("calibration")
     if as_ is not None and as_ not in LANGUAGES:
         raise typer.BadParameter(f"expected {', '.join(LANGUAGES)}, found {as_!r}", param_hint="--as")
     maker = None if as_ is None else languages.by_name()[LANGUAGES[as_]].MAKER
@@ -77,16 +79,13 @@ def cell(
     ends = controller_frames(saved.urdf, "calibrated.urdf", robot.base_link, robot.tip_link)
     tools = program_words.frames(tool, "--tool", maker)
     work_objects = program_words.frames(wobj, "--wobj", maker)
-    with wrong_calls():
-        found = cell_frames(
-            calibration,
-            touches,
-            out,
-            tool={name: ends.T_tip_flange @ T for name, T in tools.items()},
-            wobj={name: ends.T_base_world @ T for name, T in work_objects.items()},
-            payload=payload,
-            payload_place=grid.metres(payload_place, "--payload-place"),
-        )
+    found = public("cell_frames")(
+        calibration,
+        out=out,
+        tool={name: ends.T_tip_flange @ T for name, T in tools.items()},
+        wobj={name: ends.T_base_world @ T for name, T in work_objects.items()},
+        **options,
+    )
     if json:
         show.print_json(found.to_dict())
         return

@@ -33,17 +33,13 @@ def demo(
     """Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses."""
     if not json:
         show.say("Demonstration on SIMULATED measurements of an IRB 1600 that errs like the one of the thesis.")
-    calibrate.run(
-        robots.demo_file(MEASURED),
-        "irb1600",
-        out,
-        json,
-        {},
-        force=force or (out == OWN and _from_a_demonstration(out)),
-        verbose=verbose,
-        model=model,
-        verify=robots.demo_file("demo_verification.csv"),
-    )
+    options = {
+        "measurements": robots.demo_file(MEASURED),
+        "robot": "irb1600",
+        "model": model,
+        "verify": robots.demo_file("demo_verification.csv"),
+    }
+    calibrate.run(options, out, json, force or (out == OWN and _from_a_demonstration(out)), verbose)
     if not json:
         show.say(
             f"\nOpen {out / 'report.html'}. Next, SIMULATED examples for every command, with the lines that try them:"

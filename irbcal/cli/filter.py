@@ -2,179 +2,64 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from irbcal.cli import grid, program_words, show
-from irbcal.cli.shared_options import Calibration, Json, Payload, PayloadPlace
+from irbcal.cli import program_words, show
+from irbcal.cli.program_words import NAMED
+from irbcal.cli.shared_options import Json
+from irbcal.cli.signature import MM, PLACE, Typed, command, numbers, public
 
 if TYPE_CHECKING:
     from irbcal.correction.filtered import Filtered
-    from irbcal.correction.true_frames import ControllerNumbers
 
-FRAMES = "Tools, work objects, points"
-
-
-class NumbersChoice(str, Enum):
-    """Which numbers the controller will have for tools and work objects."""
-
-    same = "same"
-    from_cell = "from-cell"
-
-    @property
-    def literal(self) -> ControllerNumbers:
-        """As `irbcal.correct` takes it."""
-        return "same" if self is NumbersChoice.same else "from-cell"
-
-
+@command(
+    "correct",
+    arguments=("calibration", "program"),
+    typed={
+        "program": Typed(list[Path], "PATH"),
+        "payload_place": PLACE,
+        "path_tolerance": MM,
+        "pulses": numbers("P1,…,P6", 6),
+        "where": Typed(str, "J1,…,J6=X,Y,Z,O,A,T"),
+        "tool": Typed(list[str], NAMED),
+        "wobj": Typed(list[str], NAMED),
+    },
+    flags={"wobj": "--wobj --frame"},
+    without=("out",),
+    panels={
+        "Everyday": ("allow_partial", "changes", "path_tolerance", "payload", "payload_place", "json"),
+        "Tools, work objects, points": ("cell", "tool", "wobj", "controller_frames", "points", "re_express")
+        + ("frames_measured", "strict"),
+        "Controllers": ("controller_model", "pulses", "where"),
+    },
+    texts={
+        "tool": "A tool the program does not define: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or six numbers as the "
+        "language writes them.",
+        "wobj": "Likewise a work object (base, user frame) in the base frame.",
+        "where": "For poses of Kawasaki programs, what the controller shows at one place with null tool and base: "
+        "J1,J2,J3,J4,J5,J6=X,Y,Z,O,A,T.",
+    },
+)
 def filter_program(
-    calibration: Calibration,
-    program: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Program: RAPID, KRL or another language of docs/programs.md, or CSV of joints or poses; several "
-            "files of one language, or a folder.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(help="File for the program with fake targets; of several files, a folder.", show_default=False),
-    ],
-    allow_partial: Annotated[
-        bool, typer.Option("--allow-partial", help="Write it even if some targets could not be corrected.")
-    ] = False,
-    changes: Annotated[
-        Path | None, typer.Option(help="Write what changed, target by target, as CSV.", show_default=False)
-    ] = None,
-    tool: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A tool the program does not define: NAME=x,y,z,q1,q2,q3,q4 (mm, quaternion), or six numbers as the "
-            "language writes them; likewise"
-        ),
-    ] = None,
-    wobj: Annotated[
-        list[str] | None, typer.Option("--wobj", "--frame", help="a work object (base, user frame) in the base frame.")
-    ] = None,
-    payload: Payload = None,
-    payload_place: PayloadPlace = None,
-    pulses: Annotated[
-        str | None,
-        typer.Option(help="Pulses per degree of the six joints, with commas, for Yaskawa jobs.", show_default=False),
-    ] = None,
-    controller_model: Annotated[
-        Path | None,
-        typer.Option(
-            help="What the controller itself computes with, where that is not the nominal robot: a URDF (irbcal "
-            "controller writes it), or ur_description's calibration YAML.",
-            metavar="FILE",
-            show_default=False,
-        ),
-    ] = None,
-    where: Annotated[
-        str | None,
-        typer.Option(
-            help="For poses of Kawasaki programs, what the controller shows at one place with null tool and base: "
-            "J1,J2,J3,J4,J5,J6=X,Y,Z,O,A,T.",
-            show_default=False,
-        ),
-    ] = None,
-    path_tolerance: Annotated[
-        float | None,
-        typer.Option(
-            help="Put points into straight and circular moves, so that the tool leaves the wanted path by less than so "
-            "many mm (RAPID).",
-            show_default=False,
-        ),
-    ] = None,
-    cell: Annotated[
-        Path | None,
-        typer.Option(
-            help="True tools and work objects, as irbcal cell writes them: corrections stand for these.",
-            metavar="FILE",
-            show_default=False,
-            rich_help_panel=FRAMES,
-        ),
-    ] = None,
-    controller_frames: Annotated[
-        NumbersChoice,
-        typer.Option(
-            help="Which numbers the controller will have for tools and work objects: the same as now, or those "
-            "from-cell.",
-            rich_help_panel=FRAMES,
-        ),
-    ] = NumbersChoice.same,
-    points: Annotated[
-        str | None,
-        typer.Option(
-            help="offline: coordinates of points are wanted; taught: they were shown on the real robot and stay; "
-            "taught:PATTERN: those with such names.",
-            metavar="KIND",
-            show_default="offline",
-            rich_help_panel=FRAMES,
-        ),
-    ] = None,
-    re_express: Annotated[
-        bool,
-        typer.Option(
-            "--re-express",
-            help="Rewrite taught points as offline points of the true frames; correct nothing.",
-            rich_help_panel=FRAMES,
-        ),
-    ] = False,
-    frames_measured: Annotated[
-        bool,
-        typer.Option(
-            "--frames-measured",
-            help="Tools and work objects (others than the cell's) were measured independently of the robot: by CAD, by "
-            "tracker.",
-            rich_help_panel=FRAMES,
-        ),
-    ] = False,
-    strict: Annotated[
-        bool,
-        typer.Option(
-            "--strict",
-            help="Write nothing, with exit code 3, where a tool or work object is of unknown origin.",
-            rich_help_panel=FRAMES,
-        ),
-    ] = False,
+    options: dict[str, Any],
+    out: Annotated[Path, typer.Option(help="File for the program with fake targets; of several files, a folder.")],
     json: Json = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
-    from irbcal.correction.filter import NotWritten, correct
+    from irbcal.correction.filter import NotWritten
     from irbcal.correction.languages import files_of
 
-    maker = files_of(program)[0].MAKER
-    tools = program_words.frames(tool, "--tool", maker)
-    work_objects = program_words.frames(wobj, "--wobj", maker)
-    refused = False
+    maker = files_of(options["program"])[0].MAKER
+    for name in ("tool", "wobj"):
+        options[name] = program_words.frames(options.get(name), f"--{name}", maker)
+    if "where" in options:
+        options["where"] = program_words.where(options["where"], maker)
+    refused, strict = False, options.get("strict", False)
     try:
-        found = correct(
-            calibration,
-            program,
-            out=out,
-            allow_partial=allow_partial,
-            changes=changes,
-            tool=tools,
-            wobj=work_objects,
-            payload=payload,
-            payload_place=grid.metres(payload_place, "--payload-place"),
-            pulses=program_words.pulses(pulses),
-            controller_model=controller_model,
-            where=program_words.where(where, maker),
-            path_tolerance=None if path_tolerance is None else path_tolerance * 1e-3,
-            cell=cell,
-            controller_frames=controller_frames.literal,
-            points=points,
-            re_express=re_express,
-            frames_measured=frames_measured,
-            strict=strict,
-        )
+        found = public("correct")(**options, out=out)
     except NotWritten as refusal:
         found, refused = refusal.filtered, True
     if json:

@@ -7,6 +7,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand
 
+from irbcal.cli.signature import EXPERT, HELP_ALL_KEY
 from irbcal.overwriting import refuse_overwriting
 
 OUTPUTS = ("out", "changes", "html", "plot", "plots", "figures", "data", "report", "csv", "latex")
@@ -19,18 +20,16 @@ class Guarded(TyperCommand):
     """A command that compares its outputs with its inputs before it does anything."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Help whose lists of choices have places to break a line at."""
-        listed = []
-        for param in self.params:
+        """Help whose lists of choices have places to break a line at; options for experts on request only."""
+        for param in self.get_params(ctx):
             kind = getattr(param, "type_descriptor", None)
-            if kind is not None and kind.is_choice and param.metavar is None:
+            if getattr(param, "is_flag", False):
+                param.metavar = ""
+            elif kind is not None and kind.is_choice and param.metavar is None:
                 param.metavar = f"<{' | '.join(str(getattr(choice, 'value', choice)) for choice in kind.choices)}>"
-                listed.append(param)
-        try:
-            super().format_help(ctx, formatter)
-        finally:
-            for param in listed:
-                param.metavar = None
+            if getattr(param, "rich_help_panel", None) == EXPERT:
+                param.hidden = HELP_ALL_KEY not in ctx.meta
+        super().format_help(ctx, formatter)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command, unless an output is an input or another output; say where it goes on if it is stopped."""

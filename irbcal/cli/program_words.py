@@ -19,6 +19,8 @@ def pulses(text: str | None) -> list[float] | None:
         raise typer.BadParameter(f"expected six numbers with commas, found {text!r}", param_hint="--pulses") from None
 
 
+NAMED = "NAME=…"
+"""How a named frame is typed."""
 LARGEST_MM = 1e6
 """Of a tool or work object; a kilometre is none."""
 

@@ -2,36 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Literal
-
-import typer
+from typing import Any
 
 from irbcal.cli import show
-from irbcal.cli.shared_options import Calibration, Json
-from irbcal.cli.wrong_calls import wrong_calls
+from irbcal.cli.shared_options import Json
+from irbcal.cli.signature import command, public
 
 
-def report(
-    calibration: Calibration,
-    figures: Annotated[
-        Path | None, typer.Option(help="Folder for the figures as files of their own.", show_default=False)
-    ] = None,
-    format: Annotated[Literal["png", "svg"] | None, typer.Option(help="Of these figures.", show_default="png")] = None,
-    data: Annotated[
-        Path | None, typer.Option(help="Folder for the data behind figures and tables (CSV).", show_default=False)
-    ] = None,
-    json: Json = False,
-) -> None:
+@command("report", arguments=("calibration",))
+def report(options: dict[str, Any], json: Json = False) -> None:
     """Write report.html again from calibration.json; its figures (PNG, SVG) and data (CSV) on request."""
-    from irbcal.calibration import load
-    from irbcal.calibration import report as write
-
-    with wrong_calls(), show.progress(3, quiet=json) as step:
-        folders = write(calibration, figures=figures, format=format, data=data, progress=step)
+    with show.progress(3, quiet=json) as step:
+        folders = public("report")(**options, progress=step)
     if json:
         written = [str(folder / name) for folder, names in folders.items() for name in names]
-        show.print_json({"out": str(calibration), "simulated": load(calibration).record.simulated, "written": written})
+        simulated = public("load")(options["calibration"]).record.simulated
+        show.print_json({"out": str(options["calibration"]), "simulated": simulated, "written": written})
         return
     for folder, names in folders.items():
         show.say(f"Written to {folder}: {', '.join(names)}")

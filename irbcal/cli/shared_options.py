@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from irbcal.cli import show
+from irbcal.cli.wrong_calls import path_to_write
 
 Calibration = Annotated[Path, typer.Argument(help="Calibration folder.", show_default=False)]
 Measurements = Annotated[Path, typer.Argument(help="Measurement file (CSV or Parquet).", show_default=False)]
@@ -64,6 +65,7 @@ Engine = Annotated[
     ),
 ]
 
+OutFile = Annotated[Path, typer.Option(parser=path_to_write, metavar="PATH", help="File to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
 JsonLines = Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")]
 Verbose = Annotated[bool, typer.Option("--verbose", help=show.VERBOSE)]

@@ -41,6 +41,26 @@ def print_json(value: Any) -> None:
     sys.stdout.write("\n")
 
 
+def result(value: Any, json: bool, *lines: str, **content: Any) -> None:
+    """What a result has to say, and lines after it; or its content as JSON, with more content before it."""
+    if json:
+        print_json({**content, **value.to_dict()})
+    else:
+        tell([*value.told(), *lines])
+
+
+def with_plot(file: Path | None, json: bool, compute: Callable[[], Any], save: Callable[[Any, Path], Any]) -> None:
+    """A result, and its figure as a file on request, whose name is checked before anything is computed."""
+    if file is not None:
+        from irbcal.plotting.charts import check_name
+
+        check_name(file)
+    value = compute()
+    if file is not None:
+        save(value, file)
+    result(value, json, *([f"Figure written to {file}"] if file is not None else ()))
+
+
 @contextmanager
 def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]:
     """A progress bar on stderr; yields a function to call with a text at the start of each step."""

@@ -278,9 +278,9 @@ def _numbers_of(words: list[str], out: str, folder: Path, new: list[str]) -> str
     given = b"".join(path.read_bytes() for path in old).lower()
     for name in new:
         path = folder / name
-        if path.suffix == ".json":
+        if path.suffix == ".json" and path.is_file():
             texts.append(path.read_text())
-        elif path.suffix == ".csv":
+        elif path.suffix == ".csv" and path.is_file():
             found = _in_table(path.read_text(encoding="utf-8-sig"))
             if found:
                 return f"non-finite number in {name}, column {found}"

@@ -96,8 +96,8 @@ def test_several_files_go_into_a_folder(job, tmp_path):
 
 
 WRONG = (
-    (["--pulses", "1,2,3"], "pulses"),
-    (["--pulses", "a,b"], "expected six numbers"),
+    (["--pulses", "1,2,3"], "expected 6 numbers"),
+    (["--pulses", "a,b"], "expected 6 numbers"),
     (["--tool", "1=0,0"], "expected NAME="),
     (["--frame", "0,0,0,0,0,0"], "expected NAME="),
     (["--where", "1,2,3"], "expected six joints=six numbers"),

@@ -1,0 +1,398 @@
+"""Commands made from functions of the API: an option's name, choices, default and explanation stand once.
+
+They are read from the function's signature and numpydoc docstring in its source: help imports no numpy. What a shell
+types otherwise than Python (millimetres, degrees, numbers with commas between them) is declared beside the command.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from irbcal.errors import OptionError
+from irbcal.units import DEG as DEG_PER_RAD
+from irbcal.units import MM as MM_PER_M
+
+REQUIRED = inspect.Parameter.empty
+EXPERT = "Expert"
+"""Panel that only --help-all shows."""
+HELP_ALL_KEY = "irbcal.help-all"
+SHARED = {
+    "base_link": "Base link of the arm: base_link or the root unless given.",
+    "tip_link": "Tip link of the arm: tool0, flange, ee_link, tcp or the last link unless given.",
+    "coupling": "How the controller counts joints: 3+2 adds joint 2 to its joint 3; none: as the URDF. The file beside "
+    "the URDF says it unless given.",
+    "jobs": "Workers at a time: one for each core unless given. The result does not depend on it.",
+    "engine": "dask://HOST:PORT: the workers of a Dask cluster in place of this machine's.",
+    "payload_place": "Centre of the payload in the tip link: x,y,z in mm.",
+}
+"""Texts of options that many functions have, whose docstrings speak of Python."""
+NAMELESS = {"calibration": "Calibration folder.", "measurements": "Measurement file (CSV or Parquet)."}
+"""Texts of parameters whose docstrings say no more than their type."""
+LEFT_OUT = ("progress",)
+"""Parameters of functions that are no options."""
+
+
+@dataclass(frozen=True)
+class Typed:
+    """How a value is typed in a shell.
+
+    Attributes
+    ----------
+    kind : type
+        What typer reads: float, str, Path, ...
+    metavar : str
+        What help shows for it.
+    read : callable
+        Value as typed, and the option's name, to the function's value.
+    shown : callable
+        The function's default as it would be typed.
+    """
+
+    kind: Any
+    metavar: str | None
+    read: Callable[[Any, str], Any] = lambda value, option: value
+    shown: Callable[[Any], Any] = lambda value: value
+
+
+def scaled(factor: float, metavar: str) -> Typed:
+    """A number in another unit."""
+    return Typed(float, metavar, lambda value, option: value * factor, lambda value: round(value / factor, 12))
+
+
+MM, DEG = scaled(MM_PER_M, "MM"), scaled(DEG_PER_RAD, "DEGREES")
+NAMES = Typed(str, "NAME,NAME,…", lambda text, option: [name.strip() for name in text.split(",")])
+
+
+def numbers(metavar: str, *counts: int, units: Sequence[float] = ()) -> Typed:
+    """Numbers with commas between them, as a list: each in its unit, the last unit for all that follow."""
+
+    def read(text: str, option: str) -> list[float]:
+        from irbcal.cli import grid
+
+        values = grid.numbers(text, counts, option)
+        factors = [*units, *(units[-1:] or (1.0,)) * (len(values) - len(units))]
+        return [value * factor for value, factor in zip(values, factors, strict=False)]
+
+    def shown(values: Sequence[float]) -> str:
+        factors = [*units, *(units[-1:] or (1.0,)) * (len(values) - len(units))]
+        return ",".join(f"{value / factor:g}" for value, factor in zip(values, factors, strict=False))
+
+    return Typed(str, metavar, read, shown)
+
+
+PLACE = numbers("X,Y,Z", 3, units=[MM_PER_M])
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter as the source declares it."""
+
+    name: str
+    annotation: str
+    default: Any
+    text: str
+    choices: tuple[str, ...]
+
+    @property
+    def option(self) -> str:
+        """Its name in a shell."""
+        return f"--{self.name.rstrip('_').replace('_', '-')}"
+
+
+@functools.cache
+def source_of(name: str) -> tuple[str, str]:
+    """Module and name of a public function, by the front door's list."""
+    stub = ast.parse((Path(__file__).parents[1] / "__init__.pyi").read_text(encoding="utf-8"))
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom) and node.level == 1 and node.module:
+            for alias in node.names:
+                if alias.asname == name:
+                    return f"irbcal.{node.module}", alias.name
+    raise LookupError(name)
+
+
+@functools.cache
+def parameters_of(name: str) -> tuple[str, tuple[Parameter, ...]]:
+    """First paragraphs of a public function's docstring, and its parameters."""
+    module, function = source_of(name)
+    tree = _tree(module)
+    node = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == function)
+    docstring = ast.get_docstring(node) or ""
+    texts = dict(_texts(docstring))
+    every = [*node.args.posonlyargs, *node.args.args]
+    defaults: list[ast.expr | None] = [None] * (len(every) - len(node.args.defaults))
+    pairs = [*zip(every, [*defaults, *node.args.defaults], strict=True)]
+    pairs += zip(node.args.kwonlyargs, node.args.kw_defaults, strict=True)
+    names = [argument.arg for argument, _ in pairs]
+    out = []
+    for argument, default in pairs:
+        kind, text = texts.get(argument.arg, ("", ""))
+        braces = re.search(r"\{(.*?)\}", kind)
+        out.append(
+            Parameter(
+                argument.arg,
+                _annotation(module, argument.annotation),
+                REQUIRED if default is None else _value(module, default),
+                SHARED.get(argument.arg) or (NAMELESS.get(argument.arg, "") if not text else "") or _explained_elsewhere(argument.arg, text) or for_shells(text, names),
+                tuple(item.strip(" \"'") for item in braces[1].split(",")) if braces else (),
+            )
+        )
+    return docstring.split("\nParameters\n")[0].strip(), tuple(out)
+
+
+@functools.cache
+def _tree(module: str) -> ast.Module:
+    """The source of a module, which is not imported."""
+    spec = find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    return ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+
+
+def _annotation(module: str, node: ast.expr | None) -> str:
+    """An annotation as text; a name that stands for choices, by these."""
+    text = "" if node is None else ast.unparse(node)
+    first = text.split(" | ")[0]
+    if not first.isidentifier() or first in dir(__builtins__):
+        return text
+    for item in _tree(module).body:
+        if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name) and item.target.id == first:
+            choices = ast.unparse(item.value) if item.value is not None else ""
+            return choices if choices.startswith("Literal[") else text
+        if isinstance(item, ast.ImportFrom) and item.module and item.module.startswith("irbcal"):
+            for alias in item.names:
+                if first == (alias.asname or alias.name):
+                    other = _annotation(item.module, ast.Name(alias.name))
+                    return other if other.startswith("Literal[") else text
+    return text
+
+
+def _value(module: str, node: ast.expr) -> Any:
+    """Value of a default: literals, and constants of this and of other modules."""
+    try:
+        names = {item.id: _constant(module, item.id) for item in ast.walk(node) if isinstance(item, ast.Name)}
+    except LookupError:
+        return None
+    return eval(compile(ast.Expression(node), module, "eval"), {"__builtins__": {}}, names)
+
+
+def _constant(module: str, name: str) -> Any:
+    for item in _tree(module).body:
+        targets = item.targets if isinstance(item, ast.Assign) else [item.target] if isinstance(item, ast.AnnAssign) else []
+        if any(isinstance(target, ast.Name) and target.id == name for target in targets):
+            return _value(module, item.value)  # type: ignore[union-attr,arg-type]
+        if isinstance(item, ast.ImportFrom) and item.module:
+            for alias in item.names:
+                if name == (alias.asname or alias.name):
+                    return getattr(import_module(item.module), alias.name)  # a value, of a light module
+    raise LookupError(f"{module}: {name}")
+
+
+def _explained_elsewhere(parameter: str, text: str) -> str:
+    """The explanation of another function's parameter of this name, where a text only names that function."""
+    other = re.fullmatch(r"(?:As|See) `irbcal\.(?:\w+\.)*(\w+)`\.?", text)
+    if other is None:
+        return ""
+    try:
+        return next((item.text for item in parameters_of(other[1])[1] if item.name == parameter), "")
+    except LookupError:
+        return ""
+
+
+def _texts(docstring: str) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Names of parameters, each with the words after the colon and its explanation."""
+    part = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
+    for item in re.finditer(r"^(\S[^\n]*?)(?: : ([^\n]*))?\n((?:(?:[ \t]+[^\n]*)?\n)*)", (part[1] if part else "") + "\n", re.MULTILINE):
+        for name in item[1].split(","):
+            yield name.strip(), (item[2] or "", " ".join(item[3].split()))
+
+
+def for_shells(text: str, names: Sequence[str]) -> str:
+    """An explanation without links to other functions, with options as a shell has them."""
+    text = re.sub(r"[,;:]? ?\(?\bsee `[^`]*`\)?", "", text, flags=re.IGNORECASE)
+    text = re.sub(r"`irbcal\.(?:\w+\.)*(\w+)`", r"\1", text)
+    for name in names:
+        text = text.replace(f"``{name}``", f"--{name.rstrip('_').replace('_', '-')}")
+    return text.replace("``", "").strip()
+
+
+def _typed(parameter: Parameter) -> Typed:
+    """How a parameter is typed by its annotation."""
+    kind = parameter.annotation
+    if parameter.choices and "Literal" not in str(kind) and "bool" not in kind or "Literal[" in kind:
+        choices = parameter.choices or tuple(ast.literal_eval(f"({kind.split('Literal[')[1].split(']')[0]},)"))
+        return Typed(Literal[choices], f"<{' | '.join(choices)}>")
+    if "Sequence[str]" in kind:
+        return Typed(list[str], "NAME")
+    for plain in (bool, int, float):
+        if re.match(rf"{plain.__name__}\b", kind):
+            return Typed(plain, None if plain is not bool else "")
+    return Typed(Path if re.search(r"Path|Like|DataFrame", kind) else str, None)
+
+
+def command(
+    api: str,
+    *,
+    arguments: Sequence[str] = (),
+    typed: Mapping[str, Typed] | None = None,
+    flags: Mapping[str, str] | None = None,
+    panels: Mapping[str, Sequence[str]] | None = None,
+    without: Sequence[str] = (),
+    texts: Mapping[str, str] | None = None,
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a command of a public function.
+
+    Parameters
+    ----------
+    api : str
+        Its name at the front door; or several, with spaces between them: the first that has a parameter explains it.
+    arguments : sequence of str
+        Parameters that have no option: they are typed in this order.
+    typed : dict of str to Typed, optional
+        Parameters that a shell types otherwise.
+    flags : dict of str to str, optional
+        Options of other names, or several with spaces between them.
+    panels : dict of str to sequence of str, optional
+        Panels of the help with their options, those of the command, too. Where there are any, all other options are
+        for experts: --help-all shows them.
+    without : sequence of str
+        Parameters that are no options.
+    texts : dict of str to str, optional
+        Explanations of parameters that a shell understands otherwise.
+
+    Returns
+    -------
+    callable
+        Decorates a function of the API's options (a dict of those that were typed, in the API's units) and of the
+        command's options, which typer knows by their annotations.
+    """
+    typed, flags = typed or {}, flags or {}
+    first = ""
+    panel_of = {name: panel for panel, names in (panels or {}).items() for name in names}
+    parameters: dict[str, Parameter] = {}
+    for name in api.split():
+        text, known = parameters_of(name)
+        first = first or text
+        parameters |= {item.name: item for item in known if item.name not in (*LEFT_OUT, *without, *parameters)}
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        hints = inspect.signature(function, eval_str=True).parameters
+        kinds = {name: typed.get(name, _typed(item)) for name, item in parameters.items()}
+        own = [item for item in hints.values() if item.name != "options"]
+        shown, defaults = [], {}
+        for name, item in parameters.items():
+            kind = kinds[name]
+            optional = item.default is not REQUIRED
+            default = None if not optional or item.default in (None, (), False) else kind.shown(item.default)
+            text = (texts or {}).get(name) or _in_units(item.text, kind)
+            panel = panel_of.get(name, EXPERT if panels else None)
+            if name in arguments:
+                info: Any = typer.Argument(help=text, show_default=default is not None, metavar=None)
+            else:
+                info = typer.Option(
+                    *flags.get(name, item.option).split(),
+                    help=text,
+                    show_default=default is not None,
+                    metavar=kind.metavar,
+                    rich_help_panel=panel if optional else None,
+                )
+            if kind.kind is bool:
+                default = False
+            if optional:
+                defaults[name] = default
+            annotation = Annotated[kind.kind if not optional or kind.kind is bool else kind.kind | None, info]
+            shown.append(
+                inspect.Parameter(
+                    name,
+                    inspect.Parameter.KEYWORD_ONLY,
+                    default=default if optional else REQUIRED,
+                    annotation=annotation,
+                )
+            )
+        more = [
+            item.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=_in_panel(item, panel_of, bool(panels)))
+            for item in own
+        ]
+        if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panels:
+            more.append(inspect.Parameter("help_all", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=HELP_ALL))
+        order = {name: k for k, name in enumerate([*arguments, *panel_of])}
+        every = sorted([*shown, *more], key=lambda item: order.get(item.name, len(order)))
+
+        @functools.wraps(function)
+        def call(**values: Any) -> None:
+            options, _ = {}, values.pop("help_all", None)
+            for name, item in parameters.items():
+                value = values.pop(name)
+                if value is None or value == [] or value == defaults.get(name):
+                    continue  # the function's default
+                options[name] = kinds[name].read(value, flags.get(name, item.option))
+            with refusals(arguments, flags):
+                function(options, **values)
+
+        call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
+        call.__annotations__ = {item.name: item.annotation for item in every}
+        call.__doc__ = function.__doc__ or for_shells(first, list(parameters))
+        del call.__wrapped__  # type: ignore[attr-defined]  # typer would read the function within
+        return call
+
+    return decorate
+
+
+def _help_all(ctx: typer.Context, wanted: bool) -> None:
+    if wanted:
+        ctx.meta[HELP_ALL_KEY] = True
+        typer.echo(ctx.get_help(), color=ctx.color)
+        raise typer.Exit
+
+
+HELP_ALL = Annotated[
+    bool, typer.Option("--help-all", is_eager=True, callback=_help_all, help="Show options for experts, too.")
+]
+
+
+def _in_panel(item: inspect.Parameter, panel_of: Mapping[str, str], panels: bool) -> Any:
+    """The annotation of a command's own option, in its panel."""
+    import copy
+
+    kind, *metadata = getattr(item.annotation, "__origin__", item.annotation), *item.annotation.__metadata__
+    infos = [copy.copy(info) for info in metadata]
+    for info in infos:
+        if isinstance(info, typer.models.OptionInfo) and panels and item.default is not REQUIRED:
+            info.rich_help_panel = panel_of.get(item.name, EXPERT)
+    return Annotated[(kind, *infos)]  # type: ignore[return-value]
+
+
+def _in_units(text: str, kind: Typed) -> str:
+    """An explanation in the units of a shell."""
+    if kind.metavar is None or kind.kind not in (float, str):
+        return text
+    return re.sub(r"\bmetres\b", "mm", re.sub(r"\bradians\b", "degrees", text))
+
+
+def public(name: str) -> Any:
+    """A public function, imported."""
+    module, function = source_of(name)
+    return getattr(import_module(module), function)
+
+
+@contextmanager
+def refusals(arguments: Sequence[str] = (), flags: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Turn an `OptionError` into a wrong call (exit code 2) that names the option."""
+    try:
+        yield
+    except OptionError as error:
+        name = error.parameter or ""
+        hint = name.upper() if name in arguments else (flags or {}).get(name, f"--{name.rstrip('_').replace('_', '-')}")
+        raise typer.BadParameter(str(error), param_hint=hint if name else None) from None
