@@ -9,8 +9,7 @@ import typer
 
 from irbcal.cli import show
 from irbcal.cli.shared_options import FailIfWorse, Json, Verbose
-from irbcal.cli.signature import NAMES, PLACE, Typed, command, public
-from irbcal.cli.wrong_calls import path_to_write
+from irbcal.cli.signature import NAMES, PLACE, Typed, command, path_to_write, public
 
 STEPS = 6
 
@@ -26,8 +25,8 @@ STEPS = 6
         "payload_place": PLACE,
     },
     panels={
-        "Everyday": ("robot", "model", "holdout", "verify", "with_", "force", "verbose", "json"),
-        "Measurements": ("features", "targets", "frame", "as_poses", "session_by", "payload_place", "same_tool", "prior"),
+        "Everyday": ("robot", "model", "holdout", "verify", "with_", "prior", "force", "verbose", "json"),
+        "Measurements": ("features", "targets", "frame", "as_poses", "session_by", "payload_place", "same_tool"),
         "URDF": ("base_link", "tip_link", "coupling", "world_link", "target_links", "mesh_paths"),
     },
 )

@@ -15,6 +15,7 @@ from irbcal.cli.signature import MM, PLACE, Typed, command, numbers, public
 if TYPE_CHECKING:
     from irbcal.correction.filtered import Filtered
 
+
 @command(
     "correct",
     arguments=("calibration", "program"),
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
     without=("out",),
     panels={
         "Everyday": ("allow_partial", "changes", "path_tolerance", "payload", "payload_place", "json"),
-        "Tools, work objects, points": ("cell", "tool", "wobj", "controller_frames", "points", "re_express")
-        + ("frames_measured", "strict"),
+        "Tools and work objects": ("cell", "tool", "wobj", "controller_frames", "frames_measured", "strict"),
+        "Points": ("points", "re_express"),
         "Controllers": ("controller_model", "pulses", "where"),
     },
     texts={

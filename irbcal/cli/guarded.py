@@ -21,7 +21,8 @@ class Guarded(TyperCommand):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Help whose lists of choices have places to break a line at; options for experts on request only."""
-        for param in self.get_params(ctx):
+        params: list[Any] = self.get_params(ctx)
+        for param in params:
             kind = getattr(param, "type_descriptor", None)
             if getattr(param, "is_flag", False):
                 param.metavar = ""

@@ -30,9 +30,20 @@ PLAN = ("center", "edge", "inset", "plane", "near")
     },
     without=("robot",),
     panels={
-        "Measurements": ("calibration", "commanded", "target", "set_size", "approaches", "band", "rest", "path")
-        + ("commanded_path", "velocity", "window", "moves", "forces", "plot", "json"),
+        "Poses": ("calibration", "commanded", "target", "set_size"),
+        "Paths, stops, forces": (
+            "path",
+            "commanded_path",
+            "velocity",
+            "window",
+            "approaches",
+            "band",
+            "rest",
+            "moves",
+            "forces",
+        ),
         "Test poses": ("plan", *PLAN),
+        "Output": ("plot", "json"),
     },
     texts={
         "velocity": "Commanded velocity of the path, mm/s.",
@@ -51,9 +62,7 @@ def iso9283(
     """Accuracy, repeatability, drift, settling, velocity, corners, posing time, compliance, after ISO 9283:1998."""
     poses = {name: options.pop(name) for name in PLAN if name in options}
     if plan is None:
-        show.with_plot(
-            plot, json, lambda: public("iso9283")(**options), lambda result, file: result.save_plots(file)
-        )
+        show.with_plot(plot, json, lambda: public("iso9283")(**options), lambda result, file: result.save_plots(file))
         return
     if "measurements" in options:
         raise typer.BadParameter("--plan takes no measurements: leave one of them out", param_hint="MEASUREMENTS")

@@ -35,6 +35,7 @@ SHARED = {
     "the URDF says it unless given.",
     "jobs": "Workers at a time: one for each core unless given. The result does not depend on it.",
     "engine": "dask://HOST:PORT: the workers of a Dask cluster in place of this machine's.",
+    "store": "File (SQLite), or postgresql+psycopg://USER@HOST/NAME: fleet.db unless given.",
     "payload_place": "Centre of the payload in the tip link: x,y,z in mm.",
 }
 """Texts of options that many functions have, whose docstrings speak of Python."""
@@ -78,16 +79,17 @@ NAMES = Typed(str, "NAME,NAME,…", lambda text, option: [name.strip() for name 
 def numbers(metavar: str, *counts: int, units: Sequence[float] = ()) -> Typed:
     """Numbers with commas between them, as a list: each in its unit, the last unit for all that follow."""
 
+    def factors(count: int) -> list[float]:
+        return [*units, *[units[-1] if units else 1.0] * count][:count]
+
     def read(text: str, option: str) -> list[float]:
         from irbcal.cli import grid
 
         values = grid.numbers(text, counts, option)
-        factors = [*units, *(units[-1:] or (1.0,)) * (len(values) - len(units))]
-        return [value * factor for value, factor in zip(values, factors, strict=False)]
+        return [value * factor for value, factor in zip(values, factors(len(values)), strict=True)]
 
     def shown(values: Sequence[float]) -> str:
-        factors = [*units, *(units[-1:] or (1.0,)) * (len(values) - len(units))]
-        return ",".join(f"{value / factor:g}" for value, factor in zip(values, factors, strict=False))
+        return ",".join(f"{value / factor:g}" for value, factor in zip(values, factors(len(values)), strict=True))
 
     return Typed(str, metavar, read, shown)
 
@@ -145,7 +147,10 @@ def parameters_of(name: str) -> tuple[str, tuple[Parameter, ...]]:
                 argument.arg,
                 _annotation(module, argument.annotation),
                 REQUIRED if default is None else _value(module, default),
-                SHARED.get(argument.arg) or (NAMELESS.get(argument.arg, "") if not text else "") or _explained_elsewhere(argument.arg, text) or for_shells(text, names),
+                SHARED.get(argument.arg)
+                or (NAMELESS.get(argument.arg, "") if not text else "")
+                or _explained_elsewhere(argument.arg, text)
+                or for_shells(text, names),
                 tuple(item.strip(" \"'") for item in braces[1].split(",")) if braces else (),
             )
         )
@@ -190,9 +195,10 @@ def _value(module: str, node: ast.expr) -> Any:
 
 def _constant(module: str, name: str) -> Any:
     for item in _tree(module).body:
-        targets = item.targets if isinstance(item, ast.Assign) else [item.target] if isinstance(item, ast.AnnAssign) else []
-        if any(isinstance(target, ast.Name) and target.id == name for target in targets):
-            return _value(module, item.value)  # type: ignore[union-attr,arg-type]
+        if isinstance(item, (ast.Assign, ast.AnnAssign)) and item.value is not None:
+            targets = item.targets if isinstance(item, ast.Assign) else [item.target]
+            if any(isinstance(target, ast.Name) and target.id == name for target in targets):
+                return _value(module, item.value)
         if isinstance(item, ast.ImportFrom) and item.module:
             for alias in item.names:
                 if name == (alias.asname or alias.name):
@@ -214,7 +220,9 @@ def _explained_elsewhere(parameter: str, text: str) -> str:
 def _texts(docstring: str) -> Iterator[tuple[str, tuple[str, str]]]:
     """Names of parameters, each with the words after the colon and its explanation."""
     part = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
-    for item in re.finditer(r"^(\S[^\n]*?)(?: : ([^\n]*))?\n((?:(?:[ \t]+[^\n]*)?\n)*)", (part[1] if part else "") + "\n", re.MULTILINE):
+    for item in re.finditer(
+        r"^(\S[^\n]*?)(?: : ([^\n]*))?\n((?:(?:[ \t]+[^\n]*)?\n)*)", (part[1] if part else "") + "\n", re.MULTILINE
+    ):
         for name in item[1].split(","):
             yield name.strip(), (item[2] or "", " ".join(item[3].split()))
 
@@ -231,7 +239,7 @@ def for_shells(text: str, names: Sequence[str]) -> str:
 def _typed(parameter: Parameter) -> Typed:
     """How a parameter is typed by its annotation."""
     kind = parameter.annotation
-    if parameter.choices and "Literal" not in str(kind) and "bool" not in kind or "Literal[" in kind:
+    if parameter.choices or "Literal[" in kind:
         choices = parameter.choices or tuple(ast.literal_eval(f"({kind.split('Literal[')[1].split(']')[0]},)"))
         return Typed(Literal[choices], f"<{' | '.join(choices)}>")
     if "Sequence[str]" in kind:
@@ -312,7 +320,8 @@ def command(
                 default = False
             if optional:
                 defaults[name] = default
-            annotation = Annotated[kind.kind if not optional or kind.kind is bool else kind.kind | None, info]
+            annotation: Any = kind.kind if not optional or kind.kind is bool else kind.kind | None
+            annotation = Annotated[annotation, info]
             shown.append(
                 inspect.Parameter(
                     name,
@@ -326,7 +335,9 @@ def command(
             for item in own
         ]
         if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panels:
-            more.append(inspect.Parameter("help_all", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=HELP_ALL))
+            more.append(
+                inspect.Parameter("help_all", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=HELP_ALL)
+            )
         order = {name: k for k, name in enumerate([*arguments, *panel_of])}
         every = sorted([*shown, *more], key=lambda item: order.get(item.name, len(order)))
 
@@ -344,7 +355,7 @@ def command(
         call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
         call.__annotations__ = {item.name: item.annotation for item in every}
         call.__doc__ = function.__doc__ or for_shells(first, list(parameters))
-        del call.__wrapped__  # type: ignore[attr-defined]  # typer would read the function within
+        del call.__wrapped__  # typer would read the function within
         return call
 
     return decorate
@@ -366,12 +377,10 @@ def _in_panel(item: inspect.Parameter, panel_of: Mapping[str, str], panels: bool
     """The annotation of a command's own option, in its panel."""
     import copy
 
-    kind, *metadata = getattr(item.annotation, "__origin__", item.annotation), *item.annotation.__metadata__
-    infos = [copy.copy(info) for info in metadata]
-    for info in infos:
-        if isinstance(info, typer.models.OptionInfo) and panels and item.default is not REQUIRED:
-            info.rich_help_panel = panel_of.get(item.name, EXPERT)
-    return Annotated[(kind, *infos)]  # type: ignore[return-value]
+    info = copy.copy(item.annotation.__metadata__[0])
+    if isinstance(info, typer.models.OptionInfo) and panels and item.default is not REQUIRED:
+        info.rich_help_panel = panel_of.get(item.name, EXPERT)
+    return Annotated[item.annotation.__origin__, info]
 
 
 def _in_units(text: str, kind: Typed) -> str:
@@ -394,5 +403,13 @@ def refusals(arguments: Sequence[str] = (), flags: Mapping[str, str] | None = No
         yield
     except OptionError as error:
         name = error.parameter or ""
-        hint = name.upper() if name in arguments else (flags or {}).get(name, f"--{name.rstrip('_').replace('_', '-')}")
+        option = f"--{name.rstrip('_').replace('_', '-')}"
+        hint = name.upper() if name in arguments else (flags or {}).get(name, option)
         raise typer.BadParameter(str(error), param_hint=hint if name else None) from None
+
+
+def path_to_write(text: str | Path) -> Path:
+    """A path as typed; an empty text, such as of a shell variable that is not set, would be the current folder."""
+    if not str(text).strip():
+        raise typer.BadParameter("expected a name, found an empty text")
+    return Path(text)

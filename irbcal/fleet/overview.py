@@ -486,7 +486,7 @@ def fleet_drift(robot: str, store: str | Path = STORE) -> Drift:
     return Drift(robot, tuple(found), tuple(change(*pair, every) for pair in pairwise(found)))
 
 
-def fleet_export(store: str | Path, out: str | Path, *, what: str = "parameters") -> int:
+def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "parameters") -> int:
     """Write a table of a store as CSV or Parquet, by the file's ending.
 
     Parameters

@@ -5,12 +5,12 @@ import typer
 from typer.testing import CliRunner
 
 from irbcal.cli.main import app
-from irbcal.cli.wrong_calls import wrong_calls
+from irbcal.cli.signature import refusals
 from irbcal.errors import MeasurementError, OptionError
 
 
-def refused(error, **options):
-    with pytest.raises(typer.BadParameter) as found, wrong_calls(**options):
+def refused(error, *arguments):
+    with pytest.raises(typer.BadParameter) as found, refusals(arguments):
         raise error
     return found.value
 
@@ -18,12 +18,12 @@ def refused(error, **options):
 def test_options_are_named():
     found = refused(OptionError("two cycles or more", parameter="set_size"))
     assert (found.param_hint, str(found)) == ("--set-size", "two cycles or more")
-    assert refused(OptionError("give one", parameter="measurements"), measurements="FILE").param_hint == "FILE"
+    assert refused(OptionError("give one", parameter="measurements"), "measurements").param_hint == "MEASUREMENTS"
     assert refused(OptionError("no")).param_hint is None
 
 
 def test_other_refusals_stay_what_they_are():
-    with pytest.raises(MeasurementError, match="too few"), wrong_calls():
+    with pytest.raises(MeasurementError, match="too few"), refusals():
         raise MeasurementError("too few")
 
 

@@ -97,19 +97,19 @@ def test_tables_are_exported(store, tmp_path, ending):
     if ending == "parquet":
         pytest.importorskip("pyarrow", reason="irbcal[parquet] is not installed")
     out = tmp_path / f"t.{ending}"
-    rows = irbcal.fleet_export(store, out, what="parameters")
+    rows = irbcal.fleet_export(out, store, what="parameters")
     frame = (pd.read_csv if ending == "csv" else pd.read_parquet)(out)
     assert len(frame) == rows
     assert set(frame["robot"]) == {"R0", "R1", "R2"}
     assert {"name", "value", "std", "unit", "measured"} <= set(frame.columns)
-    assert irbcal.fleet_export(store, out, what="calibrations") == 6
+    assert irbcal.fleet_export(out, store, what="calibrations") == 6
 
 
 def test_wrong_calls_are_refused(store, calibrated, tmp_path):
     with pytest.raises(OptionError, match=r"expected a name that ends in .csv or .parquet, found 't.txt'"):
-        irbcal.fleet_export(store, tmp_path / "t.txt")
+        irbcal.fleet_export(tmp_path / "t.txt", store)
     with pytest.raises(OptionError, match="what: expected robots, calibrations, parameters or files"):
-        irbcal.fleet_export(store, tmp_path / "t.csv", what="all")
+        irbcal.fleet_export(tmp_path / "t.csv", store, what="all")
     with pytest.raises(OptionError, match="serial: it is of a single calibration, found 3"):
         irbcal.fleet_add(calibrated.out, tmp_path / "s.db", serial="X")
     with pytest.raises(CalibrationError, match="the store has no calibrations of type none"):

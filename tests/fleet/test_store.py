@@ -194,7 +194,7 @@ def read(path):
     with opened(path) as store:
         read = (store.calibrations(), store.robots())
     for name in EXPORTED:
-        fleet_export(path, path.with_name(f"{name}.csv"), what=name)
+        fleet_export(path.with_name(f"{name}.csv"), path, what=name)
     return read
 
 
