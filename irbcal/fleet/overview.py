@@ -260,6 +260,9 @@ def fleet_add(
     for option, value in (("id", id), ("serial", serial), ("date", date)):
         if value is not None and len(folders) != 1:
             raise OptionError(f"{option}: it is of a single calibration, found {len(folders)}", parameter=option)
+    for folder in folders:  # before anything is added
+        if not (folder / JSON_NAME).is_file():
+            raise CalibrationError("not a calibration folder", file=folder)
     added: list[str] = []
     there: list[str] = []
     first = [stored(folder, id, serial, date) for folder in folders[:1]]  # no store is made for what is none
@@ -276,7 +279,6 @@ def fleet_add(
 def _folders(path: Path) -> list[Path]:
     """The calibration folders that a path stands for: itself, or those of a fleet."""
     from irbcal.fleet.batch import MARK, SIGN
-    from irbcal.io.calibration_folder import JSON_NAME
 
     if (path / SIGN).is_file() and not (path / JSON_NAME).exists():
         found = sorted(child for child in path.iterdir() if (child / MARK).is_file())
