@@ -40,6 +40,7 @@ from irbcal.validation.verdict import Verdict, verdict_of
 if TYPE_CHECKING:
     import pandas as pd
 
+    from irbcal.reports.evidence import Evidence
     from irbcal.reports.report_charts import Plots
 
 FORMATS: tuple[Literal["png", "svg"], ...] = ("png", "svg")  # of a report's figures as files
@@ -132,10 +133,24 @@ class Calibration(Speaks):
         )
 
     def told(self) -> Sequence[Told]:
-        """What ``irbcal calibrate`` prints, and the parameters."""
-        evidence = self.record.evidence
-        groups = [] if evidence is None else [(g.name, g.terms, g.seen, g.size) for g in evidence.groups]
-        return [*self.proof(), *([groups_table(groups)] if groups else []), self.parameter_table()]
+        """What ``irbcal calibrate`` prints: the verdict, errors, and what limits them most; see `proof` for all."""
+        from irbcal.reports.limits import limits
+
+        r = self.record
+        told = [*self.verdict.told(), self._errors(targets=False), self._identified()]
+        told += [f"What limits it: {limit.words} {limit.next}" for limit in limits(r, self.evidence)[:1]]
+        notes = [note for note in r.notes if note not in r.doubts]
+        more = [
+            f"{count} {what}" for count, what in ((len(notes), "notes"), (len(r.excluded), "points left out")) if count
+        ]
+        return told + ([f"Not shown: {' and '.join(more)} (report.html, --verbose, in Python proof())"] if more else [])
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """Errors of its points and what explains them, as the report shows them."""
+        from irbcal.reports import report_page
+
+        return report_page.gather(self.record)
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -145,19 +160,15 @@ class Calibration(Speaks):
     def proof(self, verbose: bool = True) -> list[Told]:
         """The verdict, errors before and after, what was identified, what was held or left out, and what to doubt."""
         r = self.record
-        proven = r.heldout is not None
-        nominal, calibrated = (r.heldout_nominal, r.heldout) if proven else (r.fit_nominal, r.fit)
+        nominal, calibrated = (r.heldout_nominal, r.heldout) if r.heldout is not None else (r.fit_nominal, r.fit)
         assert nominal is not None
-        assert calibrated is not None
-        told = [*self.verdict.told(), error_table(r, nominal, calibrated, proven), *feature_tables(r, verbose)]
+        told = [*self.verdict.told(), self._errors(), *feature_tables(r, verbose)]
         if calibrated.orientation and nominal.orientation:
             both = (("nominal", nominal.orientation), (f"model {r.model}", calibrated.orientation))
             told += [orientation_line(name, turned.model_dump()) for name, turned in both]
-        told.append(
-            f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
-            f"identified from {r.poses_fit} poses ({reached(r)})"
-        )
-        told += [*model_tables(r), *held_lines(r, verbose), *left_out_lines(r, verbose)]
+        groups = [] if r.evidence is None else [(g.name, g.terms, g.seen, g.size) for g in r.evidence.groups]
+        told += [self._identified(), *([groups_table(groups)] if groups else []), *model_tables(r)]
+        told += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
         told += [f"Note: {note}" for note in r.notes if note not in r.doubts]
         check = r.pinocchio_check
         second = f" and yourdfpy ({check.yourdfpy_poses})" if check.yourdfpy_poses else ""
@@ -167,6 +178,21 @@ class Calibration(Speaks):
         )
         told.append(f"Link frames moved by at most {r.largest_link_shift_mm:.3f} mm at zero joints")
         return told
+
+    def _errors(self, targets: bool = True) -> Table:
+        """Errors before and after, of all targets and on request of each; of held-out poses where there are any."""
+        r = self.record
+        nominal, calibrated = (r.heldout_nominal, r.heldout) if r.heldout is not None else (r.fit_nominal, r.fit)
+        assert nominal is not None
+        assert calibrated is not None
+        return error_table(r, nominal, calibrated, r.heldout is not None, targets)
+
+    def _identified(self) -> str:
+        r = self.record
+        return (
+            f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
+            f"identified from {r.poses_fit} poses ({reached(r)})"
+        )
 
     def parameter_table(self) -> Table:
         """Parameters with their standard deviation, unit and state."""
@@ -390,7 +416,7 @@ def save(
     meshes = paths.MeshFolders(nominal, robots.package_dirs())
     data = paths.with_mesh_paths(data, how, folder, meshes, record.robot.urdf)
     record = record.with_urdf(data)
-    calibration_folder.write(folder, record, data, report_page.render(record))
+    calibration_folder.write(folder, record, data, report_page.render(record, calibration.evidence))
     return record
 
 

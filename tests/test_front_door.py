@@ -232,9 +232,8 @@ def test_results_become_tables(results, name):
 
 
 def test_the_parameter_table_has_deviations_and_units(results):
-    text = results["calibration"].summary()
-    line = next(line for line in text.splitlines() if line.strip().startswith("delta_theta2"))
-    assert re.search(r"[+-]\d+\.\d+\s+\d+\.\d+\s+deg\s+identified", line)
+    line = next(row for row in results["calibration"].parameter_table().rows if row[0] == "delta_theta2")
+    assert re.fullmatch(r"[+-]\d+\.\d+ \d+\.\d+ deg identified", " ".join(map(str, line[1:])))
 
 
 @pytest.mark.parametrize("name", [*NAMES, "proven", "robot"])

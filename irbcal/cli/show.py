@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 FAIL_IF_WORSE = "End with exit code 3 unless the verdict is better than the nominal robot, and trusted."
-VERBOSE = "List every combination that is held and every point that is left out."
+VERBOSE = "Print all: errors of each target, term sets, combinations that are held, points left out, notes."
 NOT_TRUSTED = 3
 """Exit code on request."""
 

@@ -21,8 +21,8 @@ def parameter_row(item: Parameter) -> tuple[Cell, ...]:
     return item.name, f"{item.value:+.{digits}f}", std, item.unit, item.state
 
 
-def error_table(r: Record, nominal: Errors, calibrated: Errors, proven: bool) -> Table:
-    """Position errors of a calibration and its nominal robot, all and by target."""
+def error_table(r: Record, nominal: Errors, calibrated: Errors, proven: bool, targets: bool = True) -> Table:
+    """Position errors of a calibration and its nominal robot, all and by target on request."""
     both, model = r.model != "nominal", f"model {r.model}"
     entries: list[tuple[str, str, Mapping[str, Any]]] = []
     if both:
@@ -31,7 +31,7 @@ def error_table(r: Record, nominal: Errors, calibrated: Errors, proven: bool) ->
     entries.append(("all targets", model, calibrated.all.model_dump()))
     if proven and r.heldout_least_squares:
         entries.append(("all targets", "… by rms", r.heldout_least_squares.all.model_dump()))
-    for name in calibrated.per_target if len(calibrated.per_target) > 1 else ():
+    for name in calibrated.per_target if targets and len(calibrated.per_target) > 1 else ():
         if both:
             entries.append((name, "nominal", nominal.per_target[name].model_dump()))
         entries.append((name, model, calibrated.per_target[name].model_dump()))
