@@ -12,6 +12,8 @@ from irbcal.identification.term_sets import TypePrior
 from irbcal.reading import read_bytes
 
 WHAT, VERSION = "prior of a type", 1
+SMALLEST, LARGEST = 1e-15, 1e6
+"""Standard deviations of error parameters (metres, radians, ...) beyond which a file is damaged."""
 
 
 def content(prior: TypePrior) -> bytes:
@@ -79,7 +81,8 @@ def read(file: str | Path) -> TypePrior:
             raise ValueError
         terms = found["terms"]
         mean, std, natural = (np.array([float(row[key]) for row in terms]) for key in ("mean", "std", "natural"))
-        if not (np.isfinite(mean).all() and np.isfinite(std).all() and (std > 0.0).all() and (natural > 0.0).all()):
+        sizes = np.abs([std, natural])
+        if not ((np.abs(mean) < LARGEST).all() and (sizes > SMALLEST).all() and (sizes < LARGEST).all()):
             raise ValueError
         return TypePrior(
             str(found["type"]),

@@ -38,12 +38,12 @@ def test_it_comes_back(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change", [{"version": 2}, {"terms": [{}]}, {"irbcal": "robot of a fleet"}, {"terms": 3}, None, "std"]
+    "change", [{"version": 2}, {"terms": [{}]}, {"irbcal": "robot of a fleet"}, {"terms": 3}, None, 0.0, 1e300]
 )
 def test_another_content_is_refused(tmp_path, change):
     document = json.loads(prior_file.content(PRIOR))
-    if change == "std":
-        document["terms"][0]["std"] = 0.0
+    if isinstance(change, float):
+        document["terms"][0]["std"] = change
     elif change is not None:
         document |= change
     file = tmp_path / "prior.json"
