@@ -76,8 +76,8 @@ def test_each_check_prints_and_draws(kind, program, tmp_path):
 def test_wrong_calls_and_refusals(program, tmp_path):
     file = table(tmp_path / "d.csv", "distance_mm", [1000.0, 1000.001])
     assert CliRunner().invoke(app, ["tracker", str(file)]).exit_code == 2, "the length is missing"
-    with pytest.raises(IrbcalError, match="a name that ends in"):
-        program("tracker", file, "--length", 1000, "--plot", tmp_path / "d.docx")
+    refused = CliRunner().invoke(app, ["tracker", str(file), "--length", "1000", "--plot", str(tmp_path / "d.docx")])
+    assert (refused.exit_code, "a name that ends in" in refused.output) == (2, True)
     with pytest.raises(IrbcalError, match=r"row 2, column x_mm: expected a number or nothing, found 'one'"):
         program("tracker", table(tmp_path / "x.csv", "x_mm,y_mm,z_mm", ["one"], [1], [1]))
     with pytest.raises(IrbcalError, match="missing column z_mm"):
