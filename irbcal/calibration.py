@@ -21,7 +21,6 @@ from irbcal.measurement.columns import TableLike
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.options import renamed
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Options, Progress, Proven, run
 from irbcal.summary import Cell, Speaks, Table, Told
@@ -231,7 +230,6 @@ class Calibration(Speaks):
         }
 
 
-@renamed(order="split", known_targets="targets", poses="as_poses", base="base_link", tip="tip_link")
 @on_workers
 def calibrate(
     measurements: MeasurementsLike,

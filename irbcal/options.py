@@ -1,20 +1,16 @@
-"""Options of public functions: checked in Python as on the command line, one sentence each; old names still work."""
+"""Options of public functions: checked in Python as on the command line, one sentence each."""
 
 from __future__ import annotations
 
-import functools
 import math
-import warnings
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeVar, overload
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 from irbcal.errors import OptionError
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
 
-P = ParamSpec("P")
-R = TypeVar("R")
 T = TypeVar("T", bound=str)
 
 LARGEST_PLACE = 100.0
@@ -193,31 +189,6 @@ def _refuse_millimetres(parameter: str, *metres: float) -> None:
             f"{parameter}: metres expected, at most {LARGEST_PLACE:g}, found {largest:g}: this looks like millimetres",
             parameter=parameter,
         )
-
-
-def renamed(**new_of_old: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Let a function take options by names that they had before, with a warning.
-
-    Parameters
-    ----------
-    **new_of_old : str
-        Former name of an option, and its name now.
-    """
-
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        @functools.wraps(function)
-        def call(*args: P.args, **kwargs: P.kwargs) -> R:
-            for old in new_of_old.keys() & kwargs.keys():
-                new = new_of_old[old]
-                if new in kwargs:
-                    raise OptionError(f"{old} is the former name of {new}: give one of them", parameter=old)
-                warnings.warn(f"the option {old} is now called {new}", DeprecationWarning, stacklevel=2)
-                kwargs[new] = kwargs.pop(old)
-            return function(*args, **kwargs)
-
-        return call
-
-    return decorate
 
 
 def pulses_per_degree(pulses: Sequence[float] | None) -> tuple[float, ...]:

@@ -156,11 +156,6 @@ def test_options_are_checked_as_on_the_command_line(option, value):
     assert refused.value.parameter == option
 
 
-def test_former_option_names_work_with_a_warning():
-    with pytest.warns(DeprecationWarning, match="order is now called split"), pytest.raises(OptionError, match="split"):
-        irbcal.calibrate("none.csv", "irb1600", order="lst")
-
-
 def test_there_is_no_default_robot():
     with pytest.raises(OptionError, match="expected a URDF or the name of a robot"):
         irbcal.calibrate(robots.demo_file("demo_identification.csv"))

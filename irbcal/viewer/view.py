@@ -19,7 +19,6 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irbcal.options import renamed
 from irbcal.summary import Speaks, Told
 from irbcal.units import MM
 
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
 __all__ = ["View", "view"]
 
 
-@renamed(magnification="magnify", package_dirs="package_dir", base="base_link", tip="tip_link")
 def view(
     source: RobotLike,
     measurements: MeasurementsLike | None = None,

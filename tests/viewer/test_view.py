@@ -152,11 +152,6 @@ def test_measurements_may_be_a_frame(cell, view):
     np.testing.assert_allclose(shown.scene.points.measured, view.scene.points.measured, rtol=0, atol=1e-12)
 
 
-def test_former_names_work_with_a_warning():
-    with pytest.warns(DeprecationWarning, match="magnification is now called magnify"):
-        assert irbcal.view("irb120", magnification=7.0).scene.magnification == 7.0
-
-
 @pytest.mark.parametrize(
     ("options", "error", "parameter"),
     [
