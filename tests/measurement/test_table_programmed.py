@@ -174,12 +174,3 @@ def test_joints_tells_of_the_readings(files):
     assert "reading_lag" not in plain.to_dict()
     calibration = irbcal.calibrate(both, "irb1600", "11")
     assert any("has joint readings only" in note for note in irbcal.joints(readings, calibration=calibration).notes)
-
-
-def test_calibrations_saved_before_there_were_programmed_joints_are_of_readings(files):
-    record = irbcal.calibrate(files[0], "irb1600", "11").record
-    content = record.model_dump()
-    assert type(record).model_validate(content).programmed
-    for item in content["data"]:
-        del item["programmed"]
-    assert not type(record).model_validate(content).programmed

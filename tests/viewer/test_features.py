@@ -83,7 +83,7 @@ def test_rows_miss_their_features_by_what_the_calibration_says(touched):
     assert scene.fitted.all()
     assert not scene.tracker
     for model in ("calibrated", "nominal"):
-        said = np.array(getattr(found.points, f"{model}_mm"))
+        said = np.array(getattr(found.record.points, f"{model}_mm"))
         assert np.abs(scene.points.distance(model) / MM - said).max() < 1e-6
     words = " ".join(str(part) for part in view.told())
     assert "Distances of rows from their features" in words
@@ -122,7 +122,7 @@ def test_a_kind_that_was_added_is_drawn_under_its_name(touched, monkeypatch):
     class Plain(Point):
         name, shown_as = "plain", ""
 
-    section = touched[0].features
+    section = touched[0].record.features
     for kind, label in ((Tip(), "needle"), (Plain(), "plain")):
         monkeypatch.setitem(KINDS, kind.name, kind)
         row = section.features[0].model_copy(update={"kind": kind.name})
