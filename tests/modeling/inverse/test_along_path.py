@@ -74,6 +74,16 @@ def test_a_path_through_a_singularity_is_told_with_its_place():
     assert "of joint 4 and 6" in aside.note[-1]
 
 
+def test_a_path_that_begins_or_ends_at_a_singularity_says_so():
+    nominal = arm("irb120")
+    T = over_the_wrist(0.0)[:10]
+    T = straight(nominal.forward(np.radians([[0, 20, -10, 0, 0.5, 0]]))[0], T[0])
+    begins = along_path.follow(Robot(nominal), nominal, T, np.radians([0, 20, -10, 0, 0.5, 0]))
+    ends = along_path.follow(Robot(nominal), nominal, T[::-1], np.radians([0, 20, -10, 0, 20, 0]))
+    assert [(place.row, place.share) for place in begins.singular] == [(0, 0.0)]
+    assert [place.row + place.share for place in ends.singular] == [len(T) - 1]
+
+
 def test_a_path_farther_aside_is_followed():
     nominal = arm("irb120")
     swing = along_path.follow(Robot(nominal), nominal, over_the_wrist(8e-3), np.radians([0, 20, -10, 0, 20, 0]))
