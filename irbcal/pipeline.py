@@ -47,7 +47,7 @@ from irbcal.io.calibration_folder import SCHEMA, URDF_NAME, Saved
 from irbcal.io.opening import CalibrationLike, calibration_at, open_nominal
 from irbcal.io.schema import (
     CertaintySection,
-    Choice,
+    ChoiceSection,
     CovarianceSection,
     DataFile,
     Errors,
@@ -61,12 +61,12 @@ from irbcal.io.schema import (
     LengthRow,
     Objective,
     Observability,
-    Origin,
-    Parameter,
+    OriginSection,
+    ParameterSection,
     Placement,
     PlaceRow,
     PointTable,
-    Pose,
+    PoseSection,
     PoseTable,
     Record,
     RobotSection,
@@ -1072,7 +1072,9 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         "simulated": any([*(item.simulated for item in files), *(item.simulated for item in added_to)]),
         "robot": RobotSection.of(arm, robot.table, *done.nominal_source),
         "joint_origins": [
-            JointOrigin(joint=name, link=link, nominal=Origin.of(before[name]), calibrated=Origin.of(after[name]))
+            JointOrigin(
+                joint=name, link=link, nominal=OriginSection.of(before[name]), calibrated=OriginSection.of(after[name])
+            )
             for name, link in zip(arm.joint_names, done.urdf.child_links, strict=True)
         ],
         "joint_map": JointMapSection.of(robot.joint_map, robot.arm),
@@ -1108,7 +1110,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         evidence=_evidence(done),
         rank=fit.rank,
         parameter_count=fit.parameter_count,
-        parameters=[Parameter.of(row) for row in fit.parameters()],
+        parameters=[ParameterSection.of(row) for row in fit.parameters()],
         covariance=CovarianceSection.of(certainty.covariance),
         certainty=CertaintySection.of(
             certainty,
@@ -1122,7 +1124,7 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
         placement_nominal=Placement.of(nominal),
         tool_shape_mm=in_mm(done.tool_shape),
         sessions=[
-            SessionSection(name=name, base=Pose.of(T))
+            SessionSection(name=name, base=PoseSection.of(T))
             for name, T in zip(done.sessions, (*fit.other_bases.values(), robot.T_world_base), strict=False)
         ],
         earlier=added_to[0].fingerprint if added_to else None,
@@ -1149,11 +1151,11 @@ def record(done: Proven, started: float) -> tuple[Record, bytes]:
     return made.model_copy(update={"doubts": list(verdict_of(made).doubts)}), urdf_bytes
 
 
-def _choice(done: Proven) -> Choice | EvidenceChoice | None:
+def _choice(done: Proven) -> ChoiceSection | EvidenceChoice | None:
     """How the model was chosen."""
     if isinstance(done.fit, EvidenceFit):
         return EvidenceChoice.of(done.fit)
-    return None if done.choice is None else Choice.model_validate(done.choice)
+    return None if done.choice is None else ChoiceSection.model_validate(done.choice)
 
 
 def _evidence(done: Proven) -> EvidenceSection | None:

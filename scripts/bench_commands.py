@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.correction import languages
-from irbcal.correction.moves import Move, Moves
+from irbcal.correction.moves import JointMove, Moves
 from irbcal.correction.trajectories import write_trajectory
 from irbcal.errors import ProgramError
 from irbcal.examples import makers
@@ -224,7 +224,7 @@ def program(name, arm, q, folder):
         file.write_text(rapid(arm, q))
         return file
     language = next(one for one in languages.known() if name == one.NAME)
-    moves = (Move("", 0.0, 0.5, 1.0),) * len(q)
+    moves = (JointMove("", 0.0, 0.5, 1.0),) * len(q)
     pulses = PULSES if "INFORM" in name else ()
     files = languages.write(language, Moves(arm, q, moves, pulses=pulses))
     for file, content in files.items():

@@ -4,7 +4,7 @@ import numpy as np
 from maker_cases import robot_of
 
 from irbcal.correction import languages
-from irbcal.correction.moves import Move, Moves
+from irbcal.correction.moves import JointMove, Moves
 from irbcal.io import urdf
 from irbcal.units import DEG
 
@@ -20,7 +20,9 @@ def arm_of(robot):
 
 def moves(robot, text="pose 1", pulses=PULSES):
     rests = (("", 0.0), (text, 4.5), (text, 0.0))
-    return Moves(arm_of(robot), Q, tuple(Move(said, rest, 0.25, 0.5) for said, rest in rests), (text,), 0.1, pulses)
+    return Moves(
+        arm_of(robot), Q, tuple(JointMove(said, rest, 0.25, 0.5) for said, rest in rests), (text,), 0.1, pulses
+    )
 
 
 def written(language, robot, **more):

@@ -7,13 +7,13 @@ import numpy as np
 from lxml import html
 
 from irbcal.io.schema import (
-    Candidate,
-    Choice,
-    Correlation,
+    CandidateSection,
+    ChoiceSection,
+    CorrelationSection,
     CovarianceSection,
     Errors,
-    Exclusion,
-    Parameter,
+    ExclusionSection,
+    ParameterSection,
     PointTable,
     RotationStatistics,
     Statistics,
@@ -78,10 +78,12 @@ def everywhere(calibration, name):
     placed = calibration.placement.model_copy(
         update={"targets": {name: [1.0, 2.0, 3.0]}, "target_quaternions": {name: [1.0, 0.0, 0.0, 0.0]}}
     )
-    candidate = Candidate(level="34", mean_mm=0.3, gain_mm=None, gain_std_mm=None, chosen=True, refused=name)
-    pair = Correlation(first=name, second=name, coefficient=0.99)
+    candidate = CandidateSection(level="34", mean_mm=0.3, gain_mm=None, gain_std_mm=None, chosen=True, refused=name)
+    pair = CorrelationSection(first=name, second=name, coefficient=0.99)
     turned = RotationStatistics(n=1, mean_deg=0.0123456, sigma_deg=0.0, max_deg=0.0123456)
-    parameter = Parameter(name=name, value=1.0, unit="mm", std=1.0, low=-1.0, high=3.0, state="tied", reason=name)
+    parameter = ParameterSection(
+        name=name, value=1.0, unit="mm", std=1.0, low=-1.0, high=3.0, state="tied", reason=name
+    )
     errors = some_errors(0.3, (name, "b"), (name,), turned)
     return calibration.model_copy(
         update={
@@ -96,10 +98,10 @@ def everywhere(calibration, name):
             "model": name,
             "held": [name],
             "notes": [name],
-            "excluded": [Exclusion(pose=name, target=name, reason=name)],
+            "excluded": [ExclusionSection(pose=name, target=name, reason=name)],
             "parameters": [parameter],
             "method": name,
-            "choice": Choice(level="34", table=[candidate], explanation=name),
+            "choice": ChoiceSection(level="34", table=[candidate], explanation=name),
             "observability": calibration.observability.model_copy(
                 update={"correlations": [pair], "indices": {name: 1.0}}
             ),

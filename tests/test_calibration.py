@@ -6,9 +6,9 @@ import pytest
 import irbcal
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io import robots
-from irbcal.io.schema import Exclusion
+from irbcal.io.schema import ExclusionSection
 
-EXCLUDED = Exclusion(pose="1", target="smr1", reason="lost")
+EXCLUDED = ExclusionSection(pose="1", target="smr1", reason="lost")
 
 
 @pytest.fixture(scope="module")

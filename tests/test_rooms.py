@@ -99,6 +99,15 @@ def test_no_circle():
             del arrows[module]
 
 
+def test_a_class_name_stands_once():
+    places = {}
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert {name: paths for name, paths in places.items() if len(paths) > 1} == {}
+
+
 def test_light_rooms_stay_light():
     """Modelling, measurement and identification name no heavy package at their top."""
     heavy = {"pinocchio", "yourdfpy", "meshcat", "matplotlib", "trimesh", "coal", "lxml", "jinja2", "scipy"}

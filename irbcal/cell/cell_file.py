@@ -22,7 +22,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
-from irbcal.io.schema import Pose
+from irbcal.io.schema import PoseSection
 from irbcal.io.section import Date, Fingerprint, Name, Section, Sentence, Sha256
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import COVERAGE
@@ -260,9 +260,9 @@ class _FrameSection(Section):
     """A frame, in the file."""
 
     name: Name
-    true: Pose
-    nominal: Pose
-    controller: Pose | None
+    true: PoseSection
+    nominal: PoseSection
+    controller: PoseSection | None
     position_only: bool
 
     @staticmethod
@@ -442,11 +442,11 @@ def _by_name(sections: Sequence[_FrameSection]) -> dict[str, FrameInCell]:
     return {one.name: one.frame() for one in sections}
 
 
-def _pose(T: FloatArray) -> Pose:
+def _pose(T: FloatArray) -> PoseSection:
     w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
-    return Pose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
+    return PoseSection(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
 
 
-def _transform(pose: Pose) -> FloatArray:
+def _transform(pose: PoseSection) -> FloatArray:
     R = frames.matrix_from_quaternion([pose.qw, pose.qx, pose.qy, pose.qz])
     return frames.transform(R, np.array([pose.x_mm, pose.y_mm, pose.z_mm]) * MM)

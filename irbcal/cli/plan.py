@@ -34,7 +34,7 @@ class Condition(str, Enum):
     limits, height, acceptance, collision, sight, way = "limits", "height", "acceptance", "collision", "sight", "way"
 
 
-class Language(str, Enum):
+class PlanLanguage(str, Enum):
     """Languages that a plan can be written in, see `irbcal.correction.languages.by_name`."""
 
     rapid, krl, fanuc, urscript = "rapid", "krl", "fanuc", "urscript"
@@ -155,7 +155,7 @@ _Noise = Annotated[
 ]
 _Seed = Annotated[int, typer.Option(min=0, help="Of the random poses.")]
 _Language = Annotated[
-    Language | None,
+    PlanLanguage | None,
     typer.Option(help="Of the robot program; csv: none.", show_default="that of the maker, by the robot's name"),
 ]
 _Pulses = Annotated[

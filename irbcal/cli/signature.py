@@ -98,7 +98,7 @@ PLACE = numbers("X,Y,Z", 3, units=[MM_PER_M])
 
 
 @dataclass(frozen=True)
-class Parameter:
+class ApiParameter:
     """A parameter as the source declares it."""
 
     name: str
@@ -126,7 +126,7 @@ def source_of(name: str) -> tuple[str, str]:
 
 
 @functools.cache
-def parameters_of(name: str) -> tuple[str, tuple[Parameter, ...]]:
+def parameters_of(name: str) -> tuple[str, tuple[ApiParameter, ...]]:
     """First paragraphs of a public function's docstring, and its parameters."""
     module, function = source_of(name)
     tree = _tree(module)
@@ -143,7 +143,7 @@ def parameters_of(name: str) -> tuple[str, tuple[Parameter, ...]]:
         kind, text = texts.get(argument.arg, ("", ""))
         braces = re.search(r"\{(.*?)\}", kind)
         out.append(
-            Parameter(
+            ApiParameter(
                 argument.arg,
                 _annotation(module, argument.annotation),
                 REQUIRED if default is None else _value(module, default),
@@ -236,7 +236,7 @@ def for_shells(text: str, names: Sequence[str]) -> str:
     return text.replace("``", "").strip()
 
 
-def _typed(parameter: Parameter) -> Typed:
+def _typed(parameter: ApiParameter) -> Typed:
     """How a parameter is typed by its annotation."""
     kind = parameter.annotation
     if parameter.choices or "Literal[" in kind:
@@ -289,7 +289,7 @@ def command(
     typed, flags = typed or {}, flags or {}
     first = ""
     panel_of = {name: panel for panel, names in (panels or {}).items() for name in names}
-    parameters: dict[str, Parameter] = {}
+    parameters: dict[str, ApiParameter] = {}
     for name in api.split():
         text, known = parameters_of(name)
         first = first or text

@@ -15,7 +15,7 @@ from irbcal.names import comment
 from irbcal.units import DEG
 
 
-class Move(NamedTuple):
+class JointMove(NamedTuple):
     """A joint move, and a rest behind it.
 
     Attributes
@@ -51,7 +51,7 @@ class Moves:
         What the controller computes with.
     q : ndarray, shape (n, 6)
         Joints of the URDF, radians.
-    moves : tuple of Move, length n
+    moves : tuple of JointMove, length n
     head : tuple of str
         Comments at the begin.
     tip_speed : float
@@ -62,7 +62,7 @@ class Moves:
 
     arm: Arm
     q: FloatArray
-    moves: tuple[Move, ...]
+    moves: tuple[JointMove, ...]
     head: tuple[str, ...] = ()
     tip_speed: float = 0.5
     pulses: tuple[float, ...] = ()

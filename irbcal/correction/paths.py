@@ -48,7 +48,7 @@ INSIDE = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class StraightMove:
     """Straight move between two poses; orientation turns evenly about one axis.
 
     Parameters
@@ -154,7 +154,7 @@ def _turned(T_start: FloatArray, T_end: FloatArray, s: FloatArray) -> FloatArray
     return T
 
 
-ToolPath: TypeAlias = Line | Circle
+ToolPath: TypeAlias = StraightMove | Circle
 """What a linear or circular move asks for."""
 
 
@@ -164,7 +164,7 @@ def distance_to_path(path: ToolPath, points: ArrayLike) -> FloatArray:
     Straight lines are exact; circles are taken as they are, arcs at their ends included.
     """
     at = np.atleast_2d(np.asarray(points, dtype=float))
-    if isinstance(path, Line):
+    if isinstance(path, StraightMove):
         p, along = path.T_start[:3, 3], path.T_end[:3, 3] - path.T_start[:3, 3]
         t = np.clip((at - p) @ along / max(float(along @ along), 1e-300), 0.0, 1.0)
         return np.linalg.norm(at - p - t[:, None] * along, axis=1)
@@ -188,7 +188,7 @@ def joint_history(
 
     Parameters
     ----------
-    path : Line or Circle
+    path : StraightMove or Circle
         Of the tool centre point, in the base link.
     nominal : Arm
     seed : ndarray, shape (6,)
@@ -424,7 +424,7 @@ class _Cutter:
             triples = zip(tcp[:-2:2], tcp[1:-1:2], tcp[2::2], strict=True)
             moves: list[ToolPath] = [Circle.through(start, via[:3, 3], end) for start, via, end in triples]
         else:
-            moves = [Line(start, end) for start, end in pairwise(tcp)]
+            moves = [StraightMove(start, end) for start, end in pairwise(tcp)]
         inside = np.linspace(0.0, 1.0, INSIDE + 1)
         taken = np.concatenate([move.poses(inside) for move in moves])
         q = joints_along(taken @ self.T_tcp_tip, self.nominal, q_start, self.controller)
@@ -486,7 +486,7 @@ def cut_move(
         return CutPath(move, why="not all of its points are corrected")
     try:
         wanted = [ends[k].T_wanted @ move.T_tip_tcp for k in (move.start, move.to)]
-        path: ToolPath = Line(*wanted)
+        path: ToolPath = StraightMove(*wanted)
         if move.via is not None:
             path = Circle.through(wanted[0], (ends[move.via].T_wanted @ move.T_tip_tcp)[:3, 3], wanted[1])
         if path.length < NO_LENGTH:
@@ -606,7 +606,7 @@ def subdivide(
 
     Parameters
     ----------
-    path : Line or Circle
+    path : StraightMove or Circle
         Wanted path of the tool centre point, in the base link.
     robot : Robot
         Calibrated.

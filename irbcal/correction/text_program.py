@@ -144,7 +144,7 @@ UNSET = "active"
 
 
 @dataclass(frozen=True)
-class State:
+class FrameState:
     """Tool and frame, by name in lower case; None and the reason where they are computed."""
 
     tool: str | None = UNSET
@@ -155,7 +155,7 @@ class State:
 @dataclass
 class _Block:
     loop: bool
-    before: State
+    before: FrameState
     used: list[Target]
     changed: bool = False
 
@@ -172,7 +172,7 @@ class ControlFlow:
 
     Attributes
     ----------
-    state : State
+    state : FrameState
     stops : list of (int, Target or None, Target or None)
         Place of the move, its target, and the target before.
     previous : Target or None
@@ -183,7 +183,7 @@ class ControlFlow:
 
     def __init__(self, listing: Listing) -> None:
         self.listing = listing
-        self.state = State()
+        self.state = FrameState()
         self.stops: list[tuple[int, Target | None, Target | None]] = []
         self.moves_left: list[Left] = []
         self.previous: Target | None = None
@@ -204,9 +204,11 @@ class ControlFlow:
 
     def restart(self) -> None:
         """A routine begins: nothing is known."""
-        self.state, self.previous, self._blocks = State(), None, []
+        self.state, self.previous, self._blocks = FrameState(), None, []
 
-    def use(self, target: Target, at: int, instruction: str, role: Role = "to", state: State | None = None) -> None:
+    def use(
+        self, target: Target, at: int, instruction: str, role: Role = "to", state: FrameState | None = None
+    ) -> None:
         """A move goes to a target, or over it."""
         state = state or self.state
         line = self.listing.line(at)
@@ -265,7 +267,7 @@ class ControlFlow:
             for target in block.used:
                 if any((use.tool, use.work_object) == (before.tool, before.frame) for use in target.uses):
                     target.conflicts.append(why)
-        self.state = State(None, None, why)
+        self.state = FrameState(None, None, why)
 
     def order(self, targets: Iterable[Target]) -> tuple[Stop, ...]:
         """The stops with the numbers of their targets; notes in each target where the arm comes from."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from irbcal import literals
 from irbcal.exporting import python
-from irbcal.exporting.made import Made
+from irbcal.exporting.made import ExportFiles
 from irbcal.exporting.parts import Parts, Vectors
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.source import Source, needed
@@ -22,7 +22,7 @@ SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_place": 3}
 """Inputs beside the joints, and how many numbers each has (None: one a joint)."""
 
 
-def files(source: Source) -> Made:
+def files(source: Source) -> ExportFiles:
     """Saved Functions, C code, and a module that loads and checks them."""
     ca = needed("casadi", "casadi")
     parts = source.parts
@@ -44,7 +44,7 @@ def files(source: Source) -> Made:
         "names": list(made),
         "inputs": list(_inputs(parts)),
     }
-    return Made(out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **words)})
+    return ExportFiles(out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **words)})
 
 
 def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.exporting import live, motion
-from irbcal.exporting.made import Made
+from irbcal.exporting.made import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.exporting.written import render
 from irbcal.units import DEG
@@ -16,7 +16,7 @@ WHAT = "C++17: one header without dependencies, and a program for live correctio
 NEXT = "g++ -std=c++17 -O3 {folder}/{word}_check.cpp -o check && ./check     # are its numbers right here, too?"
 
 
-def files(source: Source) -> Made:
+def files(source: Source) -> ExportFiles:
     """The header and two small programs."""
     parts, vectors = source.parts, source.vectors
     n, word = len(parts.joint_names), parts.identifier
@@ -54,7 +54,7 @@ def files(source: Source) -> Made:
         "reach": parts.reach,
     }
     made = {header: "calibrated.hpp.j2", check: "check.cpp.j2", program: "stream.cpp.j2"}
-    return Made({name: render(template, parts, vectors, **words) for name, template in made.items()})
+    return ExportFiles({name: render(template, parts, vectors, **words) for name, template in made.items()})
 
 
 def _even(rows: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from irbcal.exporting.gathered import beside, gathered, in_words
-from irbcal.exporting.made import Made
+from irbcal.exporting.made import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io import urdf_xml
 
@@ -25,7 +25,7 @@ PACKAGE = """<?xml version="1.0"?>
 """
 
 
-def files(source: Source) -> Made:
+def files(source: Source) -> ExportFiles:
     """The package and the joint map."""
     from xml.sax.saxutils import escape
 
@@ -36,7 +36,7 @@ def files(source: Source) -> Made:
         element.getparent().remove(element)
     package = PACKAGE.format(name=name, what=escape(in_words(source))).encode()
     made = {"package.xml": package, f"{name}.urdf": urdf_xml.serialised(found.tree)}
-    return Made(made | found.meshes | beside(source), found.notes)
+    return ExportFiles(made | found.meshes | beside(source), found.notes)
 
 
 def _as_obj(path: Path) -> tuple[str, bytes] | None:

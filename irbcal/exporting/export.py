@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import lock
 from irbcal.atomic import write_set
 from irbcal.errors import CalibrationError
-from irbcal.exporting.made import Made
+from irbcal.exporting.made import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io.calibration_folder import JSON_NAME
 from irbcal.io.mesh_paths import CHOICES, MeshPaths
@@ -25,10 +25,10 @@ from irbcal.overwriting import refuse_overwriting
 from irbcal.summary import Speaks, Table, Told
 
 TARGETS = ("cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros")
-"""What a calibration can be exported as: each is a module of this package, see `Target`."""
+"""What a calibration can be exported as: each is a module of this package, see `ExportModule`."""
 
 
-class Target(Protocol):
+class ExportModule(Protocol):
     """What the module of a target offers."""
 
     @property
@@ -45,7 +45,7 @@ class Target(Protocol):
         """
         ...
 
-    def files(self, source: Source) -> Made:
+    def files(self, source: Source) -> ExportFiles:
         """The files."""
         ...
 
@@ -167,7 +167,7 @@ def export(
         out=folder,
         mesh_paths=mesh_paths,
     )
-    module: Target = import_module(f"irbcal.exporting.{target}")
+    module: ExportModule = import_module(f"irbcal.exporting.{target}")
     made = module.files(source)
     write_set({folder / name: content for name, content in made.files.items()})
     parts = source.parts

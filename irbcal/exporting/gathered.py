@@ -11,7 +11,7 @@ from irbcal.errors import CalibrationError, RobotError
 from irbcal.exporting import python
 from irbcal.exporting.source import Source
 from irbcal.io import robots, urdf_xml
-from irbcal.io.mesh_paths import MESH_ENDINGS, MeshFolders, Problem
+from irbcal.io.mesh_paths import MESH_ENDINGS, MeshFolders, MeshProblem
 from irbcal.io.urdf_xml import XmlElement, XmlTree
 
 FOLDER = "meshes"
@@ -88,7 +88,7 @@ def gathered(source: Source, convert: Convert) -> Gathered:
     for mesh in list(root.iter("mesh")):
         try:
             path = places.find(mesh.get("filename", ""), MESH_ENDINGS)
-        except Problem as problem:
+        except MeshProblem as problem:
             raise RobotError(f"{problem.which}: {problem.reason}", file="calibrated.urdf", parameter="as") from None
         if path not in taken:
             found = convert(path)

@@ -9,7 +9,7 @@ from irbcal.arrays import lock
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
+class ExportFiles:
     """The files of an export.
 
     Attributes

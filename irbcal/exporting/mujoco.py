@@ -15,7 +15,7 @@ from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.gathered import Gathered, beside, gathered
-from irbcal.exporting.made import Made
+from irbcal.exporting.made import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames
@@ -29,11 +29,11 @@ LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-12
 """Kilograms and kg m^2 of links whose URDF tells none: MuJoCo moves nothing that has none."""
 
 
-def files(source: Source) -> Made:
+def files(source: Source) -> ExportFiles:
     """The model, its meshes and the joint map."""
     found = gathered(source, _taken)
     made = {f"{source.parts.identifier}.xml": mjcf(source, found)}
-    return Made(made | found.meshes | beside(source), found.notes)
+    return ExportFiles(made | found.meshes | beside(source), found.notes)
 
 
 def _taken(path: Path) -> tuple[str, bytes] | None:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from irbcal.arrays import FloatArray
 from irbcal.exporting import batch, plain
-from irbcal.exporting.made import Made
+from irbcal.exporting.made import ExportFiles
 from irbcal.exporting.parts import Parts, Vectors
 from irbcal.exporting.written import render
 
@@ -31,10 +31,10 @@ ARRAYS = (
 """Of `Parts`, taken as they are."""
 
 
-def files(source: Source) -> Made:
+def files(source: Source) -> ExportFiles:
     """Two modules."""
     parts, vectors, word = source.parts, source.vectors, source.parts.identifier
-    return Made(
+    return ExportFiles(
         {
             f"{word}_calibrated.py": text(parts, vectors),
             f"{word}_calibrated_plain.py": text(parts, vectors, plain),

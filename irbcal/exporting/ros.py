@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from irbcal.errors import RobotError
 from irbcal.exporting.gathered import beside, gathered, in_words
-from irbcal.exporting.made import Made
+from irbcal.exporting.made import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io import joint_origins, urdf_xml
 from irbcal.literals import xacro, xml_comment
@@ -56,7 +56,7 @@ NAMED = {"joint": ("name",), "link": ("name", "link"), "parent": ("link",), "chi
 """Attributes that hold names of links and joints."""
 
 
-def files(source: Source) -> Made:
+def files(source: Source) -> ExportFiles:
     """The package and the joint map."""
     from xml.sax.saxutils import escape
 
@@ -91,4 +91,4 @@ def files(source: Source) -> Made:
     }
     if source.record is not None:
         made["config/joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
-    return Made(made | found.meshes | beside(source), found.notes)
+    return ExportFiles(made | found.meshes | beside(source), found.notes)

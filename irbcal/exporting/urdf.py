@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from irbcal.exporting.gathered import beside, urdf_of
-from irbcal.exporting.made import Made
+from irbcal.exporting.made import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io import joint_origins, robots
 from irbcal.io.mesh_paths import MeshFolders, with_mesh_paths
@@ -12,11 +12,11 @@ WHAT = "the calibrated URDF with mesh paths of a kind, its joint origins, and th
 NEXT = "check_urdf {folder}/{word}_calibrated.urdf     # its joints are effective joints"
 
 
-def files(source: Source) -> Made:
+def files(source: Source) -> ExportFiles:
     """The URDF, ``joint_origins.yaml`` and the joint map."""
     places = MeshFolders(source.folder, robots.package_dirs())
     name = f"{source.parts.identifier}_calibrated.urdf"
     made = {name: with_mesh_paths(urdf_of(source), source.mesh_paths, source.out, places, "calibrated.urdf")}
     if source.record is not None:
         made["joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
-    return Made(made | beside(source))
+    return ExportFiles(made | beside(source))

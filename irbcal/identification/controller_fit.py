@@ -97,7 +97,7 @@ class ControllerFit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Model:
+class _ControllerModel:
     """A candidate: arm and frames."""
 
     arm: Arm
@@ -107,7 +107,7 @@ class _Model:
     def poses(self, q: FloatArray) -> FloatArray:
         return self.T_base @ self.arm.forward(q) @ self.T_tool
 
-    def moved(self, names: NameArray, values: FloatArray) -> _Model:
+    def moved(self, names: NameArray, values: FloatArray) -> _ControllerModel:
         """The model with some numbers changed, and its tool."""
         table, tool = self.arm.table, np.zeros(6)
         for name, value in zip(names, values, strict=True):
@@ -119,7 +119,7 @@ class _Model:
             column[joint - 1] += value
             table = replace(table, **{kind: column})
         T = frames.transform(frames.rotation_from_vector(tool[3:]), tool[:3])
-        return _Model(self.arm.with_table(table), self.T_base, self.T_tool @ T)
+        return _ControllerModel(self.arm.with_table(table), self.T_base, self.T_tool @ T)
 
 
 def virtual_points(q: FloatArray, T: FloatArray) -> PointSet:
@@ -162,7 +162,7 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
     IdentificationError
         If the poses are nowhere near those of the arm; a slip of the pen that explains it is named.
     """
-    start = _Model(arm, np.eye(4), np.eye(4))
+    start = _ControllerModel(arm, np.eye(4), np.eye(4))
     size = _sizes(start, q, T)
     frames_differ = bool(np.median(size) > FRAMES_FROM)
     if frames_differ:
@@ -190,10 +190,10 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
     if frames_differ:  # the frames are told as frames, not as numbers of the model
         told = [k for k, name in enumerate(taken) if name not in TOOL and not name.endswith("1")]
         base = {f"{kind}1" for kind in GEOMETRIC}
-        own = _Model(arm, np.eye(4), np.eye(4)).moved(np.array(taken, dtype=object)[told], values[told])
+        own = _ControllerModel(arm, np.eye(4), np.eye(4)).moved(np.array(taken, dtype=object)[told], values[told])
         row = start.moved(*_some(taken, values, base)).arm
         shift = row.T_base_0 @ row.table.step(0) @ np.linalg.inv(arm.T_base_0 @ arm.table.step(0))
-        model = _Model(own.arm, start.T_base @ shift, model.T_tool)
+        model = _ControllerModel(own.arm, start.T_base @ shift, model.T_tool)
         taken, values, std = tuple(taken[k] for k in told), values[told], std[told]
     both = [_errors(one, q, T) for one in (start, model)]
     after = both[1][:, 0]
@@ -208,18 +208,18 @@ def _some(names: tuple[str, ...], values: FloatArray, wanted: set[str]) -> tuple
     return np.array([names[k] for k in keep], dtype=object), values[keep]
 
 
-def _sizes(model: _Model, q: FloatArray, T: FloatArray) -> FloatArray:
+def _sizes(model: _ControllerModel, q: FloatArray, T: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(differences(model.poses(q), T)[:, :3], axis=1))
 
 
-def _errors(model: _Model, q: FloatArray, T: FloatArray) -> FloatArray:
+def _errors(model: _ControllerModel, q: FloatArray, T: FloatArray) -> FloatArray:
     """Distance (m) and angle (rad) of each row, shape (n, 2)."""
     reached = model.poses(q)
     distance = np.linalg.norm(reached[:, :3, 3] - T[:, :3, 3], axis=1)
     return np.column_stack([distance, frames.rotation_distance(reached[:, :3, :3], T[:, :3, :3])])
 
 
-def _with_frames(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> _Model:
+def _with_frames(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> _ControllerModel:
     """Base and tool of the controller where they are others than the URDF's links."""
     points = virtual_points(q, T)
     for _ in range(6):
@@ -234,11 +234,11 @@ def _with_frames(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> _Model:
         if np.median(size) < NOWHERE:
             corners = np.array([robot.targets[name] for name in ("origin", "x", "y", "z")])
             R = frames.nearest_rotation((corners[1:] - corners[0]).T / LEVER)
-            return _Model(arm, robot.T_world_base, frames.transform(R, corners[0]))
+            return _ControllerModel(arm, robot.T_world_base, frames.transform(R, corners[0]))
     slip = data_entry_errors.find_entry_error(arm, virtual_points(q, T))
     if slip is not None:
         raise IdentificationError(slip.in_words(), file=source)
-    return _Model(arm, np.eye(4), np.eye(4))
+    return _ControllerModel(arm, np.eye(4), np.eye(4))
 
 
 def _candidates(arm: Arm) -> list[str]:
@@ -252,7 +252,9 @@ def _candidates(arm: Arm) -> list[str]:
     return [*names, *TOOL]
 
 
-def _linearised(model: _Model, names: list[str], q: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _linearised(
+    model: _ControllerModel, names: list[str], q: FloatArray, T: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Derivative of `differences` with respect to all candidates, (n, 6, k), and the differences (n, 6)."""
     before = model.poses(q)
     columns = []
@@ -314,8 +316,8 @@ def _chosen(J: FloatArray, r: FloatArray, always: list[int]) -> list[int]:
 
 
 def _refined(
-    start: _Model, names: list[str], chosen: list[int], q: FloatArray, T: FloatArray
-) -> tuple[_Model, FloatArray, FloatArray]:
+    start: _ControllerModel, names: list[str], chosen: list[int], q: FloatArray, T: FloatArray
+) -> tuple[_ControllerModel, FloatArray, FloatArray]:
     """The model with the chosen numbers by Gauss-Newton, their values and standard deviations."""
     own = np.array([names[k] for k in chosen], dtype=object)
     values = np.zeros(len(chosen))

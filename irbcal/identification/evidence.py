@@ -29,8 +29,8 @@ from irbcal.identification.evidence_fit import (
     families_shown,
 )
 from irbcal.identification.evidence_maximisation import (
+    NormalEquations,
     Posterior,
-    Sums,
     evidence_temper,
     fit_temper,
     maximise_evidence,
@@ -65,7 +65,7 @@ Progress = Callable[[str], object]
 
 
 @dataclass(eq=False)
-class Compared:
+class ComparedTermSet:
     """A term set with its fits.
 
     Attributes
@@ -90,7 +90,7 @@ class Compared:
 
 def fit_term_set(
     linear: LinearModel,
-    sums: Sums,
+    sums: NormalEquations,
     term_set: TermSet,
     t: float,
     start: Posterior | None = None,
@@ -125,32 +125,32 @@ class Averaging:
     ----------
     linear : LinearModel
         Of all terms that a term set may have.
-    sums : Sums
+    sums : NormalEquations
         Of all its columns.
 
     Attributes
     ----------
     superset : list of Term
-    compared : list of Compared
+    compared : list of ComparedTermSet
     """
 
-    def __init__(self, linear: LinearModel, sums: Sums) -> None:
+    def __init__(self, linear: LinearModel, sums: NormalEquations) -> None:
         self.linear, self.sums = linear, sums
         self.superset = list(linear.terms)
-        self.compared: list[Compared] = []
+        self.compared: list[ComparedTermSet] = []
         self.fit_temper, self.evidence_temper = fit_temper(linear.per_pose), evidence_temper(linear.per_pose)
 
     def fit(self, term_set: TermSet, t: float, start: Posterior | None = None, give_up: float = -np.inf) -> Posterior:
         """A term set's fit to the model that is compared on; see `fit_term_set`."""
         return fit_term_set(self.linear, self.part(term_set), term_set, t, start, give_up)
 
-    def part(self, term_set: TermSet) -> Sums:
+    def part(self, term_set: TermSet) -> NormalEquations:
         """The sums of a term set's columns."""
         return self.sums.part(term_set.columns(self.linear.flat))
 
     def weighed(
         self, choices: Sequence[TermSet], taus: Sequence[float] = (), give_up: float = GIVE_UP
-    ) -> tuple[list[Compared], FloatArray, float]:
+    ) -> tuple[list[ComparedTermSet], FloatArray, float]:
         """Term sets with their log evidence, their weights among each other, and the largest log evidence.
 
         Parameters
@@ -161,9 +161,9 @@ class Averaging:
         give_up : float
             Nats below the best at which a fit is not brought to its end.
         """
-        best, out = -np.inf, list[Compared]()
+        best, out = -np.inf, list[ComparedTermSet]()
         for choice in choices:
-            item = Compared(choice, self.fit(choice, self.evidence_temper, give_up=best - give_up))
+            item = ComparedTermSet(choice, self.fit(choice, self.evidence_temper, give_up=best - give_up))
             if item.by_evidence.log_evidence > best - give_up:
                 self._choose_tau(item, taus)
             out.append(item)
@@ -171,7 +171,7 @@ class Averaging:
         evidences = np.array([item.by_evidence.log_evidence for item in out])
         return out, term_sets.weights(evidences, [choice.bands for choice in choices]), float(best)
 
-    def _choose_tau(self, item: Compared, taus: Sequence[float]) -> None:
+    def _choose_tau(self, item: ComparedTermSet, taus: Sequence[float]) -> None:
         """The time constant of a term set's warm-up with the largest log evidence, from the longest downwards."""
         if term_sets.tau_of(item.term_set, self.superset) is None:
             return
@@ -182,7 +182,7 @@ class Averaging:
                 break
             item.term_set, item.by_evidence = other, found
 
-    def weigh(self, compared: list[Compared], weights: FloatArray) -> None:
+    def weigh(self, compared: list[ComparedTermSet], weights: FloatArray) -> None:
         """Give term sets their weights, and fit those that have some."""
         self.compared = compared
         for item, weight in zip(compared, weights, strict=True):
@@ -191,7 +191,7 @@ class Averaging:
                 item.by_fit = self.fit(item.term_set, self.fit_temper, item.by_evidence)
 
     @property
-    def kept(self) -> list[Compared]:
+    def kept(self) -> list[ComparedTermSet]:
         """Term sets with weight."""
         return [item for item in self.compared if item.weight > 0.0]
 
@@ -201,7 +201,7 @@ class Averaging:
         return np.unique(np.concatenate([item.term_set.terms for item in self.kept]))
 
     def average(
-        self, linear: LinearModel, sums: Sums, report: bool = True
+        self, linear: LinearModel, sums: NormalEquations, report: bool = True
     ) -> tuple[LinearModel, FloatArray, FloatArray, dict[str, Any]]:
         """Average the term sets with weight: once roughly, then in the linear model that is improved there.
 
@@ -209,7 +209,7 @@ class Averaging:
         ----------
         linear : LinearModel
             Of the `union` of terms.
-        sums : Sums
+        sums : NormalEquations
         report : bool
             Whether leave-one-out errors and what each family is worth are wanted.
 
@@ -276,7 +276,7 @@ class Averaging:
         loo, *blocks = (leave_one_out.lengths(linear, np.sum(u, axis=0), pose, row) for u in (single, fifths) if u)
         return loo, blocks[0] if blocks else loo
 
-    def _row(self, item: Compared) -> TermSetResult:
+    def _row(self, item: ComparedTermSet) -> TermSetResult:
         return TermSetResult(
             item.term_set.name,
             self.linear.flat + len(item.term_set.terms),
@@ -288,7 +288,7 @@ class Averaging:
         )
 
 
-def groups_of(kept: list[Compared], superset: Sequence[Term]) -> list[GroupResult]:
+def groups_of(kept: list[ComparedTermSet], superset: Sequence[Term]) -> list[GroupResult]:
     """What was expected of each group and what the data show of it, averaged over the term sets."""
     totals: dict[str, FloatArray] = {}
     members: dict[str, list[Term]] = {}
@@ -318,7 +318,7 @@ def groups_of(kept: list[Compared], superset: Sequence[Term]) -> list[GroupResul
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class LinearisedPoints:
     """Points linearised about the geometry solution, with all terms that a term set may have.
 
     Attributes
@@ -329,7 +329,7 @@ class Prepared:
     motion : Motion
     linear : Linearisation
         Of at most `COMPARED` poses.
-    sums : Sums
+    sums : NormalEquations
     taus : list of float
         Time constants of warm-up.
     usual_kg : float or None
@@ -341,7 +341,7 @@ class Prepared:
     state: State
     motion: Motion
     linear: Linearisation
-    sums: Sums
+    sums: NormalEquations
     taus: list[float]
     usual_kg: float | None
     readings_gain: float | None
@@ -356,7 +356,7 @@ def prepare(
     payload_place: Sequence[float] | None = None,
     usual_kg: float | None = None,
     seed: int = 0,
-) -> Prepared:
+) -> LinearisedPoints:
     """Average repeats, solve for the geometry, and linearise all terms there; parameters as `identify_evidence`."""
     points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
     loads, load_places = motion.payload_kg, motion.payload_place
@@ -389,7 +389,7 @@ def prepare(
         chosen[np.random.default_rng(seed).permutation(points.poses)[:COMPARED]] = True
         some, some_motion = linear_model.at_poses(problem, points.select(chosen)), motion.select(chosen)
     linear = Linearisation(some, state, some_motion, superset, project)
-    return Prepared(problem, state, motion, linear, linear.sums(), taus, usual, gain)
+    return LinearisedPoints(problem, state, motion, linear, linear.sums(), taus, usual, gain)
 
 
 def _lagging(
@@ -533,8 +533,11 @@ def identify_evidence(
 
 
 def _with_type(
-    averaging: Averaging, prior: TypePrior, taus: Sequence[float], alone: tuple[list[Compared], FloatArray, float]
-) -> tuple[list[Compared], FloatArray, TypePriorResult]:
+    averaging: Averaging,
+    prior: TypePrior,
+    taus: Sequence[float],
+    alone: tuple[list[ComparedTermSet], FloatArray, float],
+) -> tuple[list[ComparedTermSet], FloatArray, TypePriorResult]:
     """Term sets without and with a type's prior, their weights, and what became of the prior."""
     compared, weights, best = alone
     choices = term_sets.with_type(averaging.superset, taus[-1] if taus else None, prior.expected)

@@ -11,7 +11,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification.evidence_maximisation import Posterior, Sums, maximise_evidence
+from irbcal.identification.evidence_maximisation import NormalEquations, Posterior, maximise_evidence
 from irbcal.identification.fit import ParameterReport, outer_reports
 from irbcal.identification.gear_scan import GearFound, Spectrum
 from irbcal.identification.term_sets import TermSet
@@ -73,13 +73,13 @@ class FamilyShown:
 
 
 def families_shown(
-    sums: Sums, flat: int, families: Sequence[str], term_set: TermSet, t: float, start: Posterior
+    sums: NormalEquations, flat: int, families: Sequence[str], term_set: TermSet, t: float, start: Posterior
 ) -> tuple[FamilyShown, ...]:
     """Fit a term set, and again without each of its families; geometry is always there.
 
     Parameters
     ----------
-    sums : Sums
+    sums : NormalEquations
         Of the term set's columns.
     flat : int
         Columns of base and targets.

@@ -16,7 +16,7 @@ from irbcal.errors import IdentificationError
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
+class NormalEquations:
     """Normal equations of all columns, flat ones first.
 
     Attributes
@@ -35,9 +35,9 @@ class Sums:
     yy: float
     equations: int
 
-    def part(self, columns: IntArray) -> Sums:
+    def part(self, columns: IntArray) -> NormalEquations:
         """The sums of some columns."""
-        return Sums(self.H[np.ix_(columns, columns)], self.g[columns], self.yy, self.equations)
+        return NormalEquations(self.H[np.ix_(columns, columns)], self.g[columns], self.yy, self.equations)
 
 
 class Anderson:
@@ -97,11 +97,11 @@ TOLERANCE = 0.02
 """Change of the log evidence (with what is known before) in an iteration after which it has converged, nats."""
 
 KNOWN_COUNT = 4.0
-"""Coefficients that the scatter in `Expected` is worth where a group's variance is found, which counts in it."""
+"""Coefficients that the scatter in `CoefficientPrior` is worth where the variance of a group is estimated."""
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
+class CoefficientPrior:
     """What was known of coefficients before, from elsewhere: normal, each by itself.
 
     Attributes
@@ -119,14 +119,14 @@ class Expected:
     def __post_init__(self) -> None:
         lock(self)
 
-    def part(self, some: BoolArray | IntArray) -> Expected:
+    def part(self, some: BoolArray | IntArray) -> CoefficientPrior:
         """Of some of the coefficients."""
-        return Expected(self.mean[some], self.std[some], self.known[some])
+        return CoefficientPrior(self.mean[some], self.std[some], self.known[some])
 
-    def extended(self, count: int) -> Expected:
+    def extended(self, count: int) -> CoefficientPrior:
         """With so many more of which nothing is known."""
         none = np.zeros(count)
-        return Expected(np.r_[self.mean, none], np.r_[self.std, none + 1.0], np.r_[self.known, none > 0.0])
+        return CoefficientPrior(np.r_[self.mean, none], np.r_[self.std, none + 1.0], np.r_[self.known, none > 0.0])
 
 
 def fit_temper(per_pose: float) -> float:
@@ -172,7 +172,7 @@ class Posterior:
 
 
 def maximise_evidence(
-    sums: Sums,
+    sums: NormalEquations,
     flat: int,
     group: IntArray,
     caps: FloatArray,
@@ -183,7 +183,7 @@ def maximise_evidence(
     iterations: int = ITERATIONS,
     give_up: float = -np.inf,
     noise: float = NOISE,
-    expected: Expected | None = None,
+    expected: CoefficientPrior | None = None,
 ) -> Posterior:
     """Iterate to the variances that make the data most probable.
 
@@ -192,7 +192,7 @@ def maximise_evidence(
 
     Parameters
     ----------
-    sums : Sums
+    sums : NormalEquations
     flat : int
         Number of columns without a prior; they stand first.
     group : ndarray of int, shape (k - flat,)
@@ -210,7 +210,7 @@ def maximise_evidence(
         Log evidence; a fit that is below it after `EARLY` iterations is not brought to its end.
     noise : float
         Standard deviation of a coordinate that is plausible before anything is measured, mm.
-    expected : Expected, optional
+    expected : CoefficientPrior, optional
         Means and standard deviations of the coefficients; the variances of the groups are then counted in theirs.
 
     Returns
@@ -279,7 +279,7 @@ class _Moment:
 class _Problem:
     """What stays the same while variances are looked for."""
 
-    sums: Sums
+    sums: NormalEquations
     flat: int
     group: IntArray
     unit: FloatArray
@@ -295,7 +295,13 @@ class _Problem:
 
     @staticmethod
     def of(
-        sums: Sums, flat: int, group: IntArray, groups: int, t: float, noise: float, expected: Expected | None
+        sums: NormalEquations,
+        flat: int,
+        group: IntArray,
+        groups: int,
+        t: float,
+        noise: float,
+        expected: CoefficientPrior | None,
     ) -> _Problem:
         """The problem with coefficients counted from what is expected of them.
 
@@ -336,7 +342,7 @@ class _Problem:
         return _Moment(c, whitened, scale, gammas, float(evidence), float(evidence) - 0.5 * known, up, down)
 
 
-def _kept_from_zero(group: IntArray, groups: int, expected: Expected | None) -> tuple[FloatArray, FloatArray]:
+def _kept_from_zero(group: IntArray, groups: int, expected: CoefficientPrior | None) -> tuple[FloatArray, FloatArray]:
     """Squares and counts that are added to those of each group: towards the scatter of what is known, else zero."""
     known = np.zeros(groups, dtype=bool)
     if expected is not None:
@@ -344,11 +350,11 @@ def _kept_from_zero(group: IntArray, groups: int, expected: Expected | None) -> 
     return np.where(known, KNOWN_COUNT, PRIOR_C2), np.where(known, KNOWN_COUNT, PRIOR_GAMMA)
 
 
-def _about(sums: Sums, flat: int, expected: Expected) -> Sums:
+def _about(sums: NormalEquations, flat: int, expected: CoefficientPrior) -> NormalEquations:
     """The sums of coefficients that are counted from their means."""
     m = np.concatenate([np.zeros(flat), expected.mean])
     Hm = sums.H @ m
-    return Sums(sums.H, sums.g - Hm, sums.yy - 2.0 * float(m @ sums.g) + float(m @ Hm), sums.equations)
+    return NormalEquations(sums.H, sums.g - Hm, sums.yy - 2.0 * float(m @ sums.g) + float(m @ Hm), sums.equations)
 
 
 def _start_variance(problem: _Problem) -> float:

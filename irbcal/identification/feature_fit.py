@@ -20,8 +20,8 @@ from irbcal.identification.evidence import Averaging, Progress
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
+    NormalEquations,
     Posterior,
-    Sums,
     fit_temper,
     maximise_evidence,
 )
@@ -120,7 +120,7 @@ class FeatureModel(LinearModel):
 
         return float(stdtrit(fit.freedom, 0.975)) / 1.96
 
-    def sums(self, columns: IntArray | None = None) -> Sums:
+    def sums(self, columns: IntArray | None = None) -> NormalEquations:
         """Sums of some columns, all unless given; a group of rows is in memory at a time."""
         sums = self.problem.sums(self.state, self.chosen)
         return sums if columns is None else sums.part(columns)

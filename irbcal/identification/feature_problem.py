@@ -16,7 +16,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import observations
-from irbcal.identification.evidence_maximisation import Sums
+from irbcal.identification.evidence_maximisation import NormalEquations
 from irbcal.identification.initial_guess import first_state
 from irbcal.identification.linear_model import Rows
 from irbcal.identification.observations import KINDS, Kind, Misses, Seen, Shape
@@ -328,7 +328,7 @@ class FeatureProblem:
         if self.expected:
             yield self._of_expected(state, width)
 
-    def sums(self, state: FeatureState, columns: IntArray | None = None) -> Sums:
+    def sums(self, state: FeatureState, columns: IntArray | None = None) -> NormalEquations:
         """Normal equations of the linear model; columns as `dense`."""
         width = self.flat + (len(self.terms) if columns is None else len(columns))
         H, g, yy, equations = np.zeros((width, width)), np.zeros(width), 0.0, 0
@@ -337,7 +337,7 @@ class FeatureProblem:
             g += part.J @ part.y
             yy += float(part.y @ part.y)
             equations += len(part.y)
-        return Sums(H, g, yy, equations)
+        return NormalEquations(H, g, yy, equations)
 
     def _by_terms(self, one: Missed, chosen: IntArray) -> FloatArray:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
@@ -467,7 +467,7 @@ def _check(seen: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> None:
             )
 
 
-def refuse_undetermined(problem: FeatureProblem, sums: Sums) -> None:
+def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
     """Refuse rows that leave base, tool or features open even on the robot as it is.
 
     Raises

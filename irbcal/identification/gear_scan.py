@@ -9,7 +9,7 @@ import numpy as np
 
 from irbcal import parallel
 from irbcal.arrays import FloatArray, IntArray, lock
-from irbcal.identification.evidence_maximisation import VARIANCE_CAP, Posterior, Sums, maximise_evidence
+from irbcal.identification.evidence_maximisation import VARIANCE_CAP, NormalEquations, Posterior, maximise_evidence
 from irbcal.identification.linear_model import Linearisation
 from irbcal.identification.term_sets import TermSet
 from irbcal.modeling.cos_sin import cos_sin
@@ -120,7 +120,7 @@ class _Reduced:
         angle = cycles * self.q[:, self.joints[place]]
         return place, np.column_stack(cos_sin(angle))
 
-    def extended(self, sums: Sums, pairs: list[tuple[int, int]]) -> Sums:
+    def extended(self, sums: NormalEquations, pairs: list[tuple[int, int]]) -> NormalEquations:
         """Sums with the columns cos, sin of some frequencies (place of the joint, cycles per turn) at the end."""
         taken = [self._wave(*pair) for pair in pairs]
         if not taken:
@@ -129,13 +129,13 @@ class _Reduced:
         right = np.concatenate([self.Ky[i] @ wave for i, wave in taken])
         own = np.block([[(a.T * self.KK[i, j]) @ b for j, b in taken] for i, a in taken])
         H = np.block([[sums.H, cross.T], [cross, own]])
-        return Sums(H, np.concatenate([sums.g, right]), sums.yy, sums.equations)
+        return NormalEquations(H, np.concatenate([sums.g, right]), sums.yy, sums.equations)
 
 
 def scan(
     linear: Linearisation,
     term_set: TermSet,
-    sums: Sums,
+    sums: NormalEquations,
     start: tuple[Posterior, Posterior],
     progress: Callable[[str], object] | None = None,
 ) -> tuple[list[GearFound], Spectrum]:
@@ -149,7 +149,7 @@ def scan(
     linear : Linearisation
     term_set : TermSet
         Terms of the fit whose residuals are scanned.
-    sums : Sums
+    sums : NormalEquations
         Of the term set's columns.
     start : (Posterior, Posterior)
         The term set's fits at the temper of the evidence and at that of the fit.

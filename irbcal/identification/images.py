@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.identification.observation_kind import Expected, Kind, Misses, Own, Seen, cross, eliminated, ones
+from irbcal.identification.observation_kind import Kind, Misses, Own, PriorValue, Seen, cross, eliminated, ones
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel
 from irbcal.modeling import frames
@@ -209,13 +209,13 @@ class Image(Kind):
         view = _view(feature)
         return {name: view.lens[k : k + 1] for k, name in enumerate(FITTED) if name not in view.fit}
 
-    def expected(self, feature: Feature) -> dict[str, Expected]:
+    def expected(self, feature: Feature) -> dict[str, PriorValue]:
         """What the features' file says of the numbers that are."""
         view = _view(feature)
         f = float(view.lens[0])
         size = {"fx": FOCAL_U95 * f, "fy": FOCAL_U95 * f, "cx": MIDDLE_U95 * f, "cy": MIDDLE_U95 * f}
         return {
-            name: Expected(view.lens[k : k + 1], size.get(name, DISTORTION_U95))
+            name: PriorValue(view.lens[k : k + 1], size.get(name, DISTORTION_U95))
             for k, name in enumerate(FITTED)
             if name in view.fit
         }

@@ -22,8 +22,8 @@ from irbcal.errors import IdentificationError
 from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
     NOISE,
+    NormalEquations,
     Posterior,
-    Sums,
     fit_temper,
     maximise_evidence,
 )
@@ -136,7 +136,7 @@ class LinearModel(ABC):
         """Factor on a fit's standard deviations."""
         return 1.0
 
-    def sums(self, columns: IntArray | None = None) -> Sums:
+    def sums(self, columns: IntArray | None = None) -> NormalEquations:
         """Sums over all poses of some columns, all unless given."""
         k = self.flat + len(self.terms) if columns is None else len(columns)
         H, g, yy, equations = np.zeros((k, k)), np.zeros(k), 0.0, 0
@@ -145,15 +145,15 @@ class LinearModel(ABC):
             g += part.g
             yy += part.yy
             equations += part.equations
-        return Sums(H, g, yy, equations)
+        return NormalEquations(H, g, yy, equations)
 
-    def _block_sums(self, columns: IntArray | None) -> Iterator[Sums]:
+    def _block_sums(self, columns: IntArray | None) -> Iterator[NormalEquations]:
         return (self._sums(block) for block in self.blocks(columns))
 
-    def _sums(self, block: Rows) -> Sums:
+    def _sums(self, block: Rows) -> NormalEquations:
         """Of a block of poses."""
         free = len(np.unique(block.pose)) if self.projected else 0
-        return Sums(block.J @ block.J.T, block.J @ block.y, float(block.y @ block.y), len(block.y) - free)
+        return NormalEquations(block.J @ block.J.T, block.J @ block.y, float(block.y @ block.y), len(block.y) - free)
 
 
 class Linearisation(LinearModel):
@@ -195,7 +195,7 @@ class Linearisation(LinearModel):
         """The linear model, a block of poses at a time; see `LinearModel.blocks`."""
         return self._of_blocks(lambda block: block, columns)
 
-    def _block_sums(self, columns: IntArray | None) -> Iterator[Sums]:
+    def _block_sums(self, columns: IntArray | None) -> Iterator[NormalEquations]:
         return self._of_blocks(self._sums, columns)
 
     def _of_blocks(self, taken: Callable[[Rows], T], columns: IntArray | None) -> Iterator[T]:

@@ -85,7 +85,7 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class Expected:
+class PriorValue:
     """What is known of an unknown beforehand: a value and how well it is known, SI units or pixels."""
 
     value: FloatArray
@@ -155,7 +155,7 @@ class Kind(ABC):
         """Unknowns that are known of a feature, but for its centre."""
         return {}
 
-    def expected(self, feature: Feature) -> dict[str, Expected]:
+    def expected(self, feature: Feature) -> dict[str, PriorValue]:
         """What is known of unknowns beforehand, with its uncertainty."""
         return {}
 

@@ -19,7 +19,13 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import IdentificationError
-from irbcal.identification.evidence_maximisation import GEOMETRY_CAP, VARIANCE_CAP, Expected, Posterior, Sums
+from irbcal.identification.evidence_maximisation import (
+    GEOMETRY_CAP,
+    VARIANCE_CAP,
+    CoefficientPrior,
+    NormalEquations,
+    Posterior,
+)
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
@@ -88,7 +94,7 @@ class TermSet:
         Whether it has long series of harmonics.
     highest : int
         Order of harmonics that it was offered.
-    expected : Expected or None
+    expected : CoefficientPrior or None
         What is known of its terms from robots of its type.
     """
 
@@ -98,7 +104,7 @@ class TermSet:
     group: IntArray
     bands: bool = False
     highest: int = 0
-    expected: Expected | None = None
+    expected: CoefficientPrior | None = None
 
     @property
     def caps(self) -> FloatArray:
@@ -201,7 +207,9 @@ def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float |
     return TermSet(", ".join(words), np.array(places, dtype=int), distinct, numbers, highest > LOW, highest)
 
 
-def with_type(terms: Sequence[Term], tau: float | None, expect: Callable[[Sequence[Term]], Expected]) -> list[TermSet]:
+def with_type(
+    terms: Sequence[Term], tau: float | None, expect: Callable[[Sequence[Term]], CoefficientPrior]
+) -> list[TermSet]:
     """The term sets that have all terms of which a type's prior knows, with what it knows of them.
 
     Parameters
@@ -321,14 +329,14 @@ class TypePrior:
         """Whether it says something of a term."""
         return taken(term) and name_of(term) in self.place
 
-    def expected(self, terms: Sequence[Term]) -> Expected:
+    def expected(self, terms: Sequence[Term]) -> CoefficientPrior:
         """What it says of terms, in their natural sizes."""
         known: BoolArray = np.array([self.knows(term) for term in terms], dtype=bool)
         mean, std = np.zeros(len(terms)), np.ones(len(terms))
         for k in map(int, np.flatnonzero(known)):
             row = self.place[name_of(terms[k])]
             mean[k], std[k] = self.mean[row] / terms[k].size, self.std[row] / terms[k].size
-        return Expected(mean, std, known)
+        return CoefficientPrior(mean, std, known)
 
 
 INFORMED = 1.0
@@ -347,7 +355,7 @@ def like_type(chi2: float, directions: int) -> bool:
 
 
 def chi_square_of_type(
-    sums: Sums, flat: int, dictionary: TermSet, found: Posterior, largest: float = np.inf
+    sums: NormalEquations, flat: int, dictionary: TermSet, found: Posterior, largest: float = np.inf
 ) -> tuple[float, int]:
     """Chi-square of a robot against its sisters, and its degrees of freedom.
 
@@ -356,7 +364,7 @@ def chi_square_of_type(
 
     Parameters
     ----------
-    sums : Sums
+    sums : NormalEquations
         Of the dictionary's columns.
     flat : int
     dictionary : Dictionary

@@ -22,7 +22,7 @@ from pydantic_core import to_jsonable_python
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError, IrbcalError
 from irbcal.io import joint_origins, urdf
-from irbcal.io.schema import Pose, Record
+from irbcal.io.schema import PoseSection, Record
 from irbcal.modeling.arm import relative_difference
 from irbcal.modeling.terms.situation import Motion
 
@@ -280,7 +280,7 @@ def _wrong_frames(record: Record) -> Iterator[str]:
             yield f"placement.target_quaternions.{name} is no unit quaternion"
 
 
-def _norm(pose: Pose) -> float:
+def _norm(pose: PoseSection) -> float:
     return float(np.linalg.norm([pose.qw, pose.qx, pose.qy, pose.qz]))
 
 

@@ -27,7 +27,7 @@ MOST_FILES = 10_000
 """Different files that a URDF may name."""
 
 
-class Problem(Exception):
+class MeshProblem(Exception):
     """A file that a URDF names and that cannot be used.
 
     Attributes
@@ -83,9 +83,9 @@ class MeshFolders:
         shown = uri if len(uri) < 120 else uri[:120] + "…"
         scheme, found, rest = uri.partition("://")
         if found and scheme not in ("package", "model", "file"):
-            raise Problem("only files on this computer are read", shown)
+            raise MeshProblem("only files on this computer are read", shown)
         if "\x00" in uri:
-            raise Problem("not a file name", "a mesh")
+            raise MeshProblem("not a file name", "a mesh")
         if found and scheme != "file":
             name, _, rest = rest.partition("/")
             candidates = [top / name / rest for top in self.packages]
@@ -103,12 +103,12 @@ class MeshFolders:
                 continue
             if any(path.is_relative_to(top) for top in (*self.own, *self.packages, *self.around)):
                 if path.suffix.lower() not in endings:
-                    raise Problem(f"only {', '.join(endings)} files are read as meshes", shown)
+                    raise MeshProblem(f"only {', '.join(endings)} files are read as meshes", shown)
                 return path
             outside = True
         if outside:
-            raise Problem("it lies outside the URDF's folder and the package folders", shown)
-        raise Problem("the file was not found", shown)
+            raise MeshProblem("it lies outside the URDF's folder and the package folders", shown)
+        raise MeshProblem("the file was not found", shown)
 
 
 def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: MeshFolders, source: str) -> bytes:
@@ -157,12 +157,12 @@ def with_mesh_paths(data: bytes, how: MeshPaths, folder: str | Path, meshes: Mes
             text = Path(os.path.relpath(path, start) if how == "relative" else path).as_posix()
             for element in elements:
                 element.set("filename", text)
-        except Problem as problem:
+        except MeshProblem as problem:
             problems.append(problem)
         except ValueError:  # bytes that are no text, control characters, another drive
-            problems.append(Problem("its path cannot be written in a URDF", name))
+            problems.append(MeshProblem("its path cannot be written in a URDF", name))
     if len(named) > MOST_FILES:
-        problems = [Problem(f"more than {MOST_FILES} files are too many", "its meshes")]
+        problems = [MeshProblem(f"more than {MOST_FILES} files are too many", "its meshes")]
     if problems:
         first, more = problems[0], f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         hint = "; packages are looked for in ROS_PACKAGE_PATH, too" if "not found" in first.reason else ""

@@ -217,7 +217,7 @@ class FamilyRow(Section):
     shown: bool
 
 
-class Candidate(Section):
+class CandidateSection(Section):
     """A level in the comparison by cross-validation."""
 
     level: Word
@@ -228,11 +228,11 @@ class Candidate(Section):
     refused: Sentence
 
 
-class Choice(Section):
+class ChoiceSection(Section):
     """How the level was chosen."""
 
     level: Word
-    table: list[Candidate]
+    table: list[CandidateSection]
     explanation: Sentence
 
 
@@ -264,7 +264,7 @@ class EvidenceChoice(Section):
         return EvidenceChoice(level="auto", table=rows, explanation=fit.explanation())
 
 
-class Group(Section):
+class GroupSection(Section):
     """A group of terms with one variance: ``seen`` of its coefficients are determined by the data.
 
     ``size`` is the standard deviation that its coefficients have before the data, in natural sizes; ``found`` and
@@ -282,17 +282,17 @@ class Group(Section):
     std: float
 
     @staticmethod
-    def of(group: GroupResult) -> Group:
+    def of(group: GroupResult) -> GroupSection:
         """The section of a group."""
         natural = {}
         for unit, size in group.natural.items():
             base, _, per = unit.partition("/")
             outside, factor = UNIT_OUTSIDE.get(base, (base, 1.0))
             natural[f"{outside}/{per}" if per else outside] = size / factor
-        return Group.from_result(group, natural=natural)
+        return GroupSection.from_result(group, natural=natural)
 
 
-class Gear(Section):
+class GearSection(Section):
     """A single high harmonic that was found; joints count from 1."""
 
     joint: int
@@ -316,9 +316,9 @@ class EvidenceSection(Section):
     sigma_mm: float
     leave_one_out_mm: dict[Name, float | None]
     leave_fifths_out_mm: dict[Name, float | None]
-    groups: list[Group]
+    groups: list[GroupSection]
     families: list[FamilyRow]
-    gears: list[Gear]
+    gears: list[GearSection]
     spectrum: GearSpectrum | None
     explained: list[ExplainedStage]
     warm_up_tau: float | None
@@ -329,12 +329,13 @@ class EvidenceSection(Section):
     def of(fit: EvidenceFit, stages: Sequence[Stage] = ()) -> EvidenceSection:
         """The section of a fit, with its stages (`irbcal.identification.explanation`)."""
         gears = [
-            Gear.from_result(gear, joint=gear.joint + 1, amplitude_deg=fit.amplitude(gear) / DEG) for gear in fit.gears
+            GearSection.from_result(gear, joint=gear.joint + 1, amplitude_deg=fit.amplitude(gear) / DEG)
+            for gear in fit.gears
         ]
         return EvidenceSection.from_result(
             fit,
             terms=fit.kind,
-            groups=[Group.of(group) for group in fit.groups],
+            groups=[GroupSection.of(group) for group in fit.groups],
             gears=gears,
             families=[FamilyRow.from_result(family) for family in fit.families],
             spectrum=GearSpectrum.of(fit.spectrum),
@@ -799,7 +800,7 @@ class Row(Section):
 DHM_UNITS = {"alpha_deg": DEG, "a_mm": MM, "theta_deg": DEG, "d_mm": MM, "beta_deg": DEG, "b_mm": MM}
 
 
-class Pose(Section):
+class PoseSection(Section):
     """A frame: position and unit quaternion, scalar first."""
 
     x_mm: float
@@ -811,10 +812,10 @@ class Pose(Section):
     qz: float
 
     @staticmethod
-    def of(T: FloatArray) -> Pose:
+    def of(T: FloatArray) -> PoseSection:
         """From a transform, shape (4, 4), metres."""
         w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
-        return Pose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
+        return PoseSection(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
 
     def transform(self) -> FloatArray:
         """As a transform, shape (4, 4), metres."""
@@ -893,16 +894,18 @@ class RobotSection(Section):
         )
 
 
-class Origin(Section):
+class OriginSection(Section):
     """A joint frame in its parent link, as URDF has it: metres, and radians about fixed axes."""
 
     xyz_m: Three
     rpy_rad: Three
 
     @staticmethod
-    def of(T: FloatArray) -> Origin:
+    def of(T: FloatArray) -> OriginSection:
         """From a transform, shape (4, 4)."""
-        return Origin(xyz_m=(T[:3, 3] + 0.0).tolist(), rpy_rad=(frames.rpy_from_matrix(T[:3, :3]) + 0.0).tolist())
+        return OriginSection(
+            xyz_m=(T[:3, 3] + 0.0).tolist(), rpy_rad=(frames.rpy_from_matrix(T[:3, :3]) + 0.0).tolist()
+        )
 
     def transform(self) -> FloatArray:
         """As a transform, shape (4, 4)."""
@@ -914,11 +917,11 @@ class JointOrigin(Section):
 
     joint: Name
     link: Name
-    nominal: Origin
-    calibrated: Origin
+    nominal: OriginSection
+    calibrated: OriginSection
 
 
-class Parameter(Section):
+class ParameterSection(Section):
     """One identified, tied or held parameter; ``low`` to ``high`` is its 95 % interval."""
 
     name: Name
@@ -931,16 +934,16 @@ class Parameter(Section):
     reason: Sentence
 
     @staticmethod
-    def of(row: ParameterReport) -> Parameter:
+    def of(row: ParameterReport) -> ParameterSection:
         """A parameter of a fit, with its interval."""
         ends = (None, None) if row.std is None else (row.value - NORMAL_95 * row.std, row.value + NORMAL_95 * row.std)
-        return Parameter(**vars(row), low=ends[0], high=ends[1])
+        return ParameterSection(**vars(row), low=ends[0], high=ends[1])
 
 
 class Placement(Section):
     """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
 
-    base: Pose
+    base: PoseSection
     targets: dict[Name, Three]
     target_quaternions: dict[Name, Quaternion]
 
@@ -949,7 +952,7 @@ class Placement(Section):
         """Base and targets of a robot."""
         rotations = robot.target_rotations.items()
         return Placement(
-            base=Pose.of(robot.T_world_base),
+            base=PoseSection.of(robot.T_world_base),
             targets=in_mm(robot.targets),
             target_quaternions={name: frames.quaternion_from_matrix(R).tolist() for name, R in rotations},
         )
@@ -1002,10 +1005,10 @@ class SessionSection(Section):
     """
 
     name: Name
-    base: Pose
+    base: PoseSection
 
 
-class Exclusion(Section):
+class ExclusionSection(Section):
     """A point that was left out, with the reason."""
 
     pose: Name
@@ -1021,7 +1024,7 @@ class Objective(Section):
     lower_bound_mm: float | None
 
 
-class Correlation(Section):
+class CorrelationSection(Section):
     """Two parameters that the data can hardly tell apart."""
 
     first: Name
@@ -1039,7 +1042,7 @@ class Observability(Section):
     singular_values_mm: list[float]
     seen: int
     indices: dict[Word, float]
-    correlations: list[Correlation]
+    correlations: list[CorrelationSection]
 
     @staticmethod
     def of(fit: Fit | EvidenceFit) -> Observability:
@@ -1052,7 +1055,8 @@ class Observability(Section):
             seen=int(information.seen.sum()),
             indices=information.indices(fit.problem.points.poses),
             correlations=[
-                Correlation(first=names[i], second=names[j], coefficient=c) for i, j, c in information.correlations()
+                CorrelationSection(first=names[i], second=names[j], coefficient=c)
+                for i, j, c in information.correlations()
             ],
         )
 
@@ -1109,11 +1113,11 @@ class Record(Section):
     model: Word
     method: Word
     objective: Objective
-    choice: Choice | EvidenceChoice | None
+    choice: ChoiceSection | EvidenceChoice | None
     evidence: EvidenceSection | None
     rank: int
     parameter_count: int
-    parameters: list[Parameter]
+    parameters: list[ParameterSection]
     covariance: CovarianceSection
     certainty: CertaintySection
     held: list[Sentence]
@@ -1138,7 +1142,7 @@ class Record(Section):
     features: FeaturesSection | None
     points: PointTable
     poses: PoseTable
-    excluded: list[Exclusion]
+    excluded: list[ExclusionSection]
     notes: list[Sentence]
     doubts: list[Sentence]
     data: list[DataFile]

@@ -414,7 +414,7 @@ def _checked(calibration: object, robot: object, joint: int | None, order: int, 
     return float(frequency)
 
 
-class _Model(NamedTuple):
+class _ResidualModel(NamedTuple):
     """The robot of a calibration with what belongs to it, a nominal arm, or nothing."""
 
     robot: Robot | Arm | None = None
@@ -429,20 +429,20 @@ class _Model(NamedTuple):
         return self.robot if isinstance(self.robot, Arm) else self.nominal
 
 
-def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None) -> _Model:
+def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None) -> _ResidualModel:
     if calibration is not None:
         from irbcal.io.opening import open_calibration
 
         saved = open_calibration(calibration)
         nominal, places = saved.arm(calibrated=False), saved.reference_places() or None
-        return _Model(saved.robot_calibrated(), nominal, places, saved.simulated, saved.programmed)
+        return _ResidualModel(saved.robot_calibrated(), nominal, places, saved.simulated, saved.programmed)
     if robot is None:
-        return _Model()
+        return _ResidualModel()
     if not isinstance(robot, Arm):
         from irbcal.io.opening import open_nominal
 
         robot = open_nominal(robot).arm
-    return _Model(robot)
+    return _ResidualModel(robot)
 
 
 # --- from points to the whole answer ---------------------------------------------------------------------

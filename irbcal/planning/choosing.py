@@ -10,7 +10,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.planning.conditions import Setting
-from irbcal.planning.exchange import Chosen, Comparison, compare, exchange
+from irbcal.planning.exchange import Chosen, DesignComparison, compare, exchange
 from irbcal.planning.information import Model
 from irbcal.planning.scene import Scene
 from irbcal.planning.sources import Poses, Region, Tally, first_seen, in_cube, joined, random_poses
@@ -46,7 +46,7 @@ def optimal(
     there: Mapping[str, FloatArray],
     seeds: Sequence[int],
     step: Step,
-) -> tuple[Poses, Comparison, dict[str, Tally]]:
+) -> tuple[Poses, DesignComparison, dict[str, Tally]]:
     """The poses that serve best of many candidates, half in the cube, half in the whole range.
 
     Parameters
@@ -65,7 +65,7 @@ def optimal(
     Returns
     -------
     poses : Poses
-    comparison : Comparison
+    comparison : DesignComparison
     tallies : dict of str to Tally
         Of the candidates.
     """
@@ -110,7 +110,7 @@ def _by_scatter(
     where: tuple[FloatArray, int],
     found: Chosen,
     seeds: Sequence[int],
-) -> Comparison:
+) -> DesignComparison:
     """The comparison of chosen with random poses as if the model described all but the scatter of the points."""
     aim = model.aim("position", *where)
     for part in given:

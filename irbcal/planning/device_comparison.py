@@ -34,7 +34,7 @@ TRACKER, TRACKER_NOISE = "tracker", 0.03 * MM
 
 
 @dataclass(frozen=True)
-class Left:
+class RemainingError:
     """What one device leaves.
 
     Attributes
@@ -63,7 +63,7 @@ class DeviceComparison(Speaks):
     robot : str
     before, before_with_joints : float
         Root mean square error without any, from the geometry and with the joints' errors beyond it, metres.
-    rows : tuple of Left
+    rows : tuple of RemainingError
         Best first, by the largest number of poses.
     missing : tuple of str
         Devices that the arm does not reach, in sentences.
@@ -72,7 +72,7 @@ class DeviceComparison(Speaks):
     robot: str
     before: float
     before_with_joints: float
-    rows: tuple[Left, ...]
+    rows: tuple[RemainingError, ...]
     missing: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -169,7 +169,7 @@ def compare_devices(
     say: Callable[[str], object] = progress or (lambda text: None)
     size = None if prior is None else number("prior", prior, 1e-6, 0.1)
     models = [DeviceModel(arm, seed, wide, size) for wide in (False, True)]
-    rows: list[Left] = []
+    rows: list[RemainingError] = []
     missing: list[str] = []
     for name in (TRACKER, *DEVICES):
         say(name)
@@ -182,7 +182,7 @@ def compare_devices(
                 missing.append(str(error))
                 continue
             words = "laser tracker, one reflector" if name == TRACKER else DEVICES[name].words
-            rows.append(Left(name, words, count, spread, *left))
+            rows.append(RemainingError(name, words, count, spread, *left))
     most = {row.device: row.left_with_joints for row in rows}
     rows.sort(key=lambda row: most[row.device])
     return DeviceComparison(arm.name, models[0].before, models[1].before, tuple(rows), tuple(missing))

@@ -25,7 +25,7 @@ from irbcal.options import MOST_POSES, checked, number
 from irbcal.options import seed as check_seed
 from irbcal.planning.device_access import Access, with_stands
 from irbcal.planning.device_information import DeviceModel, Rated
-from irbcal.planning.exchange import Chosen, Comparison, compare, exchange
+from irbcal.planning.exchange import Chosen, DesignComparison, compare, exchange
 from irbcal.planning.information import Candidates
 from irbcal.planning.route import shortest_order
 from irbcal.planning.scene import Scene, open_scene
@@ -66,7 +66,7 @@ class DevicePlan(Speaks):
         What every pose meets.
     before : float
         Predicted root mean square error of positions over the whole range before, metres.
-    comparison : Comparison
+    comparison : DesignComparison
         Mean squared error of positions that these poses and random ones leave, m^2.
     candidates : dict of str to int
         By feature: poses that they were chosen from.
@@ -83,7 +83,7 @@ class DevicePlan(Speaks):
     which: IntArray
     conditions: tuple[str, ...]
     before: float
-    comparison: Comparison
+    comparison: DesignComparison
     candidates: dict[str, int]
     tally: dict[str, int]
     approach: FloatArray | None

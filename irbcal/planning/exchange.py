@@ -104,7 +104,7 @@ def exchange(
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class DesignComparison:
     """Chosen poses beside random ones of the same candidates, by the criterion (less is better).
 
     Attributes
@@ -114,20 +114,20 @@ class Comparison:
         Number of random poses -> mean over `DRAWS` draws.
     as_good_as : int or None
         How many random poses are as good as the chosen ones; None where more than were looked at.
-    scatter : Comparison or None
+    scatter : DesignComparison or None
         The same from the points' scatter alone, where the criterion counts imagined errors, too.
     """
 
     optimal: float
     random: dict[int, float]
     as_good_as: int | None
-    scatter: Comparison | None = None
+    scatter: DesignComparison | None = None
 
     def __post_init__(self) -> None:
         lock(self)
 
 
-def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> Comparison:
+def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> DesignComparison:
     """How many random poses are as good as chosen ones.
 
     Parameters
@@ -150,7 +150,7 @@ def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> 
     sizes, values = np.log(list(means)), np.minimum.accumulate(list(means.values()))
     within = values[-1] <= chosen.value <= values[0]
     same = round(float(np.exp(np.interp(-chosen.value, -values, sizes)))) if within else None
-    return Comparison(chosen.value, means, same)
+    return DesignComparison(chosen.value, means, same)
 
 
 def _one_by_one(candidates: Candidates, count: int, aim: Aim) -> IntArray:

@@ -8,15 +8,15 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, lock
 from irbcal.modeling import frames
-from irbcal.planning.exchange import Comparison
-from irbcal.planning.prediction import Prediction
+from irbcal.planning.exchange import DesignComparison
+from irbcal.planning.prediction import PlanPrediction
 from irbcal.planning.scene import Scene
 from irbcal.planning.sources import Tally
 from irbcal.planning.wish import READINGS_S, Wish
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Made:
+class PlannedPoses:
     """Poses to measure, in their order, and what they promise.
 
     Attributes
@@ -32,12 +32,12 @@ class Made:
         Poses to which the robot goes over its home joints, for the direct way is not free.
     tallies : dict of str to Tally
         Of each source of poses.
-    prediction : Prediction
+    prediction : PlanPrediction
     position_std : dict of str to ndarray
         Standard deviations of the first measured reflector's predicted position in ``cube`` and ``range``, metres.
     stops : ndarray, shape (n,)
         When the robot stands still in each pose, seconds from the start.
-    comparison : Comparison or None
+    comparison : DesignComparison or None
         Of optimal poses with random ones.
     notes : tuple of str
     """
@@ -49,10 +49,10 @@ class Made:
     groups: NameArray
     over_home: BoolArray
     tallies: dict[str, Tally]
-    prediction: Prediction
+    prediction: PlanPrediction
     position_std: dict[str, FloatArray]
     stops: FloatArray
-    comparison: Comparison | None
+    comparison: DesignComparison | None
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:

@@ -19,7 +19,7 @@ from irbcal.options import number, pulses_per_degree
 from irbcal.planning import choosing, plan_files
 from irbcal.planning.choosing import MOST_REFLECTORS, Step
 from irbcal.planning.information import IMAGINED_SIZE, NOISE, Model
-from irbcal.planning.made import Made
+from irbcal.planning.made import PlannedPoses
 from irbcal.planning.prediction import predict
 from irbcal.planning.program import language_of
 from irbcal.planning.reflectors import TargetsLike
@@ -40,8 +40,8 @@ _WHERE = {"cube": "in the cube", "range": "in the whole range"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Made, Speaks):
-    """Poses to measure, in their order, and what they promise; attributes as `irbcal.planning.made.Made`."""
+class Plan(PlannedPoses, Speaks):
+    """Poses to measure, in their order, and what they promise; attributes as `irbcal.planning.made.PlannedPoses`."""
 
     def told(self) -> list[Told]:
         """See `Speaks.told`."""

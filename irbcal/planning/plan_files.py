@@ -14,8 +14,8 @@ from irbcal.modeling.home import DECIMALS
 from irbcal.names import without_formulas
 from irbcal.planning import program
 from irbcal.planning.conditions import CONDITIONS
-from irbcal.planning.exchange import Comparison
-from irbcal.planning.made import Made
+from irbcal.planning.exchange import DesignComparison
+from irbcal.planning.made import PlannedPoses
 from irbcal.planning.wish import READINGS_S, Wish
 from irbcal.thesis_setup import FRONT
 from irbcal.units import DEG, MM
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def files(made: Made, page: str | None = None) -> dict[str, bytes]:
+def files(made: PlannedPoses, page: str | None = None) -> dict[str, bytes]:
     """The files of a plan.
 
     Parameters
     ----------
-    made : Made
+    made : PlannedPoses
     page : str, optional
         The scene to look at, HTML.
 
@@ -60,13 +60,13 @@ def _csv(table: pd.DataFrame) -> bytes:
     return str(without_formulas(text).to_csv(index=False, lineterminator="\n")).encode()
 
 
-def _joints(made: Made) -> FloatArray:
+def _joints(made: PlannedPoses) -> FloatArray:
     """Joints as they are commanded and as the controller counts them, degrees and millimetres, shape (n, joints)."""
     arm = made.scene.setting.arm
     return np.round(arm.to_controller(made.q) / arm.joint_units, DECIMALS) + 0.0
 
 
-def plan_table(made: Made) -> pd.DataFrame:
+def plan_table(made: PlannedPoses) -> pd.DataFrame:
     """A row for each reflector to measure: joints, reflector, where the tracker should expect it, when.
 
     Returns
@@ -88,7 +88,7 @@ def plan_table(made: Made) -> pd.DataFrame:
     return table
 
 
-def pose_table(made: Made) -> pd.DataFrame:
+def pose_table(made: PlannedPoses) -> pd.DataFrame:
     """A row for each pose: joints, reflectors with spaces between them, wait.
 
     Returns
@@ -105,12 +105,12 @@ def pose_table(made: Made) -> pd.DataFrame:
     return table
 
 
-def _target_texts(made: Made) -> list[str]:
+def _target_texts(made: PlannedPoses) -> list[str]:
     names = np.array(made.scene.setting.targets.names, dtype=object)
     return [" ".join(names[row]) for row in made.asked]
 
 
-def facts(made: Made) -> dict[str, Any]:
+def facts(made: PlannedPoses) -> dict[str, Any]:
     """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
     scene, wish, setting = made.scene, made.wish, made.scene.setting
     return {
@@ -147,7 +147,7 @@ def facts(made: Made) -> dict[str, Any]:
     }
 
 
-def _compared(found: Comparison, wish: Wish) -> dict[str, Any]:
+def _compared(found: DesignComparison, wish: Wish) -> dict[str, Any]:
     """Chosen poses beside random ones; of the criterion ``position`` also as predicted errors, rms in mm."""
 
     def values(value: float) -> dict[str, float]:
@@ -162,7 +162,7 @@ def _compared(found: Comparison, wish: Wish) -> dict[str, Any]:
     }
 
 
-def _settings(made: Made) -> dict[str, Any]:
+def _settings(made: PlannedPoses) -> dict[str, Any]:
     scene, wish, setting = made.scene, made.wish, made.scene.setting
     return {
         "seed": wish.seed,

@@ -32,7 +32,7 @@ class Predicted:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Prediction:
+class PlanPrediction:
     """What a plan promises, from the noise of the points alone: errors that no model describes are not in it.
 
     Attributes
@@ -75,7 +75,7 @@ class Prediction:
         return np.sqrt(np.sum((J @ self.covariance) * J, axis=1).reshape(-1, 3).sum(axis=1))
 
 
-def predict(model: Model, q: FloatArray, seen: BoolArray) -> Prediction:
+def predict(model: Model, q: FloatArray, seen: BoolArray) -> PlanPrediction:
     """Standard deviations that a plan promises.
 
     Parameters
@@ -107,4 +107,4 @@ def predict(model: Model, q: FloatArray, seen: BoolArray) -> Prediction:
         unit, factor = UNIT_OUTSIDE[item.unit]
         name = "held" if share > HELD else "tied" if share > TIED else "identified"
         out.append(Predicted(item.name, unit, float(value / factor) if name == "identified" else None, name))
-    return Prediction(model, tuple(out), covariance)
+    return PlanPrediction(model, tuple(out), covariance)

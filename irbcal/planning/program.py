@@ -8,12 +8,12 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import languages
-from irbcal.correction.moves import Move, Moves
+from irbcal.correction.moves import JointMove, Moves
 from irbcal.errors import OptionError, ProgramError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
 from irbcal.planning import route, timing
-from irbcal.planning.made import Made
+from irbcal.planning.made import PlannedPoses
 from irbcal.planning.wish import READINGS_S, Wish
 
 QUICKEST = 0.5
@@ -77,12 +77,12 @@ def _fault(arm: Arm, language: languages.Language, wish: Wish) -> str:
     return ""
 
 
-def files(made: Made) -> dict[str, bytes]:
+def files(made: PlannedPoses) -> dict[str, bytes]:
     """The files of a plan's program: joint moves, and a rest in each pose for the wait and the readings.
 
     Parameters
     ----------
-    made : Made
+    made : PlannedPoses
 
     Returns
     -------
@@ -98,7 +98,7 @@ def files(made: Made) -> dict[str, bytes]:
     return languages.write(languages.by_name()[name], moves(made)) if name else {}
 
 
-def moves(made: Made) -> Moves:
+def moves(made: PlannedPoses) -> Moves:
     """The moves of a plan: from home through all poses, over home where the direct way is not free, and back."""
     arm, wish = made.scene.setting.arm, made.wish
     home = home_joints(arm)
@@ -115,7 +115,7 @@ def moves(made: Made) -> Moves:
         arm=arm,
         q=q,
         moves=tuple(
-            Move(text, wait, float(part), float(rate))
+            JointMove(text, wait, float(part), float(rate))
             for text, wait, part, rate in zip([*comments, ""], [*waits, 0.0], share, speed, strict=True)
         ),
         head=(
@@ -129,7 +129,7 @@ def moves(made: Made) -> Moves:
     )
 
 
-def _speeds(made: Made, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _speeds(made: PlannedPoses, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Share of the joints' largest speeds and speed of the joint that turns most, rad/s, of the move to each row."""
     rates = made.scene.joint_speed
     alone = route.move_times(q[:-1], q[1:], rates)

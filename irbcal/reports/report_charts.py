@@ -14,7 +14,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
-from irbcal.io.schema import EvidenceSection, ExplainedStage, Gear, GearSpectrum, Observability, Record
+from irbcal.io.schema import EvidenceSection, ExplainedStage, GearSection, GearSpectrum, Observability, Record
 from irbcal.joint_analysis.residuals import Approach
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
@@ -111,7 +111,7 @@ def _bar(panel: Panel, drawing: Drawing, y: float, value: float, words: str, col
 # --- gears ------------------------------------------------------------------------------------------------
 
 
-def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[Gear]) -> Chart:
+def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[GearSection]) -> Chart:
     """A panel for each joint: how strong a wave of so many cycles per turn would be, and what was found."""
     values = np.array(spectrum.chi2)
     cycles = spectrum.first + spectrum.step * np.arange(values.shape[1]) + 0.5 * (spectrum.step - 1)
@@ -139,7 +139,7 @@ def gear_spectrum(spectrum: GearSpectrum, gears: Sequence[Gear]) -> Chart:
     return Chart("gear_spectrum", caption, drawings, [*legend, ("accent", "o", "found")] if gears else legend, 3)
 
 
-def _named(drawing: Drawing, panel: Panel, gears: Sequence[Gear], end: float, limit: float) -> None:
+def _named(drawing: Drawing, panel: Panel, gears: Sequence[GearSection], end: float, limit: float) -> None:
     """Numbers of found waves beside their marks, each below the one before where they would meet."""
     taken: list[FloatArray] = []
     for gear in gears:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from irbcal.io.schema import Exclusion, Parameter, Record, RobotSection
+from irbcal.io.schema import ExclusionSection, ParameterSection, Record, RobotSection
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import FOURIER
 from irbcal.modeling.terms.gear import in_words
@@ -151,7 +151,7 @@ def verdict(calibration: Record) -> list[str]:
 # --- tables ----------------------------------------------------------------------------------------------
 
 
-def _states(parameters: Sequence[Parameter]) -> dict[str, int]:
+def _states(parameters: Sequence[ParameterSection]) -> dict[str, int]:
     return {s: sum(p.state == s for p in parameters) for s in ("identified", "tied", "held")}
 
 
@@ -194,7 +194,7 @@ def _coefficients(joint_map: JointMap) -> list[tuple[str, float, str, float | No
     return rows + [(name, float(value), "rad", float(value) / DEG) for name, value in zip(symbols, angles, strict=True)]
 
 
-def _left_out(excluded: Sequence[Exclusion]) -> dict[str, Any]:
+def _left_out(excluded: Sequence[ExclusionSection]) -> dict[str, Any]:
     """Counts by kind of reason, and one line for each pose and reason in the order of the file."""
     counts: dict[str, int] = {}
     lines: dict[tuple[str, str], list[str]] = {}

@@ -19,7 +19,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.validation import accuracy
 from irbcal.validation.pose_criteria import mean_rotation, small_angles
-from irbcal.validation.prepared import Prepared
+from irbcal.validation.prepared import CleanedPoints
 from irbcal.validation.tables import places
 
 if TYPE_CHECKING:
@@ -170,12 +170,12 @@ def measured_whole(points: PointSet, robots: Mapping[str, Robot | None], table: 
     return bool((points.oriented() & known).any()) or three
 
 
-def attained(ready: Prepared, robot: Robot | None, whole: bool) -> Attained:
+def attained(ready: CleanedPoints, robot: Robot | None, whole: bool) -> Attained:
     """What was reached, in the measuring frame.
 
     Parameters
     ----------
-    ready : Prepared
+    ready : CleanedPoints
         Of one target, unless poses are regarded as a whole.
     robot : Robot, optional
         Knows the places of the targets on the tip; without it the targets themselves make up a frame.
@@ -199,7 +199,7 @@ def attained(ready: Prepared, robot: Robot | None, whole: bool) -> Attained:
     return _of_rows(ready, poses.pose_ids, poses.xyz, poses.rotation)
 
 
-def _of_rows(ready: Prepared, rows: Any, xyz: FloatArray, rotation: FloatArray | None = None) -> Attained:
+def _of_rows(ready: CleanedPoints, rows: Any, xyz: FloatArray, rotation: FloatArray | None = None) -> Attained:
     points = ready.points
     return Attained(
         source=ready.measurements.source,

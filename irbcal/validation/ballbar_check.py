@@ -21,8 +21,8 @@ from irbcal.units import DEG, MM
 from irbcal.validation import ballbar_trace
 from irbcal.validation.ballbar_circle import circle
 from irbcal.validation.ballbar_circle import tool as tool_frame
-from irbcal.validation.ballbar_joints import Change, by_joints, minus, offsets
-from irbcal.validation.ballbar_prediction import Prediction, predict
+from irbcal.validation.ballbar_joints import JointZeroChange, by_joints, minus, offsets
+from irbcal.validation.ballbar_prediction import BallbarPrediction, predict
 from irbcal.validation.ballbar_trace import MEASURED, Trace, explained
 from irbcal.validation.tables import is_simulated
 
@@ -45,7 +45,7 @@ class BallbarCheck(Speaks):
     ----------
     bar : float
         Nominal length of the ballbar, metres.
-    prediction : Prediction
+    prediction : BallbarPrediction
     run : str
         What was run when it was measured: the ``nominal`` targets or the ``fake`` ones.
     measured : dict of str to Trace
@@ -61,13 +61,13 @@ class BallbarCheck(Speaks):
     """
 
     bar: float
-    prediction: Prediction
+    prediction: BallbarPrediction
     run: Run
     measured: dict[str, Trace]
     simulated: bool
     simulated_readings: bool = False
-    joints: Mapping[str, Change] = field(default_factory=dict)
-    since: Mapping[str, Change] = field(default_factory=dict)
+    joints: Mapping[str, JointZeroChange] = field(default_factory=dict)
+    since: Mapping[str, JointZeroChange] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         lock(self)
@@ -173,7 +173,7 @@ class BallbarCheck(Speaks):
         return plots.ballbar(self, magnify)
 
 
-def _change(change: Change | None) -> dict[str, Any] | None:
+def _change(change: JointZeroChange | None) -> dict[str, Any] | None:
     """What offsets of joints explain, ready for JSON; mm and degrees."""
     if change is None:
         return None

@@ -62,7 +62,7 @@ class JointOffset:
 
 
 @dataclass(frozen=True)
-class Change:
+class JointZeroChange:
     """What joint offsets make of a difference of traces.
 
     Attributes
@@ -115,7 +115,7 @@ def by_joints(path: TiltedCircle, robot: Robot, q: FloatArray, T_tip_tcp: FloatA
     return np.asarray(there - A @ np.linalg.lstsq(A, there, rcond=None)[0])
 
 
-def offsets(difference: Trace, columns: FloatArray) -> Change:
+def offsets(difference: Trace, columns: FloatArray) -> JointZeroChange:
     """Joint offsets that explain a difference of traces, with their prior.
 
     Parameters
@@ -136,7 +136,7 @@ def offsets(difference: Trace, columns: FloatArray) -> Change:
         noise = max(float(np.sqrt(rest @ rest / max(len(y) - 3 - told, 1.0))), NOISE)
     std = np.sqrt(np.diagonal(C))
     found = tuple(JointOffset(j + 1, float(v), float(s)) for j, (v, s) in enumerate(zip(value, std, strict=True)))
-    return Change(found, float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(rest**2))))
+    return JointZeroChange(found, float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(rest**2))))
 
 
 def minus(first: Trace, second: Trace) -> Trace:

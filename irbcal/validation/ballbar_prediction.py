@@ -24,7 +24,7 @@ SAMPLES = 720
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Prediction:
+class BallbarPrediction:
     """What a ballbar is expected to show.
 
     Attributes
@@ -63,7 +63,7 @@ def predict(
     arcs: int = 6,
     T_tip_tcp: FloatArray | None = None,
     samples: int = SAMPLES,
-) -> Prediction:
+) -> BallbarPrediction:
     """Radial errors of a circular path that the nominal controller runs, without and with fake targets (annex VI).
 
     Parameters
@@ -97,7 +97,7 @@ def predict(
     corrected = None
     if arcs:
         corrected = trace_of_points(path, _corrected_points(path, robot, nominal, q_center, arcs, tcp, samples))
-    return Prediction(uncorrected, corrected, arcs, tuple(_reversals(q, s)), q)
+    return BallbarPrediction(uncorrected, corrected, arcs, tuple(_reversals(q, s)), q)
 
 
 def _reversals(q: FloatArray, s: FloatArray) -> Sequence[Reversal]:

@@ -28,7 +28,7 @@ from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation import accuracy, bootstrap
 from irbcal.validation.evaluate import carrying, in_frame_of_calibration
-from irbcal.validation.prepared import Prepared
+from irbcal.validation.prepared import CleanedPoints
 from irbcal.validation.refit import Refit
 from irbcal.validation.suspicion import doubts_of
 from irbcal.validation.unseen import without_fitted
@@ -253,7 +253,7 @@ def compare(
     seen = carrying(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
     records = {name: open_calibration(item) for name, item in named.items()}
-    ready: list[Prepared] = []
+    ready: list[CleanedPoints] = []
     robots: list[dict[str, Robot]] = []
     gone: set[int] = set()
     for name, record in records.items():
@@ -294,7 +294,7 @@ def compare(
 
 
 def _doubts(
-    records: Mapping[str, Record], ready: Sequence[Prepared], robots: Sequence[Mapping[str, Robot]]
+    records: Mapping[str, Record], ready: Sequence[CleanedPoints], robots: Sequence[Mapping[str, Robot]]
 ) -> tuple[str, ...]:
     return tuple(
         f"{name}: {words}"
@@ -303,7 +303,7 @@ def _doubts(
     )
 
 
-def _notes(names: Sequence[str], ready: Sequence[Prepared]) -> tuple[str, ...]:
+def _notes(names: Sequence[str], ready: Sequence[CleanedPoints]) -> tuple[str, ...]:
     """What is to be known of all, once, and of single ones with their names."""
     every = [set(one.notes) for one in ready]
     alike = set.intersection(*every)
@@ -340,7 +340,7 @@ def _named(calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLik
     return out
 
 
-def _common(ready: Sequence[Prepared], source: str) -> list[IntArray]:
+def _common(ready: Sequence[CleanedPoints], source: str) -> list[IntArray]:
     """Rows of each that are the same pose of the file and the same target, in one order."""
     keys = [list(zip(one.number[one.points.pose].tolist(), one.points.names(), strict=True)) for one in ready]
     where = [{key: k for k, key in enumerate(rows)} for rows in keys]

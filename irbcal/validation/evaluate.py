@@ -32,7 +32,7 @@ from irbcal.validation.coverage import coverage
 from irbcal.validation.evaluation import ByModel, Evaluation, Statistics
 from irbcal.validation.length_scale import length_scale, scale_in_words
 from irbcal.validation.origin import checked_info, origin
-from irbcal.validation.prepared import Prepared, prepare
+from irbcal.validation.prepared import CleanedPoints, prepare
 from irbcal.validation.refit import Refit
 from irbcal.validation.region import region
 from irbcal.validation.suspicion import doubts_of, lost_row, refuse_far_points
@@ -227,7 +227,7 @@ def evaluate(
 
 def in_frame_of_calibration(
     calibration: CalibrationLike, measurements: table.MeasurementsLike, refit: Refit = NOTHING, same_tool: bool = False
-) -> tuple[Prepared, dict[str, Robot]]:
+) -> tuple[CleanedPoints, dict[str, Robot]]:
     """Clean measurements in the frame of a calibration, and its robots.
 
     Parameters
@@ -241,7 +241,7 @@ def in_frame_of_calibration(
 
     Returns
     -------
-    ready : Prepared
+    ready : CleanedPoints
     robots : dict of str to Robot
         ``nominal`` and ``calibrated``.
 
@@ -283,7 +283,7 @@ def _placed_in_words(refit: Refit, placing: int, judged: int) -> str:
     )
 
 
-def _scope(refit: Refit, sphere: Sequence[float] | None, ready: Prepared) -> tuple[str, ...]:
+def _scope(refit: Refit, sphere: Sequence[float] | None, ready: CleanedPoints) -> tuple[str, ...]:
     """What an evaluation is limited to, in sentences."""
     out = []
     if refit.base and not any("placed anew on" in note for note in ready.notes):
@@ -297,7 +297,7 @@ def _scope(refit: Refit, sphere: Sequence[float] | None, ready: Prepared) -> tup
     return tuple(out)
 
 
-def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Prepared:
+def _inside(ready: CleanedPoints, robot: Robot, sphere: Sequence[float] | None) -> CleanedPoints:
     if sphere is None:
         return ready
     inside = accuracy.within_sphere(robot, ready.points, sphere[:3], sphere[3])
@@ -306,7 +306,7 @@ def _inside(ready: Prepared, robot: Robot, sphere: Sequence[float] | None) -> Pr
     return ready.keep(inside)
 
 
-def _notes(ready: Prepared, record: Record) -> tuple[str, ...]:
+def _notes(ready: CleanedPoints, record: Record) -> tuple[str, ...]:
     seen = ready.measurements
     notes = (*ready.notes, *mixed_use(record.programmed, seen.programmed, seen.source))
     return (*notes, *_other_loads(ready.points, record), *_outside_ranges(ready.points, record))
@@ -376,7 +376,7 @@ def _pose_errors(robots: Mapping[str, Robot], points: PointSet, errors: Mapping[
     )
 
 
-def _parts(ready: Prepared) -> dict[str, NameArray]:
+def _parts(ready: CleanedPoints) -> dict[str, NameArray]:
     """Label of each point in each way of dividing the points; an empty label belongs to no part."""
     points = ready.points
     loads = ready.labels("payload_kg")
@@ -448,7 +448,7 @@ def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[
     return out
 
 
-def _comparison(other: Record, ready: Prepared, refit: Refit, robot: Robot, seed: int) -> dict[str, Any]:
+def _comparison(other: Record, ready: CleanedPoints, refit: Refit, robot: Robot, seed: int) -> dict[str, Any]:
     """Two calibrations, pose by pose on the points that both know."""
     theirs, robots = in_frame_of_calibration(other, ready.measurements, refit)
     mine = [replace(item.points, pose_ids=item.number) for item in (ready, theirs)]

@@ -88,7 +88,7 @@ def told_apart(H: FloatArray, g: FloatArray, yy: FloatArray, seed: int = 0) -> H
     Parameters
     ----------
     H, g, yy : ndarray, shapes (n, p, p), (n, p), (n,)
-        Of `irbcal.validation.pose_equations.Sums`.
+        Of `irbcal.validation.pose_equations.PoseSums`.
     seed : int
     """
     n, p = g.shape

@@ -21,7 +21,7 @@ from irbcal.names import check_names, fault_of
 from irbcal.options import shown
 from irbcal.reading import read_bytes
 from irbcal.units import DEG, MM
-from irbcal.validation.prepared import Prepared
+from irbcal.validation.prepared import CleanedPoints
 
 FIELDS = {
     "robot_type": "Robot type",
@@ -138,7 +138,7 @@ class Origin:
 def origin(
     calibration: object,
     record: Record,
-    ready: Prepared,
+    ready: CleanedPoints,
     info: Mapping[str, str],
     scope: tuple[str, ...] = (),
 ) -> Origin:
@@ -149,7 +149,7 @@ def origin(
     calibration : str, Path or a loaded calibration
     record : Record
         What it holds.
-    ready : Prepared
+    ready : CleanedPoints
         What is judged.
     info : dict of str to str
         As `checked_info` leaves it.
@@ -245,7 +245,7 @@ def _label(key: str) -> str:
     return FIELDS.get(key, words[:1].upper() + words[1:])
 
 
-def _of_columns(ready: Prepared) -> dict[str, str]:
+def _of_columns(ready: CleanedPoints) -> dict[str, str]:
     """What columns of the file say of the judged poses."""
     table = shared(ready.measurements)
     rows = table[table["pose_index"].isin(ready.number)]

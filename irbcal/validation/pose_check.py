@@ -26,7 +26,7 @@ from irbcal.summary import Cell, Speaks, Table, Told
 from irbcal.units import MM
 from irbcal.validation.attained import attained, commanded_poses, measured_whole
 from irbcal.validation.model_criteria import ModelCriteria, PoseValues, criteria
-from irbcal.validation.prepared import Prepared, prepare
+from irbcal.validation.prepared import CleanedPoints, prepare
 from irbcal.validation.tables import ANGLES, AXES
 
 if TYPE_CHECKING:
@@ -284,7 +284,7 @@ def check_poses(
     return PoseCheck(subject, models, ready.excluded, ready.notes, simulated)
 
 
-def _only(ready: Prepared, target: str) -> Prepared:
+def _only(ready: CleanedPoints, target: str) -> CleanedPoints:
     if target not in ready.points.target_names:
         raise MeasurementError(
             f"no usable point of target {target}; targets are {', '.join(ready.points.target_names)}",

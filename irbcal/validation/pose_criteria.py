@@ -192,7 +192,7 @@ def turns_between(R_1: FloatArray, R_2: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Drift:
+class PoseDrift:
     """Drift of pose accuracy and repeatability over sets of cycles.
 
     Attributes
@@ -223,7 +223,7 @@ class Drift:
         return None if self.AP is None else float(self.AP[-1] - self.AP[0])
 
 
-def drift(sets: Sequence[FloatArray], commanded: ArrayLike | None = None) -> Drift:
+def drift(sets: Sequence[FloatArray], commanded: ArrayLike | None = None) -> PoseDrift:
     """Drift of pose accuracy dAP and repeatability dRP over sets of cycles.
 
     As the differences of the sets' AP and RP say nothing about the direction, the way of the barycentre is given, too.
@@ -239,7 +239,7 @@ def drift(sets: Sequence[FloatArray], commanded: ArrayLike | None = None) -> Dri
     Drift
     """
     means = np.array([xyz.mean(axis=0) for xyz in sets])
-    return Drift(
+    return PoseDrift(
         np.array([position_repeatability(xyz)[0] for xyz in sets]),
         np.linalg.norm(means - means[0], axis=1),
         None if commanded is None else np.linalg.norm(means - np.asarray(commanded, dtype=float), axis=1),

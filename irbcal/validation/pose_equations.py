@@ -16,7 +16,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level
 
 
-class Sums(NamedTuple):
+class PoseSums(NamedTuple):
     """Normal equations of all unknowns, each scaled by its own size.
 
     Attributes
@@ -59,7 +59,7 @@ class PoseEquations:
         return replace(self, points=self.points.select(np.isin(np.arange(n), evenly(n, most))))
 
     @cached_property
-    def sums(self) -> Sums | None:
+    def sums(self) -> PoseSums | None:
         """The equations; None where the robot cannot be identified."""
         try:
             fit = identify(self.arm, self.points.with_seen_targets(), default_level(self.arm))
@@ -73,7 +73,7 @@ def evenly(n: int, most: int) -> IntArray:
     return np.linspace(0, n - 1, most).astype(int)
 
 
-def sums(fit: Fit, n: int) -> Sums:
+def sums(fit: Fit, n: int) -> PoseSums:
     """Normal equations of a fit for each of n poses."""
     problem, state = fit.problem, fit.solution.state
     m = len(problem.points)
@@ -84,4 +84,4 @@ def sums(fit: Fit, n: int) -> Sums:
     np.add.at(H, problem.points.pose, np.einsum("mca,mcb->mab", J, J))
     np.add.at(g, problem.points.pose, np.einsum("mca,mc->ma", J, r))
     np.add.at(yy, problem.points.pose, (r**2).sum(axis=1))
-    return Sums(H, g, yy)
+    return PoseSums(H, g, yy)

@@ -18,7 +18,7 @@ from irbcal.measurement.table import MeasurementSet
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class CleanedPoints:
     """Points fit for validation.
 
     Attributes
@@ -61,14 +61,14 @@ class Prepared:
         first = table.groupby("pose_index", sort=True)[column].first().to_numpy(dtype=object)
         return np.array([_text(value) for value in first[self.number]], dtype=object)
 
-    def keep(self, mask: BoolArray) -> Prepared:
+    def keep(self, mask: BoolArray) -> CleanedPoints:
         """The points that a mask of shape (m,) keeps, without empty poses."""
         rest = replace(self.points.take(mask), pose_ids=np.arange(self.points.poses)).without_empty_poses()
         rows = rest.pose_ids
         points = replace(rest, pose_ids=self.points.pose_ids[rows])
         return replace(self, points=points, number=self.number[rows], at_fitted=_rows(self.at_fitted, rows))
 
-    def without_copies(self) -> Prepared:
+    def without_copies(self) -> CleanedPoints:
         """Each row once: those that stand in the file before with the same joints and place are left out, and noted."""
         points = self.points
         rows = np.column_stack([points.joints(), points.target, points.xyz])
@@ -87,7 +87,7 @@ class Prepared:
         rest = self.keep(first)
         return replace(rest, notes=(*rest.notes, note))
 
-    def select(self, mask: BoolArray) -> Prepared:
+    def select(self, mask: BoolArray) -> CleanedPoints:
         """The poses that a mask of shape (n,) keeps."""
         rows = _rows(self.at_fitted, mask)
         return replace(self, points=self.points.select(mask), number=self.number[mask], at_fitted=rows)
@@ -121,7 +121,7 @@ def prepare(
     calibration: Record | None = None,
     any_target: bool = False,
     same_tool: bool = False,
-) -> Prepared:
+) -> CleanedPoints:
     """Clean measurements and bring them into the frame of a calibration.
 
     Parameters
@@ -161,4 +161,6 @@ def prepare(
     points = as_poses(cleaned.points, measurements.source, shape)[0] if shape else cleaned.points
     number = points.pose_ids.astype(int)
     excluded = tuple(replace(item, pose=str(names[int(item.pose)])) for item in cleaned.excluded)
-    return Prepared(replace(points, pose_ids=names[number]), number, measurements, excluded, (*notes, *cleaned.notes))
+    return CleanedPoints(
+        replace(points, pose_ids=names[number]), number, measurements, excluded, (*notes, *cleaned.notes)
+    )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from irbcal.identification.evidence_fit import models_table
-from irbcal.io.schema import Errors, EvidenceChoice, Parameter, Record
+from irbcal.io.schema import Errors, EvidenceChoice, ParameterSection, Record
 from irbcal.measurement.cleaning import left_out
 from irbcal.summary import Cell, Table, Told
 from irbcal.validation.evaluation import statistics_table
@@ -14,7 +14,7 @@ from irbcal.validation.evaluation import statistics_table
 DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 
 
-def parameter_row(item: Parameter) -> tuple[Cell, ...]:
+def parameter_row(item: ParameterSection) -> tuple[Cell, ...]:
     """A parameter for a table: name, value, standard deviation, unit, state."""
     digits = DIGITS.get(item.unit, 6)
     std = "–" if item.std is None else f"{item.std:.{digits}f}"

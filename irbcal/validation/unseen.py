@@ -8,18 +8,18 @@ from irbcal.errors import MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement import fitted
 from irbcal.units import DEG
-from irbcal.validation.prepared import Prepared
+from irbcal.validation.prepared import CleanedPoints
 
 WHOLE_FILE = "This file was used for the calibration: fitted poses among these are no proof of accuracy."
 OTHER_LOAD = "at fitted joints with a load that was never fitted"
 
 
-def without_fitted(ready: Prepared, record: Record, include: bool = False) -> Prepared:
+def without_fitted(ready: CleanedPoints, record: Record, include: bool = False) -> CleanedPoints:
     """Measurements without the poses of a calibration's fit, with a note of how many these were.
 
     Parameters
     ----------
-    ready : Prepared
+    ready : CleanedPoints
         In the calibration's frame.
     record : Record
     include : bool

@@ -29,7 +29,7 @@ from irbcal.viewer import robot as looks
 from irbcal.viewer.links import Link, links, reach
 from irbcal.viewer.points import PlanLike
 from irbcal.viewer.scales import default_magnification, scale_top
-from irbcal.viewer.scene import Drawn, Mode, Model, Points, Scene
+from irbcal.viewer.scene import Drawn, Mode, Model, PageScene, Points
 
 NEAR_TRACKER = 0.2
 """No tracker stands closer than this to what it measures, metres: the frame's origin is then something else."""
@@ -52,7 +52,7 @@ def build(
     refit_tool: bool = False,
     base_link: str | None = None,
     tip_link: str | None = None,
-) -> Scene:
+) -> PageScene:
     """Gather a scene; arguments and errors as `irbcal.viewer.view.view`.
 
     Returns
@@ -88,7 +88,7 @@ def build(
     errors = list(each.values()) or None
     size = reach(tree)
     section = None if opened.record is None else opened.record.features
-    return Scene(
+    return PageScene(
         title=urdf.arm.name if opened.record is None else f"{urdf.arm.name}, model {opened.record.model}",
         simulated=shown.simulated,
         mode=shown.mode,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from irbcal.arrays import FloatArray
 from irbcal.viewer import features, shapes
-from irbcal.viewer.scene import Scene
+from irbcal.viewer.scene import PageScene
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # meshcat 0.3.2 imports zmq in a way that zmq regrets
@@ -73,7 +73,7 @@ class _Body(g.Geometry):  # type: ignore[misc]  # meshcat has no types
         }
 
 
-def record(scene: Scene) -> Recorder:
+def record(scene: PageScene) -> Recorder:
     """Draw a scene's still bodies.
 
     Nodes: ``/irbcal/robot/K`` (link K), ``/irbcal/tracker``, ``/irbcal/references``, ``/irbcal/cube``,
@@ -81,7 +81,7 @@ def record(scene: Scene) -> Recorder:
 
     Parameters
     ----------
-    scene : Scene
+    scene : PageScene
 
     Returns
     -------
@@ -127,7 +127,7 @@ def _painted(parts: Sequence[tuple[FloatArray, FloatArray]]) -> shapes.Mesh:
     )
 
 
-def _tracker(scene: Scene) -> shapes.Mesh:
+def _tracker(scene: PageScene) -> shapes.Mesh:
     """A laser tracker with its head in the origin of the measuring frame, upright, on a tripod."""
     T = scene.T_scene_world
     heights = [place[2] for place in scene.references.values()]
@@ -155,7 +155,7 @@ def _tracker(scene: Scene) -> shapes.Mesh:
     )
 
 
-def _references(scene: Scene) -> shapes.Mesh:
+def _references(scene: PageScene) -> shapes.Mesh:
     radius = float(np.clip(0.014 * scene.reach, 0.008, 0.03))
     parts = []
     for place in scene.references.values():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.io.mesh_paths import MeshFolders, Problem
+from irbcal.io.mesh_paths import MeshFolders, MeshProblem
 
 MAX_MESH_BYTES = 100_000_000
 MAX_TRIANGLES = 2_000_000
@@ -47,9 +47,9 @@ class MeshFinder(MeshFolders):
         try:
             data = path.read_bytes() if path.stat().st_size <= MAX_MESH_BYTES else None
         except OSError as error:
-            raise Problem(f"it cannot be read: {error.strerror}", path.name) from None
+            raise MeshProblem(f"it cannot be read: {error.strerror}", path.name) from None
         if data is None:
-            raise Problem(f"it is larger than {MAX_MESH_BYTES // 1_000_000} MB", path.name)
+            raise MeshProblem(f"it is larger than {MAX_MESH_BYTES // 1_000_000} MB", path.name)
         return _read_mesh(data, path.suffix.lower()[1:], path.name, budget)
 
 
@@ -60,23 +60,23 @@ def _read_mesh(data: bytes, ending: str, name: str, budget: int) -> tuple[FloatA
         if ending == "dae":
             import collada  # noqa: F401
     except ImportError as error:
-        raise Problem(f"reading {ending} meshes needs the package {error.name}", name) from None
+        raise MeshProblem(f"reading {ending} meshes needs the package {error.name}", name) from None
     unit = 1.0
     if ending == "dae":
         if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-            raise Problem("document types and entities are refused", name)
+            raise MeshProblem("document types and entities are refused", name)
         found = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([\d.eE+-]+)[\"']", data[:100_000])
         unit = float(found[1]) if found else 1.0
     try:
         # without a resolver nothing but these bytes is read: no textures, no material files
         scene = trimesh.load_scene(BytesIO(data), file_type=ending, process=False)
         parts = list(_scene_parts(scene, budget))
-    except Problem:
+    except MeshProblem:
         raise
     except Exception as error:  # whatever a parser raises on a damaged file
-        raise Problem(f"it is not a readable mesh ({type(error).__name__})", name) from None
+        raise MeshProblem(f"it is not a readable mesh ({type(error).__name__})", name) from None
     if not parts:
-        raise Problem("there are no triangles in it", name)
+        raise MeshProblem("there are no triangles in it", name)
     triangles = np.concatenate([part for part, _ in parts]) * unit
     good = np.isfinite(triangles).all(axis=(1, 2))
     coloured = any(colour is not None for _, colour in parts)
@@ -92,7 +92,7 @@ def _scene_parts(scene: Any, budget: int) -> Iterator[tuple[FloatArray, FloatArr
             continue
         budget -= len(part.faces)
         if budget < 0:
-            raise Problem(f"the robot has more than {MAX_TRIANGLES:,} triangles", name)
+            raise MeshProblem(f"the robot has more than {MAX_TRIANGLES:,} triangles", name)
         triangles = part.triangles @ np.asarray(T)[:3, :3].T + np.asarray(T)[:3, 3]
         yield triangles, _part_colours(part)
 

@@ -22,7 +22,7 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling.joint_map import JointMap
 from irbcal.plotting.colours import ERRORS
 from irbcal.units import DEG, MM
-from irbcal.viewer.scene import Drawn, Model, Points, Scene
+from irbcal.viewer.scene import Drawn, Model, PageScene, Points
 
 SCRIPTS = (
     "begin",
@@ -41,12 +41,12 @@ SCRIPTS = (
 """Parts of the page's own script, in the order in which they run."""
 
 
-def render(scene: Scene) -> str:
+def render(scene: PageScene) -> str:
     """The page of a scene.
 
     Parameters
     ----------
-    scene : Scene
+    scene : PageScene
 
     Returns
     -------
@@ -85,12 +85,12 @@ def render(scene: Scene) -> str:
     )
 
 
-def content(scene: Scene) -> dict[str, Any]:
+def content(scene: PageScene) -> dict[str, Any]:
     """What the panel works with, as plain values; arrays are base64 of little-endian float32 or int32.
 
     Parameters
     ----------
-    scene : Scene
+    scene : PageScene
 
     Returns
     -------

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.io.mesh_paths import Problem
+from irbcal.io.mesh_paths import MeshProblem
 from irbcal.io.urdf import UrdfArm
 from irbcal.io.urdf_xml import XmlElement
 from irbcal.viewer import shapes
@@ -61,7 +61,7 @@ def meshes(
         for visual in elements[link.name].findall("visual"):
             try:
                 triangles, colours = _visual(visual, materials, finder, budget)
-            except Problem as problem:
+            except MeshProblem as problem:
                 problems.setdefault(problem.reason, []).append(problem.which)
                 bare.add(k)
                 continue
@@ -97,7 +97,7 @@ def _visual(
     geometry = visual.find("geometry")
     shape = next((child for child in geometry if isinstance(child.tag, str)), None) if geometry is not None else None
     if shape is None:
-        raise Problem("there is no geometry in the visual", "a visual")
+        raise MeshProblem("there is no geometry in the visual", "a visual")
     material = visual.find("material")
     colour = None
     if material is not None:
@@ -107,7 +107,7 @@ def _visual(
         T = origin(visual)
         triangles, own = _shape(shape, finder, budget)
     except (ValueError, TypeError) as error:
-        raise Problem(f"not understood ({' '.join(str(error).split())})", f"<{shape.tag}>") from None
+        raise MeshProblem(f"not understood ({' '.join(str(error).split())})", f"<{shape.tag}>") from None
     if own is None:
         own = _grey(triangles) if colour is None else np.broadcast_to(colour, (len(triangles), 3))
     return triangles @ T[:3, :3].T + T[:3, 3], own

@@ -92,7 +92,7 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scene:
+class PageScene:
     """Everything that a page shows.
 
     Attributes

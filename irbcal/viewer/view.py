@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from irbcal.io.opening import RobotLike
     from irbcal.measurement.table import MeasurementsLike
     from irbcal.viewer.points import PlanLike
-    from irbcal.viewer.scene import Model, Scene
+    from irbcal.viewer.scene import Model, PageScene
 
 __all__ = ["View", "view"]
 
@@ -122,7 +122,7 @@ class View(Speaks):
     scene : irbcal.viewer.scene.Scene
     """
 
-    scene: Scene
+    scene: PageScene
 
     def __getstate__(self) -> dict[str, Any]:
         """For pickle: the page is made again."""
@@ -252,7 +252,7 @@ class View(Speaks):
                 say("")
 
 
-def _errors(scene: Scene) -> list[Told]:
+def _errors(scene: PageScene) -> list[Told]:
     """Errors of both models, of held-out and of fitted poses apart where these are known."""
     points = scene.points
     models: tuple[Model, ...] = ("nominal", "calibrated")

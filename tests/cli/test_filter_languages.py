@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main
 from irbcal.correction import languages
-from irbcal.correction.moves import Move, Moves
+from irbcal.correction.moves import JointMove, Moves
 from irbcal.errors import IrbcalError
 from irbcal.io import urdf
 from irbcal.simulation import pose_list
@@ -36,7 +36,7 @@ def job(request, tmp_path_factory):
     irbcal.save(found, folder / "cal")
     q = Q[1] + np.outer(np.arange(6), np.full(6, 5 * DEG)) if name == "ur10" else well_inside(nominal, 6)
     q = np.round(q / DEG, 4) * DEG
-    moves = Moves(nominal, q, (Move("", 1.0, 0.2, 0.5),) * 6, ("größe",), pulses=PULSES)
+    moves = Moves(nominal, q, (JointMove("", 1.0, 0.2, 0.5),) * 6, ("größe",), pulses=PULSES)
     application = folder / "application"
     application.mkdir()
     for file, data in languages.write(languages.by_name()[request.param], moves).items():

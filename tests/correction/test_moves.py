@@ -9,7 +9,7 @@ from moves_cases import Q, arm_of, moves
 from irbcal.correction import languages
 from irbcal.correction.languages import fanuc, krl, table
 from irbcal.correction.languages.fanuc import MAKER
-from irbcal.correction.moves import Move, note
+from irbcal.correction.moves import JointMove, note
 from irbcal.errors import ProgramError
 from irbcal.units import DEG
 
@@ -23,7 +23,7 @@ def test_joints_are_the_controllers():
 
 
 def test_speeds_are_whole_percents_above_zero():
-    assert [Move("", 0, share, 1).percent for share in (0.0, 0.001, 0.254, 1.0, 3.0)] == [1, 1, 25, 100, 100]
+    assert [JointMove("", 0, share, 1).percent for share in (0.0, 0.001, 0.254, 1.0, 3.0)] == [1, 1, 25, 100, 100]
 
 
 def test_notes_are_short_and_without_signs_that_end_them():

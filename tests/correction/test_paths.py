@@ -10,8 +10,8 @@ from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.paths import (
     Circle,
     Ends,
-    Line,
     PathMove,
+    StraightMove,
     cut_move,
     distance_to_path,
     joint_history,
@@ -28,7 +28,7 @@ def pose(p, R=None):
 
 def test_line_is_straight_and_turns_evenly():
     R = frames.rotation_from_vector([0.0, 0.0, 1.2])
-    line = Line(pose([1, 0, 0]), pose([1, 2, 0], R))
+    line = StraightMove(pose([1, 0, 0]), pose([1, 2, 0], R))
     T = line.poses([0, 0.25, 1])
     assert line.length == 2.0
     assert np.abs(T[:, :3, 3] - [[1, 0, 0], [1, 0.5, 0], [1, 2, 0]]).max() < 1e-15
@@ -56,7 +56,7 @@ def test_points_on_a_line_make_no_circle():
 
 
 def test_distances_from_paths():
-    line = Line(pose([0, 0, 0]), pose([2, 0, 0]))
+    line = StraightMove(pose([0, 0, 0]), pose([2, 0, 0]))
     assert distance_to_path(line, [[1, 0.5, 0], [3, 0, 0], [-3, 4, 0]]) == pytest.approx([0.5, 1.0, 5.0])
     half = Circle.through(pose([1, 0, 0]), [0, 1, 0], pose([-1, 0, 0]))
     assert distance_to_path(half, [[0, 2, 0], [0, 1, 3], [0.5, -2, 0]]) == pytest.approx([1.0, 3.0, np.hypot(0.5, 2)])
@@ -161,7 +161,7 @@ def test_more_moves_keep_the_true_path_closer(kind):
     robot = random_robot(nominal, "34", np.random.default_rng(4), size=0.2)
     path, seed = small_circle(nominal)
     if kind == "line":
-        path = Line(path.poses([0.0])[0], path.poses([0.4])[0])
+        path = StraightMove(path.poses([0.0])[0], path.poses([0.4])[0])
     whole = subdivide(path, robot, nominal, seed, tolerance=1e-5)
     assert whole.deviation <= 1e-5 < whole.uncut
     moves = (len(whole.s) - 1) // (2 if kind == "circle" else 1)
@@ -192,6 +192,6 @@ def test_impossible_wishes_are_refused():
         subdivide(path, robot, nominal, seed)
     with pytest.raises(RobotError, match="takes more than 8 moves"):
         subdivide(path, robot, nominal, seed, tolerance=1e-12, most=8)
-    far = Line(path.T_start, frames.transform(path.T_start[:3, :3], [4.0, 0, 1]))
+    far = StraightMove(path.T_start, frames.transform(path.T_start[:3, :3], [4.0, 0, 1]))
     with pytest.raises(RobotError, match="does not reach point"):
         subdivide(far, robot, nominal, seed, length=0.1)

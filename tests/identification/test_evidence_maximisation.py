@@ -14,8 +14,8 @@ from irbcal.identification.evidence_maximisation import (
     NOISE_COUNT,
     VARIANCE_CAP,
     Anderson,
-    Expected,
-    Sums,
+    CoefficientPrior,
+    NormalEquations,
     evidence_temper,
     fit_temper,
     maximise_evidence,
@@ -31,10 +31,12 @@ def small_case(seed=1, rows=40):
     J = rng.standard_normal((FLAT + len(GROUP), rows)) * rng.uniform(0.2, 3.0, FLAT + len(GROUP))[:, None]
     c = rng.standard_normal(len(J)) * np.r_[[5.0] * FLAT, [0.8] * 4, [0.05] * 3]
     y = c @ J + 0.3 * rng.standard_normal(rows)
-    return J, y, Sums(J @ J.T, J @ y, float(y @ y), rows)
+    return J, y, NormalEquations(J @ J.T, J @ y, float(y @ y), rows)
 
 
-EXPECTED = Expected(np.array([0.5, -1.0, 0.2, 0.1, 0, 0, 0]), np.array([0.1, 0.3, 2.0, 0.5, 1, 1, 1]), GROUP == 0)
+EXPECTED = CoefficientPrior(
+    np.array([0.5, -1.0, 0.2, 0.1, 0, 0, 0]), np.array([0.1, 0.3, 2.0, 0.5, 1, 1, 1]), GROUP == 0
+)
 
 
 @pytest.mark.parametrize("expected_before", [None, EXPECTED])
@@ -94,7 +96,7 @@ def test_a_fit_that_passes_through_every_point_does_not_seem_certain():
     rng = np.random.default_rng(4)
     J = rng.standard_normal((60, 24))  # more terms than equations
     y = 0.3 * rng.standard_normal(24)
-    sums = Sums(J @ J.T, J @ y, float(y @ y), len(y))
+    sums = NormalEquations(J @ J.T, J @ y, float(y @ y), len(y))
     found = maximise_evidence(sums, 1, np.zeros(59, dtype=int), np.array([VARIANCE_CAP]), 1.0, iterations=500)
     assert np.sqrt(found.s2) > 0.1 * NOISE
 
@@ -102,10 +104,10 @@ def test_a_fit_that_passes_through_every_point_does_not_seem_certain():
 def test_variances_have_caps_and_unseen_groups_shrink():
     J, _, _ = small_case()
     y = 50.0 * J[FLAT]  # one coefficient far beyond what the cap allows
-    found = maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
+    found = maximise_evidence(NormalEquations(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
     assert found.variances[0] == 4.0
     J[-3:] = 0.0
-    found = maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
+    found = maximise_evidence(NormalEquations(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
     assert found.variances[1] == pytest.approx(0.01, rel=0.05)
     np.testing.assert_allclose(np.diag(found.covariance)[-3:], found.variances[1])
 
@@ -113,11 +115,11 @@ def test_variances_have_caps_and_unseen_groups_shrink():
 def test_too_few_equations_are_refused():
     J, y, _ = small_case(rows=2)
     with pytest.raises(IdentificationError, match="too few"):
-        maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), 2), FLAT, GROUP, CAPS, 1.0)
+        maximise_evidence(NormalEquations(J @ J.T, J @ y, float(y @ y), 2), FLAT, GROUP, CAPS, 1.0)
     J, y, _ = small_case()
     J[0] = 0.0
     with pytest.raises(IdentificationError, match="do not determine"):
-        maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
+        maximise_evidence(NormalEquations(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
 
 
 def test_variances_are_those_of_the_largest_evidence():
@@ -144,7 +146,7 @@ def test_true_variances_are_found():
     J = rng.standard_normal((402, 3000))
     c = np.r_[3.0, -2.0, 0.9 * rng.standard_normal(200), 0.04 * rng.standard_normal(200)]
     y = c @ J + 0.5 * rng.standard_normal(3000)
-    found = maximise_evidence(Sums(J @ J.T, J @ y, float(y @ y), 3000), 2, group, CAPS, 1.0)
+    found = maximise_evidence(NormalEquations(J @ J.T, J @ y, float(y @ y), 3000), 2, group, CAPS, 1.0)
     np.testing.assert_allclose(np.sqrt(found.variances), [0.9, 0.04], rtol=0.15)
     assert np.sqrt(found.s2) == pytest.approx(0.5, rel=0.05)
     assert np.mean(np.abs(found.c - c) < 1.96 * np.sqrt(np.diag(found.covariance))) > 0.92
@@ -169,7 +171,7 @@ def test_more_terms_than_the_poses_are_worth_do_not_keep_it_going_round():
     J = rng.standard_normal((FLAT + 60, 90))
     J[FLAT + 30 :] += 0.9 * J[FLAT : FLAT + 30]  # groups that can stand in for one another
     y = 0.3 * rng.standard_normal(5) @ J[FLAT : FLAT + 5] + 0.2 * rng.standard_normal(90)
-    sums = Sums(J @ J.T, J @ y, float(y @ y), 90)
+    sums = NormalEquations(J @ J.T, J @ y, float(y @ y), 90)
     caps = np.full(12, 4.0)
     one = maximise_evidence(sums, FLAT, group, caps, 1 / 3)
     other = maximise_evidence(sums, FLAT, group, caps, 1 / 3, np.full(12, 0.03), 1.0, tolerance=1e-9, iterations=400)
@@ -201,7 +203,7 @@ def test_the_first_step_is_plain_and_none_is_longer_than_allowed():
 def test_a_part_is_what_its_columns_give(columns, seed):
     rng = np.random.default_rng(seed)
     J, y = rng.standard_normal((8, 20)), rng.standard_normal(20)
-    whole = Sums(J @ J.T, J @ y, float(y @ y), 20)
+    whole = NormalEquations(J @ J.T, J @ y, float(y @ y), 20)
     part = whole.part(np.array(columns))
     np.testing.assert_allclose(part.H, J[columns] @ J[columns].T, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(part.g, J[columns] @ y, rtol=1e-12, atol=1e-12)

@@ -14,7 +14,13 @@ from irbcal.errors import IdentificationError
 from irbcal.identification import term_sets
 from irbcal.identification import term_sets as module
 from irbcal.identification.evidence import identify_evidence, type_terms
-from irbcal.identification.evidence_maximisation import GEOMETRY_CAP, VARIANCE_CAP, Expected, Sums, maximise_evidence
+from irbcal.identification.evidence_maximisation import (
+    GEOMETRY_CAP,
+    VARIANCE_CAP,
+    CoefficientPrior,
+    NormalEquations,
+    maximise_evidence,
+)
 from irbcal.identification.term_sets import (
     ALL,
     FRAME_FAMILIES,
@@ -212,7 +218,7 @@ FLAT, TERMS, ROWS, NOISE = 3, 8, 60, 0.3
 MEAN = np.array([1.0, -2.0, 0.5, 0.0, 3.0, 0.2, 0.0, 0.0])
 STD = np.array([0.5, 0.3, 0.2, 1.0, 0.4, 0.1, 1.0, 1.0])
 KNOWN = np.arange(TERMS) < 6
-CHOICE = TermSet("", np.arange(TERMS), ("a", "b"), (~KNOWN).astype(int), expected=Expected(MEAN, STD, KNOWN))
+CHOICE = TermSet("", np.arange(TERMS), ("a", "b"), (~KNOWN).astype(int), expected=CoefficientPrior(MEAN, STD, KNOWN))
 
 
 def against_sisters(rng, away=1.0):
@@ -220,7 +226,7 @@ def against_sisters(rng, away=1.0):
     J[FLAT + 1] *= 1e-3  # a term that is not seen
     c = np.r_[10.0 * rng.standard_normal(FLAT), MEAN + away * STD * rng.standard_normal(TERMS)]
     y = c @ J + NOISE * rng.standard_normal(ROWS)
-    sums = Sums(J @ J.T, J @ y, float(y @ y), ROWS)
+    sums = NormalEquations(J @ J.T, J @ y, float(y @ y), ROWS)
     found = maximise_evidence(sums, FLAT, CHOICE.group, CHOICE.caps, 1.0, expected=CHOICE.expected)
     return chi_square_of_type(sums, FLAT, CHOICE, found)
 
@@ -238,4 +244,6 @@ def test_sisters_have_one_a_direction_and_strangers_more():
 
 def test_a_choice_without_sisters_is_refused():
     with pytest.raises(IdentificationError, match="knows of no sisters"):
-        chi_square_of_type(Sums(np.eye(1), np.zeros(1), 1.0, 1), 1, TermSet("", np.arange(0), (), np.arange(0)), None)
+        chi_square_of_type(
+            NormalEquations(np.eye(1), np.zeros(1), 1.0, 1), 1, TermSet("", np.arange(0), (), np.arange(0)), None
+        )

@@ -23,7 +23,7 @@ from viewer_urdf import document, mesh, write_stl
 import irbcal
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import robots, urdf
-from irbcal.io.mesh_paths import MeshFolders, Problem, with_mesh_paths
+from irbcal.io.mesh_paths import MeshFolders, MeshProblem, with_mesh_paths
 from irbcal.viewer import shapes
 
 
@@ -177,7 +177,7 @@ def test_too_many_files_are_refused(cell, monkeypatch):
 def test_a_file_is_found_by_whichever_folder_it_lies_in(cell):
     folders = MeshFolders(cell / "urdf", [cell / "ws"])
     assert folders.find("../ws/my_robot/meshes/part.stl") == cell / "ws" / "my_robot" / "meshes" / "part.stl"
-    with pytest.raises(Problem, match="outside"):
+    with pytest.raises(MeshProblem, match="outside"):
         folders.find("../secret.stl")
 
 

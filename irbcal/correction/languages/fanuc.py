@@ -21,7 +21,7 @@ from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, read_bytes
-from irbcal.correction.text_program import Configuration, ControlFlow, PostureProgram, State, Target
+from irbcal.correction.text_program import Configuration, ControlFlow, FrameState, PostureProgram, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -136,7 +136,7 @@ class Instruction(NamedTuple):
     end: int
 
 
-class Point(NamedTuple):
+class ProgramPoint(NamedTuple):
     """A position: its target (or why it has none) and the frames that are stored with it."""
 
     number: int
@@ -170,18 +170,18 @@ def instructions(listing: Listing, start: int, end: int) -> list[Instruction]:
     return out
 
 
-def points(listing: Listing, start: int, end: int) -> list[Point]:
+def points(listing: Listing, start: int, end: int) -> list[ProgramPoint]:
     """Positions."""
     return [_point(listing, match) for match in _POINT.finditer(listing.text, start, end)]
 
 
-def _point(listing: Listing, match: re.Match[str]) -> Point:
+def _point(listing: Listing, match: re.Match[str]) -> ProgramPoint:
     """A position, of which the first motion group is the robot."""
     number = int(match[1])
     groups = list(_GROUP.finditer(listing.text, match.start(2), match.end(2)))
     first = next((k for k, group in enumerate(groups) if group[1] == "1"), None)
     if first is None:
-        return Point(number, None, "it is of another motion group", "", "", match.start())
+        return ProgramPoint(number, None, "it is of another motion group", "", "", match.start())
     begin = groups[first].end()
     end = groups[first + 1].start() if first + 1 < len(groups) else match.end(2)
     held = _FRAMES.search(listing.text, begin, end)
@@ -191,7 +191,7 @@ def _point(listing: Listing, match: re.Match[str]) -> Point:
         found.conflicts.append("it names no user frame or tool by number")
     if found is not None and len(groups) > 1:
         found.external = "other groups"
-    return Point(number, found, reason, *frames, match.start())
+    return ProgramPoint(number, found, reason, *frames, match.start())
 
 
 def _target(listing: Listing, name: str, at: int, begin: int, end: int) -> tuple[Target | None, str]:
@@ -260,7 +260,7 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> LsProgr
         raise ProgramError("expected a FANUC listing with /PROG and /MN", file=source)
     if "END" not in places:
         raise ProgramError("the listing does not end with /END", file=source)
-    taught: dict[int, Point] = {}
+    taught: dict[int, ProgramPoint] = {}
     for point in points(listing, *places["POS"]) if "POS" in places else ():
         if point.number in taught:
             raise listing.error(point.start, f"P[{point.number}] stands here a second time")
@@ -289,7 +289,7 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> LsProgr
 class _Moves:
     """Follows the instructions."""
 
-    def __init__(self, listing: Listing, taught: dict[int, Point]) -> None:
+    def __init__(self, listing: Listing, taught: dict[int, ProgramPoint]) -> None:
         self.listing, self.taught = listing, taught
         self.flow = ControlFlow(listing)
         self.comments: list[str] = []
@@ -315,7 +315,7 @@ class _Moves:
                     if point.target is not None:
                         self.flow.mention(point.target, step.start)
 
-    def _named(self, inside: str) -> tuple[list[Point], str]:
+    def _named(self, inside: str) -> tuple[list[ProgramPoint], str]:
         """Positions that an index names, all where it is computed, and why there are none."""
         index = _INDEX.match(inside)
         if index is None:
@@ -358,7 +358,7 @@ class _Moves:
                 self.flow.leave(step.start, move, f"P[{point.number}]", point.reason)
                 continue
             point.target.conflicts += [reason] if reason else []
-            state = State(point.tool, point.user_frame)
+            state = FrameState(point.tool, point.user_frame)
             self.flow.use(point.target, step.start, move, "via" if role == "via" else "to", state)
         return named[0].target if len(named) == 1 and not reason else None
 

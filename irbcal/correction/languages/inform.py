@@ -21,7 +21,7 @@ from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, WantedTargets, read_bytes
-from irbcal.correction.text_program import ControlFlow, PostureProgram, State, Target
+from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -159,7 +159,7 @@ class _Job:
         self.comments: list[str] = []
         self.notes: dict[str, Note] = {}
         self.nop = len(listing.text)
-        self._frames: dict[str, State] = {}
+        self._frames: dict[str, FrameState] = {}
         self._missing: dict[str, str] = {}
         self._now = {"USER": "", "TOOL": "0", "POSTYPE": "PULSE", "RCONF": ""}
         self._trouble = ""
@@ -217,7 +217,7 @@ class _Job:
                 target.conflicts += [reason] if reason else []
             self.points[name] = target
             frame = self._now["USER"] if kind == "USER" else WORLD
-            self._frames[name] = State(self._now["TOOL"], frame or "0")
+            self._frames[name] = FrameState(self._now["TOOL"], frame or "0")
         else:
             self._missing[name] = f"its POSTYPE {kind[:10]} is not supported"
 

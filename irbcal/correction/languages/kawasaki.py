@@ -22,7 +22,7 @@ from irbcal.correction.listing import Edit, Listing, Number, Token, Tokens, mark
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, read_bytes
-from irbcal.correction.text_program import ControlFlow, PostureProgram, Role, State, Target
+from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Role, Target
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling import frames
@@ -122,7 +122,7 @@ _TOKEN = re.compile(
 )
 
 
-class Line(NamedTuple):
+class Statement(NamedTuple):
     """A statement of a program; the first of each has the program's name and no tokens."""
 
     start: int
@@ -136,7 +136,7 @@ class Sections:
 
     Attributes
     ----------
-    lines : list of Line
+    lines : list of Statement
     comments : list of str
     locations : dict of str to Target
         By name and index in lower case, ``#p[1,2]``.
@@ -148,7 +148,7 @@ class Sections:
         Behind the first line of each program.
     """
 
-    lines: list[Line] = field(default_factory=list)
+    lines: list[Statement] = field(default_factory=list)
     comments: list[str] = field(default_factory=list)
     locations: dict[str, Target] = field(default_factory=dict)
     names: dict[str, list[str]] = field(default_factory=dict)
@@ -167,7 +167,7 @@ def read(listing: Listing) -> Sections:
             if head is not None and (head[1] or head[3]):
                 section = (head[1] or head[3]).upper()
                 if head[1]:
-                    out.lines.append(Line(line.start(), [], head[2].lower()))
+                    out.lines.append(Statement(line.start(), [], head[2].lower()))
                     out.begins.append(listing.after_line(line.start()))
             elif head is not None and head[4]:
                 section = ""
@@ -175,7 +175,7 @@ def read(listing: Listing) -> Sections:
                 section = "other"
             elif section == "PROGRAM":
                 tokens = _tokens(line[0], line.start(), out.comments)
-                out.lines += [Line(line.start(), tokens, "")] if tokens else []
+                out.lines += [Statement(line.start(), tokens, "")] if tokens else []
             elif section in ("TRANS", "JOINTS"):
                 _location(out, line[0], line.start(), section)
     return out
@@ -313,7 +313,7 @@ class _Reader:
         self._framed: dict[str, int] = {}
         self._quiet = _quiet(sections.lines)
 
-    def take(self, line: Line) -> None:
+    def take(self, line: Statement) -> None:
         """Take one line."""
         if line.program:
             self.flow.restart()
@@ -345,7 +345,7 @@ class _Reader:
             return tokens
         why = f"the label in line {self.listing.line(tokens[0].start)} is jumped to"
         self.flow.forget()
-        self.flow.state = State(None, None, why)
+        self.flow.state = FrameState(None, None, why)
         return tokens[2 if named else 1 :]
 
     def _flow(self, word: str, tokens: Tokens, at: int) -> None:
@@ -364,7 +364,7 @@ class _Reader:
             self.flow.forget()
             if not callee or callee[0] not in self._quiet:
                 why = f"what is called in line {self.listing.line(at)} may set the tool or base"
-                self.flow.state = State(None, None, why)
+                self.flow.state = FrameState(None, None, why)
         elif "goto" in words:
             self.flow.forget()
 
@@ -465,7 +465,7 @@ class _Reader:
                 self.flow.mention(target, at)
 
 
-def _quiet(lines: Sequence[Line]) -> set[str]:
+def _quiet(lines: Sequence[Statement]) -> set[str]:
     """Programs that set no tool or base and call none."""
     words: dict[str, set[str]] = {}
     name = ""

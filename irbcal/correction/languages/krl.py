@@ -21,7 +21,7 @@ from irbcal.correction.listing import BOM, Edit, Listing, Number, Token, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, read_bytes
-from irbcal.correction.text_program import Configuration, ControlFlow, PostureProgram, Role, State, Target
+from irbcal.correction.text_program import Configuration, ControlFlow, FrameState, PostureProgram, Role, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -120,7 +120,7 @@ TOKEN = re.compile(
 END = Token("end", "", 0, 0)
 
 
-class Line:
+class TokenLine:
     """The tokens of a line and a place among them.
 
     Attributes
@@ -195,7 +195,7 @@ class Line:
         return tuple(out) if good and out else None
 
 
-def lines_of(listing: Listing) -> tuple[list[Line], list[str]]:
+def lines_of(listing: Listing) -> tuple[list[TokenLine], list[str]]:
     """Lines with their tokens, without comments, and the comments.
 
     Raises
@@ -203,7 +203,7 @@ def lines_of(listing: Listing) -> tuple[list[Line], list[str]]:
     ProgramError
         If a string is not closed in its line.
     """
-    lines: list[Line] = []
+    lines: list[TokenLine] = []
     comments: list[str] = []
     for number, part in enumerate(listing.parts):
         tokens: list[Token] = []
@@ -212,7 +212,7 @@ def lines_of(listing: Listing) -> tuple[list[Line], list[str]]:
             kind = str(match.lastgroup)
             if kind == "newline":
                 if tokens:
-                    lines.append(Line(tokens, number))
+                    lines.append(TokenLine(tokens, number))
                 tokens = []
             elif kind == "comment":
                 comments.append(match[0])
@@ -221,7 +221,7 @@ def lines_of(listing: Listing) -> tuple[list[Line], list[str]]:
             elif kind != "space":
                 tokens.append(Token(kind, match[0].lower(), match.start(), match.end()))
         if tokens:
-            lines.append(Line(tokens, number))
+            lines.append(TokenLine(tokens, number))
     return lines, comments
 
 
@@ -279,7 +279,7 @@ class Variable:
         self.targets: dict[Index, Target] = {}
 
 
-def aggregate(line: Line, listing: Listing) -> Aggregate | None:
+def aggregate(line: TokenLine, listing: Listing) -> Aggregate | None:
     """Components in braces that begin with the next token, taken; None, and nothing taken, where there are none."""
     if line.word() != "{":
         return None
@@ -313,7 +313,7 @@ def aggregate(line: Line, listing: Listing) -> Aggregate | None:
     return Aggregate(name, values, start, end)
 
 
-def _skip(line: Line) -> Token:
+def _skip(line: TokenLine) -> Token:
     """The last token before the next comma or brace outside brackets; all up to it taken."""
     depth = 0
     last = line.next
@@ -351,7 +351,7 @@ def target(name: str, type_name: str, one: Aggregate, listing: Listing) -> tuple
     return found, ""
 
 
-class Data:
+class KrlData:
     """All variables of a program.
 
     Attributes
@@ -367,7 +367,7 @@ class Data:
         """The variable that a name stands for in a file."""
         return self.variables.get((self.stems[part], name)) or self.variables.get(("", name))
 
-    def declaration(self, line: Line) -> bool:
+    def declaration(self, line: TokenLine) -> bool:
         """Take a declaration; whether the line is one."""
         begin = line.at
         public = False
@@ -394,7 +394,7 @@ class Data:
                 break
         return True
 
-    def value(self, variable: Variable, index: Index | None, line: Line) -> None:
+    def value(self, variable: Variable, index: Index | None, line: TokenLine) -> None:
         """A value of a variable: components in numbers, or something else."""
         at = line.next.start if line.next is not END else line.end
         one = aggregate(line, self.listing)
@@ -453,7 +453,7 @@ class Statements:
     Parameters
     ----------
     listing : Listing
-    data : Data
+    data : KrlData
         With its targets collected.
 
     Attributes
@@ -466,20 +466,20 @@ class Statements:
     notes : list of (int, str)
     """
 
-    def __init__(self, listing: Listing, data: Data) -> None:
+    def __init__(self, listing: Listing, data: KrlData) -> None:
         self.listing, self.data = listing, data
         self.flow = ControlFlow(listing)
         self.literals: list[Target] = []
         self.tools: dict[str, FloatArray] = {}
         self.frames: dict[str, FloatArray] = {}
         self.notes: list[tuple[int, str]] = []
-        self._fdat: State | None = None
+        self._fdat: FrameState | None = None
         self._fdat_taken = True
-        self._before_spline = State()
+        self._before_spline = FrameState()
         self._called = False
         self._mentioned: list[tuple[Token, int]] = []
 
-    def statement(self, line: Line) -> None:
+    def statement(self, line: TokenLine) -> None:
         """Take one line."""
         word = line.word()
         if word in MOVES:
@@ -508,18 +508,20 @@ class Statements:
         elif word == "endspline":
             if self.flow.state != self._before_spline:
                 why = f"the spline block that ends in line {self.listing.line(line.start)} has its own tool or base"
-                self.flow.state = State(None, None, why)
+                self.flow.state = FrameState(None, None, why)
         elif word in ("goto", "interrupt", "return", "halt") or (line.word(1) == ":" and len(line.tokens) == 2):
             self.flow.forget()
             if line.word(1) == ":" and len(line.tokens) == 2:
-                self.flow.state = State(None, None, f"the label in line {self.listing.line(line.start)} is jumped to")
+                self.flow.state = FrameState(
+                    None, None, f"the label in line {self.listing.line(line.start)} is jumped to"
+                )
                 self._forget_fdat()
         elif word == "bas" and line.word(1) == "(":
             self._bas(line)
         else:
             self._assignment(line)
 
-    def _bas(self, line: Line) -> None:
+    def _bas(self, line: TokenLine) -> None:
         """What ``BAS`` does to tool and base, as KUKA's bas.src has it.
 
         ``#FRAMES``, ``#PTP_PARAMS`` and ``#CP_PARAMS`` set both from ``FDAT_ACT``; ``#INITMOV`` sets both to what the
@@ -537,43 +539,43 @@ class Statements:
             self.flow.frame(None, f"BAS in line {where} ties the base to an external axis")
         elif command in TAKES_FDAT:
             why = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"
-            self.flow.state = self._fdat or State(None, None, why)
+            self.flow.state = self._fdat or FrameState(None, None, why)
             self._fdat_taken = True
         elif command == "#initmov":
-            self.flow.state = State()
+            self.flow.state = FrameState()
         elif command not in NO_FRAMES:
-            self.flow.state = State(None, None, computed)
+            self.flow.state = FrameState(None, None, computed)
 
     def _forget_fdat(self) -> None:
         """``FDAT_ACT`` may have another value from here on."""
         self._fdat, self._fdat_taken = None, True
 
-    def _checked_fdat(self, state: State) -> State:
+    def _checked_fdat(self, state: FrameState) -> FrameState:
         """Tool and base of a move; unknown where ``FDAT_ACT`` names others and no ``BAS`` has taken it."""
         fdat = self._fdat
         if fdat is None or self._fdat_taken or (fdat.tool, fdat.frame) == (state.tool, state.frame):
             return state
         names = f"tool {fdat.tool} and base {fdat.frame}"
-        return State(None, None, fdat.why or f"FDAT_ACT names {names}, but no BAS sets them before the move")
+        return FrameState(None, None, fdat.why or f"FDAT_ACT names {names}, but no BAS sets them before the move")
 
-    def _of_fdat(self, part: int, name: str) -> State:
+    def _of_fdat(self, part: int, name: str) -> FrameState:
         """Tool and base of the frame data of an inline form."""
         variable = self.data.lookup(part, name)
         if variable is None or len(variable.entries) != 1 or variable.changes:
-            return State(None, None, f"the frame data {name.upper()} are not in these files")
+            return FrameState(None, None, f"the frame data {name.upper()} are not in these files")
         return self._of_frame_data(variable.entries[0][1], name.upper())
 
-    def _of_frame_data(self, data: Aggregate, name: str) -> State:
+    def _of_frame_data(self, data: Aggregate, name: str) -> FrameState:
         values = data.values
         numbers = [values[key].number for key in ("tool_no", "base_no") if key in values]
         if "ipo_frame" in values and values["ipo_frame"].text.strip().lower() != "#base":
-            return State(None, None, f"{name} says that {FIXED_TOOL}")
+            return FrameState(None, None, f"{name} says that {FIXED_TOOL}")
         plain = [str(int(number.value)) for number in numbers if number is not None and number.value % 1 == 0]
         if len(plain) < 2:
-            return State(None, None, f"the frame data {name} name no tool or base")
-        return State(*plain)
+            return FrameState(None, None, f"the frame data {name} name no tool or base")
+        return FrameState(*plain)
 
-    def _set_fdat(self, line: Line) -> None:
+    def _set_fdat(self, line: TokenLine) -> None:
         """A value of ``FDAT_ACT``: frame data by their name, or in braces."""
         self._fdat_taken = False
         in_braces = aggregate(line, self.listing)
@@ -582,9 +584,9 @@ class Statements:
         elif line.next.kind == "name" and line.at + 1 == len(line.tokens):
             self._fdat = self._of_fdat(line.part, line.word())
         else:
-            self._fdat = State(None, None, f"FDAT_ACT is computed in line {self.listing.line(line.start)}")
+            self._fdat = FrameState(None, None, f"FDAT_ACT is computed in line {self.listing.line(line.start)}")
 
-    def _assignment(self, line: Line) -> None:
+    def _assignment(self, line: TokenLine) -> None:
         """An assignment, or any other statement."""
         tokens = line.tokens
         first = line.next
@@ -599,7 +601,7 @@ class Statements:
             return
         variable = self.data.lookup(line.part, first.word)
         if member and first.word == "fdat_act":
-            self._fdat = State(None, None, f"a part of FDAT_ACT is set in line {self.listing.line(line.start)}")
+            self._fdat = FrameState(None, None, f"a part of FDAT_ACT is set in line {self.listing.line(line.start)}")
             self._fdat_taken = False
             return
         if member and variable is not None and line.word(2) == "=":
@@ -614,7 +616,7 @@ class Statements:
                 name = self.listing.quote(first.start, first.end)
                 self.notes.append((first.start, f"{name} is called: it is not followed, and may set tool or base"))
 
-    def _assigned(self, line: Line, first: Token, index: tuple[int, ...] | None) -> None:
+    def _assigned(self, line: TokenLine, first: Token, index: tuple[int, ...] | None) -> None:
         word = first.word
         if word in ("$tool", "$base"):
             name = self._frame_value(line, word == "$tool")
@@ -623,7 +625,7 @@ class Statements:
             return
         if word == "$ipo_mode":
             if any(token.word == "#tcp" for token in line.tokens):
-                self.flow.state = State(None, None, FIXED_TOOL)
+                self.flow.state = FrameState(None, None, FIXED_TOOL)
             return
         if word == "fdat_act":
             self._set_fdat(line)
@@ -645,7 +647,7 @@ class Statements:
         else:
             self._mention(line.tokens[line.at :], line.part)
 
-    def _frame_value(self, line: Line, tool: bool) -> str | None:
+    def _frame_value(self, line: TokenLine, tool: bool) -> str | None:
         """Name of the frame that is assigned to ``$TOOL`` or ``$BASE``; None where it is computed."""
         frames = self.tools if tool else self.frames
         at, part = line.next.start, line.part
@@ -691,7 +693,7 @@ class Statements:
         frames[word + str(index or "")] = KUKA.frame([number.value for number in found.numbers])
         return word + str(index or "")
 
-    def _with(self, line: Line, state: State, lasting: bool = False) -> State:
+    def _with(self, line: TokenLine, state: FrameState, lasting: bool = False) -> FrameState:
         """Tool and base that ``WITH`` gives a move."""
         tokens = line.tokens
         for k, (token, behind) in enumerate(pairwise(tokens)):
@@ -699,17 +701,17 @@ class Statements:
                 line.at = k + 2
                 if token.word == "$ipo_mode":
                     fixed = any(name.word == "#tcp" for name in tokens[k:])
-                    state = State(None, None, FIXED_TOOL) if fixed else state
+                    state = FrameState(None, None, FIXED_TOOL) if fixed else state
                     continue
                 name = self._frame_value(line, token.word == "$tool")
                 why = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
                 new = (name, state.frame) if token.word == "$tool" else (state.tool, name)
-                state = State(*new, why if None in new else state.why)
+                state = FrameState(*new, why if None in new else state.why)
         if lasting:
             self.flow.state = state
         return state
 
-    def _move(self, line: Line, name: str) -> None:
+    def _move(self, line: TokenLine, name: str) -> None:
         """The points of a move."""
         ends = [k for k, token in enumerate(line.tokens) if token.word == "with"]
         state = self._checked_fdat(self.flow.state)
@@ -733,7 +735,7 @@ class Statements:
         rest = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
         self._mention([token for token in rest if not token.word.startswith("c_")], line.part)
 
-    def _point(self, line: Line, move: str) -> tuple[list[Target], str, str]:
+    def _point(self, line: TokenLine, move: str) -> tuple[list[Target], str, str]:
         """Targets that an argument stands for, its text, and why they are not all or not to be changed."""
         begin = line.at
         one = aggregate(line, self.listing)
@@ -786,7 +788,7 @@ class Statements:
             for found in variable.targets.values() if variable is not None else ():
                 self.flow.mention(found, token.start)
 
-    def _rest(self, line: Line, begin: int, end: int | None = None) -> str:
+    def _rest(self, line: TokenLine, begin: int, end: int | None = None) -> str:
         tokens = line.tokens[begin:end]
         return self.listing.quote(tokens[0].start, tokens[-1].end) if tokens else ""
 
@@ -824,7 +826,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
         if not looks_like(listing.text[part.start : part.end].encode("latin-1")):
             raise ProgramError("expected a KRL program with DEF or DEFDAT", file=part.name)
     lines, comments = lines_of(listing)
-    data = Data(listing, [Path(part.name).stem.lower() for part in listing.parts])
+    data = KrlData(listing, [Path(part.name).stem.lower() for part in listing.parts])
     rest = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
     statements = Statements(listing, data)
     rest = _values_first(statements, data, rest)
@@ -837,7 +839,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
     return _program(arm, maker, listing, setup, statements, [*found, *statements.literals], comments)
 
 
-def _values_first(statements: Statements, data: Data, lines: list[Line]) -> list[Line]:
+def _values_first(statements: Statements, data: KrlData, lines: list[TokenLine]) -> list[TokenLine]:
     """Take values of data files and assignments in numbers; returns the other lines."""
     rest = []
     for line in lines:
@@ -849,7 +851,7 @@ def _values_first(statements: Statements, data: Data, lines: list[Line]) -> list
     return rest
 
 
-def _is_value(line: Line, data: Data) -> bool:
+def _is_value(line: TokenLine, data: KrlData) -> bool:
     """Whether a line gives a value to a variable that is declared, to one of its components, or to a numbered frame."""
     if line.next.kind != "name" or line.word() in ("$tool", "$base", "fdat_act"):
         return False

@@ -98,7 +98,7 @@ _KINDS = ("", *sorted(TOKEN.groupindex, key=lambda kind: TOKEN.groupindex[kind])
 Index: TypeAlias = tuple[int | None, ...]
 """Index of an element, each from 1; None where it is computed."""
 
-Scope: TypeAlias = "dict[str, Data]"
+Scope: TypeAlias = "dict[str, RapidData]"
 """Data of a routine by their names in lower case."""
 
 
@@ -159,7 +159,7 @@ class Arg(NamedTuple):
     end: int
 
 
-class Move(NamedTuple):
+class MoveInstruction(NamedTuple):
     """A move instruction: its points with their roles, tool and work object (None: wobj0), and all its arguments."""
 
     name: str
@@ -182,7 +182,7 @@ class Assignment(NamedTuple):
     start: int
 
 
-class Data:
+class RapidData:
     """What one name stands for: its type, and its value where the declaration gives a list."""
 
     def __init__(
@@ -259,7 +259,7 @@ class Reader:
         Of the module.
     scopes : list of dict
         The same for each routine.
-    moves, assignments : list of Move, Assignment
+    moves, assignments : list of MoveInstruction, Assignment
     loose : list of Node
         Lists of values in any other place.
     """
@@ -273,7 +273,7 @@ class Reader:
         self.scope: Scope | None = None
         self.data: Scope = {}
         self.scopes: list[Scope] = []
-        self.moves: list[Move] = []
+        self.moves: list[MoveInstruction] = []
         self.assignments: list[Assignment] = []
         self.loose: list[Node] = []
         self._level = 0
@@ -301,12 +301,12 @@ class Reader:
 
         append(Token("end", "", len(self.text), len(self.text)))
 
-    def lookup(self, scope: Scope | None, name: str) -> Data | None:
+    def lookup(self, scope: Scope | None, name: str) -> RapidData | None:
         """What a name stands for in a routine or in the module; None if it is not declared here."""
         found = scope.get(name) if scope is not None else None
         return found if found is not None else self.data.get(name)
 
-    def _declare(self, scope: Scope, data: Data, name: str) -> None:
+    def _declare(self, scope: Scope, data: RapidData, name: str) -> None:
         if name in scope:
             first = self.line(scope[name].start)
             raise self.error(data.start, f"{data.spelling!r} is declared a second time, first in line {first}")
@@ -389,7 +389,7 @@ class Reader:
                 i = self._expression(i + 1, (";",))
         i = self._expect(i, ";")
         spelling = self.text[name.start : name.end]
-        data = Data(spelling, type_token.word, name.start, sizes, node, computed, local)
+        data = RapidData(spelling, type_token.word, name.start, sizes, node, computed, local)
         self._declare(self.data if self.scope is None else self.scope, data, name.word)
         return i
 
@@ -447,7 +447,7 @@ class Reader:
             if kind == "name":
                 name = self.tokens[i]
             elif word in (",", "\\", "|", ")") and name is not None:
-                data = Data(self.text[name.start : name.end], "parameter", name.start)
+                data = RapidData(self.text[name.start : name.end], "parameter", name.start)
                 self._declare(scope, data, name.word)
                 name = None
         return i + 1
@@ -496,7 +496,7 @@ class Reader:
             raise self.error(start, f"{name}: expected {need} arguments that are not optional, found {len(args)}")
         points = [(role, arg) for role, arg in zip(pattern, args, strict=False) if role in ("to", "via", "w")]
         tool = options.get("tool") or args[len(pattern) - 1]
-        self.moves.append(Move(name, start, self.scope, points, tool, options.get("wobj"), args, options))
+        self.moves.append(MoveInstruction(name, start, self.scope, points, tool, options.get("wobj"), args, options))
         return i + 1
 
     def _arg(self, i: int, stops: tuple[str, ...], plain: bool) -> tuple[Arg, int]:
@@ -728,7 +728,7 @@ class Literals:
             where = "is not declared in this module" if data is None else "is a parameter of the routine"
             self.flow.leave(start, "assignment", name, where)
 
-    def _fill(self, data: Data, index: Index, node: Node) -> None:
+    def _fill(self, data: RapidData, index: Index, node: Node) -> None:
         """Take the literals of a declaration or an assignment, element by element."""
         sizes = data.sizes[len(index) :] if not index or len(index) == len(data.sizes) else ()
         kind = KIND_OF[data.type]
@@ -848,8 +848,8 @@ class OtherModules:
     ) -> None:
         self.module, self.frames, self.given = module, frames or {}, given or {"tooldata": {}, "wobjdata": {}}
         self.modules = [module, *others]
-        self.data: dict[str, Data] = {}
-        seen: dict[str, list[tuple[Data, str]]] = {}
+        self.data: dict[str, RapidData] = {}
+        seen: dict[str, list[tuple[RapidData, str]]] = {}
         for other in others:
             for name, data in other.reader.data.items():
                 if not data.local and name not in module.reader.data:
@@ -896,7 +896,7 @@ class OtherModules:
         for scope, name, index, start in changes:
             self._against(scope, name, index, f"line {reader.line(start)} of {file} gives it another value")
 
-    def _against(self, scope: dict[str, Data] | None, name: str, index: Index, reason: str) -> None:
+    def _against(self, scope: dict[str, RapidData] | None, name: str, index: Index, reason: str) -> None:
         if self.module.reader.lookup(scope, name) is not None:
             return
         for literal in self.literals(name, index):
@@ -919,9 +919,9 @@ _QUOTED = 3  # mentions of a target that are quoted before the rest is counted
 class InOrder(NamedTuple):
     """A move in the order of the text: the targets of its points, and the move before with its target, where known."""
 
-    move: Move
+    move: MoveInstruction
     ends: list[Literal | None]
-    before: tuple[Move, Target] | None
+    before: tuple[MoveInstruction, Target] | None
 
 
 class Uses:
@@ -946,7 +946,7 @@ class Uses:
     ) -> None:
         self.others = others or OtherModules(literals)
         self.literals, self.reader, self.given = literals, literals.reader, given
-        self.goals: list[tuple[Move, list[tuple[list[Literal], bool]]]] = []
+        self.goals: list[tuple[MoveInstruction, list[tuple[list[Literal], bool]]]] = []
 
     def gather(self) -> None:
         """Give every literal its uses, those of other modules, too.
@@ -961,7 +961,7 @@ class Uses:
             self._move(move)
         self._mentions()
 
-    def _move(self, move: Move) -> None:
+    def _move(self, move: MoveInstruction) -> None:
         """Give the literals that a move goes to this use, or report what is in the way."""
         reader = self.reader
         kind: Kind = "joint" if move.name.endswith("AbsJ") else "pose"
@@ -987,9 +987,9 @@ class Uses:
                 literal.uses.append(replace(use, role=as_role))
                 literal.conflicts.extend(text for text in (reason, unknown) if text)
 
-    def _goes_to_other_module(self, move: Move, arg: Arg, kind: Kind, use: Use, unknown: str) -> bool:
+    def _goes_to_other_module(self, move: MoveInstruction, arg: Arg, kind: Kind, use: Use, unknown: str) -> bool:
         """Give a target of another module this use; false where it is none, or none that can be corrected."""
-        data: Data | None = None
+        data: RapidData | None = None
         if arg.name is not None and self.reader.lookup(move.scope, arg.name) is None:
             data = self.others.data.get(arg.name)
         if arg.name is None or data is None or KIND_OF[data.type] != kind or len(arg.indices) != len(data.sizes):
@@ -1010,7 +1010,7 @@ class Uses:
             )
         return True
 
-    def _goals(self, move: Move, arg: Arg, kind: Kind, line: int) -> tuple[list[Literal], str]:
+    def _goals(self, move: MoveInstruction, arg: Arg, kind: Kind, line: int) -> tuple[list[Literal], str]:
         """Literals that an argument stands for, and why these are not all, or not to be changed."""
         reader = self.reader
         if arg.node is not None:
@@ -1039,7 +1039,7 @@ class Uses:
             return found, f"{arg.text} is computed or changed in line {reader.line(changes[0])}"
         return found, "" if found else f"{arg.text} has no value in this module"
 
-    def _frame_name(self, move: Move, arg: Arg | None, type_name: str, what: str) -> tuple[str | None, str]:
+    def _frame_name(self, move: MoveInstruction, arg: Arg | None, type_name: str, what: str) -> tuple[str | None, str]:
         """Name of a tool or work object, or None and why there is no one name."""
         if arg is None:
             return "wobj0", ""
@@ -1137,7 +1137,7 @@ class Uses:
         """The moves as they stand in the text, each with the one before where that is known; notes their stops."""
         out: list[InOrder] = []
         flow, last = self.literals.flow, 0
-        before: tuple[Move, Target] | None = None
+        before: tuple[MoveInstruction, Target] | None = None
         for move, points in sorted(self.goals, key=lambda goal: goal[0].start):
             if bisect.bisect_left(places, move.start) > bisect.bisect_left(places, last):
                 flow.forget()
@@ -1155,13 +1155,13 @@ class Uses:
         return out
 
 
-def read_frame(reader: Reader, data: Data, line: int) -> FloatArray:
+def read_frame(reader: Reader, data: RapidData, line: int) -> FloatArray:
     """Frame of a tool on the flange or of a work object in the base.
 
     Parameters
     ----------
     reader : Reader
-    data : Data
+    data : RapidData
         Of the type ``tooldata`` or ``wobjdata``.
     line : int
         Of the move that needs it.
@@ -1346,7 +1346,11 @@ _ONE_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
 
 
 def _doubt(
-    reader: Reader, move: Move, T: FloatArray | None, zones: Sequence[float | None], targets: Sequence[Target]
+    reader: Reader,
+    move: MoveInstruction,
+    T: FloatArray | None,
+    zones: Sequence[float | None],
+    targets: Sequence[Target],
 ) -> str:
     """Why no points can be put into a move; empty where they can."""
     if move.name not in EXACT:
@@ -1375,7 +1379,7 @@ def _no_axes(external: str) -> bool:
     return all(_ONE_NUMBER.fullmatch(value) and abs(float(value)) >= ABSENT for value in values)
 
 
-def _zone(reader: Reader, move: Move) -> float | None:
+def _zone(reader: Reader, move: MoveInstruction) -> float | None:
     """Radius of the zone at the end of a move, metres; None where it is not known."""
     place = len([role for role in PATTERNS[move.name].split() if role in ("to", "via", "w")]) + 1
     if move.name not in EXACT or "z" in move.options or len(move.args) <= place:

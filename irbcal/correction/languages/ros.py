@@ -59,7 +59,7 @@ def line(node: yaml.Node) -> int:
     return int(node.start_mark.line) + 1
 
 
-class Reader:
+class NodeReader:
     """Takes nodes for what they should be; refusals name the file and the line."""
 
     def __init__(self, source: str) -> None:
@@ -232,7 +232,7 @@ def parse(arm: Arm, data: bytes, source: str) -> RosProgram:
         If it is none, or not of this arm.
     """
     text = decoded(data, source)
-    read = Reader(source)
+    read = NodeReader(source)
     node = _trajectory(read, document(text.removeprefix("\ufeff"), source))
     names = [read.text(one, "a joint's name") for one in read.items(node["joint_names"], "joint_names")]
     for k, name in enumerate(names):
@@ -273,7 +273,7 @@ def parse(arm: Arm, data: bytes, source: str) -> RosProgram:
     return RosProgram(source, data, text, arm, motion, tuple(lines), spans, tuple(notes), fingerprint(data, source))
 
 
-def _trajectory(read: Reader, node: yaml.Node) -> Mapping[str, yaml.Node]:
+def _trajectory(read: NodeReader, node: yaml.Node) -> Mapping[str, yaml.Node]:
     """The mapping with joint names and points."""
     found = read.mapping(node, "a trajectory")
     for _ in range(3):
@@ -287,7 +287,7 @@ def _trajectory(read: Reader, node: yaml.Node) -> Mapping[str, yaml.Node]:
     return found
 
 
-def _row(read: Reader, point: Mapping[str, yaml.Node], kind: str, joints: int, k: int) -> list[Number]:
+def _row(read: NodeReader, point: Mapping[str, yaml.Node], kind: str, joints: int, k: int) -> list[Number]:
     node = point.get(kind)
     if node is None:
         return []
@@ -297,7 +297,7 @@ def _row(read: Reader, point: Mapping[str, yaml.Node], kind: str, joints: int, k
     return row
 
 
-def _all_or_none(read: Reader, node: yaml.Node, kind: str, rows: Sequence[Sequence[Number]]) -> None:
+def _all_or_none(read: NodeReader, node: yaml.Node, kind: str, rows: Sequence[Sequence[Number]]) -> None:
     some = [bool(row) for row in rows]
     if any(some) and not all(some):
         raise read.error(node, f"point {some.index(False) + 1} has no {kind}, others have")
@@ -310,7 +310,7 @@ def _once(places: Mapping[str, Sequence[Sequence[Number]]], source: str) -> None
         raise ProgramError("two points share one list of numbers (an alias): write them out", file=source)
 
 
-def _seconds(read: Reader, point: Mapping[str, yaml.Node], row: int) -> float:
+def _seconds(read: NodeReader, point: Mapping[str, yaml.Node], row: int) -> float:
     node = point.get("time_from_start")
     if node is None:
         raise ProgramError("a point has no time_from_start", file=read.source, line=row)

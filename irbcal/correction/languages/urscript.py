@@ -19,7 +19,7 @@ from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, read_bytes
-from irbcal.correction.text_program import ControlFlow, PostureProgram, Role, State, Target
+from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Role, Target
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG
@@ -186,7 +186,7 @@ class _Script:
         self._changed: dict[str, int] = {}
         self._mentioned: list[Token] = []
         self._set_tcp = 0
-        self._ends: list[tuple[str, State]] = []
+        self._ends: list[tuple[str, FrameState]] = []
 
     def declare(self, tokens: list[Token]) -> None:
         """Note variables and everything that gives them another value."""
@@ -224,7 +224,7 @@ class _Script:
         if first in ("def", "thread"):
             self._ends.append((first, self.flow.state))
             if self._set_tcp != 1 and len(self._ends) > 1:
-                self.flow.state = State(frame="base")
+                self.flow.state = FrameState(frame="base")
             self.flow.forget()
         elif first in ("if", "while", "for"):
             self._ends.append((first, self.flow.state))

@@ -20,7 +20,7 @@ from irbcal.correction.listing import Edit, Listing, Number, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, read_bytes
-from irbcal.correction.text_program import ControlFlow, PostureProgram, State, Target
+from irbcal.correction.text_program import ControlFlow, FrameState, PostureProgram, Target
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -82,7 +82,7 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\Z")
 POSE, JOINTS = ("x", "y", "z", "rx", "ry", "rz"), ("j1", "j2", "j3", "j4", "j5", "j6")
 
 
-class Value(NamedTuple):
+class DatumValue(NamedTuple):
     """An element of a datum: its attributes and where their texts stand."""
 
     type: str
@@ -105,9 +105,9 @@ class Code(NamedTuple):
     end: int
 
 
-def read(listing: Listing) -> tuple[list[Value], list[Code], list[str]]:
+def read(listing: Listing) -> tuple[list[DatumValue], list[Code], list[str]]:
     """Elements of all data, program texts and comments."""
-    values: list[Value] = []
+    values: list[DatumValue] = []
     codes: list[Code] = []
     comments: list[str] = []
     for part in listing.parts:
@@ -123,7 +123,7 @@ def read(listing: Listing) -> tuple[list[Value], list[Code], list[str]]:
                 attributes, places = _attributes(piece)
                 key = attributes.get("key", "0")
                 kind, name = datum.get("type", ""), datum.get("name", "")
-                values.append(Value(kind, name, key, attributes, places, piece.start()))
+                values.append(DatumValue(kind, name, key, attributes, places, piece.start()))
     return values, codes, comments
 
 
@@ -137,7 +137,7 @@ def _attributes(piece: re.Match[str]) -> tuple[dict[str, str], dict[str, int]]:
     return texts, places
 
 
-def numbers(value: Value, names: tuple[str, ...], absent: bool = False) -> list[Number] | None:
+def numbers(value: DatumValue, names: tuple[str, ...], absent: bool = False) -> list[Number] | None:
     """Six numbers of an element; None where one is none, or, unless ``absent`` (they are 0 then), is not there."""
     out = []
     for name in names:
@@ -151,7 +151,7 @@ def numbers(value: Value, names: tuple[str, ...], absent: bool = False) -> list[
     return out
 
 
-def target(value: Value) -> Target | None:
+def target(value: DatumValue) -> Target | None:
     """The target that an element is; None for other data."""
     if value.type not in ("pointRx", "jointRx"):
         return None
@@ -239,7 +239,7 @@ def _shown(name: str, index: str = "0") -> str:
 class _Application:
     """Follows the program texts."""
 
-    def __init__(self, listing: Listing, values: Sequence[Value]) -> None:
+    def __init__(self, listing: Listing, values: Sequence[DatumValue]) -> None:
         self.listing, self.values = listing, values
         self.flow = ControlFlow(listing)
         pairs = [(value, target(value)) for value in values]
@@ -250,8 +250,8 @@ class _Application:
                 one.conflicts.append("there are two of this name")
                 seen[one.name].conflicts.append("there are two of this name")
             seen[one.name] = one
-        self.named: dict[str, list[tuple[Value, Target]]] = {}
-        self.single: dict[tuple[str, str], list[tuple[Value, Target]]] = {}
+        self.named: dict[str, list[tuple[DatumValue, Target]]] = {}
+        self.single: dict[tuple[str, str], list[tuple[DatumValue, Target]]] = {}
         for pair in self.targets:
             self.named.setdefault(pair[0].name, []).append(pair)
             self.single.setdefault((pair[0].name, pair[0].key), []).append(pair)
@@ -296,7 +296,7 @@ class _Application:
             for one in {id(one): one for one in ones}.values():
                 one.conflicts.append(why)
 
-    def _fathers(self, value: Value) -> set[str]:
+    def _fathers(self, value: DatumValue) -> set[str]:
         """Names of all frames that a point stands in, without index."""
         at, seen = self._father(value), set()
         while at not in seen:
@@ -311,7 +311,7 @@ class _Application:
                 name = (use.tool or "").split("[", maxsplit=1)[0]
                 one.conflicts += [self._touched[name]] if name in self._touched else []
 
-    def _father(self, value: Value) -> str:
+    def _father(self, value: DatumValue) -> str:
         return value.attributes.get("fatherId", "world[0]").lower()
 
     def _move(self, at: int, move: str, arguments: list[str]) -> None:
@@ -329,14 +329,14 @@ class _Application:
             if reason:
                 self.flow.leave(at, move, argument.strip()[:50], reason)
             for value, one in found:
-                state = State(name, self._father(value), f"the tool of line {self.listing.line(at)} is computed")
+                state = FrameState(name, self._father(value), f"the tool of line {self.listing.line(at)} is computed")
                 self.flow.use(one, at, move, "via" if role == "via" else "to", state)
             stop = found[0][1] if len(found) == 1 else None
             if not found:
                 self._mention(at, argument)
         self.flow.stop(stop, at)
 
-    def _goal(self, argument: str) -> tuple[list[tuple[Value, Target]], str]:
+    def _goal(self, argument: str) -> tuple[list[tuple[DatumValue, Target]], str]:
         item = _ITEM.match(argument)
         if item is None:
             return [], "its target is computed"
@@ -368,7 +368,7 @@ class _Application:
                 out[name] = T
         return out
 
-    def _frame(self, value: Value) -> FloatArray | None:
+    def _frame(self, value: DatumValue) -> FloatArray | None:
         found = numbers(value, POSE, absent=True)
         return None if found is None else STAUBLI.frame([number.value for number in found])
 

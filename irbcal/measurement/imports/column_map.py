@@ -37,11 +37,11 @@ AngleUnit: TypeAlias = Literal["deg", "rad"]
 LengthUnit: TypeAlias = Literal["mm", "m", "inch"]
 
 
-class _Model(BaseModel):
+class _MapModel(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class Dialect(_Model):
+class Dialect(_MapModel):
     """How a text file is cut into cells.
 
     ``encoding: auto`` is UTF-8, or what a byte order mark says; ``delimiter: auto`` looks for tabs, semicolons, bars,
@@ -56,7 +56,7 @@ class Dialect(_Model):
     header: bool = True
 
 
-class Columns(_Model):
+class Columns(_MapModel):
     """Columns by name, or by number from 1 (from -1 backwards).
 
     In place of position and orientation, ``transform`` names the 12 or 16 columns of a matrix, row by row.
@@ -84,7 +84,7 @@ class Columns(_Model):
     optional: list[Literal["programmed", "orientation", "target", "group", "cycle", "time", "u95", "payload"]] = []
 
 
-class Units(_Model):
+class Units(_MapModel):
     """Units of the file: joints (one unit, or one for each joint), lengths, angles of an orientation, time."""
 
     joints: JointUnit | list[JointUnit] | None = None
@@ -93,7 +93,7 @@ class Units(_Model):
     time: Literal["s", "ms", "iso"] | None = None
 
 
-class Orientation(_Model):
+class OrientationColumns(_MapModel):
     """What the numbers of an orientation mean.
 
     ``quaternion`` needs ``scalar``; ``euler`` needs ``axes`` (the order of the turns and of the columns) and ``about``
@@ -109,27 +109,27 @@ class Orientation(_Model):
     maps: Literal["target-to-tracker", "tracker-to-target"] = "target-to-tracker"
 
     @model_validator(mode="after")
-    def _axes_turn(self) -> Orientation:
+    def _axes_turn(self) -> OrientationColumns:
         if self.axes and (self.axes[0] == self.axes[1] or self.axes[1] == self.axes[2]):
             raise ValueError(f"expected two different axes after one another, found {self.axes!r}")
         return self
 
 
-class Status(_Model):
+class Status(_MapModel):
     """A column that says whether a row's point was measured; other values than ``good`` mean that it is lost."""
 
     column: Column
     good: Annotated[list[str | int], Field(min_length=1)]
 
 
-class Lost(_Model):
+class Lost(_MapModel):
     """Cells that stand for a lost point, as text or number; an empty position and 0,0,0 always do."""
 
     markers: Annotated[list[str | int | float], Field(max_length=50)] = []
     status: Status | None = None
 
 
-class JointRules(_Model):
+class JointRules(_MapModel):
     """From readings to irbcal's joints: ``sign * (reading + readings of the joints in add) + offset``.
 
     ``add: {3: 2}`` adds joint 2 to joint 3, ``add: {3: -2}`` takes it away.
@@ -140,7 +140,7 @@ class JointRules(_Model):
     add: dict[int, int] = {}
 
 
-class GroupRule(_Model):
+class GroupRule(_MapModel):
     """A group for poses by name (``*`` stands for anything) or by number in the order of the file, from 1."""
 
     group: Name
@@ -155,7 +155,7 @@ class GroupRule(_Model):
         return self
 
 
-class Fixed(_Model):
+class Fixed(_MapModel):
     """Values that the file does not hold."""
 
     target: Name | None = None
@@ -164,7 +164,7 @@ class Fixed(_Model):
     u95_mm: Annotated[float, Field(gt=0)] | None = None
 
 
-class JointsFileColumns(_Model):
+class JointsFileColumns(_MapModel):
     """Columns of the joints file; ``programmed`` as in `Columns`.
 
     With ``target``, the file has a row for each point; its targets are those of the points that have none themselves.
@@ -177,13 +177,13 @@ class JointsFileColumns(_Model):
     target: Column | None = None
 
 
-class JointsFileUnits(_Model):
+class JointsFileUnits(_MapModel):
     """Units of the joints file."""
 
     joints: JointUnit | list[JointUnit]
 
 
-class JointsFile(_Model):
+class JointsFile(_MapModel):
     """A joints file that is not in irbcal's own format."""
 
     file: Dialect = Dialect()
@@ -191,7 +191,7 @@ class JointsFile(_Model):
     units: JointsFileUnits
 
 
-class ImportMap(_Model):
+class ImportMap(_MapModel):
     """All that is to be known about a foreign file. See the presets for examples.
 
     Attributes
@@ -201,7 +201,7 @@ class ImportMap(_Model):
     file : Dialect
     columns : Columns
     units : Units
-    orientation : Orientation
+    orientation : OrientationColumns
     lost : Lost
     joints : JointRules
     names : list of str
@@ -226,7 +226,7 @@ class ImportMap(_Model):
     file: Dialect = Dialect()
     columns: Columns
     units: Units = Units()
-    orientation: Orientation = Orientation()
+    orientation: OrientationColumns = OrientationColumns()
     lost: Lost = Lost()
     joints: JointRules = JointRules()
     names: Annotated[list[Name], Field(max_length=10)] = []

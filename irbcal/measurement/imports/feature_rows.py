@@ -55,11 +55,11 @@ values: length                      # or angle, of an inclinometer
 """
 
 
-class _Model(BaseModel):
+class _RowsModel(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class RowColumns(_Model):
+class RowColumns(_RowsModel):
     """Columns by name, or by number from 1 (from -1 backwards).
 
     ``values`` are columns of several features that share a row; else ``feature`` (unless ``keep`` hands on columns that
@@ -81,7 +81,7 @@ class RowColumns(_Model):
     keep: Annotated[dict[Name, Column], Field(max_length=50)] = {}
 
 
-class FixedRow(_Model):
+class FixedRow(_RowsModel):
     """Values that the file does not hold."""
 
     feature: Name | None = None
@@ -91,7 +91,7 @@ class FixedRow(_Model):
     u95_mm: Annotated[float, Field(gt=0)] | None = None
 
 
-class FeatureMap(_Model):
+class FeatureMap(_RowsModel):
     """All that is to be known about a table of rows at features; parts as in `ImportMap`."""
 
     about: str = ""

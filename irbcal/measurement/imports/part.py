@@ -69,7 +69,7 @@ def declared_units(import_map: ImportMap, source: str) -> Declared:
     return Declared(units.lengths, units.joints or (), units.time or "")
 
 
-class Part:
+class SourceFile:
     """One source file, understood column by column.
 
     Parameters

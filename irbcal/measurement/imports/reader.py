@@ -23,7 +23,7 @@ from irbcal.measurement.imports.column_map import ImportMap
 from irbcal.measurement.imports.imported import Imported, refuse_sources
 from irbcal.measurement.imports.joining import join, read_joints
 from irbcal.measurement.imports.map_file import Changes, read_map
-from irbcal.measurement.imports.part import ROW, SOURCE, Part, declared_units, undeclared
+from irbcal.measurement.imports.part import ROW, SOURCE, SourceFile, declared_units, undeclared
 from irbcal.measurement.imports.plausible import check_joint_sizes, check_reach, strange
 
 
@@ -112,7 +112,7 @@ def understand(
     parts: list[pd.DataFrame] = []
     counted: Counter[str | None] = Counter()
     for path in sources:
-        part = Part(dialect.read(path, import_map.file, import_map.lost_texts), import_map, elsewhere)
+        part = SourceFile(dialect.read(path, import_map.file, import_map.lost_texts), import_map, elsewhere)
         own = part.file_fields.get("target")  # logs of one target each count the same poses
         parts.append(part.frame(counted[own]))
         counted[own] += len(part.table.cells)

@@ -19,7 +19,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
-from irbcal.modeling.inverse.fixed_point import FixedPoint, State, Work
+from irbcal.modeling.inverse.fixed_point import FixedPoint, FixedPointState, Work
 from irbcal.modeling.inverse.orthoparallel import TAU
 from irbcal.modeling.inverse.poses import check_poses, pose_columns, usable
 from irbcal.modeling.inverse.result import InverseResult, Method, Reason
@@ -154,7 +154,7 @@ class _Solver:
         upper = self.nominal.upper + closed_form.LIMIT_TOLERANCE
         return np.logical_and.reduce((joints >= lower[:, None]) & (joints <= upper[:, None]), axis=0)
 
-    def out_of_reach(self, state: State, rows: IntArray | slice) -> BoolArray:
+    def out_of_reach(self, state: FixedPointState, rows: IntArray | slice) -> BoolArray:
         """Whether the nominal arm does not reach poses, nor the calibrated one nearly so."""
         return (state.margin[rows] < 0) & ~(state.position[rows] <= CLOSE * self.difference)
 
@@ -182,7 +182,7 @@ class _Solver:
         T = check_poses(T_base_tip)
         n = len(T)
         near, bad_seed, branch = self.asked_for(n, seed, configuration)
-        state = State(n)
+        state = FixedPointState(n)
         bad_pose = np.zeros(n, dtype=bool)
         later: dict[bool, list[Work]] = {False: [], True: []}
         for start in range(0, n, BLOCK):
@@ -214,7 +214,7 @@ class _Solver:
             self._into_limits(T, near, state)
         return self._result(state, branch, bad_pose, bad_seed)
 
-    def _into_limits(self, T: FloatArray, near: FloatArray | None, state: State) -> IntArray:
+    def _into_limits(self, T: FloatArray, near: FloatArray | None, state: FixedPointState) -> IntArray:
         """Bring solutions beyond a limit back by whole turns, and by what the tolerance leaves open, where possible.
 
         Those that stay beyond are returned.
@@ -234,7 +234,9 @@ class _Solver:
             beyond[block] = False
         return np.flatnonzero(beyond)
 
-    def _result(self, state: State, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray) -> InverseResult:
+    def _result(
+        self, state: FixedPointState, branch: IntArray, bad_pose: BoolArray, bad_seed: BoolArray
+    ) -> InverseResult:
         converged = self.good(state.position, state.rotation)
         found = np.where(converged, self.closed.configuration(np.where(converged, state.q, 0.0).T), -1)
         state.q[:, ~converged] = np.nan
@@ -257,19 +259,21 @@ class _Solver:
 
     # -------------------------------------------------------------- damped Newton
 
-    def singular(self, state: State) -> BoolArray:
+    def singular(self, state: FixedPointState) -> BoolArray:
         """Whether joints are next to a singularity, where a branch of a calibrated arm has several solutions, (n,)."""
         wrist, radius = self.closed.wrist_angle(state.q.T), np.abs(self.closed.radius(state.q.T))
         return (wrist < SINGULAR) | (np.minimum(radius, state.margin) < 20 * self.difference)
 
-    def _newton(self, rows: IntArray, T: FloatArray, branch: IntArray, near: FloatArray | None, state: State) -> None:
+    def _newton(
+        self, rows: IntArray, T: FloatArray, branch: IntArray, near: FloatArray | None, state: FixedPointState
+    ) -> None:
         for start in range(0, len(rows), BLOCK):
             block = rows[start : start + BLOCK]
             close = None if near is None else near[:, block]
             self._newton_starts(pose_columns(T[block]), branch[block], close, block, state)
 
     def _newton_starts(
-        self, H: FloatArray, branch: IntArray, near: FloatArray | None, rows: IntArray, state: State
+        self, H: FloatArray, branch: IntArray, near: FloatArray | None, rows: IntArray, state: FixedPointState
     ) -> None:
         """Newton's steps for poses that the fixed point left: from where it came to, then from many starts at once."""
         pulled, state.margin[rows] = self.closed.branch(H.reshape(12, -1), branch_signs(branch), self.pull)
@@ -319,7 +323,7 @@ class _Solver:
         starts: FloatArray,
         branch: IntArray,
         rows: IntArray,
-        state: State,
+        state: FixedPointState,
         straighten: int,
         patience: int,
     ) -> BoolArray:

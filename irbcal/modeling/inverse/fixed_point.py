@@ -58,7 +58,7 @@ class Work(NamedTuple):
     q: FloatArray | None
 
 
-class State:
+class FixedPointState:
     """Best known joints and their errors for all poses."""
 
     def __init__(self, n: int) -> None:
@@ -141,7 +141,7 @@ class FixedPoint:
             q[j, turn] += TAU * closed_form.whole_turns(self.lower[j], self.upper[j], q[j, turn], close)[0]
         return q
 
-    def run(self, work: Work, state: State, again: bool | None = None) -> tuple[Work | None, bool]:
+    def run(self, work: Work, state: FixedPointState, again: bool | None = None) -> tuple[Work | None, bool]:
         """The iteration of Nubiola 2011, Figure 6.2, for a block, until few poses are left: those, or None.
 
         Next fake targets are products of transforms (`_next_fake`) at first, which undoes what base, tool or one joint

@@ -12,7 +12,16 @@ from moves_cases import check_comments, written
 from support import assert_same_poses
 
 from irbcal.correction.languages import krl
-from irbcal.correction.languages.krl import END, Data, KrlProgram, Statements, aggregate, lines_of, posture_of, target
+from irbcal.correction.languages.krl import (
+    END,
+    KrlData,
+    KrlProgram,
+    Statements,
+    aggregate,
+    lines_of,
+    posture_of,
+    target,
+)
 from irbcal.correction.listing import Listing
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -331,7 +340,7 @@ P = "{X 1,Y 2,Z 3,A 4,B 5,C 6,S 2,T 2}"
 
 def read(text, name="job.dat"):
     listing = Listing([(name, text.encode("latin-1"))], "KUKA KRL")
-    data = Data(listing, [name.split(".", maxsplit=1)[0]])
+    data = KrlData(listing, [name.split(".", maxsplit=1)[0]])
     lines, _ = lines_of(listing)
     taken = [data.declaration(line) for line in lines]
     data.collect()
@@ -392,7 +401,7 @@ def test_status_and_turn(status, turn, reason):
 
 def run(*lines):
     listing = Listing([("job.src", "\n".join(lines).encode())], "KUKA KRL")
-    data = Data(listing, ["job"])
+    data = KrlData(listing, ["job"])
     statements = Statements(listing, data)
     for line in lines_of(listing)[0]:
         if not data.declaration(line):

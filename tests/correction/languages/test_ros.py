@@ -9,7 +9,7 @@ from ros_cases import ECHO, NAMES, message
 
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.languages import ros
-from irbcal.correction.languages.ros import Reader, document, line
+from irbcal.correction.languages.ros import NodeReader, document, line
 from irbcal.correction.program import ControllerSetup
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io import urdf
@@ -21,7 +21,7 @@ from irbcal.modeling.trajectory import Trajectory
 
 def test_numbers_are_found_where_they_stand_behind_letters_of_several_bytes():
     text = "# größe ü\na: [1.5, -2e3]\nb:\n  - 7\n"
-    read = Reader("x.yaml")
+    read = NodeReader("x.yaml")
     found = read.mapping(document(text, "x.yaml"), "something")
     numbers = [read.number(one, "n") for one in (*read.items(found["a"], "a"), *read.items(found["b"], "b"))]
     assert [n.value for n in numbers] == [1.5, -2000.0, 7.0]
@@ -31,7 +31,7 @@ def test_numbers_are_found_where_they_stand_behind_letters_of_several_bytes():
 
 @pytest.mark.parametrize("text", ["1_0", "\u0661", "", "one", "[1]"])
 def test_what_is_no_number_is_refused(text):
-    read = Reader("x.yaml")
+    read = NodeReader("x.yaml")
     node = read.mapping(document(f"a: {text}", "x.yaml"), "something")["a"]
     with pytest.raises(ProgramError, match=r"x\.yaml: line 1: expected a speed"):
         read.number(node, "a speed")

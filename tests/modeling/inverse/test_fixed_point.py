@@ -74,7 +74,7 @@ def test_sums_and_products_come_to_the_same_joints(monkeypatch):
 def test_the_better_of_two_iterations_is_kept():
     q, errors = np.arange(12.0).reshape(2, 6, 1), np.array([[1e-3], [1e-2]])
     for better in (True, False):
-        state = fixed_point.State(1)
+        state = fixed_point.FixedPointState(1)
         now, before = ((q[k], errors[k], 2 * errors[k]) for k in (0, 1))
         state.keep(np.array([0]), np.array([True]), np.array([better]), now, before, 3)
         assert (state.q == q[0 if better else 1]).all()
