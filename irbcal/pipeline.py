@@ -97,6 +97,7 @@ from irbcal.modeling.elsewhere import elsewhere
 from irbcal.modeling.parameters import default_level, selected_parameters
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
+from irbcal.names import check_names
 from irbcal.options import checked, names, number, place
 from irbcal.options import seed as check_seed
 from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_gross_errors
@@ -420,6 +421,11 @@ def run(
     started = time.perf_counter()
     say: Progress = progress or (lambda text: None)
     inputs = read(measurements, robot, options, say)
+    check_names(
+        [Path(item.source).name for item in (inputs.measurements, inputs.verification) if item is not None],
+        MeasurementError,
+        parameter="measurements",
+    )
     if inputs.feature_rows is not None:
         proven = prove_features(fit_features(inputs, say), say)
     else:

@@ -5,8 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import irbcal
 from irbcal import names
-from irbcal.errors import RobotError
+from irbcal.errors import MeasurementError, RobotError
+from irbcal.io import robots
 from irbcal.measurement import lists
 
 LINE_BREAKS = ["\n", "\r", "\x0b", "\x0c", "\x1c", "\x85", "\u2028", "\u2029", "\x9b", "\x1b", "\u202e", "\x00"]
@@ -69,3 +71,10 @@ def test_a_list_of_targets_with_a_line_break_is_refused(tmp_path, name):
     file.write_text(f"target,x_mm,y_mm,z_mm\n{name},1,2,3\n", encoding="utf-8", newline="")
     with pytest.raises(Exception, match="row 2, column target: expected a name of printable characters"):
         lists.read_targets(file)
+
+
+def test_a_file_name_with_a_line_break_is_refused_before_the_fit(tmp_path):
+    data = robots.demo_file("demo_identification.csv").read_bytes()
+    (tmp_path / "a\nb.csv").write_bytes(data)
+    with pytest.raises(MeasurementError, match=r"printable characters on one line, found 'a\\nb\.csv'"):
+        irbcal.calibrate(tmp_path / "a\nb.csv", "irb1600", model="34")

@@ -92,7 +92,7 @@ def test_history_and_its_table():
     assert rotation[0] == pytest.approx(frames.rotation_distance(calibrated[:, :3, :3], T[:, :3, :3]), abs=1e-8)
     assert np.nanmedian(position[2]) < 1e-2 * np.nanmedian(position[1]) < 1e-3 * np.nanmedian(position[0])
     run = subprocess.run(
-        [sys.executable, str(ROOT / "scripts" / "table_6_1"), "--poses", "300"],
+        [sys.executable, str(ROOT / "scripts" / "thesis" / "table_6_1"), "--poses", "300"],
         capture_output=True,
         text=True,
         check=True,
