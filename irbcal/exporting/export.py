@@ -126,7 +126,7 @@ def export(
     ----------
     calibration : str, Path, Record or a result that holds one
         Calibration folder, or a loaded calibration.
-    as_ : str
+    as_ : {"cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros"}
         ``cpp`` (one header, C++17), ``python`` (a module on numpy alone, and one on plain floats),
         ``casadi`` (Functions, and C code), ``urdf``, ``mujoco`` (MJCF and meshes), ``drake`` (a package), ``ros`` (an
         ament package with xacro macro).
